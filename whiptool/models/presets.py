@@ -1,0 +1,45 @@
+"""Published models by name."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+
+# Wang et al. 2024, Tables 2 and 3. Table 3 gives no inertias: uniform rods.
+_LEMON = Model(
+    name="lemon2024",
+    whip=WhipParameters(N=12, l=0.072, m=0.012, k=0.242, b=0.092),
+    arm=ArmParameters((ArmLink(mass=0.25, length=0.31), ArmLink(mass=0.274, length=0.34))),
+)
+# Nah et al. 2020 (BioRob, 685-691): a human arm with three generic whips and one fitted to an experiment.
+_NAH_ARM = ArmParameters((
+    ArmLink(mass=1.595, length=0.294, com=0.129, inertia=0.011937),
+    ArmLink(mass=0.869, length=0.291, com=0.112, inertia=0.004855),
+))  # fmt: skip
+
+
+def _nah(name: str, whip: WhipParameters) -> Model:
+    return Model(name=name, whip=whip, arm=_NAH_ARM)
+
+
+PRESETS: dict[str, Model] = {
+    model.name: model
+    for model in (
+        _LEMON,
+        *(_nah(f"nah2020-n{N}", WhipParameters(N=N, l=0.1, m=0.1, k=0.05, b=0.005)) for N in (10, 15, 20)),
+        _nah("nah2020-fitted", WhipParameters(N=25, l=0.072, m=0.012, k=0.242, b=0.092)),
+    )
+}
+
+
+def preset(name: str) -> Model:
+    """The published model called `name`.
+
+    Raises:
+        InputError: There is none of that name; the message lists them.
+    """
+    if name not in PRESETS:
+        raise InputError("model preset", name, ", ".join(PRESETS))
+    return dataclasses.replace(PRESETS[name])
