@@ -1,0 +1,56 @@
+"""Impedance control with constant stiffness and damping (Eqs. 2, 22)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from whiptool.errors import InputError
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+def _matrix(name: str, value: object) -> Matrix:
+    array = np.asarray(value, float)
+    if array.ndim != 2 or array.shape[0] != array.shape[1] or not np.isfinite(array).all():
+        raise InputError(name, value, "a square matrix of finite numbers")
+    return tuple(tuple(float(x) for x in row) for row in array)
+
+
+@dataclass(frozen=True)
+class ConstantImpedance:
+    """`tau = K e + B de`, with the paper's matrices (Eq. 22, from Nah et al. 2020) by default.
+
+    Args:
+        K: Stiffness [N m/rad], (n, n).
+        B: Damping [N m s/rad], (n, n).
+    """
+
+    K: Matrix = ((29.5, 14.3), (14.3, 39.3))
+    B: Matrix = ((2.95, 1.43), (1.43, 3.93))
+
+    kind = "constant"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "K", _matrix("K", self.K))
+        object.__setattr__(self, "B", _matrix("B", self.B))
+        if len(self.K) != len(self.B):
+            raise InputError("B", self.B, f"{len(self.K)} rows, as many as K")
+
+    def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """K and B for tracking errors `e` [rad] and `de` [rad/s] of shape (..., n): each (..., n, n)."""
+        shape = (*np.shape(e), np.shape(e)[-1])
+        return np.broadcast_to(self.K, shape), np.broadcast_to(self.B, shape)
+
+    def parameters(self) -> dict[str, np.ndarray]:
+        """The law's numbers by name, flat; what `expression` takes."""
+        return {"K": np.ravel(self.K), "B": np.ravel(self.B)}
+
+    @staticmethod
+    def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
+        """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors."""
+        n = e.numel()
+        K, B = (ca.reshape(p[name], n, n).T for name in ("K", "B"))  # parameters are row by row
+        return K @ e + B @ de

@@ -1,0 +1,63 @@
+"""The controller that drives the arm: an impedance law, gravity compensation, and what a real motor adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from whiptool.impedance.constant import ConstantImpedance
+from whiptool.impedance.oiac import OIAC
+from whiptool.models.parameters import _number
+
+if TYPE_CHECKING:
+    from whiptool.models.arm import Arm
+    from whiptool.strike import Strike
+
+Law = ConstantImpedance | OIAC
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What turns tracking errors into torques (Eq. 2): the law, gravity compensation (Eq. 3) always with it.
+
+    Args:
+        law: Constant or online-adaptive impedance.
+        feedforward: Add the torque that the bare arm needs to follow the reference, `I(q_d) ddq_d` with its velocity
+            and viscous terms. Eq. 2 has none; the law's authors use one in later work.
+        torque_limit: Largest torque of every joint [N m]; None: no limit.
+        control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
+    """
+
+    law: Law = OIAC()
+    feedforward: bool = False
+    torque_limit: float | None = None
+    control_period: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("torque_limit", "control_period"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _number(name, getattr(self, name), low=0, strict=True))
+
+    def bind(self, arm: Arm, strike: Strike) -> ControlLoop:
+        """The controller at work: for one arm and one strike."""
+        return ControlLoop(self, arm, strike)
+
+
+class ControlLoop:
+    """Torques of one strike, in NumPy and Pinocchio: for the reference rollout, and for a rig."""
+
+    def __init__(self, controller: Controller, arm: Arm, strike: Strike) -> None:
+        self.controller, self.arm, self.strike = controller, arm, strike
+
+    def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Joint torques [N m], shape (n,), at time t [s] for measured `q` [rad] and `v` [rad/s] of shape (n,)."""
+        q_d, v_d, a_d = self.strike.reference(t)
+        e, de = q_d - q, v_d - v
+        K, B = self.controller.law.gains(e, de)
+        tau = K @ e + B @ de + self.arm.gravity_compensation(q)  # Eq. 2
+        if self.controller.feedforward:
+            tau = tau + self.arm.feedforward(q_d, v_d, a_d)
+        limit = self.controller.torque_limit
+        return tau if limit is None else np.clip(tau, -limit, limit)

@@ -1,0 +1,75 @@
+"""The arm in Pinocchio: inertia I(q), gravity Jacobians and gravity compensation (Eq. 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from whiptool.models.chain import Chain, chain_of
+from whiptool.models.parameters import Model
+
+
+def pinocchio_chain(chain: Chain) -> pin.Model:
+    """A chain of numbers as a Pinocchio model in the x-y plane: joint axes along z, gravity along -y.
+
+    Springs, dampers, friction and drag are not part of it.
+    """
+    length, mass, com, inertia = (np.ravel(getattr(chain, x)) for x in ("length", "mass", "com", "inertia"))
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, -float(chain.gravity), 0.0])
+    parent, placement = 0, pin.SE3.Identity()
+    for i in range(chain.n):
+        joint = model.addJoint(parent, pin.JointModelRZ(), placement, f"joint{i + 1}")
+        about_com = np.diag([0.0, 0.0, inertia[i]])
+        model.appendBodyToJoint(joint, pin.Inertia(mass[i], np.array([0, -com[i], 0]), about_com), pin.SE3.Identity())
+        at_com = pin.SE3(np.eye(3), np.array([0.0, -com[i], 0.0]))
+        model.addFrame(pin.Frame(f"com{i + 1}", joint, 0, at_com, pin.FrameType.OP_FRAME))
+        parent, placement = joint, pin.SE3(np.eye(3), np.array([0.0, -length[i], 0.0]))
+    model.addFrame(pin.Frame("end", parent, 0, placement, pin.FrameType.OP_FRAME))
+    return model
+
+
+class Arm:
+    """The bare arm of a model, and the weight of the whip at its hand.
+
+    Args:
+        model: Arm, whip and gravity.
+    """
+
+    def __init__(self, model: Model) -> None:
+        n = model.arm.n
+        whole = chain_of(model)
+        arm = Chain(
+            length=model.arm.per_link("length"), mass=model.arm.per_link("mass"), com=model.arm.per_link("com"),
+            inertia=model.arm.per_link("inertia"), stiffness=np.zeros(n), damping=np.zeros(n), rest_angle=np.zeros(n),
+            dry_friction=np.zeros(n), drag=np.zeros(n), gravity=whole.gravity,
+        )  # fmt: skip
+        self.n = n
+        self._model = pinocchio_chain(arm)
+        self._data = self._model.createData()
+        self._friction = model.arm.per_link("friction")
+        self._frames = [self._model.getFrameId(f"com{i + 1}") for i in range(n)] + [self._model.getFrameId("end")]
+        self._weights = np.append(model.arm.per_link("mass"), model.whip.mass) * model.gravity  # [N]
+
+    def inertia(self, q: np.ndarray) -> np.ndarray:
+        """Inertia matrix I(q) of the bare arm [kg m^2], shape (n, n), as in Eq. 7."""
+        upper = pin.crba(self._model, self._data, np.asarray(q, float))
+        return np.triu(upper) + np.triu(upper, 1).T
+
+    def gravity_jacobians(self, q: np.ndarray) -> np.ndarray:
+        """Jacobians of the points where the weights act, shape (n + 1, 2, n): the links' centres of mass and the
+        hand; for two joints J_s, J_e and J_w of Eq. 3. Rows are x and y [m/rad]."""
+        pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
+        pin.updateFramePlacements(self._model, self._data)
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return np.array([pin.getFrameJacobian(self._model, self._data, f, world)[:2] for f in self._frames])
+
+    def gravity_compensation(self, q: np.ndarray) -> np.ndarray:
+        """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3)."""
+        return self._weights @ self.gravity_jacobians(q)[:, 1]  # sum of J^T f, f upward
+
+    def feedforward(self, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray) -> np.ndarray:
+        """Torque [N m], shape (n,), of the bare arm along the reference, without gravity."""
+        with_gravity = pin.rnea(self._model, self._data, q_d, v_d, a_d)
+        weight = pin.computeGeneralizedGravity(self._model, self._data, q_d)
+        return with_gravity - weight + self._friction * v_d

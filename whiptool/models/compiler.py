@@ -1,0 +1,94 @@
+"""Compiles generated code with the system's compiler into the user's cache folder."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from platformdirs import user_cache_path
+
+log = logging.getLogger("whiptool")
+
+# no -ffast-math: it would remove the tests for NaN
+FLAGS = ("-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros",
+         "-fPIC", "-shared", "-w")  # fmt: skip
+
+
+@cache
+def find_compiler() -> str | None:
+    """Path of the C++ compiler: `CXX` if set, else the first of g++, clang++, c++; None if there is none."""
+    names = [os.environ["CXX"]] if os.environ.get("CXX") else ["g++", "clang++", "c++"]
+    return next((path for path in map(shutil.which, names) if path), None)
+
+
+@cache
+def _identity(compiler: str) -> str:
+    """Compiler version and processor: a library built for one is not offered to another."""
+    version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False).stdout
+    try:
+        processor = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
+    except (OSError, StopIteration):
+        processor = platform.processor()
+    return f"{version}\n{platform.machine()}\n{processor}"
+
+
+def _cache_folder() -> Path:
+    """The cache folder; a temporary one where the user's cannot be written."""
+    folder = user_cache_path("whiptool") / "compiled"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except OSError:
+        pass
+    log.warning("cannot write %s; compiled code is kept for this process only", folder)
+    return Path(tempfile.mkdtemp(prefix="whiptool-"))
+
+
+def load_library(generated: str, driver: str, defines: dict[str, int]) -> ctypes.CDLL | None:
+    """The shared library of generated C code included by a driver, from the cache or freshly compiled.
+
+    The cache key is a hash of sources, compiler, processor and flags. The library is written under a temporary name
+    and renamed, so that processes that start at once do not see each other's half-written files.
+
+    Args:
+        generated: C code that the driver includes as `GENERATED`.
+        driver: C++ code.
+        defines: Macros.
+
+    Returns:
+        The library, or None, with one line in the log, where no compiler works.
+    """
+    compiler = find_compiler()
+    if compiler is None:
+        log.warning("no C++ compiler found; strikes run in CasADi's interpreter, some 50 times slower")
+        return None
+    options = [*FLAGS, *(f"-D{name}={value}" for name, value in sorted(defines.items()))]
+    key = hashlib.sha256("\0".join([generated, driver, _identity(compiler), *options]).encode()).hexdigest()[:32]
+    folder = _cache_folder()
+    library = folder / f"{key}.so"
+    if library.exists():
+        try:
+            return ctypes.CDLL(str(library))
+        except OSError as error:  # a damaged file: compile again
+            log.warning("cached %s does not load (%s); compiling again", library.name, error)
+    with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as build:
+        source, driver_file, output = Path(build, "generated.c"), Path(build, "driver.cpp"), Path(build, "out.so")
+        source.write_text(generated)
+        driver_file.write_text(driver)
+        command = [compiler, *options, f'-DGENERATED="{source}"', str(driver_file), "-o", str(output), "-lm"]
+        run = subprocess.run(command, capture_output=True, text=True, check=False)
+        if run.returncode != 0:
+            reason = (run.stderr.strip().splitlines() or [f"exit status {run.returncode}"])[0]
+            log.warning("%s failed (%s); strikes run in CasADi's interpreter", compiler, reason)
+            return None
+        os.replace(output, library)
+    return ctypes.CDLL(str(library))

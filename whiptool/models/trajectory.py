@@ -1,0 +1,106 @@
+"""What a rollout leaves: the closest approach to a target, and on request the whole trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from whiptool.models.parameters import Model
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Closest approach of the tip to its target, for B strikes of an arm of a joints.
+
+    Args:
+        distance: Of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
+        time: When [s], (B,).
+        speed: Of the tip, then [m/s], (B,).
+        tip: Where [m], (B, 2).
+        max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
+        max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
+        diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
+    """
+
+    distance: np.ndarray
+    time: np.ndarray
+    speed: np.ndarray
+    tip: np.ndarray
+    max_joint_speed: np.ndarray
+    max_torque: np.ndarray
+    diverged: np.ndarray
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One strike over T instants, for an arm of a joints and a chain of n.
+
+    Args:
+        t: Times [s], (T,).
+        q, v: Joint positions [rad] and velocities [rad/s], (T, n).
+        q_d, v_d: Desired positions and velocities of the arm, (T, a).
+        tau: Arm torques [N m], (T, a).
+        K, B: Stiffness [N m/rad] and damping [N m s/rad] of the controller, (T, a, a).
+        tip, tip_velocity: [m], [m/s], (T, 2).
+        diverged: Whether it ends early because it diverged.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    q_d: np.ndarray
+    v_d: np.ndarray
+    tau: np.ndarray
+    K: np.ndarray
+    B: np.ndarray
+    tip: np.ndarray
+    tip_velocity: np.ndarray
+    diverged: bool = False
+
+    def approach(self, target: np.ndarray) -> Approach:
+        """The closest approach (B = 1): the nearest point of the segments between successive tip positions."""
+        start, step = self.tip[:-1], np.diff(self.tip, axis=0)
+        squared = (step**2).sum(axis=1)
+        along = ((target - start) * step).sum(axis=1)
+        s = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0), 0, 1)  # (T - 1,)
+        points = start + s[:, None] * step
+        distance = np.hypot(*(target - points).T)
+        i = int(distance.argmin()) if len(distance) else None
+        a = self.tau.shape[1]
+        if i is None:  # diverged in the first step
+            nearest = np.inf, 0.0, np.nan, np.full(2, np.nan)
+        else:
+            velocity = self.tip_velocity[i] + s[i] * (self.tip_velocity[i + 1] - self.tip_velocity[i])
+            time = self.t[i] + s[i] * (self.t[i + 1] - self.t[i])
+            nearest = distance[i], time, np.hypot(*velocity), points[i]
+        return Approach(
+            *(np.array([x]) for x in nearest),
+            max_joint_speed=np.abs(self.v[:, :a]).max(axis=0)[None],
+            max_torque=np.abs(self.tau).max(axis=0)[None],
+            diverged=np.array([self.diverged]),
+        )
+
+    def distance(self, target: np.ndarray) -> np.ndarray:
+        """Distance between tip and target at every instant [m], (T,)."""
+        return np.hypot(*(self.tip - target).T)
+
+    def save(self, path: Path) -> None:
+        """Write an NPZ file, without pickle."""
+        np.savez_compressed(path, **{f.name: np.asarray(getattr(self, f.name)) for f in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> Trajectory:
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as data:
+            arrays = {f.name: data[f.name] for f in fields(cls)}
+        return cls(**{**arrays, "diverged": bool(arrays["diverged"])})
+
+
+def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
+    """Positions of shoulder, joints and tip [m], shape (..., n + 1, 2), for joint positions q of shape (..., n)."""
+    theta = np.cumsum(q, axis=-1)
+    l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
+    steps = np.stack([l * np.sin(theta), -l * np.cos(theta)], axis=-1)
+    return np.concatenate([np.zeros((*steps.shape[:-2], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
