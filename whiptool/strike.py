@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -66,16 +67,20 @@ class Strike:
         """`[q_i, q_f, D]`, shape (2 n + 1,)."""
         return np.array([*self.q_i, *self.q_f, self.D])
 
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.q_i), np.array(self.q_f) - np.array(self.q_i)
+
     def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Desired positions, velocities and accelerations at times t [s], each of shape (*t.shape, n); Eq. 1.
 
         After D the arm is to stay at `q_f`.
         """
-        s = np.minimum(np.asarray(t, float) / self.D, 1.0)[..., None]
-        q_i, span = np.array(self.q_i), np.array(self.q_f) - np.array(self.q_i)
+        s = min(t / self.D, 1.0) if isinstance(t, float) else np.minimum(np.asarray(t, float) / self.D, 1.0)[..., None]
+        q_i, span = self._ends
         position = q_i + span * (s**3 * (10 - 15 * s + 6 * s**2))  # Eq. 1
-        velocity = span / self.D * (30 * s**2 * (1 - s) ** 2)
-        acceleration = span / self.D**2 * (60 * s * (1 - s) * (1 - 2 * s))
+        velocity = span * (30 * s**2 * (1 - s) ** 2 / self.D)
+        acceleration = span * (60 * s * (1 - s) * (1 - 2 * s) / self.D**2)
         return position, velocity, acceleration
 
 
@@ -120,6 +125,10 @@ def default_bounds(arm: ArmParameters) -> StrikeBounds:
         InputError: The arm does not have two joints; give bounds of your own.
     """
     if arm.n != 2:
-        raise InputError("bounds", f"none, for an arm of {arm.n} joints", "lower and upper for each strike parameter",
-                         "give --lower and --upper")  # fmt: skip
+        raise InputError(
+            "bounds",
+            f"none, for an arm of {arm.n} joints",
+            "lower and upper for each strike parameter",
+            "give --lower and --upper",
+        )
     return StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, 0.4), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, 1.5))

@@ -1,0 +1,17 @@
+"""Impedance control of the arm: constant and online-adaptive laws, the controller around them, their cost."""
+
+from whiptool.impedance.constant import ConstantImpedance
+from whiptool.impedance.controller import Controller, ControlLoop
+from whiptool.impedance.cost import Cost, impedance_cost
+from whiptool.impedance.oiac import OIAC, OIAC_PRESETS, oiac_preset
+
+__all__ = [
+    "OIAC",
+    "OIAC_PRESETS",
+    "ConstantImpedance",
+    "ControlLoop",
+    "Controller",
+    "Cost",
+    "impedance_cost",
+    "oiac_preset",
+]

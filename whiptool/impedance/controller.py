@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.oiac import OIAC
-from whiptool.models.parameters import _number
+from whiptool.models.parameters import number
 
 if TYPE_CHECKING:
     from whiptool.models.arm import Arm
@@ -30,7 +30,7 @@ class Controller:
         control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
     """
 
-    law: Law = OIAC()
+    law: Law = field(default_factory=OIAC)
     feedforward: bool = False
     torque_limit: float | None = None
     control_period: float | None = None
@@ -38,7 +38,7 @@ class Controller:
     def __post_init__(self) -> None:
         for name in ("torque_limit", "control_period"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _number(name, getattr(self, name), low=0, strict=True))
+                object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
 
     def bind(self, arm: Arm, strike: Strike) -> ControlLoop:
         """The controller at work: for one arm and one strike."""

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import _number
+from whiptool.models.parameters import number
 
 
 @dataclass(frozen=True)
@@ -32,16 +32,15 @@ class OIAC:
     kind = "oiac"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "a", _number("a", self.a, low=0, strict=True))
-        object.__setattr__(self, "beta", _number("beta", self.beta, low=0))
-        object.__setattr__(self, "C", _number("C", self.C, low=0))
+        object.__setattr__(self, "a", number("a", self.a, low=0, strict=True))
+        object.__setattr__(self, "beta", number("beta", self.beta, low=0))
+        object.__setattr__(self, "C", number("C", self.C, low=0))
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K [N m/rad] and B [N m s/rad] for errors `e` [rad], `de` [rad/s] of shape (..., n): each (..., n, n)."""
-        e, de = np.asarray(e, float), np.asarray(de, float)
         epsilon = e + self.beta * de  # Eq. 8
-        gamma = self.a / (1 + self.C * (epsilon * epsilon).sum(axis=-1, keepdims=True))  # Eq. 10
-        F = (epsilon / gamma)[..., :, None]  # Eq. 9
+        gamma = self.a / (1 + self.C * np.vecdot(epsilon, epsilon))  # Eq. 10
+        F = (epsilon / gamma[..., None])[..., :, None]  # Eq. 9
         return F * e[..., None, :], F * de[..., None, :]
 
     def parameters(self) -> dict[str, np.ndarray]:

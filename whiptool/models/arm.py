@@ -40,10 +40,17 @@ class Arm:
         n = model.arm.n
         whole = chain_of(model)
         arm = Chain(
-            length=model.arm.per_link("length"), mass=model.arm.per_link("mass"), com=model.arm.per_link("com"),
-            inertia=model.arm.per_link("inertia"), stiffness=np.zeros(n), damping=np.zeros(n), rest_angle=np.zeros(n),
-            dry_friction=np.zeros(n), drag=np.zeros(n), gravity=whole.gravity,
-        )  # fmt: skip
+            length=model.arm.per_link("length"),
+            mass=model.arm.per_link("mass"),
+            com=model.arm.per_link("com"),
+            inertia=model.arm.per_link("inertia"),
+            stiffness=np.zeros(n),
+            damping=np.zeros(n),
+            rest_angle=np.zeros(n),
+            dry_friction=np.zeros(n),
+            drag=np.zeros(n),
+            gravity=whole.gravity,
+        )
         self.n = n
         self._model = pinocchio_chain(arm)
         self._data = self._model.createData()

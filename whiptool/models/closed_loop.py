@@ -13,8 +13,14 @@ from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.oiac import OIAC
 from whiptool.models.chain import (
-    Chain, forward_dynamics, inverse_dynamics, passive_torque, potential_energy, ride_on_end, tip_state,
-)  # fmt: skip
+    Chain,
+    forward_dynamics,
+    inverse_dynamics,
+    passive_torque,
+    potential_energy,
+    ride_on_end,
+    tip_state,
+)
 from whiptool.models.parameters import ArmParameters, Model
 
 _OPTIONAL = ("rest_angle", "dry_friction", "drag")  # per node, generated only where used
@@ -40,10 +46,14 @@ class Structure:
         used = tuple(name for name in _OPTIONAL if model.whip.per_node(name).any())
         used += ("hinge_mass",) if model.whip.hinge_mass else ()
         return cls(
-            n_arm=model.arm.n, n_whip=model.whip.N, law=controller.law.kind, optional=used,
-            feedforward=controller.feedforward, limited=controller.torque_limit is not None,
+            n_arm=model.arm.n,
+            n_whip=model.whip.N,
+            law=controller.law.kind,
+            optional=used,
+            feedforward=controller.feedforward,
+            limited=controller.torque_limit is not None,
             held=controller.control_period is not None,
-        )  # fmt: skip
+        )
 
     @property
     def n(self) -> int:
@@ -55,15 +65,18 @@ class Structure:
         """Name and size of every block of the parameter vector, in order."""
         a, N = self.n_arm, self.n_whip
         blocks = {"q_i": a, "q_f": a, "D": 1}
-        blocks |= {f"arm.{name}": a for name in ArmParameters._QUANTITIES}
+        blocks |= {f"arm.{name}": a for name in ArmParameters.QUANTITIES}
         blocks |= {f"whip.{name}": N for name in ("l", "m", "k", "b")}
         for name in self.optional:
             blocks[f"whip.{name}"] = 1 if name == "hinge_mass" else N
         if "dry_friction" in self.optional:
             blocks["whip.friction_velocity"] = 1
         blocks["gravity"] = 1
-        blocks |= {"law.K": a * a, "law.B": a * a} if self.law == "constant" else dict.fromkeys(
-            ("law.a", "law.beta", "law.C"), 1)  # fmt: skip
+        blocks |= (
+            {"law.K": a * a, "law.B": a * a}
+            if self.law == "constant"
+            else dict.fromkeys(("law.a", "law.beta", "law.C"), 1)
+        )
         if self.limited:
             blocks["torque_limit"] = 1
         return blocks
@@ -84,7 +97,7 @@ class Structure:
             Shape (B, n_parameters).
         """
         values: dict[str, np.ndarray | float | None] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
-        values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters._QUANTITIES}
+        values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
         values |= {f"whip.{name}": model.whip.per_node(name) for name in ("l", "m", "k", "b", *_OPTIONAL)}
         values |= {f"whip.{name}": getattr(model.whip, name) for name in ("hinge_mass", "friction_velocity")}
         values |= {"gravity": model.gravity, "torque_limit": controller.torque_limit}
@@ -143,10 +156,17 @@ class ClosedLoop:
         P, zeros = self.parameters, ca.SX.zeros(self.structure.n_arm + 1)
         at_hand = ca.SX(0)
         return Chain(
-            length=ca.vertcat(P["arm.length"], at_hand), mass=ca.vertcat(P["arm.mass"], load),
-            com=ca.vertcat(P["arm.com"], at_hand), inertia=ca.vertcat(P["arm.inertia"], 0),
-            stiffness=zeros, damping=zeros, rest_angle=zeros, dry_friction=zeros, drag=zeros, gravity=gravity,
-        )  # fmt: skip
+            length=ca.vertcat(P["arm.length"], at_hand),
+            mass=ca.vertcat(P["arm.mass"], load),
+            com=ca.vertcat(P["arm.com"], at_hand),
+            inertia=ca.vertcat(P["arm.inertia"], 0),
+            stiffness=zeros,
+            damping=zeros,
+            rest_angle=zeros,
+            dry_friction=zeros,
+            drag=zeros,
+            gravity=gravity,
+        )
 
     def reference(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Desired positions, velocities and accelerations (n_arm, 1) at time t (Eq. 1), at rest after D."""
@@ -216,9 +236,13 @@ class ClosedLoop:
         x_next = ca.vertcat(q + h * v + h**2 / 2 * k1, v + h / 2 * (k1 + w))
         tip = ca.vertcat(*tip_state(self.chain, q, v))
         return ca.Function(
-            "step", [x, t, h, self.p, held], [x_next, tip, tau],
-            ["x", "t", "h", "p", "tau_held"], ["x_next", "tip", "tau"], {"cse": True},
-        )  # fmt: skip
+            "step",
+            [x, t, h, self.p, held],
+            [x_next, tip, tau],
+            ["x", "t", "h", "p", "tau_held"],
+            ["x_next", "tip", "tau"],
+            {"cse": True},
+        )
 
     @cached_property
     def control(self) -> ca.Function:

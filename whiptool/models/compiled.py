@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -17,13 +16,14 @@ from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.models.closed_loop import ClosedLoop, Structure, closed_loop
 from whiptool.models.compiler import load_library
-from whiptool.models.parameters import Model, _number
+from whiptool.models.interpreter import interpreted_engine
+from whiptool.models.parameters import Model, number
 from whiptool.models.posture import start_posture
-from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.models.stepping import FASTEST, time_grid
+from whiptool.models.trajectory import Approach, Trajectory, complete_trajectory
 from whiptool.strike import Strike
 
 TIMESTEP = 5e-4  # [s]
-_FASTEST = 1e4  # [rad/s], as in driver.cpp
 _CHUNK = 64  # strikes per task of the thread pool
 
 # (p, x0, target, h, h_last, steps, hold, rows or None) -> outcome columns (B, 7 + 2 a), as in driver.cpp
@@ -41,7 +41,13 @@ def generate_c(loop: ClosedLoop) -> str:
 
 def _native(structure: Structure) -> Engine | None:
     loop = closed_loop(structure)
-    defines = {"NQ": structure.n, "NA": structure.n_arm, "NP": structure.n_parameters, "HELD": int(structure.held)}
+    defines = {
+        "NQ": structure.n,
+        "NA": structure.n_arm,
+        "NP": structure.n_parameters,
+        "HELD": int(structure.held),
+        "FASTEST": FASTEST,
+    }
     driver = files("whiptool.models").joinpath("driver.cpp").read_text()
     library = load_library(generate_c(loop), driver, defines)
     if library is None:
@@ -55,8 +61,18 @@ def _native(structure: Structure) -> Engine | None:
         out = np.empty((len(p), 7 + 2 * structure.n_arm))
 
         def chunk(b: slice) -> None:
-            roll(len(p[b]), p[b], x0[b], target[b], h[b], h_last[b], steps[b], hold, out[b],
-                 None if rows is None else rows.ctypes.data)  # fmt: skip
+            roll(
+                len(p[b]),
+                p[b],
+                x0[b],
+                target[b],
+                h[b],
+                h_last[b],
+                steps[b],
+                hold,
+                out[b],
+                None if rows is None else rows.ctypes.data,
+            )
 
         chunks = [slice(b, b + _CHUNK) for b in range(0, len(p), _CHUNK)]
         if len(chunks) == 1 or rows is not None:  # rows of several strikes follow each other
@@ -73,69 +89,10 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _interpreted(structure: Structure) -> Engine:
-    """The driver's loop in Python around CasADi's interpreter: for machines without a compiler."""
-    loop = closed_loop(structure)
-    n, a = structure.n, structure.n_arm
-    state, time, step_size, held = np.empty(2 * n), np.empty(1), np.empty(1), np.empty(a)
-    following, tip, tau = np.empty(2 * n), np.empty(4), np.empty(a)
-    parameters = np.empty(structure.n_parameters)
-
-    def bind(function: ca.Function, inputs: list[np.ndarray], outputs: list[np.ndarray]) -> Callable[[], None]:
-        buffer, evaluate = function.buffer()
-        for i, array in enumerate(inputs):
-            if array.size and function.numel_in(i):
-                buffer.set_arg(i, memoryview(array))
-        for i, array in enumerate(outputs):
-            buffer.set_res(i, memoryview(array))
-        evaluate.buffer_ = buffer  # type: ignore[attr-defined]  # keeps it alive
-        return evaluate
-
-    def engine(p, x0, target, h, h_last, steps, hold, rows) -> np.ndarray:
-        step = bind(loop.step, [state, time, step_size, parameters, held], [following, tip, tau])
-        control = bind(loop.control, [state, time, parameters], [held]) if structure.held else None
-        outcomes, first = np.empty((len(p), 7 + 2 * a)), 0
-        for b in range(len(p)):
-            state[:], parameters[:] = x0[b], p[b]
-            table = np.empty((steps[b] + 1, 1 + 2 * n + a))
-            path = np.empty((steps[b] + 1, 4))
-            diverged, i = False, 0
-            for i in range(steps[b] + 1):
-                time[0] = i * h[b] if i < steps[b] or i == 0 else (i - 1) * h[b] + h_last[b]
-                step_size[0] = h_last[b] if i + 1 == steps[b] else h[b]
-                if control is not None and i % hold == 0:
-                    control()
-                step()
-                table[i, 0], table[i, 1 : 1 + 2 * n], table[i, 1 + 2 * n :], path[i] = time[0], state, tau, tip
-                if i == steps[b]:
-                    break
-                speed = following[n:] @ following[n:]
-                if not speed < _FASTEST**2:
-                    diverged = True
-                    break
-                state[:] = following
-            table, path = table[: i + 1], path[: i + 1]
-            empty = np.empty((0, a))
-            part = Trajectory(
-                t=table[:, 0], q=table[:, 1 : 1 + n], v=table[:, 1 + n : 1 + 2 * n], q_d=empty, v_d=empty,
-                tau=table[:, 1 + 2 * n :], K=empty, B=empty, tip=path[:, :2], tip_velocity=path[:, 2:],
-                diverged=diverged,
-            )  # fmt: skip
-            near = part.approach(target[b])
-            outcomes[b] = np.concatenate([near.distance, near.time, near.speed, near.tip[0], near.diverged, [i],
-                                          near.max_joint_speed[0], near.max_torque[0]])  # fmt: skip
-            if rows is not None:
-                rows[first : first + len(table)] = table
-                first += steps[b] + 1
-        return outcomes
-
-    return engine
-
-
 @lru_cache(maxsize=32)
 def _engine(structure: Structure, interpreted: bool) -> tuple[Engine, str]:
     native = None if interpreted else _native(structure)
-    return (_interpreted(structure), "interpreted") if native is None else (native, "compiled")
+    return (interpreted_engine(structure), "interpreted") if native is None else (native, "compiled")
 
 
 class CompiledRollout:
@@ -150,7 +107,7 @@ class CompiledRollout:
 
     def __init__(self, model: Model, controller: Controller, *, timestep: float = TIMESTEP, interpreted: bool = False):
         self.model, self.controller = model, controller
-        self.timestep = _number("timestep", timestep, low=0, strict=True)
+        self.timestep = number("timestep", timestep, low=0, strict=True)
         self.structure = Structure.of(model, controller)
         _check_joints(model, controller)
         self._roll, self.engine = _engine(self.structure, interpreted)
@@ -165,9 +122,14 @@ class CompiledRollout:
         out = self._roll(*arguments, None)
         a = self.model.arm.n
         return Approach(
-            distance=out[:, 0], time=out[:, 1], speed=out[:, 2], tip=out[:, 3:5], diverged=out[:, 5] != 0,
-            max_joint_speed=out[:, 7 : 7 + a], max_torque=out[:, 7 + a :],
-        )  # fmt: skip
+            distance=out[:, 0],
+            time=out[:, 1],
+            speed=out[:, 2],
+            tip=out[:, 3:5],
+            diverged=out[:, 5] != 0,
+            max_joint_speed=out[:, 7 : 7 + a],
+            max_torque=out[:, 7 + a :],
+        )
 
     def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
         """The whole strike, at every step of the integrator."""
@@ -177,48 +139,26 @@ class CompiledRollout:
         out = self._roll(*arguments, rows)
         rows = rows[: int(out[0, 6]) + 1]
         return complete_trajectory(
-            self.model, self.controller, strike, t=rows[:, 0], q=rows[:, 1 : 1 + n], v=rows[:, 1 + n : 1 + 2 * n],
-            tau=rows[:, 1 + 2 * n :], diverged=bool(out[0, 5]),
-        )  # fmt: skip
+            self.model,
+            self.controller,
+            strike,
+            t=rows[:, 0],
+            q=rows[:, 1 : 1 + n],
+            v=rows[:, 1 + n : 1 + 2 * n],
+            tau=rows[:, 1 + 2 * n :],
+            diverged=bool(out[0, 5]),
+        )
 
     def _arguments(self, strikes: np.ndarray, target: np.ndarray, t_stay: float) -> tuple:
         a, n = self.model.arm.n, self.model.n
-        duration = strikes[:, -1] + t_stay
-        period, hold = self.controller.control_period, 1
-        if period is None:
-            steps = np.ceil(duration / self.timestep - 1e-9).astype(np.int64)
-            h = h_last = duration / steps
-        else:  # whole steps per control period; the last one may be shorter
-            hold = math.ceil(period / self.timestep - 1e-9)
-            h = np.full(len(strikes), period / hold)
-            steps = np.ceil(duration / h - 1e-9).astype(np.int64)
-            h_last = duration - (steps - 1) * h
+        grid = time_grid(strikes[:, -1] + t_stay, timestep=self.timestep, control_period=self.controller.control_period)
         x0 = np.zeros((len(strikes), 2 * n))
         x0[:, :n] = start_posture(self.model, strikes[:, :a])
         targets = np.ascontiguousarray(np.broadcast_to(np.asarray(target, float), (len(strikes), 2)))
-        return self.structure.pack(self.model, self.controller, strikes), x0, targets, h, h_last, steps, hold
+        return self.structure.pack(self.model, self.controller, strikes), x0, targets, *grid
 
 
 def _check_joints(model: Model, controller: Controller) -> None:
     K = getattr(controller.law, "K", None)
     if K is not None and len(K) != model.arm.n:
         raise InputError("K", K, f"a matrix of {model.arm.n} rows, one per arm joint")
-
-
-def complete_trajectory(
-    model: Model, controller: Controller, strike: Strike, *, t: np.ndarray, q: np.ndarray, v: np.ndarray,
-    tau: np.ndarray, diverged: bool, tip: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Trajectory:  # fmt: skip
-    """A trajectory with what follows from states: references, gains, and, unless given, the tip's path."""
-    from whiptool.models.trajectory import joint_points
-
-    a = model.arm.n
-    q_d, v_d, _ = strike.reference(t)
-    K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
-    if tip is None:
-        theta, omega = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
-        l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
-        tip = joint_points(model, q)[:, -1], np.stack([(l * np.cos(theta) * omega).sum(1),
-                                                       (l * np.sin(theta) * omega).sum(1)], axis=1)  # fmt: skip
-    return Trajectory(t=t, q=q, v=v, q_d=q_d, v_d=v_d, tau=tau, K=K, B=B, tip=tip[0], tip_velocity=tip[1],
-                      diverged=diverged)  # fmt: skip

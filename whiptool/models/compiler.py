@@ -18,8 +18,17 @@ from platformdirs import user_cache_path
 log = logging.getLogger("whiptool")
 
 # no -ffast-math: it would remove the tests for NaN
-FLAGS = ("-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros",
-         "-fPIC", "-shared", "-w")  # fmt: skip
+FLAGS = (
+    "-std=c++17",
+    "-O3",
+    "-march=native",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-signed-zeros",
+    "-fPIC",
+    "-shared",
+    "-w",
+)
 
 
 @cache
@@ -90,5 +99,5 @@ def load_library(generated: str, driver: str, defines: dict[str, int]) -> ctypes
             reason = (run.stderr.strip().splitlines() or [f"exit status {run.returncode}"])[0]
             log.warning("%s failed (%s); strikes run in CasADi's interpreter", compiler, reason)
             return None
-        os.replace(output, library)
+        output.replace(library)
     return ctypes.CDLL(str(library))

@@ -1,7 +1,8 @@
 // Rolls strikes through the generated step: closest approach to the target, extremes, divergence, trajectories.
 //
 // Compiled together with the C that CasADi generates for `step` (and `control` where the torque is held). Defined on
-// the command line: GENERATED (file to include), NQ joints, NA arm joints, NP parameters, HELD 0 or 1.
+// the command line: GENERATED (file to include), NQ joints, NA arm joints, NP parameters, HELD 0 or 1, FASTEST (norm of
+// all joint speeds [rad/s] above which a strike counts as diverged).
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -13,7 +14,6 @@
 namespace {
 
 constexpr int NX = 2 * NQ;
-constexpr double FASTEST = 1e4;  // [rad/s], norm of all joint speeds; faster counts as diverged
 
 // Nearest point of the segment between two successive tip positions.
 struct ClosestApproach {

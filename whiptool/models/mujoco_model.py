@@ -49,12 +49,12 @@ def build_spec(model: Model, *, target: np.ndarray | None = None, target_radius:
     parent, at = spec.worldbody, [0.0, 0.0, 0.0]
     for i, (name, link) in enumerate(zip(arm.joints, arm.links, strict=True)):
         assert link.com is not None and link.inertia is not None
-        thickness = 0.022 - 0.004 * i / arm.n
+        thickness = (0.022 - 0.004 * i / arm.n) * model.reach
         body = _link(parent, name, at, mass=link.mass, com=link.com, inertia=max(link.inertia, node_inertia),
                      tiny=node_inertia)  # fmt: skip
         body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0], damping=link.friction)
         _capsule(body, link.length, thickness, "arm")
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[thickness * 1.35, 0, 0], material="joint",
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[thickness * 1.3, 0, 0], material="joint",
                       **_VISUAL)  # fmt: skip
         actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
         actuator.set_to_motor()
@@ -62,16 +62,16 @@ def build_spec(model: Model, *, target: np.ndarray | None = None, target_radius:
     if whip.hinge_mass:
         grip = parent.add_body(name="grip", pos=at, mass=whip.hinge_mass, ipos=[0, 0, 0], inertia=[node_inertia] * 3,
                                explicitinertial=True)  # fmt: skip
-        grip.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.016, 0, 0], material="joint", **_VISUAL)
+        grip.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.016 * model.reach, 0, 0], material="joint", **_VISUAL)
     l, m, k, b, rest = (whip.per_node(x) for x in ("l", "m", "k", "b", "rest_angle"))
     for i in range(whip.N):
-        thickness = 0.009 - 0.006 * i / whip.N
+        thickness = (0.010 - 0.005 * i / whip.N) * model.reach
         body = _link(parent, f"whip{i + 1}", at, mass=m[i], com=l[i], inertia=node_inertia, tiny=node_inertia)
         body.add_joint(name=f"whip{i + 1}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0], stiffness=k[i],
                        damping=b[i], springref=rest[i])  # fmt: skip
         _capsule(body, l[i], thickness, "whip")
         parent, at = body, [0.0, 0.0, -l[i]]
-    parent.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=at, size=[0.016, 0, 0], material="tip", **_VISUAL)
+    parent.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=at, size=[0.017 * model.reach, 0, 0], material="tip", **_VISUAL)
     parent.add_site(name="tip", pos=at, size=[0.005, 0, 0])
     return spec
 
@@ -97,28 +97,31 @@ def _add_target(spec: mujoco.MjSpec, target: np.ndarray, radius: float) -> None:
 
 
 def _scene(spec: mujoco.MjSpec, model: Model) -> None:
-    """Light, backdrop, floor, materials, and a camera that sees the whole reach from the side."""
+    """Light, board, floor, materials, and a camera that sees the whole reach from the side."""
     reach = model.reach
     spec.stat.center, spec.stat.extent = [0.0, 0, 0], 1.2 * reach
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
     spec.visual.quality.shadowsize = 2048
-    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.5] * 3
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.4] * 3
+    spec.visual.headlight.specular = [0.2] * 3
     spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
                      rgb1=[0.97, 0.98, 1.0], rgb2=[0.80, 0.85, 0.92], width=256, height=256)  # fmt: skip
-    spec.add_texture(name="tiles", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-                     rgb1=[0.80, 0.83, 0.87], rgb2=[0.72, 0.76, 0.81], width=256, height=256)  # fmt: skip
-    floor = spec.add_material(name="floor", texrepeat=[1, 1], texuniform=True, reflectance=0.05)
-    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
     for name, rgba in (("arm", _BLUE), ("joint", _GREY), ("whip", (0.13, 0.13, 0.16, 1)), ("tip", _VERMILION),
                        ("target", _ORANGE), ("target_zone", (*_ORANGE[:3], 0.35))):  # fmt: skip
         spec.add_material(name=name, rgba=rgba, specular=0.3, shininess=0.4)
-    spec.worldbody.add_light(pos=[0, -reach, 2 * reach], dir=[0, 0.45, -1],
-                             type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, diffuse=[0.5] * 3)  # fmt: skip
+    # Plain colours: a texture over the whole picture would triple the time that software rendering takes.
+    for name, rgba in (("board", (0.80, 0.82, 0.85, 1)), ("floor", (0.62, 0.66, 0.72, 1))):
+        spec.add_material(name=name, rgba=rgba, specular=0, shininess=0)
+    spec.worldbody.add_light(pos=[0, -reach, 2 * reach], dir=[0.15, 0.6, -1],
+                             type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, diffuse=[0.45] * 3)  # fmt: skip
+    floor, board = -1.12 * reach, 0.06 * reach  # the board stands close behind the strike plane: hardly any parallax
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4 * reach, 4 * reach, 0.1],
-                            pos=[0, 0, -1.25 * reach], material="floor", contype=0, conaffinity=0)  # fmt: skip
-    distance = 2.9 * reach  # a side view: x to the right, z up
-    spec.worldbody.add_camera(name="side", pos=[0.15 * reach, -distance, 0.1 * reach],
-                              xyaxes=[1, 0, 0, 0, 0.03, 1], fovy=45)  # fmt: skip
+                            pos=[0, 0, floor], material="floor", **_VISUAL)  # fmt: skip
+    spec.worldbody.add_geom(name="board", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4 * reach, 4 * reach, 0.1],
+                            pos=[0, board, floor + 4 * reach], zaxis=[0, -1, 0], material="board",
+                            **_VISUAL)  # fmt: skip
+    distance = 6.1 * reach  # a side view: x to the right, z up; from afar, so that lengths read true
+    spec.worldbody.add_camera(name="side", pos=[0, -distance, 0], xyaxes=[1, 0, 0, 0, 0, 1], fovy=20)
 
 
 def set_posture(model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray) -> None:

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from whiptool.errors import InputError
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 
 
-def _number(name: str, value: object, *, low: float = -math.inf, strict: bool = False) -> float:
+def number(name: str, value: object, *, low: float = -math.inf, strict: bool = False) -> float:
     """`value` as a finite float above `low` (or at it, unless `strict`)."""
     rule = "a finite number" if low == -math.inf else f"a finite number {'>' if strict else '>='} {low:g}"
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -63,9 +64,17 @@ class WhipParameters:
     drag: PerNode = 0.0
     hinge_mass: float = 0.0
 
-    _LOW = {"l": (0.0, True), "m": (0.0, True), "k": (0.0, False), "b": (0.0, False), "drag": (0.0, False),
-            "rest_angle": (-math.inf, False), "dry_friction": (0.0, False)}  # fmt: skip
-    _JOINT = ("k", "b", "rest_angle", "dry_friction")  # quantities of joints, zero at the free hinge
+    # lowest value of each quantity, and whether it is itself excluded
+    _LOW: ClassVar = {
+        "l": (0.0, True),
+        "m": (0.0, True),
+        "k": (0.0, False),
+        "b": (0.0, False),
+        "rest_angle": (-math.inf, False),
+        "dry_friction": (0.0, False),
+        "drag": (0.0, False),
+    }
+    _JOINT: ClassVar = ("k", "b", "rest_angle", "dry_friction")  # quantities of joints, zero at the free hinge
 
     def __post_init__(self) -> None:
         if isinstance(self.N, bool) or not isinstance(self.N, (int, np.integer)) or not 1 <= self.N <= 200:
@@ -76,12 +85,13 @@ class WhipParameters:
             if isinstance(value, (list, tuple, np.ndarray)):
                 if np.ndim(value) != 1 or len(value) != self.N:
                     raise InputError(name, value, f"one number, or {self.N} numbers (one per node)")
-                checked = tuple(_number(f"{name}[{i}]", v, low=low, strict=strict) for i, v in enumerate(value))
+                checked = tuple(number(f"{name}[{i}]", v, low=low, strict=strict) for i, v in enumerate(value))
             else:
-                checked = _number(name, value, low=low, strict=strict)
+                checked = number(name, value, low=low, strict=strict)
             object.__setattr__(self, name, checked)
-        object.__setattr__(self, "friction_velocity", _number("friction_velocity", self.friction_velocity, low=0, strict=True))  # noqa: E501
-        object.__setattr__(self, "hinge_mass", _number("hinge_mass", self.hinge_mass, low=0))
+        velocity = number("friction_velocity", self.friction_velocity, low=0, strict=True)
+        object.__setattr__(self, "friction_velocity", velocity)
+        object.__setattr__(self, "hinge_mass", number("hinge_mass", self.hinge_mass, low=0))
 
     def per_node(self, name: str) -> np.ndarray:
         """Quantity `name` as an array of shape (N,), the hinge's entry being 0 where a single number was given."""
@@ -121,15 +131,15 @@ class ArmLink:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        mass = _number("mass", self.mass, low=0, strict=True)
-        length = _number("length", self.length, low=0, strict=True)
-        com = length / 2 if self.com is None else _number("com", self.com, low=0)
-        inertia = mass * length**2 / 12 if self.inertia is None else _number("inertia", self.inertia, low=0)
+        mass = number("mass", self.mass, low=0, strict=True)
+        length = number("length", self.length, low=0, strict=True)
+        com = length / 2 if self.com is None else number("com", self.com, low=0)
+        inertia = mass * length**2 / 12 if self.inertia is None else number("inertia", self.inertia, low=0)
         if com == 0 and inertia == 0:
             raise InputError("inertia", self.inertia, "a number > 0 where com is 0")
         for name, value in zip(("mass", "length", "com", "inertia"), (mass, length, com, inertia), strict=True):
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "friction", _number("friction", self.friction, low=0))
+        object.__setattr__(self, "friction", number("friction", self.friction, low=0))
 
 
 _USUAL_JOINTS = {1: ("shoulder",), 2: ("shoulder", "elbow")}
@@ -147,14 +157,15 @@ class ArmParameters:
     links: tuple[ArmLink, ...]
     joints: tuple[str, ...] = ()
 
-    _QUANTITIES = ("mass", "length", "com", "inertia", "friction")
+    QUANTITIES: ClassVar = ("mass", "length", "com", "inertia", "friction")
 
     def __post_init__(self) -> None:
         links = tuple(self.links)
         if not links or not all(isinstance(link, ArmLink) for link in links):
             raise InputError("links", self.links, "one or more ArmLink")
-        joints = tuple(self.joints) or _USUAL_JOINTS.get(len(links)) or tuple(
-            f"joint{i + 1}" for i in range(len(links)))  # fmt: skip
+        joints = (
+            tuple(self.joints) or _USUAL_JOINTS.get(len(links)) or tuple(f"joint{i + 1}" for i in range(len(links)))
+        )
         if len(joints) != len(links) or len(set(joints)) != len(joints):
             raise InputError("joints", list(joints), f"{len(links)} different names, one per link")
         object.__setattr__(self, "links", links)
@@ -192,7 +203,7 @@ class Model:
     name: str = field(default="unnamed", compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gravity", _number("gravity", self.gravity, low=0))
+        object.__setattr__(self, "gravity", number("gravity", self.gravity, low=0))
         if not isinstance(self.name, str):
             raise InputError("name", self.name, "text")
 
@@ -218,7 +229,7 @@ class Model:
             else:
                 named[f"whip.{f.name}"] = value
         for i, link in enumerate(self.arm.links):
-            named.update({f"arm.{q}[{i}]": getattr(link, q) for q in ArmParameters._QUANTITIES})
+            named.update({f"arm.{q}[{i}]": getattr(link, q) for q in ArmParameters.QUANTITIES})
         named["gravity"] = self.gravity
         return named
 

@@ -14,10 +14,12 @@ _LEMON = Model(
     arm=ArmParameters((ArmLink(mass=0.25, length=0.31), ArmLink(mass=0.274, length=0.34))),
 )
 # Nah et al. 2020 (BioRob, 685-691): a human arm with three generic whips and one fitted to an experiment.
-_NAH_ARM = ArmParameters((
-    ArmLink(mass=1.595, length=0.294, com=0.129, inertia=0.011937),
-    ArmLink(mass=0.869, length=0.291, com=0.112, inertia=0.004855),
-))  # fmt: skip
+_NAH_ARM = ArmParameters(
+    (
+        ArmLink(mass=1.595, length=0.294, com=0.129, inertia=0.011937),
+        ArmLink(mass=0.869, length=0.291, com=0.112, inertia=0.004855),
+    )
+)
 
 
 def _nah(name: str, whip: WhipParameters) -> Model:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import WhipParameters, _number
+from whiptool.models.parameters import WhipParameters, number
 
 _QUADRATURE = np.polynomial.legendre.leggauss(8)  # exact to degree 15 on each half hat
 
@@ -43,12 +43,19 @@ class WhipProfile:
     drag: float = 0.0
 
     def __post_init__(self) -> None:
-        positive = ("length", "linear_density", "bending_stiffness", "density_taper", "stiffness_taper", "damping_taper")
+        positive = (
+            "length",
+            "linear_density",
+            "bending_stiffness",
+            "density_taper",
+            "stiffness_taper",
+            "damping_taper",
+        )
         for name in positive:
-            object.__setattr__(self, name, _number(name, getattr(self, name), low=0, strict=True))
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
         for name in ("bending_damping", "drag"):
-            object.__setattr__(self, name, _number(name, getattr(self, name), low=0))
-        object.__setattr__(self, "rest_curvature", _number("rest_curvature", self.rest_curvature))
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0))
+        object.__setattr__(self, "rest_curvature", number("rest_curvature", self.rest_curvature))
 
     def lump(self, N: int) -> WhipParameters:
         """The whip as N nodes, its mass, drag and compliance shared out by hat functions.
@@ -81,8 +88,12 @@ class WhipProfile:
         rest = hats(np.full_like(s, self.rest_curvature))[:N]
         k[0] = b[0] = rest[0] = 0.0  # the free hinge
         return WhipParameters(
-            N=N, l=l, m=tuple(mass[1:]), k=tuple(k), b=tuple(b),
+            N=N,
+            l=l,
+            m=tuple(mass[1:]),
+            k=tuple(k),
+            b=tuple(b),
             rest_angle=tuple(rest) if self.rest_curvature else 0.0,
             drag=tuple(hats(np.full_like(s, self.drag))[1:]) if self.drag else 0.0,
             hinge_mass=mass[0],
-        )  # fmt: skip
+        )

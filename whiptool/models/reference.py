@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from typing import Literal, get_args
 
 import mujoco
 import numpy as np
+from scipy.linalg import eigh
 
 from whiptool.errors import InputError
-from whiptool.impedance.controller import ControlLoop, Controller
+from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.models.arm import Arm
-from whiptool.models.compiled import _FASTEST, complete_trajectory
 from whiptool.models.mujoco_model import build_spec
-from whiptool.models.parameters import Model, _number
+from whiptool.models.parameters import Model, number
 from whiptool.models.posture import start_posture
-from whiptool.models.trajectory import Trajectory
+from whiptool.models.stepping import FASTEST, time_grid
+from whiptool.models.trajectory import Trajectory, complete_trajectory
 from whiptool.strike import Strike
 
 Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
-TIMESTEP = 1e-4  # [s]
+TIMESTEP = 1e-4  # [s], largest
 _callback = threading.Lock()  # MuJoCo's control callback is one per process
 
 
@@ -34,19 +34,22 @@ class ReferenceRollout:
     Args:
         model: Whip, arm, gravity.
         controller: Law and options.
-        timestep: MuJoCo's step [s].
+        timestep: MuJoCo's step [s]; default: 0.1 ms, less where the whip's damping would make RK4 unstable.
         integrator: One of MuJoCo's.
     """
 
     engine = "reference"
 
-    def __init__(self, model: Model, controller: Controller, *, timestep: float = TIMESTEP,
-                 integrator: Integrator = "RK4") -> None:  # fmt: skip
+    def __init__(
+        self, model: Model, controller: Controller, *, timestep: float | None = None, integrator: str = "RK4"
+    ) -> None:
         if integrator not in get_args(Integrator):
             raise InputError("integrator", integrator, ", ".join(get_args(Integrator)))
         self.model, self.controller = model, controller
-        self.timestep = _number("timestep", timestep, low=0, strict=True)
         self._mj = build_spec(model).compile()
+        if timestep is None:
+            timestep = min(TIMESTEP, _stable_timestep(self._mj, model))
+        self.timestep = number("timestep", timestep, low=0, strict=True)
         self._mj.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
         self._data = mujoco.MjData(self._mj)
         self._arm = Arm(model)
@@ -61,17 +64,12 @@ class ReferenceRollout:
     def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
         """The whole strike of `D + t_stay` seconds, at every step."""
         a, n = self.model.arm.n, self.model.n
-        duration = strike.D + t_stay
         loop = self.controller.bind(self._arm, strike)
-        period, hold = self.controller.control_period, 0
-        if period is None:
-            steps = math.ceil(duration / self.timestep - 1e-9)
-            h, h_last = duration / steps, duration / steps
-        else:
-            hold = math.ceil(period / self.timestep - 1e-9)
-            h = period / hold
-            steps = math.ceil(duration / h - 1e-9)
-            h_last = duration - (steps - 1) * h
+        grid = time_grid(
+            np.array([strike.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
+        )
+        h, h_last, steps = (x[0].item() for x in grid[:3])
+        hold = grid[3] if self.controller.control_period is not None else 0
         mj, data = self._mj, self._data
         mujoco.mj_resetData(mj, data)
         data.qpos[:] = start_posture(self.model, np.array([strike.q_i]))[0]
@@ -93,16 +91,23 @@ class ReferenceRollout:
                     if i == steps:
                         break
                     mujoco.mj_step(mj, data)
-                    if not data.qvel @ data.qvel < _FASTEST**2 or data.time == 0:  # MuJoCo resets what it gives up
+                    if not data.qvel @ data.qvel < FASTEST**2 or data.time == 0:  # MuJoCo resets what it gives up
                         diverged = True
                         break
             finally:
                 mujoco.set_mjcb_control(None)
         done = slice(i + 1)
         return complete_trajectory(
-            self.model, self.controller, strike, t=times[done], q=q[done], v=v[done], tau=tau[done],
-            diverged=diverged, tip=(tip[done], velocity[done]),
-        )  # fmt: skip
+            self.model,
+            self.controller,
+            strike,
+            t=times[done],
+            q=q[done],
+            v=v[done],
+            tau=tau[done],
+            diverged=diverged,
+            tip=(tip[done], velocity[done]),
+        )
 
     def _control(self, loop: ControlLoop, *, held: bool):
         a = self.model.arm.n
@@ -118,7 +123,7 @@ class ReferenceRollout:
     def _forces(self, data: mujoco.MjData) -> np.ndarray:
         """Generalised forces of smoothed friction and drag [N m], (n,)."""
         v = data.qvel
-        force = -self._friction * v / np.sqrt(v**2 + self.model.whip.friction_velocity ** 2)
+        force = -self._friction * v / np.sqrt(v**2 + self.model.whip.friction_velocity**2)
         if self._drag.any():
             # node i sits at its body's centre of mass; all joints before it move it about the y axis
             nodes, joints = data.xipos[self._nodes][:, ::2], data.xanchor[:, ::2]
@@ -135,3 +140,18 @@ class ReferenceRollout:
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(self._mj, self._data, mujoco.mjtObj.mjOBJ_SITE, self._tip, velocity, 0)
         return velocity[[3, 5]]
+
+
+def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:
+    """A step [s] well inside RK4's stability limit (2.78 over the fastest decay) for damping and friction."""
+    rng, data = np.random.default_rng(0), mujoco.MjData(mj)
+    whip = model.whip
+    damping = mj.dof_damping + np.r_[np.zeros(model.arm.n), whip.per_node("dry_friction")] / whip.friction_velocity
+    fastest = 1e-9
+    for _ in range(20):  # the limit depends on the posture
+        data.qpos[:] = rng.normal(0, 0.5, model.n)
+        mujoco.mj_forward(mj, data)
+        M = np.empty((model.n, model.n))
+        mujoco.mj_fullM(mj, data, M)
+        fastest = max(fastest, eigh(np.diag(damping), M, eigvals_only=True)[-1])
+    return 1.4 / fastest

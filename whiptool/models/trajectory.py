@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from whiptool.models.parameters import Model
+
+if TYPE_CHECKING:
+    from whiptool.impedance.controller import Controller
+    from whiptool.strike import Strike
 
 
 @dataclass(frozen=True)
@@ -104,3 +109,31 @@ def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
     l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
     steps = np.stack([l * np.sin(theta), -l * np.cos(theta)], axis=-1)
     return np.concatenate([np.zeros((*steps.shape[:-2], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
+
+
+def complete_trajectory(
+    model: Model,
+    controller: Controller,
+    strike: Strike,
+    *,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    tau: np.ndarray,
+    diverged: bool,
+    tip: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Trajectory:
+    """A trajectory with what follows from states: references, gains, and, unless given, the tip's path."""
+    a = model.arm.n
+    q_d, v_d, _ = strike.reference(t)
+    K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
+    if tip is None:
+        theta, omega = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
+        l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
+        tip = (
+            joint_points(model, q)[:, -1],
+            np.stack([(l * np.cos(theta) * omega).sum(1), (l * np.sin(theta) * omega).sum(1)], axis=1),
+        )
+    return Trajectory(
+        t=t, q=q, v=v, q_d=q_d, v_d=v_d, tau=tau, K=K, B=B, tip=tip[0], tip_velocity=tip[1], diverged=diverged
+    )

@@ -1,0 +1,65 @@
+"""Ways to find a strike, all behind one call: `search(objective, method)`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+from whiptool.errors import InputError
+from whiptool.objective import Objective, SearchStopped
+from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
+from whiptool.optimizers.random_search import random_search
+from whiptool.optimizers.result import MESSAGES, Result, Status
+from whiptool.strike import Strike
+
+__all__ = ["METHODS", "Result", "Status", "find_method", "search"]
+
+Method = Callable[..., None]
+METHODS: dict[str, Method] = {
+    "directl": partial(nlopt_search, algorithm=DIRECT_L),
+    "random": random_search,
+}
+_STOPS = {"hit": Status.HIT, "trials": Status.MAX_TRIALS, "time": Status.MAX_TIME}
+
+
+def find_method(name: str) -> Method:
+    """The method called `name`: one of `METHODS`, or `nlopt:` and the name of an NLopt global algorithm.
+
+    Raises:
+        InputError: There is none of that name; the message lists them.
+    """
+    if name in METHODS:
+        return METHODS[name]
+    if name.startswith("nlopt:") and name.removeprefix("nlopt:") in nlopt_names():
+        return partial(nlopt_search, algorithm=name.removeprefix("nlopt:"))
+    raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())]))
+
+
+def search(objective: Objective, method: str, *, seed: int = 0) -> Result:
+    """Run a method on an objective until it hits, converges, uses up its budget, or is interrupted (Ctrl-C).
+
+    Raises:
+        InputError: The method is unknown, or does not fit the objective.
+    """
+    run, start = find_method(method), time.monotonic()
+    try:
+        run(objective, seed=seed)
+        status, detail = Status.CONVERGED, ""
+    except SearchStopped as stop:
+        status, detail = _STOPS[stop.reason], ""
+    except KeyboardInterrupt:
+        status, detail = Status.INTERRUPTED, ""
+    except (RuntimeError, MemoryError) as error:  # NLopt's own failures
+        status, detail = Status.FAILED, f": {error}"
+    best = objective.best
+    return Result(
+        method=method,
+        status=status,
+        message=MESSAGES[status] + detail,
+        strike=None if best is None else Strike.from_vector(best.strike),
+        outcome=None if best is None else best.outcome,
+        trace=tuple(objective.trials),
+        n_diverged=objective.n_diverged,
+        wall_time=time.monotonic() - start,
+    )

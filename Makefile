@@ -1,0 +1,41 @@
+# `make demo` installs what is needed and finds a strike; `make test` installs what tests need and runs them.
+PYTHON ?= python3
+VENV := .venv
+RUN := $(VENV)/bin/python
+INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint requirements.lock
+
+.PHONY: demo test test-fast check clean
+.DELETE_ON_ERROR:
+
+demo: $(VENV)/.core
+	$(RUN) -m whiptool.optimize --method directl
+
+test: check
+	$(RUN) -m pytest
+
+test-fast: $(VENV)/.dev
+	$(RUN) -m pytest -m "not slow"
+
+check: $(VENV)/.dev
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m pyright
+
+$(VENV)/.python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "whiptool needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.core: $(VENV)/.python pyproject.toml requirements.lock
+	@echo "installing whiptool into $(VENV) ..."
+	$(INSTALL) --editable .
+	touch $@
+
+$(VENV)/.dev: $(VENV)/.core
+	@echo "installing what the tests need into $(VENV) ..."
+	$(INSTALL) --editable .[dev]
+	touch $@
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,189 @@
+"""What the command lines share: options, parsing, and errors as one line."""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from whiptool import __version__
+from whiptool.errors import InputError, WhiptoolError
+
+if TYPE_CHECKING:
+    from whiptool.impedance import Controller
+    from whiptool.models.parameters import Model
+    from whiptool.objective import Rollout, Target
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationOptions:
+    """What is simulated, and how."""
+
+    target: tuple[float, ...] = (1.3, 0.0)
+    """Target position x y [m], from the shoulder, y up."""
+    hit_radius: float = 0.06
+    """The target is hit when the tip comes this close [m]."""
+    t_stay: float = 0.3
+    """The strike is watched this long after the movement ended [s]."""
+    model: str = "lemon2024"
+    """Preset (lemon2024, nah2020-n10, nah2020-n15, nah2020-n20, nah2020-fitted) or the path of a .toml file."""
+    controller: str = "oiac"
+    """Control law: oiac or constant (Eq. 22)."""
+    preset: str = "table4"
+    """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4)."""
+    feedforward: bool = False
+    """Add the torque that the bare arm needs to follow the reference."""
+    torque_limit: float | None = None
+    """Largest joint torque [N m]."""
+    control_period: float | None = None
+    """Hold the torque for this long [s], as a rig does."""
+    simulator: str = "compiled"
+    """compiled (CasADi) or reference (MuJoCo)."""
+    timestep: float | None = None
+    """Integration step [s]; default: 0.0005 compiled, at most 0.0001 reference."""
+    integrator: str = "RK4"
+    """Of the reference: RK4, Euler, implicit or implicitfast."""
+
+    def build_model(self) -> Model:
+        """The model that `--model` names."""
+        from whiptool.models.files import find_model
+
+        return find_model(self.model)
+
+    def build_controller(self) -> Controller:
+        """The controller that the options describe."""
+        from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
+
+        if self.controller not in ("oiac", "constant"):
+            raise InputError("--controller", self.controller, "oiac, constant")
+        oiac = oiac_preset(self.preset)  # checked in any case
+        return Controller(
+            law=oiac if self.controller == "oiac" else ConstantImpedance(),
+            feedforward=self.feedforward,
+            torque_limit=self.torque_limit,
+            control_period=self.control_period,
+        )
+
+    def build_target(self) -> Target:
+        """Target position and hit radius."""
+        from whiptool.objective import Target
+
+        return Target(self.target, self.hit_radius)
+
+    def build_rollout(self, model: Model, controller: Controller) -> Rollout:
+        """The simulator that `--simulator` names."""
+        if self.simulator == "compiled":
+            from whiptool.models.compiled import TIMESTEP, CompiledRollout
+
+            return CompiledRollout(model, controller, timestep=TIMESTEP if self.timestep is None else self.timestep)
+        if self.simulator == "reference":
+            from whiptool.models.reference import ReferenceRollout
+
+            return ReferenceRollout(model, controller, timestep=self.timestep, integrator=self.integrator)
+        raise InputError("--simulator", self.simulator, "compiled, reference")
+
+    def controller_label(self) -> str:
+        """The controller in words, for people."""
+        name = "constant impedance" if self.controller == "constant" else f"OIAC {self.preset}"
+        return name + (" with feedforward" if self.feedforward else "")
+
+
+def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None) -> T:
+    """The command line as an instance of a frozen dataclass.
+
+    Raises:
+        InputError: It does not parse; the argument is named.
+        SystemExit: `--help` was printed.
+    """
+    import tyro
+    from tyro import _errors as tyro_errors
+
+    def refuse(event: Any) -> None:
+        argument = getattr(event, "argument", None)
+        name = argument.lowered.name_or_flags[0] if argument is not None else "command line"
+        if isinstance(event, tyro_errors.UnrecognizedArgs):
+            raise InputError("command line", " ".join(event.tokens), "the options that --help lists")
+        if isinstance(event, tyro_errors.InvalidChoice):
+            raise InputError(name, event.value, ", ".join(event.choices))
+        if isinstance(event, tyro_errors.BadValue):
+            raise InputError(name, event.offending_value, "a value (see --help)")
+        if isinstance(event, tyro_errors.InstantiationFailure):
+            raise InputError(name, _given(name, args), "a value of its type", event.message)
+        raise InputError("command line", " ".join(args if args is not None else sys.argv[1:]), "what --help shows")
+
+    with tyro_errors.on_parse_error(refuse):
+        extra = {} if default is None else {"default": default}
+        return tyro.cli(options, prog=prog, description=description, args=args, **extra)
+
+
+def _given(flag: str, args: Sequence[str] | None) -> str:
+    """What stood behind a flag on the command line."""
+    words = list(args if args is not None else sys.argv[1:])
+    if flag not in words:
+        return ""
+    behind = words[words.index(flag) + 1 :]
+    return " ".join(behind[: next((i for i, word in enumerate(behind) if word.startswith("--")), len(behind))])
+
+
+def run(command: Callable[[], int]) -> int:
+    """Run a command: its exit status, bad input being one line on stderr and status 2."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # end as by Ctrl-C: save and summarise
+    try:
+        return command()
+    except InputError as error:
+        print(f"whiptool: {error}", file=sys.stderr)
+        return 2
+    except WhiptoolError as error:
+        print(f"whiptool: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("whiptool: interrupted", file=sys.stderr)
+        return 130
+
+
+COMMANDS = {
+    "optimize": "find a strike that hits a target",
+    "simulate": "play one strike, or export the model",
+}
+
+
+def main() -> int:
+    """`whiptool COMMAND ...`: the same as `python -m whiptool.COMMAND ...`."""
+    from importlib import import_module
+
+    args = sys.argv[1:]
+    if args[:1] == ["--version"]:
+        print(f"whiptool {__version__}")
+        return 0
+    if not args or args[0] in ("-h", "--help"):
+        print("usage: whiptool COMMAND [options]\n")
+        print("\n".join(f"  {name:10s} {what}" for name, what in COMMANDS.items()))
+        print("\n`whiptool COMMAND --help` lists a command's options; `whiptool --version` prints the version.")
+        return 0
+    if args[0] not in COMMANDS:
+        return run(lambda: _unknown(args[0]))
+    return import_module(f"whiptool.{args[0]}").main(args[1:])
+
+
+def _unknown(command: str) -> int:
+    raise InputError("command", command, ", ".join(COMMANDS))
+
+
+def degrees(radians: float) -> str:
+    """An angle for people: rad, and degrees beside it."""
+    return f"{radians:+.4f} rad ({radians * 57.29577951308232:+.1f} deg)"
+
+
+def as_plain(options: Any) -> dict:
+    """Options as plain TOML data; what is None is left out."""
+    plain = {}
+    for f in dataclasses.fields(options):
+        value = getattr(options, f.name)
+        if value is not None:
+            plain[f.name] = list(value) if isinstance(value, tuple) else value
+    return plain

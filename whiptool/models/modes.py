@@ -1,0 +1,126 @@
+"""Small motions: the chain linearised at a posture, and the natural modes of the hanging whip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import eigh
+from scipy.optimize import linear_sum_assignment
+
+from whiptool.errors import InputError
+from whiptool.models.chain import Chain, bias_forces, chain_of, mass_matrix, passive_torque
+from whiptool.models.parameters import Model
+from whiptool.models.posture import start_posture
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """`M ddx + C dx + K x = tau` for small deviations x [rad] of the n joints from a posture, and torques tau [N m]
+    beyond those that hold it.
+
+    Args:
+        M: Mass matrix [kg m^2], (n, n).
+        C: Damping [N m s/rad], (n, n); away from rest with the velocity terms, not symmetric.
+        K: Stiffness of springs and weight [N m/rad], (n, n); at rest symmetric, the potential energy's Hessian.
+        A: State matrix of [x, dx], `[[0, 1], [-M^-1 K, -M^-1 C]]`, (2 n, 2 n).
+    """
+
+    M: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    A: np.ndarray
+
+
+def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None) -> Linearisation:
+    """Exact derivatives of the chain's dynamics at a posture.
+
+    The joints' accelerations are taken to be zero there, held so by constant torques: about an equilibrium these are
+    zero, elsewhere they are `bias_forces - passive_torque`.
+
+    Args:
+        chain: Of numbers; or a model, whose whole chain of arm and whip is meant.
+        q0: Joint positions [rad], (n,).
+        v0: Joint velocities [rad/s], (n,); default: at rest.
+
+    Raises:
+        InputError: A length is not n, or a number is not finite.
+    """
+    if isinstance(chain, Model):
+        chain = chain_of(chain)
+    n = chain.n
+    states = []
+    for name, given in (("q0", q0), ("v0", np.zeros(n) if v0 is None else v0)):
+        state = np.asarray(given, float)
+        if state.shape != (n,) or not np.isfinite(state).all():
+            raise InputError(name, given, f"{n} finite numbers, one per joint")
+        states.append(state)
+    q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
+    force = bias_forces(chain, q, v) - passive_torque(chain, q, v)  # M ddq + force = tau
+    matrices = ca.Function("linearise", [q, v], [mass_matrix(chain, q), ca.jacobian(force, v), ca.jacobian(force, q)])
+    M, C, K = (np.array(x) for x in matrices(*states))
+    M = (M + M.T) / 2  # of rounding
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])
+    return Linearisation(M, C, K, A)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Natural modes, lowest frequency first.
+
+    Args:
+        frequencies: Of the undamped whip [Hz], (k,).
+        damping_ratios: Of the damped whip, (k,): `-Re(lambda) / |lambda|` of the pair of complex eigenvalues whose
+            motion is most like the undamped mode. NaN where no pair is left for a mode: an overdamped mode does
+            not swing, its eigenvalues are real, and with several such modes nothing says which two belong together.
+        shapes: Joint angles of each undamped mode, (k, n), the largest being 1; zero for locked joints.
+        eigenvalues: All 2 m of the damped motion of the m free joints [1/s], slowest first, (2 m,): complex in
+            conjugate pairs, or real for overdamped motion.
+    """
+
+    frequencies: np.ndarray
+    damping_ratios: np.ndarray
+    shapes: np.ndarray
+    eigenvalues: np.ndarray
+
+
+def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = None) -> Modes:
+    """Modes of the whip that hangs at rest below the straight, hanging arm.
+
+    Args:
+        model: Whip, arm and gravity.
+        fixed_arm: The arm is locked and the whip swings alone from the hand; otherwise all joints are free.
+        count: How many modes; default: as many as joints are free.
+
+    Raises:
+        InputError: `count` is not in 1 .. number of free joints.
+    """
+    a, n = model.arm.n, model.n
+    free = slice(a if fixed_arm else 0, n)
+    m = n - a if fixed_arm else n
+    if count is not None and (isinstance(count, bool) or not isinstance(count, (int, np.integer)) or not 1 <= count <= m):
+        raise InputError("count", count, f"a whole number from 1 to {m}")
+    k = m if count is None else int(count)
+    linear = linearise(model, start_posture(model, np.zeros((1, a)))[0])
+    M, C, K = (matrix[free, free] for matrix in (linear.M, linear.C, linear.K))
+    squares, undamped = eigh(K, M)  # columns with x^T M x = 1
+    inverse = np.linalg.solve(M, np.hstack([K, C]))
+    eigenvalues, damped = np.linalg.eig(np.block([[np.zeros((m, m)), np.eye(m)], [-inverse]]))
+
+    ratios = np.full(m, np.nan)
+    swinging = np.flatnonzero(eigenvalues.imag > 1e-9 * np.abs(eigenvalues))
+    if len(swinging):
+        lambdas, motions = eigenvalues[swinging], damped[:m, swinging]
+        norm = np.sqrt(np.einsum("im,ij,jm->m", motions.conj(), M, motions).real)
+        likeness = np.abs(undamped.T @ M @ motions) / norm  # (m, pairs), 1 for the same shape
+        modes, pairs = linear_sum_assignment(likeness, maximize=True)
+        ratios[modes] = -lambdas.real[pairs] / np.abs(lambdas[pairs])
+    shapes = np.zeros((m, n))
+    shapes[:, free] = (undamped / undamped[np.abs(undamped).argmax(axis=0), np.arange(m)]).T
+    return Modes(
+        frequencies=np.sqrt(np.maximum(squares, 0))[:k] / (2 * np.pi),
+        damping_ratios=ratios[:k],
+        shapes=shapes[:k],
+        eigenvalues=eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues).round(12)))],
+    )

@@ -1,0 +1,30 @@
+"""How a strike's duration is cut into steps, and when a rollout is given up; the same for every rollout."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+FASTEST = 1e4  # [rad/s], norm of all joint speeds; faster counts as diverged
+
+
+def time_grid(
+    duration: np.ndarray, *, timestep: float, control_period: float | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Steps of strikes that last `duration` seconds, shape (B,).
+
+    A continuous controller takes equal steps of at most `timestep`. One that holds its torque takes whole steps in
+    each control period, and the last step of the strike may be shorter.
+
+    Returns:
+        Step and last step [s], (B,); number of steps, (B,); steps for which a torque is held.
+    """
+    if control_period is None:
+        steps = np.ceil(duration / timestep - 1e-9).astype(np.int64)
+        h = duration / steps
+        return h, h, steps, 1
+    hold = math.ceil(control_period / timestep - 1e-9)
+    h = np.full(len(duration), control_period / hold)
+    steps = np.ceil(duration / h - 1e-9).astype(np.int64)
+    return h, duration - (steps - 1) * h, steps, hold

@@ -1,0 +1,256 @@
+"""The one door from any search or learner to the physics: strikes in, outcomes out, every trial counted."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from whiptool.errors import InputError, WhiptoolError
+from whiptool.models.parameters import Model, number
+from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.strike import Strike, StrikeBounds, default_bounds
+
+HIT_RADIUS = 0.06  # [m], Eq. 17
+T_STAY = 0.3  # [s], not printed in the paper
+TARGET = (1.3, 0.0)  # [m], centre of the target zone; not printed in the paper
+
+
+class Rollout(Protocol):
+    """What the objective needs of a simulator."""
+
+    model: Model
+    engine: str
+    timestep: float
+
+    def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
+        """The whole strike."""
+        ...
+
+
+@dataclass(frozen=True)
+class Target:
+    """A point to hit.
+
+    Args:
+        position: (x, y) [m].
+        hit_radius: It is hit when the tip comes this close [m].
+
+    Raises:
+        InputError: A value is not finite, or the radius is not positive.
+    """
+
+    position: tuple[float, ...] = TARGET
+    hit_radius: float = HIT_RADIUS
+
+    def __post_init__(self) -> None:
+        position = tuple(float(x) for x in self.position)
+        if len(position) != 2 or not all(map(math.isfinite, position)):
+            raise InputError("target", position, "two finite coordinates x y in m")
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "hit_radius", number("hit radius", self.hit_radius, low=0, strict=True))
+
+    def check_reach(self, model: Model) -> None:
+        """Refuse a target that the stretched arm and whip cannot come near.
+
+        Raises:
+            InputError: It lies farther from the shoulder than reach and hit radius.
+        """
+        distance = math.hypot(*self.position)
+        if distance > model.reach + self.hit_radius:
+            raise InputError(
+                "target",
+                self.position,
+                f"within the model's reach of {model.reach:.3f} m of the shoulder",
+                f"it is {distance:.3f} m away",
+            )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one strike came to.
+
+    Args:
+        miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged.
+        hit: Whether that is within the hit radius.
+        time: When the tip was closest [s].
+        tip_speed: Its speed then [m/s].
+        tip: Where it was then (x, y) [m].
+        max_joint_speed: Largest speed of each arm joint [rad/s].
+        max_torque: Largest torque of each arm joint [N m].
+        diverged: Whether the rollout broke off.
+    """
+
+    miss_distance: float
+    hit: bool
+    time: float
+    tip_speed: float
+    tip: tuple[float, ...]
+    max_joint_speed: tuple[float, ...]
+    max_torque: tuple[float, ...]
+    diverged: bool
+
+    @property
+    def hit_time(self) -> float | None:
+        """Time of the closest approach if that is a hit [s], else None."""
+        return self.time if self.hit else None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One strike and its outcome, numbered from 1."""
+
+    number: int
+    strike: tuple[float, ...]
+    outcome: Outcome
+
+
+class SearchStopped(WhiptoolError):
+    """Raised by the objective when a search has to end; `reason` is `hit`, `trials` or `time`."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+class Objective:
+    """Miss distance of strikes at one target, for one simulated arm and whip.
+
+    Args:
+        rollout: Simulator of a model and controller.
+        target: Point and hit radius.
+        t_stay: The strike is watched this long after the movement ended [s].
+        bounds: Box in which strikes are searched; default: `default_bounds`.
+        max_trials: No more trials than these; None: no limit.
+        max_time: No trial starts later than this after the objective was made [s]; None: no limit.
+        stop_at_hit: End the search with the first hit.
+
+    Raises:
+        InputError: The target cannot be reached, or a number is out of range.
+    """
+
+    def __init__(
+        self,
+        rollout: Rollout,
+        target: Target | None = None,
+        *,
+        t_stay: float = T_STAY,
+        bounds: StrikeBounds | None = None,
+        max_trials: int | None = None,
+        max_time: float | None = None,
+        stop_at_hit: bool = False,
+    ) -> None:
+        self.rollout, self.target = rollout, target or Target()
+        self.target.check_reach(rollout.model)
+        self.bounds = bounds or default_bounds(rollout.model.arm)
+        if len(self.bounds.lower) != 2 * rollout.model.arm.n + 1:
+            raise InputError("bounds", self.bounds.lower, f"{2 * rollout.model.arm.n + 1} values each")
+        self.t_stay = number("t_stay", t_stay, low=0)
+        if max_trials is not None and max_trials < 1:
+            raise InputError("max trials", max_trials, "a whole number >= 1")
+        self.max_trials = max_trials
+        self.max_time = None if max_time is None else number("max time", max_time, low=0, strict=True)
+        self.stop_at_hit = stop_at_hit
+        self.trials: list[Trial] = []
+        self.best: Trial | None = None
+        self._recorded: list[Trial] = []
+        self._on_trial: Callable[[Trial], None] | None = None
+        self._start = time.monotonic()
+        # farther than any real miss can be
+        self.penalty = rollout.model.reach + math.hypot(*self.target.position)
+
+    def record(self, recorded: Sequence[Trial], on_trial: Callable[[Trial], None]) -> None:
+        """Tie the trials to a log.
+
+        Args:
+            recorded: Trials of an earlier run; the first calls must repeat them and are answered from them.
+            on_trial: Called with every trial, in order.
+        """
+        self._recorded, self._on_trial = list(recorded), on_trial
+
+    @property
+    def n_diverged(self) -> int:
+        """Trials that diverged."""
+        return sum(trial.outcome.diverged for trial in self.trials)
+
+    def __call__(self, strike: np.ndarray | Sequence[float]) -> Outcome:
+        """Outcome of one strike vector.
+
+        Raises:
+            SearchStopped: The budget was used up before this strike, or this strike was the hit to stop at.
+        """
+        return self.batch(np.atleast_2d(np.asarray(strike, float)))[0]
+
+    def batch(self, strikes: np.ndarray) -> list[Outcome]:
+        """Outcomes of strike vectors, shape (B, 2 n + 1), each a trial.
+
+        Raises:
+            SearchStopped: The budget ended within the batch (the trials up to its end are counted), or one of them
+                was the hit to stop at (all are counted).
+        """
+        strikes = np.array(strikes, float, ndmin=2)  # a copy: optimizers reuse their buffers
+        if self.max_time is not None and time.monotonic() - self._start > self.max_time:
+            raise SearchStopped("time")
+        room = len(strikes) if self.max_trials is None else self.max_trials - len(self.trials)
+        if room <= 0:
+            raise SearchStopped("trials")
+        admitted = strikes[:room]
+        outcomes = self._replay(admitted)
+        fresh = admitted[len(outcomes) :]
+        if len(fresh):
+            outcomes += self._roll(fresh)
+        for vector, outcome in zip(admitted, outcomes, strict=True):
+            trial = Trial(len(self.trials) + 1, tuple(map(float, vector)), outcome)
+            self.trials.append(trial)
+            if self.best is None or outcome.miss_distance < self.best.outcome.miss_distance:
+                self.best = trial
+            if self._on_trial is not None:
+                self._on_trial(trial)
+        if self.stop_at_hit and any(outcome.hit for outcome in outcomes):
+            raise SearchStopped("hit")
+        if len(admitted) < len(strikes):
+            raise SearchStopped("trials")
+        return outcomes
+
+    def _replay(self, strikes: np.ndarray) -> list[Outcome]:
+        """Outcomes of those of these strikes that an earlier run recorded."""
+        done = len(self.trials)
+        known = self._recorded[done : done + len(strikes)]
+        for vector, trial in zip(strikes, known, strict=False):
+            if tuple(map(float, vector)) != trial.strike:
+                raise WhiptoolError(
+                    f"trial {trial.number} of the resumed run was {trial.strike}, the search now asks for "
+                    f"{tuple(map(float, vector))}: the run was made by other code; start a new one"
+                )
+        return [trial.outcome for trial in known]
+
+    def _roll(self, strikes: np.ndarray) -> list[Outcome]:
+        position = np.array(self.target.position)
+        approach = getattr(self.rollout, "approach", None)
+        if approach is not None:
+            near = approach(strikes, position, t_stay=self.t_stay)
+            return [self._outcome(near, i) for i in range(len(strikes))]
+        paths = (self.rollout.trajectory(Strike.from_vector(s), t_stay=self.t_stay) for s in strikes)
+        return [self.judge(path) for path in paths]
+
+    def judge(self, trajectory: Trajectory) -> Outcome:
+        """Outcome of a trajectory that is there already; it is no trial."""
+        return self._outcome(trajectory.approach(np.array(self.target.position)), 0)
+
+    def _outcome(self, near: Approach, i: int) -> Outcome:
+        diverged = bool(near.diverged[i])
+        distance = self.penalty if diverged else float(near.distance[i])
+        return Outcome(
+            miss_distance=distance,
+            hit=distance <= self.target.hit_radius,
+            time=float(near.time[i]),
+            tip_speed=float(near.speed[i]),
+            tip=tuple(map(float, near.tip[i])),
+            max_joint_speed=tuple(map(float, near.max_joint_speed[i])),
+            max_torque=tuple(map(float, near.max_torque[i])),
+            diverged=diverged,
+        )

@@ -1,0 +1,313 @@
+"""Find a strike that hits a target: `python -m whiptool.optimize --method directl`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from whiptool import cli
+from whiptool.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimizeOptions(cli.SimulationOptions):
+    """Find a strike with which the tip of the whip hits a target."""
+
+    method: str = "directl"
+    """directl, random, or nlopt:NAME of any of NLopt's global algorithms, such as nlopt:GN_CRS2_LM."""
+    lower: tuple[float, ...] | None = None
+    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
+    upper: tuple[float, ...] | None = None
+    """Upper bounds, likewise."""
+    max_trials: int = 600
+    """No more trials than these."""
+    max_time: float | None = None
+    """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
+    stop_at_hit: bool = True
+    """End with the first hit; otherwise go on to come closer."""
+    seed: int = 0
+    """Seed of what is random in the method."""
+    out: Path | None = None
+    """Run folder; default: runs/METHOD-DATE-TIME."""
+    resume: Path | None = None
+    """Go on with the killed run in this folder; its options need not be given again."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+    video: bool = True
+    """Render the strike as a video."""
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "video": True}
+_EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    options = _parse(args)
+    run = _Run(options)
+    return run.report(run.search())
+
+
+def _parse(args: Sequence[str] | None) -> OptimizeOptions:
+    """Options, those of a resumed run taken from its folder; a different one given beside is refused."""
+    from whiptool.runs import RunFolder
+
+    words = list(sys.argv[1:] if args is None else args)
+    options = cli.parse(OptimizeOptions, prog="whiptool optimize", description=_EXAMPLE, args=words)
+    if options.resume is None:
+        return options
+    stored_table = RunFolder.open(options.resume).config.get("options", {})
+    fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in stored_table.items()}
+    try:
+        stored = OptimizeOptions(**fields)
+    except TypeError as error:
+        raise InputError("--resume", str(options.resume), f"a folder of whiptool optimize ({error})") from None
+    again = cli.parse(OptimizeOptions, prog="whiptool optimize", description=_EXAMPLE, args=words, default=stored)
+    if again.out is not None:
+        raise InputError("--out", str(again.out), "nothing beside --resume: a resumed run stays in its folder")
+    for name, value in cli.as_plain(replace(again, **_NOT_CONFIGURATION)).items():
+        if stored_table.get(name, _NOT_CONFIGURATION.get(name)) != value:
+            raise InputError(
+                f"--{name.replace('_', '-')}",
+                value,
+                f"{stored_table.get(name)!r}, as the run was begun",
+                "leave it out, or start a new run",
+            )
+    return again
+
+
+class _Run:
+    """One search: everything is checked before anything is written."""
+
+    def __init__(self, options: OptimizeOptions) -> None:
+        from whiptool.models.files import model_to_table
+        from whiptool.objective import Objective
+        from whiptool.optimizers import find_method
+        from whiptool.runs import TRIALS, RunFolder, TrialLog, code_version, default_folder
+        from whiptool.strike import StrikeBounds, default_bounds
+
+        self.options = options
+        find_method(options.method)
+        self.model, self.controller = options.build_model(), options.build_controller()
+        self.target = options.build_target()
+        self.target.check_reach(self.model)
+        bounds = None
+        if options.lower is not None or options.upper is not None:
+            usual = default_bounds(self.model.arm) if self.model.arm.n == 2 else None
+            lower = options.lower if options.lower is not None else usual and usual.lower
+            upper = options.upper if options.upper is not None else usual and usual.upper
+            bounds = StrikeBounds(lower or (), upper or ())
+        self.rollout = options.build_rollout(self.model, self.controller)
+        self.objective = Objective(
+            self.rollout,
+            self.target,
+            t_stay=options.t_stay,
+            bounds=bounds,
+            max_trials=options.max_trials,
+            max_time=options.max_time,
+            stop_at_hit=options.stop_at_hit,
+        )
+        self.version = code_version()
+        config = {
+            "command": "optimize",
+            "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION)),
+            "bounds": {k: list(v) for k, v in asdict(self.objective.bounds).items()},
+            "model": model_to_table(self.model),
+            "controller": controller_table(self.controller),
+        }
+        if options.resume is None:
+            self.folder = RunFolder.create(
+                options.out or default_folder(options.method.replace(":", "-")), {"version": self.version, **config}
+            )
+        else:
+            self.folder = RunFolder.open(options.resume)
+            stored = self.folder.config
+            for part, value in config.items():
+                if stored.get(part) != value:
+                    raise InputError(
+                        "--resume",
+                        str(options.resume),
+                        f"a run of the same {part}",
+                        f"the {part} is not what it was when the run was begun",
+                    )
+        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm)
+        self.recorded = self.log.read() if options.resume else []
+
+    def search(self):
+        """Search with a progress bar, every new trial written as it happens."""
+        from tqdm import tqdm
+
+        from whiptool.optimizers import search
+
+        objective, known = self.objective, len(self.recorded)
+        with tqdm(
+            total=self.options.max_trials,
+            unit=" trials",
+            file=sys.stderr,
+            desc=self.options.method,
+            dynamic_ncols=True,
+            leave=False,
+        ) as bar:
+
+            def on_trial(trial) -> None:
+                if trial.number > known:
+                    self.log.append(trial)
+                assert objective.best is not None
+                bar.set_postfix_str(f"closest {objective.best.outcome.miss_distance:.4f} m", refresh=False)
+                bar.update()
+
+            objective.record(self.recorded, on_trial)
+            return search(objective, self.options.method, seed=self.options.seed)
+
+    def report(self, result) -> int:
+        """Replay on the reference, write everything, tell people or programs."""
+        from whiptool.optimizers import Status
+
+        status = 130 if result.status is Status.INTERRUPTED else 0
+        if result.strike is None:
+            print("whiptool: ended before the first trial", file=sys.stderr)
+            return status or 1
+        summary = self._summary(result, reference=self._replay(result))
+        trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
+        self.folder.write_result(summary)
+        files = save_strike(
+            self.folder.path,
+            trajectory,
+            self.model,
+            self.target,
+            self.options.controller_label(),
+            D=result.strike.D,
+            video=self.options.video,
+        )
+        from whiptool.plots import save_convergence
+
+        save_convergence(self.folder.path, [t.outcome.miss_distance for t in result.trace], self.target.hit_radius)
+        print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
+        return status
+
+    def _replay(self, result) -> dict:
+        """The winning strike on the reference rollout."""
+        from whiptool.models.reference import ReferenceRollout
+
+        reference = ReferenceRollout(self.model, self.controller)
+        path = reference.trajectory(result.strike, t_stay=self.options.t_stay)
+        if path.diverged:
+            return {"miss_distance": None, "difference": None}
+        import numpy as np
+
+        distance = float(path.approach(np.array(self.target.position)).distance[0])
+        return {"miss_distance": distance, "difference": distance - result.outcome.miss_distance}
+
+    def _summary(self, result, *, reference: dict) -> dict:
+        from whiptool.strike import strike_names
+
+        names = strike_names(self.model.arm)
+        outcome = result.outcome
+        return {
+            "method": result.method,
+            "status": result.status.value,
+            "message": result.message,
+            "target": list(self.target.position),
+            "hit_radius": self.target.hit_radius,
+            "strike": dict(zip(names, map(float, result.strike.vector), strict=True)),
+            "miss_distance": outcome.miss_distance,
+            "hit": outcome.hit,
+            "hit_time": outcome.hit_time,
+            "tip_speed": None if outcome.diverged else outcome.tip_speed,
+            "n_trials": result.n_trials,
+            "n_diverged": result.n_diverged,
+            "wall_time": result.wall_time,
+            "reference": reference,
+            "controller": controller_table(self.controller),
+            "model": self.model.name,
+            "seed": self.options.seed,
+            "version": self.version,
+        }
+
+    def _text(self, result, summary: dict, files: list[str]) -> str:
+        bounds = self.objective.bounds
+        lines = [
+            f"{result.method}: {result.message}, after {result.n_trials} trials in {result.wall_time:.2f} s"
+            f" ({result.n_diverged} diverged)",
+            *strike_lines(summary["strike"], zip(bounds.lower, bounds.upper, strict=True)),
+            *outcome_lines(result.outcome, self.target),
+        ]
+        reference = summary["reference"]
+        if reference["miss_distance"] is None:
+            lines.append("  reference      diverged in MuJoCo: do not trust this strike")
+        else:
+            lines.append(
+                f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, a difference of "
+                f"{1e3 * reference['difference']:+.3f} mm"
+            )
+        lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
+        lines.append(f"  run folder     {self.folder.path} ({', '.join(files)})")
+        return "\n".join(lines)
+
+
+def controller_table(controller) -> dict:
+    """The controller as plain data: its law's name and numbers, and its options."""
+    table = {"law": controller.law.kind}
+    table |= {k: [list(row) for row in v] if isinstance(v, tuple) else v for k, v in asdict(controller.law).items()}
+    options = {
+        "feedforward": controller.feedforward,
+        "torque_limit": controller.torque_limit,
+        "control_period": controller.control_period,
+    }
+    return table | {k: v for k, v in options.items() if v is not None}
+
+
+def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
+    """A strike for people, with the bounds in which it was searched if given."""
+    lines = []
+    limits = list(bounds) if bounds is not None else [None] * len(strike)
+    for (name, value), limit in zip(strike.items(), limits, strict=True):
+        text = f"{value:.4f} s" if name == "D" else cli.degrees(value)
+        within = "" if limit is None else f"   within {limit[0]:+.4f} .. {limit[1]:+.4f}"
+        lines.append(f"  {name:14s} {text:27s}{within}")
+    return lines
+
+
+def outcome_lines(outcome, target) -> list[str]:
+    """An outcome for people."""
+    if outcome.diverged:
+        return ["  outcome        the simulation diverged: the joints' speed left all bounds"]
+    where = ", ".join(f"{x:.3f}" for x in target.position)
+    said = "hit" if outcome.hit else "missed"
+    return [
+        f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
+        f"hit radius {target.hit_radius:.3f} m",
+        f"  tip speed      {outcome.tip_speed:.1f} m/s",
+        "  arm            at most "
+        + " and ".join(f"{x:.1f}" for x in outcome.max_joint_speed)
+        + " rad/s, "
+        + " and ".join(f"{x:.1f}" for x in outcome.max_torque)
+        + " N m",
+    ]
+
+
+def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float, video: bool) -> list[str]:
+    """Save trajectory, figures and video of one strike; the files' kinds, for people."""
+    from whiptool.plots import save_strike_figures
+
+    trajectory.save(folder / "trajectory.npz")
+    save_strike_figures(folder, trajectory, model, target.position, target.hit_radius, label)
+    kinds = ["trajectory", "figures"]
+    if video:
+        from whiptool.video import render_video
+
+        render_video(folder / "strike.mp4", trajectory, model, target.position, target.hit_radius)
+        kinds.append("video")
+    return kinds
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,58 @@
+"""How every search ends: a status with its message, and one Result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from whiptool.objective import Outcome, Trial
+from whiptool.strike import Strike
+
+
+class Status(Enum):
+    """Why a search ended."""
+
+    HIT = "hit"
+    CONVERGED = "converged"
+    MAX_TRIALS = "max_trials"
+    MAX_TIME = "max_time"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+MESSAGES = {
+    Status.HIT: "the target was hit",
+    Status.CONVERGED: "the method ended by its own criterion",
+    Status.MAX_TRIALS: "the budget of trials is used up",
+    Status.MAX_TIME: "the budget of time is used up",
+    Status.INTERRUPTED: "interrupted; what was found so far is kept",
+    Status.FAILED: "the method gave up",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a search found.
+
+    Args:
+        method: Its name on the command line.
+        status, message: Why it ended.
+        strike, outcome: The best strike and what it came to; None if there was no trial.
+        trace: All trials in order.
+        n_diverged: How many of them diverged.
+        wall_time: [s]
+    """
+
+    method: str
+    status: Status
+    message: str
+    strike: Strike | None
+    outcome: Outcome | None
+    trace: tuple[Trial, ...]
+    n_diverged: int
+    wall_time: float
+
+    @property
+    def n_trials(self) -> int:
+        """Number of trials."""
+        return len(self.trace)

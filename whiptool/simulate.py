@@ -1,0 +1,138 @@
+"""Play one strike, or export the model: `python -m whiptool.simulate --strike q_si q_ei q_sf q_ef D`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from whiptool import cli
+from whiptool.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(cli.SimulationOptions):
+    """Play one strike and save its trajectory, figures and video."""
+
+    strike: tuple[float, ...] | None = None
+    """q_si q_ei q_sf q_ef [rad] and D [s]."""
+    export: Path | None = None
+    """Write the model as MJCF for MuJoCo's own viewer."""
+    out: Path | None = None
+    """Run folder; default: runs/simulate-DATE-TIME."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+    video: bool = True
+    """Render the strike as a video."""
+
+
+_EXAMPLE = "Play one strike. Example: python -m whiptool.simulate --strike -1.2 0.9 1.2 0.3 0.7"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, or 2 for bad input."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    options = cli.parse(SimulateOptions, prog="whiptool simulate", description=_EXAMPLE, args=args)
+    if options.strike is None and options.export is None:
+        raise InputError("--strike", None, "five numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
+    model = options.build_model()
+    strike = None if options.strike is None else _strike(options, model.arm.n)
+    if options.export is not None:
+        _export(options, model)
+    if strike is not None:
+        _play(options, model, strike)
+    return 0
+
+
+def _strike(options: SimulateOptions, n: int):
+    from whiptool.strike import Strike
+
+    assert options.strike is not None
+    if len(options.strike) != 2 * n + 1:
+        raise InputError("--strike", options.strike, f"{2 * n + 1} numbers, for an arm of {n} joints")
+    return Strike.from_vector(options.strike)
+
+
+def _export(options: SimulateOptions, model) -> None:
+    from whiptool.models.mujoco_model import export_xml
+
+    assert options.export is not None
+    target = options.build_target()
+    xml, missing = export_xml(model, target=np.array(target.position))
+    try:
+        options.export.write_text(xml, encoding="utf-8")
+    except OSError as error:
+        raise InputError("--export", str(options.export), f"a file that can be written ({error.strerror})") from None
+    print(f"wrote {options.export}; it does not hold {'; '.join(missing)}", file=sys.stderr)
+
+
+def _play(options: SimulateOptions, model, strike) -> None:
+    from whiptool.models.files import model_to_table
+    from whiptool.objective import Objective
+    from whiptool.optimize import controller_table, outcome_lines, save_strike, strike_lines
+    from whiptool.runs import RunFolder, code_version, default_folder
+    from whiptool.strike import StrikeBounds, strike_names
+
+    controller, target = options.build_controller(), options.build_target()
+    rollout = options.build_rollout(model, controller)
+    around = StrikeBounds(tuple(strike.vector - 1e-9), tuple(strike.vector + 1e-9))  # one strike needs no box
+    objective = Objective(rollout, target, t_stay=options.t_stay, bounds=around)
+    folder = RunFolder.create(
+        options.out or default_folder("simulate"),
+        {
+            "version": code_version(),
+            "command": "simulate",
+            "options": cli.as_plain(replace(options, out=None, export=None, json=False, video=True)),
+            "model": model_to_table(model),
+            "controller": controller_table(controller),
+        },
+    )
+    trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
+    outcome = objective.judge(trajectory)
+    summary = {
+        "strike": dict(zip(strike_names(model.arm), map(float, strike.vector), strict=True)),
+        "target": list(target.position),
+        "hit_radius": target.hit_radius,
+        "miss_distance": outcome.miss_distance,
+        "hit": outcome.hit,
+        "time": outcome.time,
+        "hit_time": outcome.hit_time,
+        "tip_speed": None if outcome.diverged else outcome.tip_speed,
+        "max_joint_speed": list(outcome.max_joint_speed),
+        "max_torque": list(outcome.max_torque),
+        "diverged": outcome.diverged,
+        "simulator": options.simulator,
+        "engine": rollout.engine,
+        "timestep": rollout.timestep,
+        "controller": controller_table(controller),
+        "model": model.name,
+        "version": code_version(),
+    }
+    folder.write_result(summary)
+    files = save_strike(
+        folder.path, trajectory, model, target, options.controller_label(), D=strike.D, video=options.video
+    )
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+        return
+    print(
+        "\n".join(
+            [
+                f"one strike: {model.name}, {options.controller_label()}, {rollout.engine}, {1e3 * rollout.timestep:g} ms",
+                *strike_lines(summary["strike"]),
+                *outcome_lines(outcome, target),
+                f"  run folder     {folder.path} ({', '.join(files)})",
+            ]
+        )
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
