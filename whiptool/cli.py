@@ -45,7 +45,7 @@ class SimulationOptions:
     simulator: str = "compiled"
     """compiled (CasADi) or reference (MuJoCo)."""
     timestep: float | None = None
-    """Integration step [s]; default: 0.0005 compiled, at most 0.0001 reference."""
+    """Integration step [s]; default: 0.00025 compiled, at most 0.0001 reference."""
     integrator: str = "RK4"
     """Of the reference: RK4, Euler, implicit or implicitfast."""
 
@@ -117,7 +117,7 @@ def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] 
         raise InputError("command line", " ".join(args if args is not None else sys.argv[1:]), "what --help shows")
 
     with tyro_errors.on_parse_error(refuse):
-        extra = {} if default is None else {"default": default}
+        extra: dict[str, Any] = {} if default is None else {"default": default}
         return tyro.cli(options, prog=prog, description=description, args=args, **extra)
 
 

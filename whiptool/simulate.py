@@ -122,10 +122,11 @@ def _play(options: SimulateOptions, model, strike) -> None:
     if options.json:
         print(json.dumps(summary, allow_nan=False))
         return
+    engine = f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
     print(
         "\n".join(
             [
-                f"one strike: {model.name}, {options.controller_label()}, {rollout.engine}, {1e3 * rollout.timestep:g} ms",
+                f"one strike: {model.name}, {options.controller_label()}, {engine}",
                 *strike_lines(summary["strike"]),
                 *outcome_lines(outcome, target),
                 f"  run folder     {folder.path} ({', '.join(files)})",

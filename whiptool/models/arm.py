@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # built outside site-packages
 
 from whiptool.models.chain import Chain, chain_of
 from whiptool.models.parameters import Model

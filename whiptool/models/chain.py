@@ -14,6 +14,7 @@ import numpy as np
 
 from whiptool.models.parameters import Model
 
+Scalar = ca.SX | float
 Vector = ca.SX | ca.DM | np.ndarray | Sequence  # (n,) of symbols or numbers
 
 
@@ -48,7 +49,9 @@ class Chain:
         return ca.vertsplit(ca.SX(getattr(self, name)))
 
 
-def ride_on_end(mass: ca.SX, com: ca.SX, inertia: ca.SX, length: ca.SX, load: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+def ride_on_end(
+    mass: Scalar, com: Scalar, inertia: Scalar, length: Scalar, load: Scalar
+) -> tuple[Scalar, Scalar, Scalar]:
     """Mass, centre of mass and inertia of a link that carries a point mass `load` on its far end."""
     total = mass + load
     c = (mass * com + load * length) / total
@@ -136,7 +139,8 @@ def forward_dynamics(
             then solved for together.
     """
     n = chain.n
-    a = 0 if coupling is None else coupling.shape[0]
+    block = ca.SX(0, 0) if coupling is None else ca.SX(coupling)
+    a = block.shape[0]
     theta, omega = ca.vertsplit(ca.cumsum(ca.SX(q))), ca.vertsplit(ca.cumsum(ca.SX(v)))
     tau = ca.vertsplit(ca.SX(torque))
     extra = ca.vertsplit(ca.SX.zeros(n) if armature is None else ca.SX(armature))
@@ -154,7 +158,8 @@ def forward_dynamics(
     # inward: articulated inertia and bias of link i about joint i; gravity enters as the base's acceleration
     zero = ca.SX(0)
     Mxx = Mxy = Myy = hx = hy = J = px = py = pn = zero  # what the child hands down
-    h_of, J_of, D_of, u_of = ([zero] * n for _ in range(4))
+    h_of = [(zero, zero)] * n
+    J_of, D_of, u_of = ([zero] * n for _ in range(3))
     for i in reversed(range(n)):
         x, y = rx[i], ry[i]
         w2 = omega[i] ** 2
@@ -192,7 +197,7 @@ def forward_dynamics(
     together = []
     if a:
         g = ca.SX(chain.gravity)
-        H, rhs = ca.SX(coupling), ca.SX.zeros(a)
+        H, rhs = block, ca.SX.zeros(a)
         for j in range(a):
             x, y = zero, zero
             H[j, j] += D_of[j]

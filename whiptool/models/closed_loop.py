@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -96,7 +97,7 @@ class Structure:
         Returns:
             Shape (B, n_parameters).
         """
-        values: dict[str, np.ndarray | float | None] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
+        values: dict[str, Any] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
         values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
         values |= {f"whip.{name}": model.whip.per_node(name) for name in ("l", "m", "k", "b", *_OPTIONAL)}
         values |= {f"whip.{name}": getattr(model.whip, name) for name in ("hinge_mass", "friction_velocity")}

@@ -23,7 +23,7 @@ from whiptool.models.stepping import FASTEST, time_grid
 from whiptool.models.trajectory import Approach, Trajectory, complete_trajectory
 from whiptool.strike import Strike
 
-TIMESTEP = 5e-4  # [s]
+TIMESTEP = 2.5e-4  # [s]; benchmarks/accuracy.py shows why
 _CHUNK = 64  # strikes per task of the thread pool
 
 # (p, x0, target, h, h_last, steps, hold, rows or None) -> outcome columns (B, 7 + 2 a), as in driver.cpp

@@ -37,7 +37,7 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
     """Exact derivatives of the chain's dynamics at a posture.
 
     The joints' accelerations are taken to be zero there, held so by constant torques: about an equilibrium these are
-    zero, elsewhere they are `bias_forces - passive_torque`.
+    zero, elsewhere they are `bias_forces - passive_torque`. Air drag is quadratic and has no part in C at rest.
 
     Args:
         chain: Of numbers; or a model, whose whole chain of arm and whip is meant.
@@ -61,8 +61,12 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
     matrices = ca.Function("linearise", [q, v], [mass_matrix(chain, q), ca.jacobian(force, v), ca.jacobian(force, q)])
     M, C, K = (np.array(x) for x in matrices(*states))
     M = (M + M.T) / 2  # of rounding
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])
-    return Linearisation(M, C, K, A)
+    return Linearisation(M, C, K, _state_matrix(M, C, K))
+
+
+def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
+    n = len(M)
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])  # (2 n, 2 n)
 
 
 @dataclass(frozen=True)
@@ -99,17 +103,16 @@ def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = N
     a, n = model.arm.n, model.n
     free = slice(a if fixed_arm else 0, n)
     m = n - a if fixed_arm else n
-    if count is not None and (isinstance(count, bool) or not isinstance(count, (int, np.integer)) or not 1 <= count <= m):
+    k = m if count is None else count
+    if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not 1 <= k <= m:
         raise InputError("count", count, f"a whole number from 1 to {m}")
-    k = m if count is None else int(count)
     linear = linearise(model, start_posture(model, np.zeros((1, a)))[0])
     M, C, K = (matrix[free, free] for matrix in (linear.M, linear.C, linear.K))
     squares, undamped = eigh(K, M)  # columns with x^T M x = 1
-    inverse = np.linalg.solve(M, np.hstack([K, C]))
-    eigenvalues, damped = np.linalg.eig(np.block([[np.zeros((m, m)), np.eye(m)], [-inverse]]))
+    eigenvalues, damped = np.linalg.eig(_state_matrix(M, C, K))
 
     ratios = np.full(m, np.nan)
-    swinging = np.flatnonzero(eigenvalues.imag > 1e-9 * np.abs(eigenvalues))
+    swinging = np.flatnonzero(eigenvalues.imag > 1e-7 * np.abs(eigenvalues).max())  # smaller ones are rounding
     if len(swinging):
         lambdas, motions = eigenvalues[swinging], damped[:m, swinging]
         norm = np.sqrt(np.einsum("im,ij,jm->m", motions.conj(), M, motions).real)
@@ -122,5 +125,5 @@ def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = N
         frequencies=np.sqrt(np.maximum(squares, 0))[:k] / (2 * np.pi),
         damping_ratios=ratios[:k],
         shapes=shapes[:k],
-        eigenvalues=eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues).round(12)))],
+        eigenvalues=eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))],
     )

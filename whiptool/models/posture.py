@@ -28,7 +28,7 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
     p = structure.pack(model, controller, np.zeros((1, 2 * a + 1)))[0]
     for row in q:
         for _ in range(100):
-            gradient, hessian = (np.array(x) for x in balance(row, p))
+            gradient, hessian = (x.full() for x in balance(row, p))
             # a negative curvature would lead uphill: damp until the Hessian is positive
             shift = max(0.0, 1e-9 - np.linalg.eigvalsh(hessian)[0])
             step = np.linalg.solve(hessian + shift * np.eye(n - a), gradient[:, 0])

@@ -78,6 +78,7 @@ class ReferenceRollout:
         diverged, i = False, 0
         with _callback:
             mujoco.set_mjcb_control(self._control(loop, held=bool(hold)))
+            mujoco.set_mju_user_warning(lambda message: None)  # divergence is reported, not logged into a file
             try:
                 for i in range(steps + 1):
                     t = i * h if i < steps else (i - 1) * h + h_last
@@ -96,6 +97,7 @@ class ReferenceRollout:
                         break
             finally:
                 mujoco.set_mjcb_control(None)
+                mujoco.set_mju_user_warning(None)
         done = slice(i + 1)
         return complete_trajectory(
             self.model,
@@ -154,4 +156,4 @@ def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:
         M = np.empty((model.n, model.n))
         mujoco.mj_fullM(mj, data, M)
         fastest = max(fastest, eigh(np.diag(damping), M, eigvals_only=True)[-1])
-    return 1.4 / fastest
+    return 2.0 / fastest

@@ -1,0 +1,543 @@
+"""Chain dynamics against MuJoCo, Pinocchio, Lagrange's equations and dense algebra, over random chains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cache
+
+import casadi as ca
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from whiptool.models.arm import pinocchio_chain
+from whiptool.models.chain import (
+    Chain,
+    bias_forces,
+    chain_of,
+    forward_dynamics,
+    inverse_dynamics,
+    kinetic_energy,
+    link_ends,
+    mass_matrix,
+    passive_torque,
+    potential_energy,
+    ride_on_end,
+    tip_state,
+)
+from whiptool.models.lagrangian import lagrangian, lagrangian_dynamics
+from whiptool.models.mujoco_model import build_spec
+from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+
+VECTORS = [f.name for f in fields(Chain)][:9]
+POINT_INERTIA = 1e-9  # [kg m^2] of point masses wherever MuJoCo takes part; it refuses zero
+EPS = np.finfo(float).eps
+Key = tuple[int, str, bool, bool]  # links, pattern of point masses, drag, inertia of point masses
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Random chains
+
+
+@dataclass(frozen=True)
+class Case:
+    """What hypothesis chooses: the chain's structure, and the seed of its numbers.
+
+    `points` is the pattern of point masses on massless links among the rods: all rods, all points, two rods then
+    points (arm and whip), or taking turns.
+    """
+
+    n: int
+    points: str
+    drag: bool
+    friction: bool
+    moving: bool
+    seed: int
+
+    @property
+    def key(self) -> Key:
+        """What decides the generated code; point masses without any inertia."""
+        return self.n, self.points, self.drag, False
+
+    @property
+    def heavy_key(self) -> Key:
+        """The same, with an inertia for the point masses too."""
+        return self.n, self.points, self.drag, True
+
+
+def is_point(pattern: str, i: int) -> bool:
+    return {"none": False, "all": True, "whip": i >= 2, "turns": i % 2 == 1}[pattern]
+
+
+def cases(sizes: st.SearchStrategy[int], points=("none", "all", "whip", "turns")) -> st.SearchStrategy[Case]:
+    return st.builds(
+        Case,
+        n=sizes,
+        points=st.sampled_from(points),
+        drag=st.booleans(),
+        friction=st.booleans(),
+        moving=st.sampled_from([True, True, True, False]),
+        seed=st.integers(0, 2**32 - 1),
+    )
+
+
+SHORT, LONG = st.integers(1, 14), st.integers(15, 30)
+
+
+def examples(number: int):
+    return settings(max_examples=number, deadline=None, derandomize=True, database=None)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A chain of numbers and a state of it."""
+
+    chain: Chain
+    q: np.ndarray
+    v: np.ndarray
+    tau: np.ndarray
+
+    @property
+    def p(self) -> np.ndarray:
+        c = self.chain
+        return np.concatenate([*(getattr(c, name) for name in VECTORS), [c.friction_velocity, c.gravity]])
+
+
+def numbers(case: Case, point_inertia: float = 0.0) -> Numbers:
+    """Random chain and state.
+
+    Uniform: length 0.05..0.4 m; mass 0.01..0.5 kg; rods' centre of mass at 0.2..0.8 of the length, their radius of
+    gyration 0.1..0.4 of it; stiffness 0..1 N m/rad; rest angle -0.5..0.5 rad; damping 0..0.1 N m s/rad; dry friction
+    0..0.05 N m at 0.05..1 rad/s; drag 0..0.02 N s^2/m^2; gravity 0..15 m/s^2; q -pi..pi rad; v -5..5 rad/s or 0;
+    torque -1..1 N m.
+    """
+    rng, n = np.random.default_rng(case.seed), case.n
+    points = np.array([is_point(case.points, i) for i in range(n)])
+    length, mass = rng.uniform(0.05, 0.4, n), rng.uniform(0.01, 0.5, n)
+    chain = Chain(
+        length=length,
+        mass=mass,
+        com=length * np.where(points, 1, rng.uniform(0.2, 0.8, n)),
+        inertia=np.where(points, point_inertia, mass * (length * rng.uniform(0.1, 0.4, n)) ** 2),
+        stiffness=rng.uniform(0, 1, n),
+        rest_angle=rng.uniform(-0.5, 0.5, n),
+        damping=rng.uniform(0, 0.1, n),
+        dry_friction=rng.uniform(0, 0.05, n) * case.friction,
+        drag=rng.uniform(0, 0.02, n) * case.drag,
+        friction_velocity=rng.uniform(0.05, 1),
+        gravity=rng.uniform(0, 15),
+    )
+    q, v, tau = rng.uniform(-np.pi, np.pi, n), rng.uniform(-5, 5, n), rng.uniform(-1, 1, n)
+    return Numbers(chain, q, v * case.moving, tau)
+
+
+@dataclass(frozen=True)
+class Symbols:
+    chain: Chain
+    p: ca.SX
+    q: ca.SX
+    v: ca.SX
+    tau: ca.SX
+
+    def function(self, *outputs: ca.SX, extra: tuple[ca.SX, ...] = (), cse: bool = False) -> ca.Function:
+        return ca.Function("f", [self.p, self.q, self.v, self.tau, *extra], outputs, {"cse": cse})
+
+
+@cache
+def symbols(key: Key) -> Symbols:
+    """A symbolic chain whose point masses, missing drag and missing inertia are known to the code that derives."""
+    n, points, drag, point_inertia = key
+    s = {name: ca.SX.sym(name, n) for name in VECTORS}
+    friction_velocity, gravity = ca.SX.sym("friction_velocity"), ca.SX.sym("gravity")
+    p = ca.vertcat(*s.values(), friction_velocity, gravity)
+    for i in range(n):
+        if is_point(points, i):
+            s["com"][i] = s["length"][i]
+            s["inertia"][i] = s["inertia"][i] if point_inertia else 0
+    if not drag:
+        s["drag"] = ca.SX.zeros(n)
+    chain = Chain(**s, friction_velocity=friction_velocity, gravity=gravity)
+    return Symbols(chain, p, ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("tau", n))
+
+
+@cache
+def acceleration(key: Key) -> ca.Function:
+    s = symbols(key)
+    return s.function(forward_dynamics(s.chain, s.q, s.v, s.tau + passive_torque(s.chain, s.q, s.v)))
+
+
+@cache
+def terms(key: Key) -> ca.Function:
+    """Mass matrix, bias, kinetic and potential energy, the latter's gradient, ends, tip."""
+    s = symbols(key)
+    V = potential_energy(s.chain, s.q)
+    return s.function(
+        mass_matrix(s.chain, s.q),
+        bias_forces(s.chain, s.q, s.v),
+        kinetic_energy(s.chain, s.q, s.v),
+        V,
+        ca.gradient(V, s.q),
+        link_ends(s.chain, s.q),
+        *tip_state(s.chain, s.q, s.v),
+    )
+
+
+@cache
+def lagrange(key: Key) -> ca.Function:
+    s = symbols(key)
+    return s.function(*lagrangian_dynamics(s.chain, s.tau, s.q, s.v), *lagrangian(s.chain, s.q, s.v), cse=True)
+
+
+@cache
+def round_trip(key: Key) -> ca.Function:
+    s = symbols(key)
+    return s.function(inverse_dynamics(s.chain, s.q, s.v, forward_dynamics(s.chain, s.q, s.v, s.tau)))
+
+
+@cache
+def energy_rate(key: Key) -> ca.Function:
+    """Rates of kinetic and of potential energy [W] along the motion."""
+    s = symbols(key)
+    a = forward_dynamics(s.chain, s.q, s.v, s.tau + passive_torque(s.chain, s.q, s.v))
+    T, V = kinetic_energy(s.chain, s.q, s.v), potential_energy(s.chain, s.q)
+    return s.function(ca.jtimes(T, s.v, a) + ca.jtimes(T, s.q, s.v), ca.jtimes(V, s.q, s.v))
+
+
+@cache
+def with_coupling(key: Key, a: int, armature: str) -> ca.Function:
+    """Accelerations with an armature on no, every second or every joint, and a block of the first a joints."""
+    s = symbols(key)
+    extra, block = ca.SX.sym("extra", s.chain.n), ca.SX.sym("block", a, a)
+    used = ca.SX(extra)
+    if armature == "some":
+        used[::2] = 0
+    options = {} if armature == "none" else {"armature": used}
+    if a:
+        options["coupling"] = block
+    return s.function(forward_dynamics(s.chain, s.q, s.v, s.tau, **options), extra=(extra, block))
+
+
+def evaluate(function: ca.Function, x: Numbers, *extra) -> list[np.ndarray]:
+    """The function's outputs, columns as (n,)."""
+    outputs = [np.array(y) for y in function.call([x.p, x.q, x.v, x.tau, *extra])]
+    return [y[:, 0] if y.shape[1] == 1 else y for y in outputs]
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Forces in NumPy, and the chain in MuJoCo: nothing of whiptool's
+
+
+def end_positions(length: np.ndarray, q: np.ndarray) -> np.ndarray:
+    theta = np.cumsum(q)
+    return np.cumsum(np.stack([length * np.sin(theta), -length * np.cos(theta)], axis=1), axis=0)  # (n, 2)
+
+
+def end_jacobians(length: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Jacobians of the links' ends (n, 2, n) by the complex step."""
+    columns = [end_positions(length, q + 1e-30j * unit).imag / 1e-30 for unit in np.eye(len(q))]
+    return np.stack(columns, axis=2)
+
+
+def drag_torque(x: Numbers) -> np.ndarray:
+    J = end_jacobians(x.chain.length, x.q)
+    u = J @ x.v  # (n, 2)
+    force = -x.chain.drag[:, None] * np.linalg.norm(u, axis=1, keepdims=True) * u
+    return np.einsum("ikj,ik->j", J, force)
+
+
+def friction_torque(x: Numbers) -> np.ndarray:
+    return -x.chain.dry_friction * x.v / np.hypot(x.v, x.chain.friction_velocity)
+
+
+def mujoco_chain(chain: Chain) -> mujoco.MjModel:
+    opening = "".join(
+        f'<body pos="0 0 {-chain.length[i - 1] if i else 0!r}">'
+        f'<inertial pos="0 0 {-chain.com[i]!r}" mass="{chain.mass[i]!r}"'
+        f' diaginertia="{chain.inertia[i]!r} {chain.inertia[i]!r} {chain.inertia[i]!r}"/>'
+        f'<joint type="hinge" axis="0 -1 0" stiffness="{chain.stiffness[i]!r}" springref="{chain.rest_angle[i]!r}"'
+        f' damping="{chain.damping[i]!r}"/>'
+        for i in range(chain.n)
+    )
+    xml = f"""<mujoco><compiler angle="radian"/><option gravity="0 0 {-chain.gravity!r}"/>
+    <worldbody>{opening}{"</body>" * chain.n}</worldbody></mujoco>"""
+    return mujoco.MjModel.from_xml_string(xml.replace("np.float64(", "").replace(")", ""))
+
+
+def accelerations(case: Case) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
+    """Ours, the engines', and the mass matrix's condition number."""
+    x = numbers(case, POINT_INERTIA)
+    ours = evaluate(acceleration(case.heavy_key), x)[0]
+    applied = x.tau + friction_torque(x) + drag_torque(x)
+    mj = mujoco_chain(x.chain)
+    data = mujoco.MjData(mj)
+    data.qpos[:], data.qvel[:], data.qfrc_applied[:] = x.q, x.v, applied
+    mujoco.mj_forward(mj, data)
+    model = pinocchio_chain(x.chain)
+    spring = -x.chain.stiffness * (x.q - x.chain.rest_angle) - x.chain.damping * x.v
+    by_pinocchio = pin.aba(model, model.createData(), x.q, x.v, applied + spring)
+    M = np.empty((case.n, case.n))
+    mujoco.mj_fullM(mj, data, M)
+    return ours, {"MuJoCo": data.qacc.copy(), "Pinocchio": by_pinocchio}, np.linalg.cond(M)
+
+
+def worst(a: np.ndarray, b: np.ndarray) -> float:
+    """Largest difference, relative to the largest entry."""
+    return float(np.abs(a - b).max() / np.abs(b).max())
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Forward dynamics
+
+
+@examples(150)
+@given(cases(SHORT))
+def test_three_engines_agree_up_to_14_joints(case: Case):
+    """Chains of `numbers` with 1..14 links: to 1e-9 of the largest acceleration, with Pinocchio, whose algorithm is
+    articulated-body too, to 1e-11."""
+    ours, theirs, _ = accelerations(case)
+    assert worst(ours, theirs["MuJoCo"]) < 1e-9
+    assert worst(ours, theirs["Pinocchio"]) < 1e-11
+
+
+def tolerance(condition: float) -> float:
+    """Relative error that rounding leaves to engines that factorise the mass matrix: `eps cond(M)`; over a thousand
+    chains of up to 30 links the largest was 0.4 of that. Ten times it is allowed."""
+    return 10 * EPS * condition
+
+
+@examples(50)
+@given(cases(LONG))
+def test_three_engines_agree_up_to_the_condition_number(case: Case):
+    """Chains of `numbers` with 15..30 links; with Pinocchio, whose algorithm is articulated-body too, to 1e-11."""
+    ours, theirs, condition = accelerations(case)
+    assert worst(ours, theirs["MuJoCo"]) < tolerance(condition)
+    assert worst(ours, theirs["Pinocchio"]) < 1e-11
+
+
+@examples(100)
+@given(cases(SHORT))
+def test_agrees_with_lagrange_up_to_14_joints(case: Case):
+    """Chains of `numbers` with 1..14 links: accelerations to 1e-9, mass matrix and energies to 1e-12."""
+    x, n = numbers(case), case.n
+    M, r, T, V = evaluate(lagrange(case.key), x)
+    M = M.reshape(n, n)
+    assert worst(evaluate(acceleration(case.key), x)[0], np.linalg.solve(M, r)) < 1e-9
+    our_M, _, our_T, our_V, *_ = evaluate(terms(case.key), x)
+    assert worst(our_M.reshape(n, n), M) < 1e-12
+    assert our_T == pytest.approx(T, rel=1e-12)
+    assert our_V == pytest.approx(V, rel=1e-12, abs=1e-12)
+
+
+@examples(8)
+@given(cases(st.sampled_from([16, 23, 30]), points=("whip",)))
+def test_agrees_with_lagrange_up_to_the_condition_number(case: Case):
+    """Chains of `numbers` with 16, 23 and 30 links, two rods then points."""
+    x = numbers(case)
+    M, r, *_ = evaluate(lagrange(case.key), x)
+    assert worst(evaluate(acceleration(case.key), x)[0], np.linalg.solve(M, r)) < tolerance(np.linalg.cond(M))
+
+
+@examples(100)
+@given(cases(SHORT))
+def test_inverse_dynamics_undoes_forward_dynamics(case: Case):
+    """Chains of `numbers` with 1..14 links: torques to 1e-9 of the largest."""
+    x = numbers(case)
+    assert worst(evaluate(round_trip(case.key), x)[0], x.tau) < 1e-9
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Terms
+
+
+@examples(100)
+@given(cases(st.integers(1, 30), points=("none", "whip")))
+def test_terms_agree_with_the_engines(case: Case):
+    """Chains of `numbers` with 1..30 links: mass matrix, bias, energies, gradient, kinematics, to 1e-12 of the
+    largest entry, torques to 1e-12 of the chain's weight and drag moments."""
+    x, n = numbers(case, POINT_INERTIA), case.n
+    M, bias, T, V, gradient, ends, tip, tip_velocity = evaluate(terms(case.heavy_key), x)
+    M = M.reshape(n, n)
+
+    model = pinocchio_chain(x.chain)
+    data = model.createData()
+    crba = np.triu(pin.crba(model, data, x.q))
+    crba += np.triu(crba, 1).T
+    assert worst(M, crba) < 1e-12
+    mj = mujoco_chain(x.chain)
+    state = mujoco.MjData(mj)
+    state.qpos[:], state.qvel[:] = x.q, x.v
+    mujoco.mj_forward(mj, state)
+    full = np.empty((n, n))
+    mujoco.mj_fullM(mj, state, full)
+    assert worst(M, full) < 1e-12
+
+    drag = drag_torque(x)
+    velocity_free = x.chain.gravity * x.chain.mass.sum() * x.chain.length.sum()
+    scale = max(np.abs(bias).max(), velocity_free, np.abs(drag).max())
+    assert np.abs(bias + drag - pin.nonLinearEffects(model, data, x.q, x.v)).max() < 1e-12 * scale
+    assert np.abs(bias + drag - state.qfrc_bias).max() < 1e-12 * scale
+
+    assert pytest.approx(pin.computeKineticEnergy(model, data, x.q, x.v), rel=1e-12) == T
+    spring = x.chain.stiffness * (x.q - x.chain.rest_angle)
+    springs = 0.5 * spring @ (x.q - x.chain.rest_angle)
+    assert pytest.approx(pin.computePotentialEnergy(model, data, x.q) + springs, rel=1e-12, abs=1e-12 * scale) == V
+    weight = pin.computeGeneralizedGravity(model, data, x.q)
+    assert np.abs(gradient - spring - weight).max() < 1e-12 * max(scale, np.abs(spring).max())
+
+    assert np.abs(ends - end_positions(x.chain.length, x.q)).max() < 1e-13 * n
+    assert np.abs(tip - ends[-1]).max() < 1e-13 * n
+    assert np.abs(tip_velocity - end_jacobians(x.chain.length, x.q)[-1] @ x.v).max() < 1e-12 * n
+
+
+@examples(60)
+@given(cases(SHORT))
+def test_gradient_of_potential_is_bias_at_rest_plus_springs(case: Case):
+    """Chains of `numbers` with 1..14 links, at rest: dV/dq = bias + k (q - rest), to 1e-12 of the largest."""
+    x = numbers(replace(case, moving=False))
+    _, bias, _, _, gradient, *_ = evaluate(terms(case.key), x)
+    assert worst(bias + x.chain.stiffness * (x.q - x.chain.rest_angle), gradient) < 1e-12
+
+
+@examples(60)
+@given(cases(SHORT))
+def test_power_of_all_forces_is_the_rate_of_energy(case: Case):
+    """Chains of `numbers` with 1..14 links: d(T + V)/dt is the power of torques, dampers, friction and drag, to 1e-10
+    of the kinetic energy's rate."""
+    x = numbers(case)
+    kinetic, potential = (y.item() for y in evaluate(energy_rate(case.key), x))
+    power = (x.tau - x.chain.damping * x.v + friction_torque(x) + drag_torque(x)) @ x.v
+    assert kinetic + potential == pytest.approx(power, abs=1e-10 * (abs(kinetic) + np.abs(x.tau * x.v).max()))
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Armature and coupling
+
+
+@examples(150)
+@given(cases(SHORT), st.integers(0, 4), st.sampled_from(["none", "some", "all"]))
+def test_armature_and_coupling_equal_the_dense_solution(case: Case, a: int, armature: str):
+    """Chains of `numbers` with 1..14 links: armature 0..0.5 kg m^2 on no, every second or all joints; a block of the
+    first 0..4 joints, unsymmetric, with positive definite symmetric part."""
+    a = min(a, case.n)
+    x = numbers(case)
+    rng = np.random.default_rng(case.seed + 1)
+    extra, root, skew = rng.uniform(0, 0.5, case.n), rng.normal(0, 0.5, (a, a)), rng.normal(0, 0.5, (a, a))
+    block = root @ root.T + skew - skew.T
+    ours = evaluate(with_coupling(case.key, a, armature), x, extra, block)[0]
+    M, bias, *_ = evaluate(terms(case.key), x)
+    added = {"none": 0 * extra, "some": np.where(np.arange(case.n) % 2, extra, 0), "all": extra}[armature]
+    dense = M.reshape(case.n, case.n) + np.diag(added)
+    dense[:a, :a] += block
+    assert worst(ours, np.linalg.solve(dense, x.tau - bias)) < 1e-9
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# What is generated
+
+
+def production(**changed) -> ca.Function:
+    """Acceleration of an arm of 2 and a whip of 12, all parameters symbols but for those in `changed`."""
+    n = 14
+    s = {name: ca.SX.sym(name, n) for name in VECTORS}
+    inputs = list(s.values())
+    s |= changed
+    chain = Chain(**s)
+    q, v, tau = (ca.SX.sym(name, n) for name in ("q", "v", "tau"))
+    a = forward_dynamics(chain, q, v, tau + passive_torque(chain, q, v))
+    return ca.Function("a", [*inputs, q, v, tau], [a])
+
+
+def count(function: ca.Function, operation: int) -> int:
+    return sum(function.instruction_id(i) == operation for i in range(function.n_instructions()))
+
+
+@pytest.mark.parametrize("term", ["stiffness", "damping", "dry_friction", "drag", "inertia", "rest_angle"])
+@pytest.mark.parametrize("zero", [ca.SX.zeros(14), np.zeros(14)], ids=["SX", "numpy"])
+def test_a_term_that_is_the_number_zero_generates_nothing(term: str, zero):
+    full, without, position = production(), production(**{term: zero}), VECTORS.index(term)
+    assert without.n_instructions() < full.n_instructions()
+    assert full.jac_sparsity(0, position).nnz() > 0
+    assert without.jac_sparsity(0, position).nnz() == 0
+
+
+def test_drag_and_dry_friction_are_the_only_roots():
+    zero = ca.SX.zeros(14)
+    assert count(production(), ca.OP_SQRT) == 2 * 14  # one per node, one per joint
+    assert count(production(drag=zero), ca.OP_SQRT) == 14
+    assert count(production(drag=zero, dry_friction=zero), ca.OP_SQRT) == 0
+
+
+@pytest.mark.parametrize("numeric", [False, True])
+def test_point_masses_generate_less_than_rods(numeric: bool):
+    """The same chain of 2 rods and 12 nodes, but for nodes whose centres of mass are not known to lie at their ends."""
+    s, x = symbols((14, "whip", False, False)), numbers(Case(14, "whip", False, False, True, 0))
+    nodes = x.chain if numeric else s.chain
+    rods = replace(nodes, com=0.9 * nodes.com if numeric else ca.SX.sym("com", 14))
+    f, g = (
+        ca.Function("f", [s.p, s.q, s.v, s.tau], [forward_dynamics(c, s.q, s.v, s.tau)], {"allow_free": True})
+        for c in (nodes, rods)
+    )
+    assert count(f, ca.OP_SIN) == count(f, ca.OP_COS) == 14
+    assert f.n_instructions() < g.n_instructions() - 5 * 12
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# From parameters to chain
+
+
+@examples(100)
+@given(st.integers(0, 2**32 - 1))
+def test_a_mass_that_rides_on_a_link_is_added_as_pinocchio_adds_it(seed: int):
+    mass, com, inertia, length, load = np.random.default_rng(seed).uniform(0.01, 1, 5)
+    ours = [float(x) for x in ride_on_end(mass, com, inertia, length, load)]
+    link = pin.Inertia(mass, np.array([0, -com, 0]), np.diag([inertia] * 3))
+    both = link + pin.Inertia(load, np.array([0, -length, 0]), np.zeros((3, 3)))
+    assert ours == pytest.approx([both.mass, -both.lever[1], both.inertia[2, 2]], rel=1e-12)
+
+
+@examples(25)
+@given(seed=st.integers(0, 2**32 - 1), a=st.integers(1, 4), N=st.integers(1, 10), hinge=st.booleans())
+def test_chain_of_a_model_moves_like_its_mujoco_model(seed: int, a: int, N: int, hinge: bool):
+    """Arms of 1..4 joints with whips of 1..10 nodes, every native parameter in use: accelerations to 1e-9."""
+    rng = np.random.default_rng(seed)
+    arm = ArmParameters(
+        tuple(
+            ArmLink(
+                mass=rng.uniform(0.2, 2),
+                length=L,
+                com=L * rng.uniform(0.2, 0.8),
+                inertia=rng.uniform(1e-3, 1e-2),
+                friction=rng.uniform(0, 0.1),
+            )
+            for L in rng.uniform(0.2, 0.4, a)
+        )
+    )
+    whip = WhipParameters(
+        N=N,
+        l=tuple(rng.uniform(0.05, 0.15, N)),
+        m=tuple(rng.uniform(0.01, 0.1, N)),
+        k=tuple(rng.uniform(0, 0.3, N)),
+        b=tuple(rng.uniform(0, 0.1, N)),
+        rest_angle=tuple(rng.uniform(-0.3, 0.3, N)),
+        hinge_mass=0.05 * hinge,
+    )
+    model = Model(whip, arm)
+    mj = build_spec(model, node_inertia=POINT_INERTIA).compile()
+    data = mujoco.MjData(mj)
+    tau = np.r_[rng.uniform(-1, 1, a), np.zeros(N)]
+    data.qpos[:], data.qvel[:], data.ctrl[:] = rng.uniform(-2, 2, a + N), rng.uniform(-3, 3, a + N), tau[:a]
+    mujoco.mj_forward(mj, data)
+    chain = chain_of(model, node_inertia=POINT_INERTIA)
+    chain.inertia[a - 1] += POINT_INERTIA * hinge  # of the mass on the hand
+    q, v = ca.SX.sym("q", a + N), ca.SX.sym("v", a + N)
+    f = ca.Function(
+        "f",
+        [q, v],
+        [forward_dynamics(chain, q, v, passive_torque(chain, q, v) + tau), ca.vertcat(*tip_state(chain, q, v))],
+    )
+    ours, tip = (np.array(x).ravel() for x in f(data.qpos, data.qvel))
+    assert worst(ours, data.qacc) < 1e-9
+    assert np.abs(tip[:2] - data.site("tip").xpos[::2]).max() < 1e-12

@@ -1,0 +1,96 @@
+"""Compiled against reference: two simulators that share parameters and no formulas."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from test_compiled import everything
+
+from whiptool.errors import InputError
+from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
+from whiptool.models import CompiledRollout, ReferenceRollout, preset
+from whiptool.models.mujoco_model import export_xml
+from whiptool.strike import Strike, default_bounds
+
+TARGET = np.array([1.3, 0.0])
+LEMON = preset("lemon2024")
+STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(11), 6)
+LAWS = {"constant": ConstantImpedance(), **OIAC_PRESETS}
+
+
+def misses(rollout, strikes=STRIKES) -> np.ndarray:
+    paths = [rollout.trajectory(Strike.from_vector(s), t_stay=0.3) for s in strikes]
+    assert not any(path.diverged for path in paths)
+    return np.array([path.approach(TARGET).distance[0] for path in paths])
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_compiled_against_mujoco(law):
+    """A few strikes at the default step; benchmarks/accuracy.py has 200 of them, and the reference's convergence."""
+    controller = Controller(law)
+    strikes = STRIKES[:4]
+    reference = misses(ReferenceRollout(LEMON, controller, timestep=5e-5), strikes)
+    default = CompiledRollout(LEMON, controller).approach(strikes, TARGET, t_stay=0.3).distance
+    fine = CompiledRollout(LEMON, controller, timestep=2e-5).approach(strikes, TARGET, t_stay=0.3).distance
+    assert np.abs(default - reference).max() < 3e-4
+    assert np.abs(fine - reference).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        Controller(ConstantImpedance(), feedforward=True, torque_limit=4.0),
+        Controller(ConstantImpedance(), control_period=0.002),
+    ],
+    ids=["feedforward and limit", "held"],
+)
+def test_options_and_every_term_against_mujoco(controller):
+    """Drag, dry friction, rest angles, hinge mass: in MuJoCo applied as generalised forces."""
+    model = everything()
+    reference = misses(ReferenceRollout(model, controller, timestep=4e-5), STRIKES[:2])
+    fine = CompiledRollout(model, controller, timestep=1e-5).approach(STRIKES[:2], TARGET, t_stay=0.3).distance
+    assert np.abs(fine - reference).max() < 2e-6
+
+
+@pytest.mark.parametrize("name", ["nah2020-n10", "nah2020-fitted"])
+def test_other_presets_against_mujoco(name):
+    model, controller = preset(name), Controller(ConstantImpedance())
+    reference = misses(ReferenceRollout(model, controller), STRIKES[:1])
+    compiled = CompiledRollout(model, controller, timestep=2e-5).approach(STRIKES[:1], TARGET, t_stay=0.3).distance
+    assert np.abs(compiled - reference).max() < 1e-6
+
+
+def test_the_other_integrators_converge_to_the_same():
+    controller = Controller(ConstantImpedance())
+    truth = CompiledRollout(LEMON, controller, timestep=5e-5).approach(STRIKES[:1], TARGET, t_stay=0.3).distance
+    for integrator in ("Euler", "implicit", "implicitfast"):
+        coarse, fine = (
+            abs(misses(ReferenceRollout(LEMON, controller, timestep=h, integrator=integrator), STRIKES[:1]) - truth)[0]
+            for h in (8e-4, 2e-4)
+        )
+        assert fine < coarse / 2.5, integrator  # first order: four times less
+    with pytest.raises(InputError, match="RK4, Euler"):
+        ReferenceRollout(LEMON, controller, integrator="RK5")
+
+
+def test_divergence_of_the_reference_is_reported(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = ReferenceRollout(LEMON, Controller(), timestep=1e-3).trajectory(Strike.from_vector(STRIKES[0]), t_stay=0.3)
+    assert path.diverged
+    assert not list(tmp_path.iterdir())  # MuJoCo leaves no log file behind
+
+
+def test_export_loads_in_mujoco_and_moves_alike():
+    xml, missing = export_xml(everything(), target=TARGET)
+    assert "drag" in " ".join(missing)
+    assert "friction" in " ".join(missing)
+    assert "Not in this file" in xml
+    model = mujoco.MjModel.from_xml_string(xml)
+    assert (model.nv, model.nu) == (14, 2)
+    plain, nothing = export_xml(LEMON)
+    assert len(nothing) == 1  # the controller only
+    model = mujoco.MjModel.from_xml_string(plain)
+    ours = ReferenceRollout(LEMON, Controller())._mj
+    for array in ("body_mass", "body_inertia", "body_ipos", "jnt_stiffness", "dof_damping"):
+        np.testing.assert_allclose(getattr(model, array), getattr(ours, array), rtol=1e-5, atol=1e-14)
