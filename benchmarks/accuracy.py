@@ -70,7 +70,7 @@ def main() -> None:
                     "p95": quantiles[1],
                     "max": quantiles[2],
                     "diverged": int(near.diverged.sum()),
-                }  # fmt: skip
+                }
             )
     if arguments.json:
         print(json.dumps({"strikes": count, "default_timestep": TIMESTEP, "controllers": report}))

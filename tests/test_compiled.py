@@ -175,7 +175,8 @@ def test_processes_that_start_at_once_share_the_cache(tmp_path):
     """Four first starts on an empty cache: all agree, one library is left, nothing half-written."""
     program = (
         "import numpy as np; from whiptool.models import CompiledRollout, preset; from whiptool.impedance import *;"
-        "r = CompiledRollout(preset('lemon2024'), Controller(ConstantImpedance()), timestep=1e-3); assert r.engine == 'compiled';"
+        "r = CompiledRollout(preset('lemon2024'), Controller(ConstantImpedance()), timestep=1e-3);"
+        "assert r.engine == 'compiled';"
         "print(repr(r.approach(np.array([[-1.2, 0.9, 1.2, 0.3, 0.7]]), np.array([1.3, 0.0]), t_stay=0.3).distance[0]))"
     )  # fmt: skip
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}

@@ -24,17 +24,39 @@ from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory, joint_points
 
 # Okabe and Ito's colour-blind safe palette
-COLORS = {"blue": "#0072B2", "vermilion": "#D55E00", "green": "#009E73", "pink": "#CC79A7", "orange": "#E69F00",
-          "sky": "#56B4E9", "black": "#222222", "yellow": "#F0E442"}  # fmt: skip
+COLORS = {
+    "blue": "#0072B2",
+    "vermilion": "#D55E00",
+    "green": "#009E73",
+    "pink": "#CC79A7",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "black": "#222222",
+    "yellow": "#F0E442",
+}
 _CYCLE = list(COLORS.values())[:7]  # yellow lines are hard to see on white
 STYLE: dict[Any, Any] = {
-    "figure.dpi": 110, "savefig.dpi": 200, "savefig.bbox": "tight",
-    "font.size": 11, "axes.titlesize": 12, "axes.labelsize": 11,
-    "xtick.labelsize": 10, "ytick.labelsize": 10, "legend.fontsize": 10, "legend.frameon": False,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "axes.axisbelow": True,
-    "grid.color": "0.9", "grid.linewidth": 0.8, "lines.linewidth": 1.8, "lines.solid_capstyle": "round",
-    "axes.titlelocation": "left", "axes.prop_cycle": matplotlib.cycler(color=_CYCLE),
-}  # fmt: skip
+    "figure.dpi": 110,
+    "savefig.dpi": 200,
+    "savefig.bbox": "tight",
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.labelsize": 11,
+    "xtick.labelsize": 10,
+    "ytick.labelsize": 10,
+    "legend.fontsize": 10,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "0.9",
+    "grid.linewidth": 0.8,
+    "lines.linewidth": 1.8,
+    "lines.solid_capstyle": "round",
+    "axes.titlelocation": "left",
+    "axes.prop_cycle": matplotlib.cycler(color=_CYCLE),
+}
 # viridis without its yellow end, which fades into white
 _TIME = LinearSegmentedColormap.from_list("time", matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, 128)))
 _POSTURES = 12  # as in Fig. 10a
@@ -47,19 +69,34 @@ def planned_end(trajectory: Trajectory) -> float | None:
     return float(trajectory.t[moving[-1] + 1]) if len(moving) and moving[-1] + 1 < len(speed) else None
 
 
-def plot_convergence(ax: Axes, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *,
-                     label: str = "") -> Axes:  # fmt: skip
+def plot_convergence(
+    ax: Axes, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *, label: str = ""
+) -> Axes:
     """Miss distance of every trial (T,) [m], in the order of the search, and the best so far."""
     miss = np.asarray(miss_distance_per_trial, float)
     trial = np.arange(1, len(miss) + 1)
     finite = np.where(np.isfinite(miss), miss, np.inf)
     best, lost = np.minimum.accumulate(finite), int(np.isinf(finite).sum())
-    ax.plot(trial, miss, "o", color=COLORS["sky"], markersize=3.5, markeredgewidth=0, alpha=0.6,
-            label=f"trial ({lost} diverged, not shown)" if lost else "trial", rasterized=len(miss) > 5000)  # fmt: skip
-    ax.step(trial, np.where(np.isfinite(best), best, np.nan), where="post", color=COLORS["blue"], linewidth=2.2,
-            label="best so far")  # fmt: skip
-    ax.axhline(hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.8,
-               label=f"hit radius {hit_radius:g} m")  # fmt: skip
+    ax.plot(
+        trial,
+        miss,
+        "o",
+        color=COLORS["sky"],
+        markersize=3.5,
+        markeredgewidth=0,
+        alpha=0.6,
+        label=f"trial ({lost} diverged, not shown)" if lost else "trial",
+        rasterized=len(miss) > 5000,
+    )
+    ax.step(
+        trial,
+        np.where(np.isfinite(best), best, np.nan),
+        where="post",
+        color=COLORS["blue"],
+        linewidth=2.2,
+        label="best so far",
+    )
+    ax.axhline(hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.8, label=f"hit radius {hit_radius:g} m")
     hits = np.flatnonzero(finite <= hit_radius)
     title = f"first hit in trial {hits[0] + 1}" if len(hits) else f"no hit in {len(miss)} trials"
     if len(miss) and np.isfinite(best[-1]):
@@ -81,14 +118,30 @@ def plot_strike(ax: Axes, trajectory: Trajectory, model: Model, target: np.ndarr
     points = joint_points(model, _at(times, t, trajectory.q))  # (12, n + 1, 2)
     norm = Normalize(t[0], max(until, t[0] + 1e-3))
     for x, width in ((points[:, : n + 1], 3.2), (points[:, n:], 1.5)):
-        ax.add_collection(LineCollection(list(x), colors=_TIME(norm(times)), linewidths=width, alpha=0.75,
-                                         capstyle="round", joinstyle="round", zorder=2))  # fmt: skip
+        ax.add_collection(
+            LineCollection(
+                list(x),
+                colors=_TIME(norm(times)),
+                linewidths=width,
+                alpha=0.75,
+                capstyle="round",
+                joinstyle="round",
+                zorder=2,
+            )
+        )
     ax.plot(*trajectory.tip[t <= until].T, color="0.45", linewidth=0.9, zorder=1.5, label="path of the tip")
     ax.plot(*trajectory.tip[t >= until].T, color="0.6", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
     ax.add_patch(Circle(tuple(target), hit_radius, facecolor=COLORS["orange"], alpha=0.35, edgecolor="none", zorder=1))
     ax.add_patch(Circle(tuple(target), hit_radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
-    ax.plot([], [], "o", color="#F8E1B0", markeredgecolor=COLORS["orange"], markersize=9,
-            label=f"target, hit radius {hit_radius:g} m")  # fmt: skip
+    ax.plot(
+        [],
+        [],
+        "o",
+        color="#F8E1B0",
+        markeredgecolor=COLORS["orange"],
+        markersize=9,
+        label=f"target, hit radius {hit_radius:g} m",
+    )
     p = joint_points(model, _at(np.array([t_near]), t, trajectory.q))[0]
     ax.plot(*p[: n + 1].T, color=COLORS["black"], linewidth=5, zorder=4)
     ax.plot(*p[n:].T, color=COLORS["black"], linewidth=2.4, zorder=4, label=f"closest approach, {t_near:.3f} s")
@@ -104,8 +157,14 @@ def plot_strike(ax: Axes, trajectory: Trajectory, model: Model, target: np.ndarr
         axis.set_major_locator(MultipleLocator(0.25 if extent < 2 else 0.5 if extent < 5 else 1.0))
     figure = ax.get_figure()
     assert figure is not None
-    figure.colorbar(ScalarMappable(norm, _TIME), ax=ax, shrink=0.7, aspect=25, pad=0.02,
-                    label=f"time [s], a posture every {times[1] - times[0]:.3f} s")  # fmt: skip
+    figure.colorbar(
+        ScalarMappable(norm, _TIME),
+        ax=ax,
+        shrink=0.7,
+        aspect=25,
+        pad=0.02,
+        label=f"time [s], a posture every {times[1] - times[0]:.3f} s",
+    )
     _legend_above(ax, ncols=2)
     return ax
 
@@ -118,10 +177,22 @@ def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequenc
             color = _CYCLE[i % len(_CYCLE)]
             error = np.rad2deg(np.abs(desired[:, i] - actual[:, i]).max())
             unit = label[label.index("[") + 1 : -1]
-            ax.plot(trajectory.t, np.rad2deg(actual[:, i]), color=color, linewidth=3, alpha=0.75,
-                    label=f"{name}, error up to {error:.3g} {unit}")  # fmt: skip
-            ax.plot(trajectory.t, np.rad2deg(desired[:, i]), color=COLORS["black"], linestyle=(0, (4, 2.5)),
-                    linewidth=1.1, label="desired" if i == len(joint_names) - 1 else "")  # fmt: skip
+            ax.plot(
+                trajectory.t,
+                np.rad2deg(actual[:, i]),
+                color=color,
+                linewidth=3,
+                alpha=0.75,
+                label=f"{name}, error up to {error:.3g} {unit}",
+            )
+            ax.plot(
+                trajectory.t,
+                np.rad2deg(desired[:, i]),
+                color=COLORS["black"],
+                linestyle=(0, (4, 2.5)),
+                linewidth=1.1,
+                label="desired" if i == len(joint_names) - 1 else "",
+            )
         ax.set_ylabel(label)
         _time_axis(ax, trajectory)
         _legend_above(ax)
@@ -135,9 +206,13 @@ def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[s
     a, dash = len(marks), (4, 4)
     for ax, gain, name, unit in ((axes[0], trajectory.K, "K", "N m/rad"), (axes[1], trajectory.B, "B", "N m s/rad")):
         for k, (i, j) in enumerate(np.ndindex(a, a)):
-            ax.plot(trajectory.t, gain[:, i, j], color=_CYCLE[k % len(_CYCLE)],
-                    linestyle="-" if i == j else (4 * (i > j), dash),  # equal ones show in turn
-                    label=f"${name}_{{{marks[i]}{marks[j]}}}$")  # fmt: skip
+            ax.plot(
+                trajectory.t,
+                gain[:, i, j],
+                color=_CYCLE[k % len(_CYCLE)],
+                linestyle="-" if i == j else (4 * (i > j), dash),  # equal ones show in turn
+                label=f"${name}_{{{marks[i]}{marks[j]}}}$",
+            )
         largest = np.abs(gain).max(axis=(1, 2))
         peak, usual = largest.max(), np.median(largest)
         if usual < peak / 10:  # gains of rank one rise and fall with the error by orders of magnitude
@@ -155,8 +230,16 @@ def plot_distance(ax: Axes, trajectory: Trajectory, target: np.ndarray, hit_radi
     ax.axhspan(0, hit_radius, color=COLORS["orange"], alpha=0.25, linewidth=0)
     ax.axhline(hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.5, label=f"hit radius {hit_radius:g} m")
     if np.isfinite(near.distance[0]):
-        ax.plot(near.time, near.distance, "o", color=COLORS["vermilion"], markersize=7, zorder=3, clip_on=False,
-                label=f"closest approach {_length(near.distance[0])} at {near.time[0]:.3f} s")  # fmt: skip
+        ax.plot(
+            near.time,
+            near.distance,
+            "o",
+            color=COLORS["vermilion"],
+            markersize=7,
+            zorder=3,
+            clip_on=False,
+            label=f"closest approach {_length(near.distance[0])} at {near.time[0]:.3f} s",
+        )
     ax.set_ylabel("distance tip to target [m]")
     _time_axis(ax, trajectory)
     ax.set_ylim(bottom=0)
@@ -164,8 +247,14 @@ def plot_distance(ax: Axes, trajectory: Trajectory, target: np.ndarray, hit_radi
     return ax
 
 
-def save_strike_figures(folder: str | Path, trajectory: Trajectory, model: Model, target: np.ndarray,
-                        hit_radius: float, controller_label: str) -> list[Path]:  # fmt: skip
+def save_strike_figures(
+    folder: str | Path,
+    trajectory: Trajectory,
+    model: Model,
+    target: np.ndarray,
+    hit_radius: float,
+    controller_label: str,
+) -> list[Path]:
     """Write `strike.png`, `distance.png`, `tracking.png` and `gains.png` into a folder, which is made if missing.
 
     Args:
@@ -194,8 +283,9 @@ def save_strike_figures(folder: str | Path, trajectory: Trajectory, model: Model
         return [_save(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]
 
 
-def save_convergence(folder: str | Path, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *,
-                     label: str = "") -> Path:  # fmt: skip
+def save_convergence(
+    folder: str | Path, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *, label: str = ""
+) -> Path:
     """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; returns the file."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((7.6, 4.4), layout="constrained")
@@ -225,15 +315,23 @@ def _time_axis(ax: Axes, trajectory: Trajectory) -> None:
     D = planned_end(trajectory)
     if D is not None:
         ax.axvline(D, color="0.55", linewidth=1, linestyle=":", zorder=1)
-        ax.annotate("D", (D, 1), xycoords=ax.get_xaxis_transform(), xytext=(3, -3), textcoords="offset points",
-                    va="top", color="0.35")  # fmt: skip
+        ax.annotate(
+            "D",
+            (D, 1),
+            xycoords=ax.get_xaxis_transform(),
+            xytext=(3, -3),
+            textcoords="offset points",
+            va="top",
+            color="0.35",
+        )
     if ax.get_subplotspec() is None or ax.get_subplotspec().is_last_row():  # type: ignore[union-attr]
         ax.set_xlabel("time [s]")
 
 
 def _legend_above(ax: Axes, *, ncols: int = 3) -> None:
     """A legend between title and axes, where it cannot cover data."""
-    legend = ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=ncols, borderaxespad=0.3, columnspacing=1.4,
-                       handlelength=1.8)  # fmt: skip
+    legend = ax.legend(
+        loc="lower left", bbox_to_anchor=(0, 1), ncols=ncols, borderaxespad=0.3, columnspacing=1.4, handlelength=1.8
+    )
     rows = -(-len(legend.get_texts()) // ncols)
     ax.set_title(ax.get_title(loc="left"), loc="left", pad=8 + 1.6 * rows * float(legend.get_texts()[0].get_fontsize()))

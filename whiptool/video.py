@@ -63,10 +63,17 @@ class _Film:
 
 
 def render_video(
-    path: str | Path, trajectory: Trajectory, model: Model, target: np.ndarray, hit_radius: float, *,
-    fps: float = 25.0, speed: float = 0.25, size: tuple[int, int] = (960, 540),
+    path: str | Path,
+    trajectory: Trajectory,
+    model: Model,
+    target: np.ndarray,
+    hit_radius: float,
+    *,
+    fps: float = 25.0,
+    speed: float = 0.25,
+    size: tuple[int, int] = (960, 540),
     progress: Callable[[int, int], None] | None = None,
-) -> str:  # fmt: skip
+) -> str:
     """Write a film of a strike, seen from the side.
 
     The trail is the tip's path so far, the redder the faster; the target turns green once it has been hit.
@@ -102,10 +109,15 @@ def render_video(
     path.parent.mkdir(parents=True, exist_ok=True)
     path.unlink(missing_ok=True)
     writer = imageio_ffmpeg.write_frames(
-        path, film.size, fps=fps,  # type: ignore[arg-type]
-        codec="libx264", quality=7, macro_block_size=1, ffmpeg_log_level="error",
+        path,
+        film.size,
+        fps=fps,  # type: ignore[arg-type]
+        codec="libx264",
+        quality=7,
+        macro_block_size=1,
+        ffmpeg_log_level="error",
         output_params=["-preset", "veryfast", "-movflags", "+faststart"],
-    )  # fmt: skip
+    )
     writer.send(None)
     try:
         for i, frame in enumerate(frames):
@@ -119,8 +131,15 @@ def render_video(
     return used
 
 
-def _film(trajectory: Trajectory, model: Model, target: np.ndarray, hit_radius: float, fps: float, speed: float,
-          size: tuple[int, int]) -> _Film:  # fmt: skip
+def _film(
+    trajectory: Trajectory,
+    model: Model,
+    target: np.ndarray,
+    hit_radius: float,
+    fps: float,
+    speed: float,
+    size: tuple[int, int],
+) -> _Film:
     t, tip = trajectory.t, trajectory.tip
     at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)
     near = trajectory.approach(target)
@@ -221,10 +240,13 @@ def _add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: floa
     dx, dz = along / length if length else (1.0, 0.0)
     geom = scene.geoms[scene.ngeom]
     mujoco.mjv_initGeom(
-        geom, mujoco.mjtGeom.mjGEOM_BOX, np.array([length + thickness, 2e-4, thickness]) / 2,
-        np.insert(ends.mean(axis=0), 1, y), np.array([dx, 0, -dz, 0, 1, 0, dz, 0, dx]),
+        geom,
+        mujoco.mjtGeom.mjGEOM_BOX,
+        np.array([length + thickness, 2e-4, thickness]) / 2,
+        np.insert(ends.mean(axis=0), 1, y),
+        np.array([dx, 0, -dz, 0, 1, 0, dz, 0, dx]),
         np.array([*rgb, 1], np.float32),
-    )  # fmt: skip
+    )
     geom.specular = 0
     scene.ngeom += 1
 
@@ -243,8 +265,9 @@ def _matplotlib_frames(film: _Film, model: Model, target: np.ndarray, hit_radius
     zone = Circle((target[0], target[1]), hit_radius, color=COLORS["orange"], alpha=0.5)
     trail = LineCollection([], linewidths=2.5, capstyle="round")
     whip = Line2D([], [], color="0.15", linewidth=3, solid_capstyle="round", solid_joinstyle="round")
-    arm = Line2D([], [], color=COLORS["blue"], linewidth=8, marker="o", markersize=10, markerfacecolor="0.35",
-                 markeredgewidth=0)  # fmt: skip
+    arm = Line2D(
+        [], [], color=COLORS["blue"], linewidth=8, marker="o", markersize=10, markerfacecolor="0.35", markeredgewidth=0
+    )
     tip = Line2D([], [], color=COLORS["vermilion"], marker="o", markersize=9, markeredgewidth=0)
     words = [figure.text(x, y, word, color=_TEXT, fontsize=11) for x, y, word in film.text(0)]
     moving = [ax.add_patch(zone), ax.add_collection(trail, autolim=False), *map(ax.add_line, (whip, arm, tip)), *words]

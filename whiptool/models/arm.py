@@ -60,8 +60,7 @@ class Arm:
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
         """Inertia matrix I(q) of the bare arm [kg m^2], shape (n, n), as in Eq. 7."""
-        upper = pin.crba(self._model, self._data, np.asarray(q, float))
-        return np.triu(upper) + np.triu(upper, 1).T
+        return pin.crba(self._model, self._data, np.asarray(q, float)).copy()
 
     def gravity_jacobians(self, q: np.ndarray) -> np.ndarray:
         """Jacobians of the points where the weights act, shape (n + 1, 2, n): the links' centres of mass and the
@@ -69,7 +68,8 @@ class Arm:
         pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
         pin.updateFramePlacements(self._model, self._data)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        return np.array([pin.getFrameJacobian(self._model, self._data, f, world)[:2] for f in self._frames])
+        jacobians = (pin.getFrameJacobian(self._model, self._data, frame, world) for frame in self._frames)
+        return np.array([jacobian.reshape(6, -1)[:2] for jacobian in jacobians])  # (6,) for a single joint
 
     def gravity_compensation(self, q: np.ndarray) -> np.ndarray:
         """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3)."""

@@ -235,7 +235,7 @@ def _solve(A: ca.SX, b: ca.SX) -> ca.SX:
             A[j, i:] -= factor * A[i, i:]
             b[j] -= factor * b[i]
     for i in reversed(range(n)):
-        b[i] = (b[i] - ca.dot(A[i, i + 1 :].T, b[i + 1 :])) / A[i, i]
+        b[i] = (b[i] - sum((A[i, j] * b[j] for j in range(i + 1, n)), ca.SX(0))) / A[i, i]
     return b
 
 

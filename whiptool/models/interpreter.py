@@ -24,9 +24,9 @@ def interpreted_engine(structure: Structure) -> Callable[..., np.ndarray]:
         buffer, evaluate = function.buffer()
         for i, array in enumerate(inputs):
             if array.size and function.numel_in(i):
-                buffer.set_arg(i, array.data)
+                buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(outputs):
-            buffer.set_res(i, array.data)
+            buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
         evaluate.buffer_ = buffer  # type: ignore[attr-defined]  # keeps it alive
         return evaluate
 

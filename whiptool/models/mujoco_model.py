@@ -25,8 +25,9 @@ def not_native(model: Model) -> list[str]:
     return missing
 
 
-def build_spec(model: Model, *, target: np.ndarray | None = None, target_radius: float = 0.06,
-               node_inertia: float = NODE_INERTIA) -> mujoco.MjSpec:  # fmt: skip
+def build_spec(
+    model: Model, *, target: np.ndarray | None = None, target_radius: float = 0.06, node_inertia: float = NODE_INERTIA
+) -> mujoco.MjSpec:
     """Arm, whip and scene; joints are `shoulder`, `elbow`, `whip1` .. `whipN`, the tip is the site `tip`.
 
     Args:
@@ -49,31 +50,40 @@ def build_spec(model: Model, *, target: np.ndarray | None = None, target_radius:
     arm, whip = model.arm, model.whip
     parent, at = spec.worldbody, [0.0, 0.0, 0.0]
     for i, (name, link) in enumerate(zip(arm.joints, arm.links, strict=True)):
-        assert link.com is not None and link.inertia is not None
+        assert link.com is not None
+        assert link.inertia is not None
         thickness = (0.025 - 0.004 * i / arm.n) * model.reach
-        body = _link(parent, name, at, mass=link.mass, com=link.com, inertia=max(link.inertia, node_inertia),
-                     tiny=node_inertia)  # fmt: skip
+        body = _link(
+            parent, name, at, mass=link.mass, com=link.com, inertia=max(link.inertia, node_inertia), tiny=node_inertia
+        )
         body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0], damping=link.friction)
         _capsule(body, link.length, thickness, "arm")
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[thickness * 1.25, 0, 0], material="joint",
-                      **_VISUAL)  # fmt: skip
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[thickness * 1.25, 0, 0], material="joint", **_VISUAL)
         actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
         actuator.set_to_motor()
         parent, at = body, [0.0, 0.0, -link.length]
     if whip.hinge_mass:
-        grip = parent.add_body(name="grip", pos=at, mass=whip.hinge_mass, ipos=[0, 0, 0], inertia=[node_inertia] * 3,
-                               explicitinertial=True)  # fmt: skip
+        grip = parent.add_body(
+            name="grip", pos=at, mass=whip.hinge_mass, ipos=[0, 0, 0], inertia=[node_inertia] * 3, explicitinertial=True
+        )
         grip.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.016 * model.reach, 0, 0], material="joint", **_VISUAL)
     l, m, k, b, rest = (whip.per_node(x) for x in ("l", "m", "k", "b", "rest_angle"))
     for i in range(whip.N):
         thickness = (0.011 - 0.005 * i / whip.N) * model.reach
         body = _link(parent, f"whip{i + 1}", at, mass=m[i], com=l[i], inertia=node_inertia, tiny=node_inertia)
-        body.add_joint(name=f"whip{i + 1}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0], stiffness=k[i],
-                       damping=b[i], springref=rest[i])  # fmt: skip
+        body.add_joint(
+            name=f"whip{i + 1}",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=[0, -1, 0],
+            stiffness=k[i],
+            damping=b[i],
+            springref=rest[i],
+        )
         _capsule(body, l[i], thickness, "whip")
         parent, at = body, [0.0, 0.0, -l[i]]
-    parent.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=at, size=[0.02 * model.reach, 0, 0], material="tip",
-                    **_VISUAL)  # fmt: skip
+    parent.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=at, size=[0.02 * model.reach, 0, 0], material="tip", **_VISUAL
+    )
     parent.add_site(name="tip", pos=at, size=[0.005, 0, 0])
     return spec
 
@@ -83,21 +93,32 @@ _VISUAL = {"contype": 0, "conaffinity": 0, "mass": 0.0}
 
 def _link(parent, name: str, at: list[float], *, mass: float, com: float, inertia: float, tiny: float):
     """A body whose inertia matters about the hinge axis (y) only."""
-    return parent.add_body(name=name, pos=at, mass=mass, ipos=[0, 0, -com], inertia=[inertia, inertia, tiny],
-                           explicitinertial=True)  # fmt: skip
+    return parent.add_body(
+        name=name, pos=at, mass=mass, ipos=[0, 0, -com], inertia=[inertia, inertia, tiny], explicitinertial=True
+    )
 
 
 def _capsule(body, length: float, radius: float, material: str) -> None:
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0, 0, 0, -length], size=[radius, 0, 0],
-                  material=material, **_VISUAL)  # fmt: skip
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0, 0, 0, 0, 0, -length],
+        size=[radius, 0, 0],
+        material=material,
+        **_VISUAL,
+    )
 
 
 def _add_target(spec: mujoco.MjSpec, target: np.ndarray, radius: float, reach: float) -> None:
     """A disc just behind the strike plane, so that it never hides the tip."""
     body = spec.worldbody.add_body(name="target", pos=[float(target[0]), 0, float(target[1])])
     for material, size, y in (("target_zone", radius, 0.048), ("target", radius / 4, 0.044)):
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[0, y * reach, 0, 0, 0.05 * reach, 0],
-                      size=[size, 0, 0], material=material, **_VISUAL)  # fmt: skip
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            fromto=[0, y * reach, 0, 0, 0.05 * reach, 0],
+            size=[size, 0, 0],
+            material=material,
+            **_VISUAL,
+        )
 
 
 def _scene(spec: mujoco.MjSpec, model: Model) -> None:
@@ -108,24 +129,59 @@ def _scene(spec: mujoco.MjSpec, model: Model) -> None:
     spec.visual.quality.shadowsize = 2048
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.4] * 3
     spec.visual.headlight.specular = [0.2] * 3
-    spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-                     rgb1=[0.97, 0.98, 1.0], rgb2=[0.80, 0.85, 0.92], width=256, height=256)  # fmt: skip
-    for name, rgba in (("arm", _BLUE), ("joint", _GREY), ("whip", _DARK), ("tip", _VERMILION),
-                       ("target", _ORANGE), ("target_zone", _PALE_ORANGE)):  # fmt: skip
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.97, 0.98, 1.0],
+        rgb2=[0.80, 0.85, 0.92],
+        width=256,
+        height=256,
+    )
+    for name, rgba in (
+        ("arm", _BLUE),
+        ("joint", _GREY),
+        ("whip", _DARK),
+        ("tip", _VERMILION),
+        ("target", _ORANGE),
+        ("target_zone", _PALE_ORANGE),
+    ):
         spec.add_material(name=name, rgba=rgba, specular=0.3, shininess=0.4)
     # Plain colours: a texture over the whole picture would triple the time that software rendering takes.
     for name, rgba in (("board", (0.87, 0.885, 0.91, 1)), ("floor", (0.62, 0.66, 0.72, 1))):
         spec.add_material(name=name, rgba=rgba, specular=0, shininess=0)
-    spec.worldbody.add_light(pos=[0, -reach, 2 * reach], dir=[0.15, 0.6, -1],
-                             type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, diffuse=[0.45] * 3)  # fmt: skip
+    spec.worldbody.add_light(
+        pos=[0, -reach, 2 * reach],
+        dir=[0.15, 0.6, -1],
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        diffuse=[0.45] * 3,
+    )
     floor, board = -1.12 * reach, 0.06 * reach
-    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4 * reach, 4 * reach, 0.1],
-                            pos=[0, 0, floor], material="floor", **_VISUAL)  # fmt: skip
-    spec.worldbody.add_geom(name="board", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4 * reach, 4 * reach, 0.1],
-                            pos=[0, board, 0], zaxis=[0, -1, 0], material="board", **_VISUAL)  # fmt: skip
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[4 * reach, 4 * reach, 0.1],
+        pos=[0, 0, floor],
+        material="floor",
+        **_VISUAL,
+    )
+    spec.worldbody.add_geom(
+        name="board",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[4 * reach, 4 * reach, 0.1],
+        pos=[0, board, 0],
+        zaxis=[0, -1, 0],
+        material="board",
+        **_VISUAL,
+    )
     # A side view, x to the right and z up; orthographic, so that lengths read true (fovy is the height in m)
-    spec.worldbody.add_camera(name="side", pos=[0, -3 * reach, 0], xyaxes=[1, 0, 0, 0, 0, 1], fovy=2.14 * reach,
-                              proj=mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC)  # fmt: skip
+    spec.worldbody.add_camera(
+        name="side",
+        pos=[0, -3 * reach, 0],
+        xyaxes=[1, 0, 0, 0, 0, 1],
+        fovy=2.14 * reach,
+        proj=mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC,
+    )
 
 
 def set_posture(model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray) -> None:

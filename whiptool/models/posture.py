@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
 from whiptool.models.closed_loop import Structure, closed_loop
 from whiptool.models.parameters import Model
@@ -22,7 +21,7 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
     q[:, a] = -q_i.sum(axis=1)
     if model.whip.per_node("k")[0] == 0 and not model.whip.per_node("rest_angle").any():
         return q
-    controller = Controller(ConstantImpedance())  # any: only the potential energy is used
+    controller = Controller()  # any: only the potential energy is used
     structure = Structure.of(model, controller)
     balance = closed_loop(structure).whip_balance
     p = structure.pack(model, controller, np.zeros((1, 2 * a + 1)))[0]
@@ -32,7 +31,8 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
             # a negative curvature would lead uphill: damp until the Hessian is positive
             shift = max(0.0, 1e-9 - np.linalg.eigvalsh(hessian)[0])
             step = np.linalg.solve(hessian + shift * np.eye(n - a), gradient[:, 0])
-            row[a:] -= step * min(1.0, 0.5 / np.abs(step).max())
-            if np.abs(step).max() < 1e-12:
+            largest = np.abs(step).max()
+            row[a:] -= step if largest < 0.5 else step * (0.5 / largest)
+            if largest < 1e-12:
                 break
     return q

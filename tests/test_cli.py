@@ -1,0 +1,252 @@
+"""The command lines as users meet them: results, run folders, kills, resumes, mistakes."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import mujoco
+import numpy as np
+import pytest
+
+from whiptool.models import preset, read_model, write_model
+from whiptool.models.trajectory import Trajectory
+from whiptool.runs import TrialLog
+
+KEYS = set(
+    [
+        "method",
+        "status",
+        "message",
+        "target",
+        "hit_radius",
+        "strike",
+        "miss_distance",
+        "hit",
+        "hit_time",
+        "tip_speed",
+        "n_trials",
+        "n_diverged",
+        "wall_time",
+        "reference",
+        "controller",
+        "model",
+        "seed",
+        "version",
+    ]
+)
+
+
+def whiptool(command: str, *args: object, cwd, **options) -> subprocess.CompletedProcess:
+    words = [sys.executable, "-m", f"whiptool.{command}", *map(str, args)]
+    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, **options)
+
+
+def test_optimize_hits_the_default_target(tmp_path):
+    """The main job, with figures and video."""
+    done = whiptool("optimize", "--json", "--out", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert set(result) == KEYS
+    assert result["hit"]
+    assert result["status"] == "hit"
+    assert result["n_trials"] <= 100
+    assert result["miss_distance"] <= result["hit_radius"] == 0.06
+    assert abs(result["reference"]["difference"]) < 3e-4
+    assert list(result["strike"]) == ["q_si", "q_ei", "q_sf", "q_ef", "D"]
+    run = tmp_path / "run"
+    assert json.loads((run / "result.json").read_text()) == result
+    log = TrialLog(run / "trials.csv", preset("lemon2024").arm).read()
+    assert len(log) == result["n_trials"]
+    assert list(log[-1].strike) == list(result["strike"].values())
+    path = Trajectory.load(run / "trajectory.npz")
+    assert path.approach(np.array([1.3, 0.0])).distance[0] == pytest.approx(result["miss_distance"], abs=1e-9)
+    for name in ("convergence", "strike", "tracking", "gains", "distance"):
+        assert (run / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+    video = (run / "strike.mp4").read_bytes()
+    assert video[4:8] == b"ftyp"
+    assert b"avc1" in video  # H.264
+
+
+def test_summary_for_people(tmp_path):
+    done = whiptool("optimize", "--no-video", "--method", "random", "--seed", 1, cwd=tmp_path)
+    assert done.returncode == 0
+    for text in ("rad (", "deg)", "within -1.5708 .. -0.3142", "m/s", "difference of", "runs/random-"):
+        assert text in done.stdout
+
+
+def test_simulate_replays_the_strike_that_was_found(tmp_path):
+    strike = ["-1.2", "0.9", "1.2", "0.3", "0.7"]
+    results = {}
+    for simulator in ("compiled", "reference"):
+        done = whiptool("simulate", "--strike", *strike, "--simulator", simulator, "--json", "--no-video", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        results[simulator] = json.loads(done.stdout)
+        time.sleep(1.1)  # the default folder's name has seconds
+    assert results["compiled"]["miss_distance"] == pytest.approx(results["reference"]["miss_distance"], abs=3e-4)
+    assert results["compiled"]["engine"] == "compiled"
+    assert len(list((tmp_path / "runs").iterdir())) == 2
+
+
+def test_export_writes_mjcf_that_mujoco_loads(tmp_path):
+    done = whiptool("simulate", "--export", "model.xml", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "does not hold the controller" in done.stderr
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml")).nq == 14
+
+
+def test_a_model_file_is_taken(tmp_path):
+    write_model(preset("nah2020-n10"), tmp_path / "mine.toml")
+    assert read_model(tmp_path / "mine.toml") == preset("nah2020-n10")
+    done = whiptool("optimize", "--model", "mine.toml", "--controller", "constant", "--target", "1.2", "-0.4", "--json",
+                    "--no-video", "--max-trials", "20", "--out", "run", cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert (result["model"], result["controller"]["law"]) == ("nah2020-n10", "constant")
+
+
+def outcome_of(run) -> tuple:
+    result = json.loads((run / "result.json").read_text())
+    del result["wall_time"]
+    return result, (run / "trials.csv").read_text()
+
+
+@pytest.mark.parametrize("method", ["directl", "nlopt:GN_CRS2_LM"])
+def test_a_killed_run_resumes_to_the_same_end(tmp_path, method):
+    """SIGKILL in mid-search, half a line torn off, then --resume: the same trials and result as without the kill."""
+    options = ["--method", method, "--target", "1.25", "0.05", "--no-stop-at-hit", "--max-trials", "1500", "--no-video",
+               "--timestep", "0.002", "--preset", "printed"]  # fmt: skip
+    assert whiptool("optimize", *options, "--out", "whole", cwd=tmp_path).returncode == 0
+    command = [sys.executable, "-m", "whiptool.optimize", *options, "--out", "killed"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    trials = tmp_path / "killed" / "trials.csv"
+    while not (trials.exists() and trials.read_text().count("\n") > 100):
+        assert process.poll() is None
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (tmp_path / "killed" / "result.json").exists()
+    with trials.open("a") as file:
+        file.write("999,0.1,0.")
+    done = whiptool("optimize", "--resume", "killed", "--no-video", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert outcome_of(tmp_path / "killed") == outcome_of(tmp_path / "whole")
+
+
+def test_interruption_saves_and_summarises(tmp_path):
+    command = [sys.executable, "-m", "whiptool.optimize", "--no-stop-at-hit", "--max-trials", "100000", "--no-video",
+               "--json", "--out", "run"]  # fmt: skip
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    trials = tmp_path / "run" / "trials.csv"
+    while not (trials.exists() and trials.read_text().count("\n") > 20):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=120)
+    assert process.returncode == 130
+    result = json.loads(out)
+    assert result["status"] == "interrupted"
+    assert result["n_trials"] >= 20
+    assert (tmp_path / "run" / "strike.png").exists()
+
+
+def test_resume_refuses_another_configuration(tmp_path):
+    assert whiptool("optimize", "--no-video", "--out", "run", "--max-trials", "50", cwd=tmp_path).returncode == 0
+    for options, name in ((["--target", "1.2", "0.1"], "--target"), (["--seed", "4"], "--seed"),
+                          (["--out", "other"], "--out")):  # fmt: skip
+        done = whiptool("optimize", "--resume", "run", *options, cwd=tmp_path)
+        assert_one_line(done, name)
+    config = (tmp_path / "run" / "config.toml").read_text()
+    (tmp_path / "run" / "config.toml").write_text(config.replace("m = 0.012", "m = 0.013"))
+    assert_one_line(whiptool("optimize", "--resume", "run", cwd=tmp_path), "--resume", "same model")
+    (tmp_path / "run" / "config.toml").write_text(config)
+    trials = tmp_path / "run" / "trials.csv"
+    trials.write_text(trials.read_text().replace("0.", "x.", 3))
+    assert_one_line(whiptool("optimize", "--resume", "run", cwd=tmp_path), "trials.csv, line 2")
+
+
+def assert_one_line(done: subprocess.CompletedProcess, *parts: str) -> None:
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    for part in parts:
+        assert part in done.stderr
+
+
+MISTAKES = [
+    (["--target", "nan", "0"], "target"),
+    (["--target", "3", "0"], "reach of 1.514 m"),
+    (["--target", "1"], "two finite coordinates"),
+    (["--lower", "0", "0", "0", "0", "1", "--upper", "1", "1", "1", "1", "0.5"], "lower < upper"),
+    (["--model", "lemon2025"], "lemon2024, nah2020-n10"),
+    (["--model", "zero.toml"], "whip.N: got 0"),
+    (["--model", "negative.toml"], "whip.m: got -0.1"),
+    (["--model", "broken.toml"], "valid TOML"),
+    (["--model", "absent.toml"], "readable TOML"),
+    (["--method", "magic"], "directl, random, nlopt:"),
+    (["--preset", "table5"], "printed, table4"),
+    (["--controller", "pid"], "oiac, constant"),
+    (["--simulator", "gazebo"], "compiled, reference"),
+    (["--max-trials", "many"], "--max-trials: got 'many'"),
+    (["--max-trials", "0"], ">= 1"),
+    (["--frobnicate"], "--frobnicate"),
+    (["--timestep", "-1"], "timestep"),
+    (["--hit-radius", "0"], "hit radius"),
+    (["--out", "taken"], "new or empty"),
+    (["--out", "/proc/nowhere"], "can be written"),
+    (["--resume", "taken"], "run folder"),
+]
+
+
+@pytest.mark.parametrize(("options", "said"), MISTAKES, ids=[" ".join(options) for options, _ in MISTAKES])
+def test_mistakes_get_one_line_and_leave_nothing(tmp_path, options, said, capsys, monkeypatch):
+    """In one process, for speed; `test_mistakes_end_with_status_2` has the real exit status."""
+    from whiptool import optimize
+
+    table = "[whip]\nN = {N}\nl = 0.1\nm = {m}\nk = 0.1\nb = 0.1\n[arm]\nlinks = [{{mass = 1, length = 1}}]\n"
+    (tmp_path / "zero.toml").write_text(table.format(N=0, m=0.1))
+    (tmp_path / "negative.toml").write_text(table.format(N=2, m=-0.1))
+    (tmp_path / "broken.toml").write_text("[whip\n")
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "file").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    handler = signal.getsignal(signal.SIGTERM)
+    assert optimize.main(options) == 2
+    signal.signal(signal.SIGTERM, handler)
+    said_on = capsys.readouterr()
+    assert said_on.out == ""
+    assert said_on.err.count("\n") == 1
+    assert said in said_on.err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_mistakes_end_with_status_2(tmp_path):
+    assert_one_line(whiptool("optimize", "--target", "nan", "0", cwd=tmp_path), "target")
+    assert_one_line(whiptool("simulate", cwd=tmp_path), "--strike")
+    assert_one_line(whiptool("simulate", "--strike", "1", "2", cwd=tmp_path), "5 numbers")
+    assert_one_line(whiptool("simulate", "--export", "/proc/nowhere/x.xml", cwd=tmp_path), "--export")
+
+
+def test_the_installed_command(tmp_path):
+    whole = [sys.executable, "-c", "import sys; from whiptool.cli import main; sys.exit(main())"]
+    for words, status, said in (
+        (["--help"], 0, "optimize"),
+        (["--version"], 0, "whiptool 0."),
+        (["fly"], 2, "optimize"),
+    ):
+        done = subprocess.run([*whole, *words], capture_output=True, text=True, check=False, cwd=tmp_path)
+        assert done.returncode == status
+        assert said in done.stdout + done.stderr
+    done = subprocess.run([*whole, "optimize", "--help"], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0
+    assert "--stop-at-hit" in done.stdout
+
+
+def test_import_is_light():
+    heavy = "{'numpy', 'casadi', 'mujoco', 'torch', 'cv2', 'matplotlib', 'pinocchio'}"
+    program = f"import sys, whiptool; found = {heavy} & set(sys.modules); assert not found, found"
+    subprocess.run([sys.executable, "-c", program], check=True)

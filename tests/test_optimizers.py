@@ -1,0 +1,169 @@
+"""Searches on functions with a known minimum, and the objective that keeps their accounts."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.impedance import OIAC, Controller
+from whiptool.models import CompiledRollout, ReferenceRollout, preset
+from whiptool.models.trajectory import Approach
+from whiptool.objective import Objective, SearchStopped, Target
+from whiptool.optimizers import METHODS, Status, find_method, search
+from whiptool.optimizers.nlopt_search import nlopt_names
+from whiptool.strike import StrikeBounds
+
+LEMON = preset("lemon2024")
+UNIT = StrikeBounds((0.0, 0.0, 0.0, 0.0, 0.5), (1.0, 1.0, 1.0, 1.0, 1.5))
+MINIMUM = np.array([0.3, 0.6, 0.2, 0.7, 1.1])
+
+
+class Bowl:
+    """Instead of physics: the miss distance is the distance of the strike vector from a known point."""
+
+    model, engine, timestep = LEMON, "bowl", 1.0
+
+    def __init__(self, diverging: bool = False) -> None:
+        self.calls, self.diverging = 0, diverging
+
+    def approach(self, strikes, target, *, t_stay):
+        self.calls += len(strikes)
+        distance = np.linalg.norm(strikes - MINIMUM, axis=1)
+        none = np.zeros((len(strikes), 2))
+        diverged = strikes[:, 0] > 0.5 if self.diverging else np.zeros(len(strikes), bool)
+        distance = np.where(diverged, np.nan, distance)
+        return Approach(distance, distance, distance, none, none, none, diverged)
+
+
+@pytest.mark.parametrize("method", [*METHODS, "nlopt:GN_CRS2_LM", "nlopt:GN_ISRES", "nlopt:GN_ESCH"])
+def test_the_budget_is_kept_exactly_and_the_best_is_kept(method):
+    bowl = Bowl()
+    result = search(Objective(bowl, Target(hit_radius=1e-9), bounds=UNIT, max_trials=137), method, seed=3)
+    assert (result.status, result.n_trials, bowl.calls) == (Status.MAX_TRIALS, 137, 137)
+    best = min(result.trace, key=lambda trial: trial.outcome.miss_distance)
+    assert result.strike.vector.tolist() == list(best.strike)
+    assert result.outcome == best.outcome
+    assert [trial.number for trial in result.trace] == list(range(1, 138))
+    lower, upper = UNIT.box
+    assert all((lower <= trial.strike).all() and (trial.strike <= upper).all() for trial in result.trace)
+
+
+@pytest.mark.parametrize(("method", "close"), [("directl", 0.02), ("nlopt:GN_CRS2_LM", 0.02), ("random", 0.35)])
+def test_searches_come_close_to_a_known_minimum(method, close):
+    result = search(Objective(Bowl(), Target(hit_radius=1e-9), bounds=UNIT, max_trials=1000), method, seed=0)
+    assert result.outcome.miss_distance < close
+
+
+@pytest.mark.parametrize("name", nlopt_names())
+def test_every_nlopt_name_runs_or_says_why(name):
+    result = search(Objective(Bowl(), Target(hit_radius=1e-9), bounds=UNIT, max_trials=60), f"nlopt:{name}", seed=0)
+    assert result.status in (Status.MAX_TRIALS, Status.CONVERGED, Status.FAILED)
+    assert result.n_trials == 60 or result.message
+
+
+def test_seeds_decide_what_is_random():
+    def trace(seed):
+        objective = Objective(Bowl(), bounds=UNIT, max_trials=30)
+        return [trial.strike for trial in search(objective, "nlopt:GN_CRS2_LM", seed=seed).trace]
+
+    assert trace(0) == trace(0)
+    assert trace(0) != trace(1)
+
+
+def test_a_hit_ends_the_search():
+    result = search(Objective(Bowl(), Target(hit_radius=0.3), bounds=UNIT, max_trials=500, stop_at_hit=True), "directl")
+    assert result.status is Status.HIT
+    assert result.outcome.hit
+    assert not any(trial.outcome.hit for trial in result.trace[:-1])
+
+
+def test_divergence_costs_a_finite_penalty_and_is_counted():
+    objective = Objective(Bowl(diverging=True), bounds=UNIT, max_trials=200)
+    result = search(objective, "directl")
+    diverged = [trial for trial in result.trace if trial.outcome.diverged]
+    assert result.n_diverged == len(diverged) > 0
+    assert all(trial.outcome.miss_distance == objective.penalty for trial in diverged)
+    assert not result.outcome.diverged
+
+
+def test_time_and_interruption_end_a_search():
+    result = search(Objective(Bowl(), bounds=UNIT, max_time=0.05), "random")
+    assert result.status is Status.MAX_TIME
+    for method in ("directl", "random"):
+        objective = Objective(Bowl(), Target(hit_radius=1e-9), bounds=UNIT, max_trials=100)
+
+        def interrupt(trial):
+            if trial.number == 7:
+                raise KeyboardInterrupt
+
+        objective.record([], interrupt)
+        result = search(objective, method)
+        assert (result.status, result.n_trials) == (Status.INTERRUPTED, 7)
+        assert result.strike is not None
+    with pytest.raises(InputError, match="max-trials"):
+        search(Objective(Bowl(), bounds=UNIT), "random")
+
+
+def test_batches_count_every_trial_and_stop_at_the_budget():
+    objective = Objective(Bowl(), bounds=UNIT, max_trials=5)
+    strikes = UNIT.sample(np.random.default_rng(0), 4)
+    assert len(objective.batch(strikes)) == 4
+    with pytest.raises(SearchStopped, match="trials"):
+        objective.batch(strikes)
+    assert len(objective.trials) == 5
+    with pytest.raises(SearchStopped, match="trials"):
+        objective(strikes[0])
+    assert len(objective.trials) == 5
+
+
+def test_the_objective_copies_what_it_is_given():
+    objective = Objective(Bowl(), bounds=UNIT)
+    buffer = MINIMUM.copy()
+    objective(buffer)
+    buffer[:] = 0.9
+    assert objective.best.strike == tuple(MINIMUM)
+
+
+def test_replayed_trials_are_not_simulated_and_must_repeat():
+    bowl = Bowl()
+    first = Objective(bowl, bounds=UNIT, max_trials=40)
+    search(first, "directl")
+    again = Objective(bowl, bounds=UNIT, max_trials=60)
+    again.record(first.trials, lambda trial: None)
+    result = search(again, "directl")
+    assert bowl.calls == 60
+    assert list(result.trace[:40]) == first.trials
+    other = Objective(bowl, bounds=UNIT, max_trials=60)
+    other.record([dataclasses.replace(first.trials[0], strike=(0.0,) * 5)], lambda trial: None)
+    with pytest.raises(Exception, match="trial 1 of the resumed run"):
+        search(other, "directl")
+
+
+def test_outcomes_of_both_simulators_agree():
+    target = Target((1.2, 0.1))
+    vector = [-1.2, 0.9, 1.2, 0.3, 0.7]
+    a, b = (
+        Objective(rollout(LEMON, Controller(OIAC(a=1e-3))), target)(vector)
+        for rollout in (CompiledRollout, ReferenceRollout)
+    )
+    assert a.miss_distance == pytest.approx(b.miss_distance, abs=1e-4)
+    assert a.time == pytest.approx(b.time, abs=1e-4)
+    assert a.tip_speed == pytest.approx(b.tip_speed, rel=1e-3)
+    assert a.max_torque == pytest.approx(b.max_torque, rel=1e-2)
+    assert a.max_joint_speed == pytest.approx(b.max_joint_speed, rel=1e-3)
+    assert a.hit_time is None or a.hit
+
+
+def test_bad_targets_and_methods_are_refused():
+    for position in ((np.nan, 0.0), (1.0,), (np.inf, 1.0)):
+        with pytest.raises(InputError, match="target"):
+            Target(position)
+    with pytest.raises(InputError, match=r"reach of 1\.514 m"):
+        Objective(Bowl(), Target((2.0, 0.0)), bounds=UNIT)
+    with pytest.raises(InputError, match="hit radius"):
+        Target(hit_radius=0.0)
+    with pytest.raises(InputError, match=r"directl, random, nlopt:GN_"):
+        find_method("sgd")
