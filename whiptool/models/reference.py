@@ -114,7 +114,11 @@ class ReferenceRollout:
     def _control(self, loop: ControlLoop, *, held: bool):
         a = self.model.arm.n
 
+        own = self._data._address
+
         def act(mj: mujoco.MjModel, data: mujoco.MjData) -> None:
+            if data._address != own:  # the callback is one per process: leave other simulations alone
+                return
             if not held:
                 data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
             if self._has_forces:
