@@ -16,28 +16,26 @@ from whiptool.models import preset, read_model, write_model
 from whiptool.models.trajectory import Trajectory
 from whiptool.runs import TrialLog
 
-KEYS = set(
-    [
-        "method",
-        "status",
-        "message",
-        "target",
-        "hit_radius",
-        "strike",
-        "miss_distance",
-        "hit",
-        "hit_time",
-        "tip_speed",
-        "n_trials",
-        "n_diverged",
-        "wall_time",
-        "reference",
-        "controller",
-        "model",
-        "seed",
-        "version",
-    ]
-)
+KEYS = {
+    "method",
+    "status",
+    "message",
+    "target",
+    "hit_radius",
+    "strike",
+    "miss_distance",
+    "hit",
+    "hit_time",
+    "tip_speed",
+    "n_trials",
+    "n_diverged",
+    "wall_time",
+    "reference",
+    "controller",
+    "model",
+    "seed",
+    "version",
+}
 
 
 def whiptool(command: str, *args: object, cwd, **options) -> subprocess.CompletedProcess:

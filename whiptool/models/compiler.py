@@ -78,7 +78,7 @@ def load_library(generated: str, driver: str, defines: dict[str, int]) -> ctypes
     """
     compiler = find_compiler()
     if compiler is None:
-        log.warning("no C++ compiler found; strikes run in CasADi's interpreter, some 50 times slower")
+        log.warning("no C++ compiler found; strikes run in CasADi's interpreter, several times slower")
         return None
     options = [*FLAGS, *(f"-D{name}={value}" for name, value in sorted(defines.items()))]
     key = hashlib.sha256("\0".join([generated, driver, _identity(compiler), *options]).encode()).hexdigest()[:32]
