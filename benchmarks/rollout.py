@@ -94,7 +94,7 @@ def timed(call: Callable[[], object], repeats: int) -> float:
     return min(times)
 
 
-def compiled_entry(controller: Controller, strikes: np.ndarray, truth: np.ndarray, *, interpreted: bool) -> dict:
+def compiled_entry(controller: Controller, strikes: np.ndarray, truth: np.ndarray, *, engine: str) -> dict:
     """The compiled rollout at its largest sufficient step."""
     for h in COMPILED_STEPS:
         rollout = CompiledRollout(MODEL, controller, timestep=h)
@@ -102,10 +102,9 @@ def compiled_entry(controller: Controller, strikes: np.ndarray, truth: np.ndarra
         error = np.percentile(np.where(near.diverged, np.inf, np.abs(near.distance - truth)), 95)
         if error <= BOUND:
             break
-    few = strikes[:8] if interpreted else strikes
-    rollout = CompiledRollout(MODEL, controller, timestep=h, interpreted=interpreted)
-    chunks = [few[i : i + 64] for i in range(0, len(few), 64)]  # one chunk is one thread
-    seconds = timed(lambda: [rollout.approach(c, POINT, t_stay=T_STAY) for c in chunks], 3)
+    few = strikes[:8] if engine == "interpreter" else strikes
+    rollout = CompiledRollout(MODEL, controller, timestep=h, engine=engine, threads=1)
+    seconds = timed(lambda: rollout.approach(few, POINT, t_stay=T_STAY), 3)
     return {
         "engine": rollout.engine,
         "timestep": h,
@@ -177,8 +176,8 @@ def main() -> None:
         for name in bar:
             controller = CONTROLLERS[name]
             truth = CompiledRollout(MODEL, controller, timestep=2e-5).approach(strikes, POINT, t_stay=T_STAY).distance
-            compiled = compiled_entry(controller, strikes, truth, interpreted=False)
-            interpreted = compiled_entry(controller, strikes, truth, interpreted=True)
+            compiled = compiled_entry(controller, strikes, truth, engine="scalar")
+            interpreted = compiled_entry(controller, strikes, truth, engine="interpreter")
             loop, bare = mujoco_entries(controller, strikes, truth, bar)
             speed = compiled["strikes_per_second"]
             report[name] = {

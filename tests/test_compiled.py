@@ -52,8 +52,8 @@ CONTROLLERS = {
 @pytest.mark.parametrize("controller", CONTROLLERS.values(), ids=CONTROLLERS)
 @pytest.mark.parametrize("model", [LEMON, everything()], ids=["lemon2024", "everything"])
 def test_interpreter_and_compiled_code_agree(model, controller):
-    native, slow = (CompiledRollout(model, controller, interpreted=flag) for flag in (False, True))
-    assert (native.engine, slow.engine) == ("compiled", "interpreted")
+    native, slow = (CompiledRollout(model, controller, engine=name) for name in ("scalar", "interpreter"))
+    assert (native.engine, slow.engine) == ("scalar", "interpreter")
     a, b = (r.approach(STRIKES[:4], TARGET, t_stay=0.3) for r in (native, slow))
     for field in dataclasses.fields(a):
         np.testing.assert_allclose(getattr(a, field.name), getattr(b, field.name), rtol=1e-8, atol=1e-9)
@@ -156,18 +156,20 @@ def test_trajectories_are_saved_without_pickle(tmp_path):
 
 
 def test_without_a_compiler_the_interpreter_runs_and_says_so_once(monkeypatch, caplog):
-    from whiptool.models import compiled
+    from whiptool.models import engine
 
     monkeypatch.setenv("CXX", "no-such-compiler")
-    compiler_module.find_compiler.cache_clear()
-    compiled._engine.cache_clear()
+    for function in (compiler_module.find_compiler, compiler_module.has_simd):
+        function.cache_clear()
+    engine.find_engine.cache_clear()
     with caplog.at_level(logging.WARNING, logger="whiptool"):
         rollout = CompiledRollout(LEMON, CONTROLLERS["constant"], timestep=2e-3)
         CompiledRollout(LEMON, CONTROLLERS["constant"], timestep=1e-3)
     monkeypatch.delenv("CXX")
-    compiler_module.find_compiler.cache_clear()
-    compiled._engine.cache_clear()
-    assert rollout.engine == "interpreted"
+    for function in (compiler_module.find_compiler, compiler_module.has_simd):
+        function.cache_clear()
+    engine.find_engine.cache_clear()
+    assert rollout.engine == "interpreter"
     assert len(caplog.records) == 1
 
 
@@ -176,7 +178,7 @@ def test_processes_that_start_at_once_share_the_cache(tmp_path):
     program = (
         "import numpy as np; from whiptool.models import CompiledRollout, preset; from whiptool.impedance import *;"
         "r = CompiledRollout(preset('lemon2024'), Controller(ConstantImpedance()), timestep=1e-3);"
-        "assert r.engine == 'compiled';"
+        "assert r.engine != 'interpreter';"
         "print(repr(r.approach(np.array([[-1.2, 0.9, 1.2, 0.3, 0.7]]), np.array([1.3, 0.0]), t_stay=0.3).distance[0]))"
     )  # fmt: skip
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
@@ -192,14 +194,14 @@ def test_processes_that_start_at_once_share_the_cache(tmp_path):
 
 
 def test_a_damaged_cache_is_mended(tmp_path, monkeypatch):
-    from whiptool.models import compiled
+    from whiptool.models import engine
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    compiled._engine.cache_clear()
+    engine.find_engine.cache_clear()
     CompiledRollout(LEMON, CONTROLLERS["held"])
     (library,) = (tmp_path / "whiptool" / "compiled").glob("*.so")
     library.unlink()
     library.write_bytes(b"not a library")
-    compiled._engine.cache_clear()
-    assert CompiledRollout(LEMON, CONTROLLERS["held"]).engine == "compiled"
-    compiled._engine.cache_clear()
+    engine.find_engine.cache_clear()
+    assert CompiledRollout(LEMON, CONTROLLERS["held"]).engine != "interpreter"
+    engine.find_engine.cache_clear()

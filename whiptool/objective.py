@@ -216,6 +216,25 @@ class Objective:
             raise SearchStopped("trials")
         return outcomes
 
+    def gradient(self, strike: np.ndarray | Sequence[float]) -> tuple[Outcome, np.ndarray]:
+        """Outcome of one strike vector, a trial like any other, and the exact derivatives of its miss distance.
+
+        Returns:
+            The outcome, and d miss_distance / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged. For a
+            trial that is answered from a log they are computed again.
+
+        Raises:
+            InputError: The simulator has no derivatives.
+            SearchStopped: As in `__call__`.
+        """
+        derivative = getattr(self.rollout, "gradient", None)
+        if derivative is None:
+            raise InputError("simulator", self.rollout.engine, "one with derivatives", "use the compiled simulator")
+        vector = np.array(strike, float)
+        outcome = self(vector)
+        _, slope = derivative(vector[None], np.array(self.target.position), t_stay=self.t_stay)
+        return outcome, np.zeros_like(vector) if outcome.diverged else slope[0]
+
     def _replay(self, strikes: np.ndarray) -> list[Outcome]:
         """Outcomes of those of these strikes that an earlier run recorded."""
         done = len(self.trials)

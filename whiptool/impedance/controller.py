@@ -40,6 +40,16 @@ class Controller:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
 
+    def parameters(self) -> dict[str, float]:
+        """Every number under its name: `law.a`, or `law.K[0]` to `law.K[3]`, row by row; `torque_limit`."""
+        named: dict[str, float] = {}
+        for name, values in self.law.parameters().items():
+            single = self.law.kind == "oiac"
+            named.update({f"law.{name}" + ("" if single else f"[{i}]"): float(x) for i, x in enumerate(values)})
+        if self.torque_limit is not None:
+            named["torque_limit"] = self.torque_limit
+        return named
+
     def bind(self, arm: Arm, strike: Strike) -> ControlLoop:
         """The controller at work: for one arm and one strike."""
         return ControlLoop(self, arm, strike)

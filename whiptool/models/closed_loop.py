@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -42,10 +44,12 @@ class Structure:
     held: bool = False  # the torque is held for a control period
 
     @classmethod
-    def of(cls, model: Model, controller: Controller) -> Structure:
-        """The smallest structure that holds this model and controller."""
-        used = tuple(name for name in _OPTIONAL if model.whip.per_node(name).any())
-        used += ("hinge_mass",) if model.whip.hinge_mass else ()
+    def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = ()) -> Structure:
+        """The smallest structure that holds this model and controller, and the terms of parameters named in `free`."""
+        named = {re.sub(r"^whip\.|\[\d+\]$", "", name) for name in free}
+        named |= {"dry_friction"} if "friction_velocity" in named else set()
+        used = tuple(name for name in _OPTIONAL if model.whip.per_node(name).any() or name in named)
+        used += ("hinge_mass",) if model.whip.hinge_mass or "hinge_mass" in named else ()
         return cls(
             n_arm=model.arm.n,
             n_whip=model.whip.N,
@@ -86,6 +90,15 @@ class Structure:
     def n_parameters(self) -> int:
         """Length of the parameter vector."""
         return sum(self.layout.values())
+
+    def columns(self, block: str) -> slice:
+        """Where a block of `layout` stands in the parameter vector."""
+        start = 0
+        for name, size in self.layout.items():
+            if name == block:
+                return slice(start, start + size)
+            start += size
+        raise KeyError(block)
 
     def pack(self, model: Model, controller: Controller, strikes: np.ndarray) -> np.ndarray:
         """Parameter vectors of many strikes of one model and controller.
@@ -254,13 +267,35 @@ class ClosedLoop:
         return ca.Function("control", [x, t, self.p], [tau], ["x", "t", "p"], ["tau"], {"cse": True})
 
     @cached_property
+    def step_forward(self) -> ca.Function:
+        """`step` with its derivative along one direction (dx, dt, dh, dp, dtau); CasADi's forward mode."""
+        return _with_forward(self.step, ["x_next", "tip"])
+
+    @cached_property
+    def control_forward(self) -> ca.Function:
+        """`control` with its derivative along one direction (dx, dt, dp)."""
+        return _with_forward(self.control, ["tau"])
+
+    @cached_property
     def whip_balance(self) -> ca.Function:
-        """Gradient (N,) and Hessian (N, N) of the potential energy with respect to the whip's joints, at q (n,)."""
-        q = ca.SX.sym("q", self.structure.n)
-        V = potential_energy(self.chain, q)
+        """Balance of the resting whip at q (n,): gradient (N,) and Hessian (N, N) of the potential energy with respect
+        to the whip's joints, and the gradient's change (N,) along dq (arm joints only) and dp."""
+        q, dq, dp = ca.SX.sym("q", self.structure.n), ca.SX.sym("dq", self.structure.n), ca.SX.sym("dp", self.p.numel())
         a = self.structure.n_arm
-        H = ca.hessian(V, q)[0][a:, a:]
-        return ca.Function("whip_balance", [q, self.p], [ca.gradient(V, q)[a:], H], {"cse": True})
+        hessian, gradient = ca.hessian(potential_energy(self.chain, q), q)
+        change = ca.jtimes(gradient, q, dq) + ca.jtimes(gradient, self.p, dp)
+        outputs = [gradient[a:], hessian[a:, a:], change[a:]]
+        return ca.Function("whip_balance", [q, self.p, dq, dp], outputs, {"cse": True})
+
+
+def _with_forward(function: ca.Function, differentiated: list[str]) -> ca.Function:
+    """All outputs of a function, then the derivatives of some along one direction of all inputs."""
+    inputs = [ca.SX.sym(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
+    direction = [ca.SX.sym("d", *x.shape) for x in inputs]
+    outputs = function.call(inputs)
+    chosen = [outputs[function.index_out(name)] for name in differentiated]
+    slopes = ca.forward(chosen, inputs, [direction])[0]
+    return ca.Function(function.name(), [*inputs, *direction], [*outputs, *slopes], {"cse": True})
 
 
 @lru_cache(maxsize=32)

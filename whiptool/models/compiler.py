@@ -49,6 +49,20 @@ def _identity(compiler: str) -> str:
     return f"{version}\n{platform.machine()}\n{processor}"
 
 
+@cache
+def has_simd() -> bool:
+    """Whether the compiler has <experimental/simd>; one line in the log if it has not."""
+    compiler = find_compiler()
+    if compiler is None:
+        return False
+    question = "#if !__has_include(<experimental/simd>)\n#error\n#endif\n"
+    command = [compiler, "-std=c++17", "-E", "-x", "c++", "-o", os.devnull, "-"]
+    answer = subprocess.run(command, input=question, capture_output=True, text=True, check=False)
+    if answer.returncode != 0:
+        log.warning("%s has no <experimental/simd>; strikes run one per core at a time", compiler)
+    return answer.returncode == 0
+
+
 def _cache_folder() -> Path:
     """The cache folder; a temporary one where the user's cannot be written."""
     folder = user_cache_path("whiptool") / "compiled"
@@ -62,7 +76,7 @@ def _cache_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="whiptool-"))
 
 
-def load_library(generated: str, driver: str, defines: dict[str, int]) -> ctypes.CDLL | None:
+def load_library(generated: str, driver: str, defines: dict[str, float]) -> ctypes.CDLL | None:
     """The shared library of generated C code included by a driver, from the cache or freshly compiled.
 
     The cache key is a hash of sources, compiler, processor and flags. The library is written under a temporary name
@@ -97,7 +111,7 @@ def load_library(generated: str, driver: str, defines: dict[str, int]) -> ctypes
         run = subprocess.run(command, capture_output=True, text=True, check=False)
         if run.returncode != 0:
             reason = (run.stderr.strip().splitlines() or [f"exit status {run.returncode}"])[0]
-            log.warning("%s failed (%s); strikes run in CasADi's interpreter", compiler, reason)
+            log.warning("%s failed (%s); trying something simpler", compiler, reason)
             return None
         output.replace(library)
     return ctypes.CDLL(str(library))

@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.impedance.controller import Controller
 from whiptool.models.closed_loop import Structure, closed_loop
 from whiptool.models.parameters import Model
+
+
+def hangs_straight(model: Model) -> bool:
+    """Whether the whip hangs straight down: its hinge has no spring, and no joint a rest angle."""
+    return model.whip.per_node("k")[0] == 0 and not model.whip.per_node("rest_angle").any()
 
 
 def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
     """Joint positions at the start [rad], shape (B, n), for arm postures q_i of shape (B, a).
 
-    The whip hangs straight down. One with rest angles, or with a spring at its hinge, does not hang straight: it
-    starts where weight and springs balance, found by Newton's method from straight down.
+    A whip that does not hang straight starts where weight and springs balance, found by Newton's method from straight
+    down.
     """
     a, n = model.arm.n, model.n
     q = np.zeros((len(q_i), n))
     q[:, :a] = q_i
     q[:, a] = -q_i.sum(axis=1)
-    if model.whip.per_node("k")[0] == 0 and not model.whip.per_node("rest_angle").any():
+    if hangs_straight(model):
         return q
-    controller = Controller()  # any: only the potential energy is used
-    structure = Structure.of(model, controller)
-    balance = closed_loop(structure).whip_balance
-    p = structure.pack(model, controller, np.zeros((1, 2 * a + 1)))[0]
+    balance, p = _balance(model)
     for row in q:
         for _ in range(100):
-            gradient, hessian = (x.full() for x in balance(row, p))
+            gradient, hessian, _ = (x.full() for x in balance(row, p, 0, 0))
             # a negative curvature would lead uphill: damp until the Hessian is positive
             shift = max(0.0, 1e-9 - np.linalg.eigvalsh(hessian)[0])
             step = np.linalg.solve(hessian + shift * np.eye(n - a), gradient[:, 0])
@@ -36,3 +37,31 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
             if largest < 1e-12:
                 break
     return q
+
+
+def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.ndarray, dp: np.ndarray) -> np.ndarray:
+    """Change of the start postures q (B, n) along changes dp (B, P) of the parameters p (B, P): (B, n).
+
+    Where the whip is bent, balance is kept: `H dq_whip = -(change of the energy's gradient)`.
+    """
+    a = structure.n_arm
+    dq = np.zeros_like(q)
+    dq[:, :a] = dp[:, :a]  # q_i stands first
+    dq[:, a] = -dp[:, :a].sum(axis=1)
+    hinge = structure.columns("whip.k").start  # a spring at the hinge would bend the whip
+    if hangs_straight(model) and "rest_angle" not in structure.optional and not dp[:, hinge].any():
+        return dq
+    balance = closed_loop(structure).whip_balance
+    dq[:, a:] = 0
+    for row, drow, parameters, direction in zip(q, dq, p, dp, strict=True):
+        _, hessian, change = (x.full() for x in balance(row, parameters, drow, direction))
+        drow[a:] = -np.linalg.solve(hessian, change[:, 0])
+    return dq
+
+
+def _balance(model: Model):
+    from whiptool.impedance.controller import Controller
+
+    controller = Controller()  # any: only the potential energy is used
+    structure = Structure.of(model, controller)
+    return closed_loop(structure).whip_balance, structure.pack(model, controller, np.zeros((1, 2 * model.arm.n + 1)))[0]

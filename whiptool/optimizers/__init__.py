@@ -8,6 +8,7 @@ from functools import partial
 
 from whiptool.errors import InputError
 from whiptool.objective import Objective, SearchStopped
+from whiptool.optimizers.gradient_search import gradient_search
 from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 from whiptool.optimizers.random_search import random_search
 from whiptool.optimizers.result import MESSAGES, Result, Status
@@ -18,6 +19,7 @@ __all__ = ["METHODS", "Result", "Status", "find_method", "search"]
 Method = Callable[..., None]
 METHODS: dict[str, Method] = {
     "directl": partial(nlopt_search, algorithm=DIRECT_L),
+    "gradient": gradient_search,
     "random": random_search,
 }
 _STOPS = {"hit": Status.HIT, "trials": Status.MAX_TRIALS, "time": Status.MAX_TIME}

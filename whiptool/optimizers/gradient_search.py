@@ -1,0 +1,64 @@
+"""Random strikes, the best few of them refined with the exact gradient of the miss distance."""
+
+from __future__ import annotations
+
+import nlopt
+import numpy as np
+
+from whiptool.objective import Objective
+
+BATCH = 64  # random strikes a round
+REFINED = 8  # of them are refined
+STEPS = 60  # gradient evaluations a refinement at most
+
+
+def gradient_search(objective: Objective, *, seed: int) -> None:
+    """Rounds of random strikes and refinement until the objective stops it.
+
+    Half the squared miss distance is minimised by SLSQP inside the bounds: it is smooth where the distance itself has
+    a kink, at zero. Every rollout is a trial, those of the refinement included; a trial with its gradient is one.
+
+    Raises:
+        SearchStopped: The objective ended the search.
+    """
+    rng = np.random.default_rng(seed)
+    while True:
+        strikes = objective.bounds.sample(rng, BATCH)
+        misses = [outcome.miss_distance for outcome in objective.batch(strikes)]
+        for i in np.argsort(misses, kind="stable")[:REFINED]:
+            if refine(objective, strikes[i]):
+                return
+
+
+def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) -> bool:
+    """Follow the gradient from one strike; whether the miss distance came below `tolerance` [m]."""
+    lower, upper = objective.bounds.box
+    scale = upper - lower
+    optimizer = nlopt.opt(nlopt.LD_SLSQP, len(lower))
+    optimizer.set_lower_bounds(np.zeros(len(lower)))
+    optimizer.set_upper_bounds(np.ones(len(lower)))
+    optimizer.set_maxeval(STEPS)
+    optimizer.set_xtol_rel(1e-10)
+    optimizer.set_stopval(tolerance**2 / 2)
+    ended: list[BaseException] = []
+
+    def half_square(u: np.ndarray, gradient: np.ndarray) -> float:
+        try:
+            outcome, slope = objective.gradient(lower + u * scale)
+        except BaseException as error:
+            ended.append(error)
+            raise nlopt.ForcedStop from None
+        if gradient.size:
+            gradient[:] = outcome.miss_distance * slope * scale
+        return outcome.miss_distance**2 / 2
+
+    optimizer.set_min_objective(half_square)
+    try:
+        optimizer.optimize(np.clip((start - lower) / scale, 0, 1))
+    except nlopt.ForcedStop:
+        raise ended[0] from None
+    except (nlopt.RoundoffLimited, RuntimeError):
+        pass  # a kink: the next start will do
+    if ended:
+        raise ended[0]
+    return optimizer.last_optimum_value() <= tolerance**2 / 2
