@@ -52,6 +52,7 @@ class CompiledRollout:
             raise InputError("engine", engine, ", ".join(RUNGS))
         self.model, self.controller = model, controller
         self.timestep = number("timestep", timestep, low=0, strict=True)
+        self.free = tuple(free)
         self.structure = Structure.of(model, controller, free=free)
         _check_law(model, controller)
         self._rung, self._threads = engine or wanted_rung(), threads
