@@ -149,6 +149,7 @@ def run(command: Callable[[], int]) -> int:
 COMMANDS = {
     "optimize": "find a strike that hits a target",
     "simulate": "play one strike, or export the model",
+    "doctor": "check the installation and this machine",
 }
 
 

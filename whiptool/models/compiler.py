@@ -63,7 +63,7 @@ def has_simd() -> bool:
     return answer.returncode == 0
 
 
-def _cache_folder() -> Path:
+def cache_folder() -> Path:
     """The cache folder; a temporary one where the user's cannot be written."""
     folder = user_cache_path("whiptool") / "compiled"
     try:
@@ -96,7 +96,7 @@ def load_library(generated: str, driver: str, defines: dict[str, float]) -> ctyp
         return None
     options = [*FLAGS, *(f"-D{name}={value}" for name, value in sorted(defines.items()))]
     key = hashlib.sha256("\0".join([generated, driver, _identity(compiler), *options]).encode()).hexdigest()[:32]
-    folder = _cache_folder()
+    folder = cache_folder()
     library = folder / f"{key}.so"
     if library.exists():
         try:
