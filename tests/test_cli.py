@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -184,7 +185,7 @@ MISTAKES = [
     (["--model", "negative.toml"], "whip.m: got -0.1"),
     (["--model", "broken.toml"], "valid TOML"),
     (["--model", "absent.toml"], "readable TOML"),
-    (["--method", "magic"], "directl, random, nlopt:"),
+    (["--method", "magic"], "directl, gradient, cmaes, random, nlopt:"),
     (["--preset", "table5"], "printed, table4"),
     (["--controller", "pid"], "oiac, constant"),
     (["--simulator", "gazebo"], "compiled, reference"),
@@ -248,3 +249,17 @@ def test_import_is_light():
     heavy = "{'numpy', 'casadi', 'mujoco', 'torch', 'cv2', 'matplotlib', 'pinocchio'}"
     program = f"import sys, whiptool; found = {heavy} & set(sys.modules); assert not found, found"
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_doctor_reports(tmp_path):
+    done = whiptool("doctor", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["engine"]["found"].startswith(("simd", "scalar", "interpreter"))
+    assert {"mujoco", "C++ compiler", "OpenGL", "cores", "extra rl"} <= set(report)
+    forced = whiptool("doctor", cwd=tmp_path, env={**os.environ, "WHIPTOOL_ENGINE": "interpreter"})
+    assert "interpreter (forced by WHIPTOOL_ENGINE)" in forced.stdout
+    without = whiptool("doctor", cwd=tmp_path, env={**os.environ, "CXX": "no-such-compiler"})
+    assert "install g++" in without.stdout
+    wrong = whiptool("doctor", cwd=tmp_path, env={**os.environ, "WHIPTOOL_ENGINE": "abacus"})
+    assert_one_line(wrong, "WHIPTOOL_ENGINE")

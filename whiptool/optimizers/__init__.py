@@ -8,6 +8,7 @@ from functools import partial
 
 from whiptool.errors import InputError
 from whiptool.objective import Objective, SearchStopped
+from whiptool.optimizers.cmaes_search import cmaes_search
 from whiptool.optimizers.gradient_search import gradient_search
 from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 from whiptool.optimizers.random_search import random_search
@@ -20,6 +21,7 @@ Method = Callable[..., None]
 METHODS: dict[str, Method] = {
     "directl": partial(nlopt_search, algorithm=DIRECT_L),
     "gradient": gradient_search,
+    "cmaes": cmaes_search,
     "random": random_search,
 }
 _STOPS = {"hit": Status.HIT, "trials": Status.MAX_TRIALS, "time": Status.MAX_TIME}
