@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -263,3 +265,14 @@ def test_doctor_reports(tmp_path):
     assert "install g++" in without.stdout
     wrong = whiptool("doctor", cwd=tmp_path, env={**os.environ, "WHIPTOOL_ENGINE": "abacus"})
     assert_one_line(wrong, "WHIPTOOL_ENGINE")
+
+
+def test_the_readme_example_runs():
+    readme = (Path(__file__).parent.parent / "README.md").read_text()
+    (example,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    names: dict = {}
+    exec(example, names)
+    assert names["result"].outcome.hit
+    assert names["path"].approach((1.2, 0.1)).distance[0] == pytest.approx(
+        names["result"].outcome.miss_distance, abs=1e-4
+    )

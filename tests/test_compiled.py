@@ -63,8 +63,9 @@ def test_interpreter_and_compiled_code_agree(model, controller):
 def test_trajectory_and_outcome_tell_the_same(controller):
     rollout = CompiledRollout(LEMON, controller)
     near = rollout.approach(STRIKES[:5], TARGET, t_stay=0.3)
-    for i, vector in enumerate(STRIKES[:5]):
-        path = rollout.trajectory(Strike.from_vector(vector), t_stay=0.3)
+    for i, (vector, path) in enumerate(zip(STRIKES, rollout.trajectories(STRIKES[:5], t_stay=0.3), strict=False)):
+        single = rollout.trajectory(Strike.from_vector(vector), t_stay=0.3)
+        np.testing.assert_array_equal(path.q, single.q)
         again = path.approach(TARGET)
         assert path.t[-1] == pytest.approx(vector[-1] + 0.3)
         for field in dataclasses.fields(near):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from tqdm import tqdm
@@ -20,6 +20,7 @@ from whiptool.strike import Strike, strike_names
 
 TIMESTEP = 2.5e-4  # [s]; benchmarks/accuracy.py shows why
 _AT_ONCE = 8192  # strikes packed at once: bounds the memory
+_TRAJECTORIES_AT_ONCE = 64
 
 
 class CompiledRollout:
@@ -142,37 +143,52 @@ class CompiledRollout:
         strikes = self._strikes(strikes)
         number("rate", rate, low=0, strict=True)
         S = int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1
-        B, m, target = len(strikes), len(names), np.zeros((len(strikes), 2))
-        if not m:
-            batch = self._batch(strikes, target, t_stay)
+        B, m = len(strikes), len(names)
+        directions, engine = self.directions(names), self._engine(forward=m > 0)
+        paths, slopes = np.empty((B, S, 2)), np.empty((B, S, 2, m))
+        at_once = max(1, _AT_ONCE // max(m, 1))
+        for first in range(0, B, at_once):
+            part = slice(first, first + at_once)
+            targets = np.zeros((len(strikes[part]), 2))
+            if m:
+                batch = self._forward_batch(strikes[part], targets, t_stay, directions)
+            else:
+                batch = self._batch(strikes[part], targets, t_stay)
             batch.rate, batch.samples = rate, S
-            path = self._engine(forward=False)(batch, threads=self._threads).path
+            path = engine(batch, threads=self._threads).path
             assert path is not None
-            return np.arange(S) / rate, path, np.empty((B, S, 2, 0))
-        batch = self._forward_batch(strikes, target, t_stay, self.directions(names))
-        batch.rate, batch.samples = rate, S
-        path = self._engine(forward=True)(batch, threads=self._threads).path
-        assert path is not None
-        both = path.reshape(B, m, S, 4)
-        return np.arange(S) / rate, both[:, 0, :, :2].copy(), both[..., 2:].transpose(0, 2, 3, 1)
+            both = path.reshape(len(targets), max(m, 1), S, -1)
+            paths[part] = both[:, 0, :, :2]
+            if m:
+                slopes[part] = both[..., 2:].transpose(0, 2, 3, 1)
+        return np.arange(S) / rate, paths, slopes
 
     def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
         """The whole strike, at every step of the integrator."""
-        batch = self._batch(strike.vector[None], np.zeros((1, 2)), t_stay)
-        batch.with_rows = True
-        rolled = self._engine(forward=False)(batch)
-        assert rolled.rows is not None
-        n, rows = self.model.n, rolled.rows[: int(rolled.out[0, 6]) + 1]
-        return complete_trajectory(
-            self.model,
-            self.controller,
-            strike,
-            t=rows[:, 0],
-            q=rows[:, 1 : 1 + n],
-            v=rows[:, 1 + n : 1 + 2 * n],
-            tau=rows[:, 1 + 2 * n :],
-            diverged=bool(rolled.out[0, 5]),
-        )
+        return next(self.trajectories(strike.vector[None], t_stay=t_stay))
+
+    def trajectories(self, strikes: np.ndarray, *, t_stay: float) -> Iterator[Trajectory]:
+        """The whole of many strikes, one after the other; only a few are in memory at a time."""
+        strikes, n = self._strikes(strikes), self.model.n
+        for first in range(0, len(strikes), _TRAJECTORIES_AT_ONCE):
+            some = strikes[first : first + _TRAJECTORIES_AT_ONCE]
+            batch = self._batch(some, np.zeros((len(some), 2)), t_stay)
+            batch.with_rows = True
+            rolled = self._engine(forward=False)(batch, threads=self._threads)
+            assert rolled.rows is not None
+            assert rolled.first_row is not None
+            for vector, start, out in zip(some, rolled.first_row, rolled.out, strict=True):
+                rows = rolled.rows[start : start + int(out[6]) + 1]
+                yield complete_trajectory(
+                    self.model,
+                    self.controller,
+                    Strike.from_vector(vector),
+                    t=rows[:, 0],
+                    q=rows[:, 1 : 1 + n],
+                    v=rows[:, 1 + n : 1 + 2 * n],
+                    tau=rows[:, 1 + 2 * n :],
+                    diverged=bool(out[5]),
+                )
 
     def directions(self, names: Sequence[str]) -> np.ndarray:
         """How the parameter vector changes with each named parameter, (m, P); it is linear in all of them.
