@@ -29,8 +29,8 @@ from tqdm import tqdm
 
 from whiptool.impedance import Controller
 from whiptool.models import CompiledRollout
-from whiptool.models.engine import cores
 from whiptool.models.mujoco_model import build_spec
+from whiptool.models.native import cores
 from whiptool.objective import T_STAY
 from whiptool.strike import default_bounds
 

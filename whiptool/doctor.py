@@ -90,7 +90,7 @@ def _extra(extra: str, names: tuple[str, ...]) -> Finding:
 
 
 def _processor() -> Finding:
-    from whiptool.models.engine import cores
+    from whiptool.models.native import cores
 
     return Finding("cores", str(cores()))
 
@@ -100,7 +100,8 @@ def _engine() -> list[Finding]:
     from whiptool.impedance import ConstantImpedance, Controller
     from whiptool.models import CompiledRollout, preset
     from whiptool.models.compiler import find_compiler, has_simd
-    from whiptool.models.engine import VARIABLE, NativeEngine, wanted_rung
+    from whiptool.models.engine import VARIABLE, wanted_rung
+    from whiptool.models.native import NativeEngine
 
     logging.getLogger("whiptool").setLevel(logging.ERROR)  # the findings say it
     compiler, forced = find_compiler(), wanted_rung()

@@ -10,8 +10,9 @@ from tqdm import tqdm
 
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
+from whiptool.models.batch import Batch, Engine
 from whiptool.models.closed_loop import Structure
-from whiptool.models.engine import RUNGS, Batch, Engine, find_engine, wanted_rung
+from whiptool.models.engine import RUNGS, find_engine, wanted_rung
 from whiptool.models.parameters import Model, number
 from whiptool.models.posture import start_derivative, start_posture
 from whiptool.models.stepping import time_grid

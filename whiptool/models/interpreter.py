@@ -7,8 +7,8 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from whiptool.models.batch import Batch, Rolled, empty_results
 from whiptool.models.closed_loop import Structure, closed_loop
-from whiptool.models.engine import Batch, Rolled, empty_results
 from whiptool.models.stepping import FASTEST
 
 
