@@ -86,7 +86,6 @@ def test_simulate_replays_the_strike_that_was_found(tmp_path):
         done = whiptool("simulate", "--strike", *strike, "--simulator", simulator, "--json", "--no-video", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         results[simulator] = json.loads(done.stdout)
-        time.sleep(1.1)  # the default folder's name has seconds
     assert results["compiled"]["miss_distance"] == pytest.approx(results["reference"]["miss_distance"], abs=3e-4)
     assert results["compiled"]["engine"] in ("simd", "scalar")
     assert len(list((tmp_path / "runs").iterdir())) == 2
@@ -199,6 +198,14 @@ MISTAKES = [
     (["--out", "taken"], "new or empty"),
     (["--out", "/proc/nowhere"], "can be written"),
     (["--resume", "taken"], "run folder"),
+    (["--seed", "-1"], "from 0 to"),
+    (["--integrator", "RK5"], "--integrator"),
+    (["--simulator", "reference", "--integrator", "RK5"], "RK4, Euler"),
+    (["--timestep", "1e-300"], "steps"),
+    (["--timestep", "10"], "<= 0.01"),
+    (["--model", "names.toml"], "arm.joints"),
+    (["--model", "heavy.toml"], "magnitude"),
+    (["--model", "three.toml", "--controller", "constant"], "--lower"),
 ]
 
 
@@ -211,6 +218,11 @@ def test_mistakes_get_one_line_and_leave_nothing(tmp_path, options, said, capsys
     (tmp_path / "zero.toml").write_text(table.format(N=0, m=0.1))
     (tmp_path / "negative.toml").write_text(table.format(N=2, m=-0.1))
     (tmp_path / "broken.toml").write_text("[whip\n")
+    link = "{mass = 1, length = 1}"
+    good = table.format(N=2, m=0.1)
+    (tmp_path / "names.toml").write_text(good + 'joints = ["whip1"]\n')
+    (tmp_path / "heavy.toml").write_text(table.format(N=2, m=1e308))
+    (tmp_path / "three.toml").write_text(good.replace(f"[{link}]", f"[{link}, {link}, {link}]"))
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "file").write_text("mine")
     monkeypatch.chdir(tmp_path)

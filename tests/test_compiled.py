@@ -127,7 +127,7 @@ def test_batches_do_not_depend_on_their_size():
 
 
 def test_divergence_is_reported_and_alone():
-    """Gains far beyond what the step can follow, on one strike of two; the other is untouched."""
+    """Gains that push away from the reference; test_engine.py has the lanes beside a diverging one."""
     wild = Controller(ConstantImpedance(K=((-1e7, 0), (0, -1e7)), B=((0, 0), (0, 0))))
     near = CompiledRollout(LEMON, wild).approach(STRIKES[:3], TARGET, t_stay=0.3)
     assert near.diverged.all()

@@ -34,7 +34,7 @@ def test_numpy_and_casadi_agree(law, e, de):
 @given(st.floats(1e-4, 1), errors, errors)
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_oiac_has_rank_one_and_its_closed_form(a, e, de):
-    """The design's reduction of Eqs. 8-10: tau = eps (|e|^2 + |de|^2)(1 + C |eps|^2) / a."""
+    """Eqs. 2 and 8-10 reduce to tau = eps (|e|^2 + |de|^2)(1 + C |eps|^2) / a."""
     law = OIAC(a=a, beta=0.6, C=5.0)
     K, B = law.gains(e, de)
     epsilon = e + 0.6 * de

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
 from test_compiled import everything
 
 from whiptool.errors import InputError
-from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, ReferenceRollout, preset
+from whiptool.impedance import OIAC, OIAC_PRESETS, ConstantImpedance, Controller
+from whiptool.models import ArmLink, ArmParameters, CompiledRollout, ReferenceRollout, preset
 from whiptool.models.mujoco_model import export_xml
+from whiptool.models.reference import replay
 from whiptool.strike import Strike, default_bounds
 
 TARGET = np.array([1.3, 0.0])
@@ -59,6 +62,31 @@ def test_other_presets_against_mujoco(name):
     reference = misses(ReferenceRollout(model, controller), STRIKES[:1])
     compiled = CompiledRollout(model, controller, timestep=2e-5).approach(STRIKES[:1], TARGET, t_stay=0.3).distance
     assert np.abs(compiled - reference).max() < 1e-6
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3])
+def test_arms_of_any_number_of_joints_against_mujoco(joints):
+    """With every term of the whip; the law is OIAC, which is of no number of joints."""
+    arm = ArmParameters(tuple(ArmLink(mass=0.3 - 0.05 * i, length=0.3, friction=0.02) for i in range(joints)))
+    model = dataclasses.replace(everything(), arm=arm)
+    strike = Strike.from_vector([*([-0.8] + [0.4] * (joints - 1)), *([1.0] + [0.2] * (joints - 1)), 0.7])
+    controller = Controller(OIAC(a=0.01), feedforward=True)
+    point = np.array([0.9, 0.1])
+    path = ReferenceRollout(model, controller, timestep=5e-5).trajectory(strike, t_stay=0.1)
+    near = CompiledRollout(model, controller, timestep=2e-5).approach(strike.vector[None], point, t_stay=0.1)
+    assert not path.diverged
+    assert path.approach(point).distance[0] == pytest.approx(near.distance[0], abs=2e-6)
+
+
+def test_a_replay_is_repeated_until_it_agrees_or_cannot():
+    strike, controller = Strike.from_vector(STRIKES[0]), Controller(ConstantImpedance())
+    expected = CompiledRollout(LEMON, controller).approach(STRIKES[:1], TARGET, t_stay=0.3).distance[0]
+    seen = replay(LEMON, controller, strike, TARGET, t_stay=0.3, expected=expected)
+    assert seen.confirmed
+    assert seen.miss_distance == pytest.approx(expected, abs=1e-4)
+    wrong = replay(LEMON, controller, strike, TARGET, t_stay=0.0, expected=expected + 0.1)
+    assert not wrong.confirmed
+    assert wrong.timestep == pytest.approx(seen.timestep / 4)
 
 
 def test_the_other_integrators_converge_to_the_same():

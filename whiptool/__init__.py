@@ -1,4 +1,4 @@
-"""whiptool: model, search, identify and run whip strikes. The public names; each is imported when first used."""
+"""whiptool: model whips, and search for strikes. The public names; each is imported when first used."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -46,8 +47,8 @@ class SimulationOptions:
     """compiled (CasADi) or reference (MuJoCo)."""
     timestep: float | None = None
     """Integration step [s]; default: 0.00025 compiled, at most 0.0001 reference."""
-    integrator: str = "RK4"
-    """Of the reference: RK4, Euler, implicit or implicitfast."""
+    integrator: str | None = None
+    """Of the reference: RK4, Euler, implicit or implicitfast; default: RK4 unless the whip is too stiff for it."""
 
     def build_model(self) -> Model:
         """The model that `--model` names."""
@@ -77,6 +78,8 @@ class SimulationOptions:
 
     def build_rollout(self, model: Model, controller: Controller) -> Rollout:
         """The simulator that `--simulator` names."""
+        if self.integrator is not None and self.simulator != "reference":
+            raise InputError("--integrator", self.integrator, "nothing, unless --simulator reference is given")
         if self.simulator == "compiled":
             from whiptool.models.compiled import TIMESTEP, CompiledRollout
 
@@ -138,8 +141,11 @@ def run(command: Callable[[], int]) -> int:
     except InputError as error:
         print(f"whiptool: {error}", file=sys.stderr)
         return 2
-    except WhiptoolError as error:
-        print(f"whiptool: {error}", file=sys.stderr)
+    except BrokenPipeError:  # the reader of our output went away
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
+        return 1
+    except (WhiptoolError, OSError, MemoryError) as error:
+        print(f"whiptool: {' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("whiptool: interrupted", file=sys.stderr)
@@ -187,4 +193,6 @@ def as_plain(options: Any) -> dict:
         value = getattr(options, f.name)
         if value is not None:
             plain[f.name] = list(value) if isinstance(value, tuple) else value
+    if str(plain.get("model", "")).endswith(".toml"):  # the same file, wherever the run is resumed
+        plain["model"] = os.path.abspath(plain["model"])  # noqa: PTH100
     return plain

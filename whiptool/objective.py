@@ -128,6 +128,7 @@ class Objective:
         max_trials: No more trials than these; None: no limit.
         max_time: No trial starts later than this after the objective was made [s]; None: no limit.
         stop_at_hit: End the search with the first hit.
+        check_reach: Refuse a target out of reach.
 
     Raises:
         InputError: The target cannot be reached, or a number is out of range.
@@ -143,9 +144,11 @@ class Objective:
         max_trials: int | None = None,
         max_time: float | None = None,
         stop_at_hit: bool = False,
+        check_reach: bool = True,
     ) -> None:
         self.rollout, self.target = rollout, target or Target()
-        self.target.check_reach(rollout.model)
+        if check_reach:
+            self.target.check_reach(rollout.model)
         self.bounds = bounds or default_bounds(rollout.model.arm)
         if len(self.bounds.lower) != 2 * rollout.model.arm.n + 1:
             raise InputError("bounds", self.bounds.lower, f"{2 * rollout.model.arm.n + 1} values each")
@@ -193,6 +196,9 @@ class Objective:
                 was the hit to stop at (all are counted).
         """
         strikes = np.array(strikes, float, ndmin=2)  # a copy: optimizers reuse their buffers
+        width = 2 * self.rollout.model.arm.n + 1
+        if strikes.ndim != 2 or strikes.shape[1] != width or not np.isfinite(strikes).all():
+            raise InputError("strikes", strikes.tolist()[:1], f"{width} finite numbers each")
         if self.max_time is not None and time.monotonic() - self._start > self.max_time:
             raise SearchStopped("time")
         room = len(strikes) if self.max_trials is None else self.max_trials - len(self.trials)
@@ -261,7 +267,7 @@ class Objective:
         return self._outcome(trajectory.approach(np.array(self.target.position)), 0)
 
     def _outcome(self, near: Approach, i: int) -> Outcome:
-        diverged = bool(near.diverged[i])
+        diverged = bool(near.diverged[i]) or not np.isfinite(near.distance[i])
         distance = self.penalty if diverged else float(near.distance[i])
         return Outcome(
             miss_distance=distance,

@@ -64,7 +64,10 @@ def _parse(args: Sequence[str] | None) -> OptimizeOptions:
     options = cli.parse(OptimizeOptions, prog="whiptool optimize", description=_EXAMPLE, args=words)
     if options.resume is None:
         return options
-    stored_table = RunFolder.open(options.resume).config.get("options", {})
+    config = RunFolder.open(options.resume).config
+    stored_table = config.get("options")
+    if config.get("command") != "optimize" or not isinstance(stored_table, dict):
+        raise InputError("--resume", str(options.resume), "a folder that `whiptool optimize` made, its config whole")
     fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in stored_table.items()}
     try:
         stored = OptimizeOptions(**fields)
@@ -96,6 +99,8 @@ class _Run:
 
         self.options = options
         find_method(options.method)
+        if not 0 <= options.seed < 2**31:
+            raise InputError("--seed", options.seed, "a whole number from 0 to 2147483647")
         self.model, self.controller = options.build_model(), options.build_controller()
         self.target = options.build_target()
         self.target.check_reach(self.model)
@@ -175,7 +180,10 @@ class _Run:
         if result.strike is None:
             print("whiptool: ended before the first trial", file=sys.stderr)
             return status or 1
-        summary = self._summary(result, reference=self._replay(result))
+        nothing_yet = {"miss_distance": None, "difference": None}
+        self.folder.write_result(self._summary(result, reference=nothing_yet))  # whatever happens below
+        replayed = self._replay(result)
+        summary = self._summary(result, reference=replayed)
         trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
         self.folder.write_result(summary)
         files = save_strike(
@@ -189,22 +197,32 @@ class _Run:
         )
         from whiptool.plots import save_convergence
 
-        save_convergence(self.folder.path, [t.outcome.miss_distance for t in result.trace], self.target.hit_radius)
+        misses = [float("nan") if t.outcome.diverged else t.outcome.miss_distance for t in result.trace]
+        label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
+        save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
         return status
 
     def _replay(self, result) -> dict:
-        """The winning strike on the reference rollout."""
-        from whiptool.models.reference import ReferenceRollout
-
-        reference = ReferenceRollout(self.model, self.controller)
-        path = reference.trajectory(result.strike, t_stay=self.options.t_stay)
-        if path.diverged:
-            return {"miss_distance": None, "difference": None}
+        """The winning strike on the reference rollout; one line on stderr if that does not confirm it."""
         import numpy as np
 
-        distance = float(path.approach(np.array(self.target.position)).distance[0])
-        return {"miss_distance": distance, "difference": distance - result.outcome.miss_distance}
+        from whiptool.models.reference import AGREEMENT, replay
+
+        if result.outcome.diverged:
+            return {"miss_distance": None, "difference": None}
+        expected = result.outcome.miss_distance
+        target = np.array(self.target.position)
+        seen = replay(self.model, self.controller, result.strike, target, t_stay=self.options.t_stay, expected=expected)
+        if not seen.confirmed:
+            what = "diverges" if seen.miss_distance is None else f"misses by {seen.miss_distance:.4f} m"
+            print(
+                f"whiptool: not confirmed: the strike {what} in MuJoCo at {1e3 * seen.timestep:.2g} ms, more than "
+                f"{1e3 * AGREEMENT:g} mm from {expected:.4f} m; try a smaller --timestep",
+                file=sys.stderr,
+            )
+        distance = seen.miss_distance
+        return {"miss_distance": distance, "difference": None if distance is None else distance - expected}
 
     def _summary(self, result, *, reference: dict) -> dict:
         from whiptool.strike import strike_names
@@ -242,7 +260,7 @@ class _Run:
         ]
         reference = summary["reference"]
         if reference["miss_distance"] is None:
-            lines.append("  reference      diverged in MuJoCo: do not trust this strike")
+            lines.append("  reference      not confirmed: no result in MuJoCo")
         else:
             lines.append(
                 f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, a difference of "

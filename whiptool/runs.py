@@ -37,8 +37,24 @@ def code_version() -> str:
 
 
 def default_folder(name: str) -> Path:
-    """`runs/NAME-DATE-TIME` below the current folder."""
-    return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
+    """A new folder `runs/NAME-DATE-TIME` below the current one; a number is added where another run has it.
+
+    Raises:
+        InputError: It cannot be made.
+    """
+    first = Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
+    for number in range(1, 1000):
+        path = first if number == 1 else first.with_name(f"{first.name}-{number}")
+        try:
+            path.mkdir(parents=True)
+            return path
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(
+                "run folder", str(path), f"a place that can be written ({error.strerror})", "give --out"
+            ) from None
+    raise InputError("run folder", str(first), "fewer than 1000 runs a second")
 
 
 class RunFolder:
@@ -65,7 +81,7 @@ class RunFolder:
                 raise InputError(
                     "--out", str(path), "a folder that is new or empty", "to go on with a killed run, give --resume"
                 )
-            (path / CONFIG).write_text(tomli_w.dumps(dict(config)), encoding="utf-8")
+            _write_whole(path / CONFIG, tomli_w.dumps(dict(config)))
         except OSError as error:
             raise InputError("--out", str(path), f"a folder that can be written ({error.strerror})") from None
         return cls(path)
@@ -80,7 +96,7 @@ class RunFolder:
         path = Path(path)
         if not (path / CONFIG).is_file():
             raise InputError("--resume", str(path), f"a run folder (it has no {CONFIG})")
-        if not os.access(path, os.W_OK):
+        if not all(os.access(p, os.W_OK) for p in (path, path / CONFIG)):
             raise InputError("--resume", str(path), "a folder that can be written")
         return cls(path)
 
@@ -91,9 +107,14 @@ class RunFolder:
 
     def write_result(self, result: Mapping) -> None:
         """Write the result at once, so that no half of it is ever seen."""
-        temporary = self.path / f".{RESULT}.tmp"
-        temporary.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        temporary.replace(self.path / RESULT)
+        _write_whole(self.path / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file so that no half of it is ever seen."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
 
 
 class TrialLog:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import imageio_ffmpeg
-import mujoco
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -21,6 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from whiptool.errors import InputError
+from whiptool.models.mujoco_import import mujoco
 from whiptool.models.mujoco_model import build_spec, set_posture
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory, joint_points

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from whiptool.errors import InputError
 from whiptool.impedance.constant import ConstantImpedance
-from whiptool.impedance.oiac import OIAC
-from whiptool.models.parameters import number
+from whiptool.impedance.oiac import OIAC, oiac_preset
+from whiptool.models.parameters import ArmParameters, number
 
 if TYPE_CHECKING:
     from whiptool.models.arm import Arm
@@ -23,14 +24,14 @@ class Controller:
     """What turns tracking errors into torques (Eq. 2): the law, gravity compensation (Eq. 3) always with it.
 
     Args:
-        law: Constant or online-adaptive impedance.
+        law: Constant or online-adaptive impedance; default: OIAC with the preset `table4`.
         feedforward: Add the torque that the bare arm needs to follow the reference, `I(q_d) ddq_d` with its velocity
             and viscous terms. Eq. 2 has none; the law's authors use one in later work.
         torque_limit: Largest torque of every joint [N m]; None: no limit.
         control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
     """
 
-    law: Law = field(default_factory=OIAC)
+    law: Law = field(default_factory=lambda: oiac_preset("table4"))
     feedforward: bool = False
     torque_limit: float | None = None
     control_period: float | None = None
@@ -39,6 +40,16 @@ class Controller:
         for name in ("torque_limit", "control_period"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
+
+    def check_fits(self, arm: ArmParameters) -> None:
+        """Refuse a law whose matrices are of another arm.
+
+        Raises:
+            InputError: The constant law has not as many rows as the arm has joints.
+        """
+        if isinstance(self.law, ConstantImpedance) and len(self.law.K) != arm.n:
+            given = f"constant impedance of {len(self.law.K)} joints (Eq. 22 is for two)"
+            raise InputError("controller", given, f"matrices of {arm.n} rows, one per arm joint", "or take oiac")
 
     def parameters(self) -> dict[str, float]:
         """Every number under its name: `law.a`, or `law.K[0]` to `law.K[3]`, row by row; `torque_limit`."""

@@ -7,7 +7,7 @@ its absolute angle is `theta_i = q_0 + ... + q_i`, zero straight down, positive 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import casadi as ca
 import numpy as np
@@ -38,6 +38,11 @@ class Chain:
     drag: Vector
     friction_velocity: ca.SX | float = 0.1
     gravity: ca.SX | float = 9.81
+
+    def __post_init__(self) -> None:
+        sizes = {f.name: ca.SX(getattr(self, f.name)).numel() for f in fields(self)}
+        scalars = ("friction_velocity", "gravity")
+        assert all(size == (1 if name in scalars else self.n) for name, size in sizes.items()), sizes
 
     @property
     def n(self) -> int:

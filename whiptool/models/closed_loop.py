@@ -147,7 +147,8 @@ class ClosedLoop:
             last = a - 1
             carried = ride_on_end(mass[last], com[last], inertia[last], P["arm.length"][last], P["whip.hinge_mass"])
             mass, com, inertia = (
-                ca.vertcat(old[:last], new) for old, new in zip((mass, com, inertia), carried, strict=True)
+                ca.vertcat(*ca.vertsplit(old)[:last], new)
+                for old, new in zip((mass, com, inertia), carried, strict=True)
             )
         whip = {name: P.get(f"whip.{name}", ca.SX.zeros(N)) for name in _OPTIONAL}
         none = ca.SX.zeros(a)

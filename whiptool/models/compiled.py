@@ -15,7 +15,7 @@ from whiptool.models.closed_loop import Structure
 from whiptool.models.engine import RUNGS, find_engine, wanted_rung
 from whiptool.models.parameters import Model, number
 from whiptool.models.posture import start_derivative, start_posture
-from whiptool.models.stepping import time_grid
+from whiptool.models.stepping import LARGEST_STEP, time_grid
 from whiptool.models.trajectory import Approach, Trajectory, complete_trajectory
 from whiptool.strike import Strike, strike_names
 
@@ -53,10 +53,10 @@ class CompiledRollout:
         if engine is not None and engine not in RUNGS:
             raise InputError("engine", engine, ", ".join(RUNGS))
         self.model, self.controller = model, controller
-        self.timestep = number("timestep", timestep, low=0, strict=True)
+        self.timestep = number("timestep", timestep, low=0, high=LARGEST_STEP, strict=True)
         self.free = tuple(free)
         self.structure = Structure.of(model, controller, free=free)
-        _check_law(model, controller)
+        controller.check_fits(model.arm)
         self._rung, self._threads = engine or wanted_rung(), threads
         self.engine: str = self._engine(forward=False).rung
 
@@ -225,6 +225,8 @@ class CompiledRollout:
         strikes = np.ascontiguousarray(np.atleast_2d(strikes), float)
         if strikes.ndim != 2 or strikes.shape[1] != 2 * self.model.arm.n + 1:
             raise InputError("strikes", strikes.shape, f"an array of shape (B, {2 * self.model.arm.n + 1})")
+        if not np.isfinite(strikes).all() or not (strikes[:, -1] > 0).all():
+            raise InputError("strikes", "a value that is not finite, or D <= 0", "finite angles and D > 0 s")
         return strikes
 
     def _batch(
@@ -298,9 +300,3 @@ def _approach(out: np.ndarray, a: int) -> Approach:
         max_joint_speed=out[:, 8 : 8 + a],
         max_torque=out[:, 8 + a :],
     )
-
-
-def _check_law(model: Model, controller: Controller) -> None:
-    K = getattr(controller.law, "K", None)
-    if K is not None and len(K) != model.arm.n:
-        raise InputError("K", K, f"a matrix of {model.arm.n} rows, one per arm joint")

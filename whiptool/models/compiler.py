@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import logging
@@ -31,17 +32,28 @@ FLAGS = (
 )
 
 
+def _run(command: list[str], text: str = "") -> subprocess.CompletedProcess[str]:
+    """Run the compiler; what cannot be run at all counts as failed."""
+    try:
+        return subprocess.run(command, input=text, capture_output=True, text=True, check=False)
+    except OSError as error:
+        return subprocess.CompletedProcess(command, 126, "", str(error))
+
+
 @cache
 def find_compiler() -> str | None:
     """Path of the C++ compiler: `CXX` if set, else the first of g++, clang++, c++; None if there is none."""
     names = [os.environ["CXX"]] if os.environ.get("CXX") else ["g++", "clang++", "c++"]
-    return next((path for path in map(shutil.which, names) if path), None)
+    found = next((path for path in map(shutil.which, names) if path), None)
+    if found is None and os.environ.get("CXX"):
+        log.warning("CXX=%s is not a command; it has to be the path or name of one compiler", os.environ["CXX"])
+    return found
 
 
 @cache
 def _identity(compiler: str) -> str:
     """Compiler version and processor: a library built for one is not offered to another."""
-    version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False).stdout
+    version = _run([compiler, "--version"]).stdout
     try:
         processor = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
     except (OSError, StopIteration):
@@ -57,7 +69,7 @@ def has_simd() -> bool:
         return False
     question = "#if !__has_include(<experimental/simd>)\n#error\n#endif\n"
     command = [compiler, "-std=c++17", "-E", "-x", "c++", "-o", os.devnull, "-"]
-    answer = subprocess.run(command, input=question, capture_output=True, text=True, check=False)
+    answer = _run(command, question)
     if answer.returncode != 0:
         log.warning("%s has no <experimental/simd>; strikes run one per core at a time", compiler)
     return answer.returncode == 0
@@ -73,7 +85,14 @@ def cache_folder() -> Path:
     except OSError:
         pass
     log.warning("cannot write %s; compiled code is kept for this process only", folder)
-    return Path(tempfile.mkdtemp(prefix="whiptool-"))
+    return _temporary_folder()
+
+
+@cache
+def _temporary_folder() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="whiptool-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def load_library(generated: str, driver: str, defines: dict[str, float]) -> ctypes.CDLL | None:
@@ -108,10 +127,14 @@ def load_library(generated: str, driver: str, defines: dict[str, float]) -> ctyp
         source.write_text(generated)
         driver_file.write_text(driver)
         command = [compiler, *options, f'-DGENERATED="{source}"', str(driver_file), "-o", str(output), "-lm"]
-        run = subprocess.run(command, capture_output=True, text=True, check=False)
+        run = _run(command)
         if run.returncode != 0:
             reason = (run.stderr.strip().splitlines() or [f"exit status {run.returncode}"])[0]
             log.warning("%s failed (%s); trying something simpler", compiler, reason)
             return None
         output.replace(library)
-    return ctypes.CDLL(str(library))
+    try:
+        return ctypes.CDLL(str(library))
+    except OSError as error:
+        log.warning("%s does not load (%s); trying something simpler", library, error)
+        return None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
+from whiptool.models.mujoco_import import mujoco
 from whiptool.models.parameters import Model
 
 # MuJoCo refuses masses without inertia. This much [kg m^2] on a node of 12 g at 72 mm changes its inertia by 2e-8.

@@ -16,15 +16,21 @@ from whiptool.errors import InputError
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 
 
-def number(name: str, value: object, *, low: float = -math.inf, strict: bool = False) -> float:
-    """`value` as a finite float above `low` (or at it, unless `strict`)."""
+LARGEST = 1e9  # of any quantity in SI units: what is beyond is a slip, and overflows where it is squared
+
+
+def number(name: str, value: object, *, low: float = -math.inf, high: float = LARGEST, strict: bool = False) -> float:
+    """`value` as a float from `low` (above it, if `strict`) to `high`."""
     rule = "a finite number" if low == -math.inf else f"a finite number {'>' if strict else '>='} {low:g}"
+    rule += "" if high == LARGEST else f" and <= {high:g}"
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(name, value, rule)
-    number = float(value)
-    if not math.isfinite(number) or number < low or (strict and number == low):
+    x = float(value)
+    if not math.isfinite(x) or x < low or (strict and x == low):
         raise InputError(name, value, rule)
-    return number
+    if abs(x) > high:
+        raise InputError(name, value, rule if high != LARGEST else f"a number of magnitude <= {LARGEST:g}")
+    return x
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,7 @@ class WhipParameters:
         for name, (low, strict) in self._LOW.items():
             value = getattr(self, name)
             if isinstance(value, (list, tuple, np.ndarray)):
-                if np.ndim(value) != 1 or len(value) != self.N:
+                if any(np.ndim(x) for x in value) or len(value) != self.N:
                     raise InputError(name, value, f"one number, or {self.N} numbers (one per node)")
                 checked = tuple(number(f"{name}[{i}]", v, low=low, strict=strict) for i, v in enumerate(value))
             else:
@@ -166,8 +172,13 @@ class ArmParameters:
         joints = (
             tuple(self.joints) or _USUAL_JOINTS.get(len(links)) or tuple(f"joint{i + 1}" for i in range(len(links)))
         )
-        if len(joints) != len(links) or len(set(joints)) != len(joints):
-            raise InputError("joints", list(joints), f"{len(links)} different names, one per link")
+        named = isinstance(self.joints, (list, tuple)) and all(
+            isinstance(joint, str) and re.fullmatch(r"(?!whip|target|tip|grip|world|com|end)[A-Za-z]\w*", joint)
+            for joint in joints
+        )
+        if not named or len(joints) != len(links) or len(set(joints)) != len(joints):
+            rule = f"{len(links)} different names, one per link, of letters and digits; whip..., tip, target are taken"
+            raise InputError("joints", self.joints, rule)
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "joints", joints)
 

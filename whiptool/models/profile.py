@@ -43,16 +43,10 @@ class WhipProfile:
     drag: float = 0.0
 
     def __post_init__(self) -> None:
-        positive = (
-            "length",
-            "linear_density",
-            "bending_stiffness",
-            "density_taper",
-            "stiffness_taper",
-            "damping_taper",
-        )
-        for name in positive:
+        for name in ("length", "linear_density", "bending_stiffness"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
+        for name in ("density_taper", "stiffness_taper", "damping_taper"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=1e-6, high=1e6))
         for name in ("bending_damping", "drag"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
         object.__setattr__(self, "rest_curvature", number("rest_curvature", self.rest_curvature))

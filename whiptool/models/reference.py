@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
 from typing import Literal, get_args
 
-import mujoco
 import numpy as np
 from scipy.linalg import eigh
 
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.models.arm import Arm
+from whiptool.models.mujoco_import import mujoco
 from whiptool.models.mujoco_model import build_spec
 from whiptool.models.parameters import Model, number
 from whiptool.models.posture import start_posture
-from whiptool.models.stepping import FASTEST, time_grid
+from whiptool.models.stepping import FASTEST, LARGEST_STEP, time_grid
 from whiptool.models.trajectory import Trajectory, complete_trajectory
 from whiptool.strike import Strike
 
 Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
-TIMESTEP = 1e-4  # [s], largest
+TIMESTEP = 1e-4  # [s], largest that is chosen
+SMALLEST_TIMESTEP = 2e-5  # [s], likewise
 _callback = threading.Lock()  # MuJoCo's control callback is one per process
 
 
@@ -34,22 +36,32 @@ class ReferenceRollout:
     Args:
         model: Whip, arm, gravity.
         controller: Law and options.
-        timestep: MuJoCo's step [s]; default: 0.1 ms, less where the whip's damping would make RK4 unstable.
-        integrator: One of MuJoCo's.
+        timestep: MuJoCo's step [s].
+        integrator: One of MuJoCo's. Where neither is given: RK4 at 0.1 ms, or less where the whip's damping asks for
+            it; where it asks for less than 0.02 ms, that step with `implicitfast`, of first order.
     """
 
     engine = "reference"
 
     def __init__(
-        self, model: Model, controller: Controller, *, timestep: float | None = None, integrator: str = "RK4"
+        self,
+        model: Model,
+        controller: Controller,
+        *,
+        timestep: float | None = None,
+        integrator: str | None = None,
     ) -> None:
-        if integrator not in get_args(Integrator):
-            raise InputError("integrator", integrator, ", ".join(get_args(Integrator)))
+        if integrator is not None:
+            check_integrator(integrator)
+        controller.check_fits(model.arm)
         self.model, self.controller = model, controller
         self._mj = build_spec(model).compile()
         if timestep is None:
-            timestep = min(TIMESTEP, _stable_timestep(self._mj, model))
-        self.timestep = number("timestep", timestep, low=0, strict=True)
+            stable = _stable_timestep(self._mj, model)
+            timestep = min(TIMESTEP, max(stable, SMALLEST_TIMESTEP))
+            integrator = integrator or ("RK4" if stable >= SMALLEST_TIMESTEP else "implicitfast")
+        integrator = integrator or "RK4"
+        self.timestep = number("timestep", timestep, low=0, high=LARGEST_STEP, strict=True)
         self._mj.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
         self._data = mujoco.MjData(self._mj)
         self._arm = Arm(model)
@@ -62,8 +74,15 @@ class ReferenceRollout:
         self._has_forces = bool(self._friction.any() or self._drag.any())
 
     def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
-        """The whole strike of `D + t_stay` seconds, at every step."""
+        """The whole strike of `D + t_stay` seconds, at every step.
+
+        Raises:
+            InputError: The strike is of another arm, or needs too many steps.
+        """
         a, n = self.model.arm.n, self.model.n
+        if len(strike.q_i) != a:
+            raise InputError("strike", strike.vector.tolist(), f"{2 * a + 1} numbers, for an arm of {a} joints")
+        gave_up: list[str] = []  # what MuJoCo warns of: it resets the state, or drops the control, and goes on
         loop = self.controller.bind(self._arm, strike)
         grid = time_grid(
             np.array([strike.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
@@ -78,7 +97,7 @@ class ReferenceRollout:
         diverged, i = False, 0
         with _callback:
             mujoco.set_mjcb_control(self._control(loop, held=bool(hold)))
-            mujoco.set_mju_user_warning(lambda message: None)  # divergence is reported, not logged into a file
+            mujoco.set_mju_user_warning(gave_up.append)
             try:
                 for i in range(steps + 1):
                     t = i * h if i < steps else (i - 1) * h + h_last
@@ -92,7 +111,7 @@ class ReferenceRollout:
                     if i == steps:
                         break
                     mujoco.mj_step(mj, data)
-                    if not data.qvel @ data.qvel < FASTEST**2 or data.time == 0:  # MuJoCo resets what it gives up
+                    if gave_up or not data.qvel @ data.qvel < FASTEST**2:
                         diverged = True
                         break
             finally:
@@ -146,6 +165,53 @@ class ReferenceRollout:
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(self._mj, self._data, mujoco.mjtObj.mjOBJ_SITE, self._tip, velocity, 0)
         return velocity[[3, 5]]
+
+
+def check_integrator(name: str) -> None:
+    """Refuse what is not one of MuJoCo's integrators.
+
+    Raises:
+        InputError: It is none; the message lists them.
+    """
+    if name not in get_args(Integrator):
+        raise InputError("integrator", name, ", ".join(get_args(Integrator)))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A strike in MuJoCo.
+
+    Args:
+        miss_distance: [m]; None if it diverged at every step that was tried.
+        timestep: The last of them [s].
+        confirmed: Whether that is within `AGREEMENT` of what was expected.
+    """
+
+    miss_distance: float | None
+    timestep: float
+    confirmed: bool
+
+
+AGREEMENT = 3e-4  # [m], of miss distances in the two simulators
+
+
+def replay(
+    model: Model, controller: Controller, strike: Strike, target: np.ndarray, *, t_stay: float, expected: float
+) -> Replay:
+    """Play a strike in MuJoCo, and where that does not agree with what is expected, again at smaller steps.
+
+    An explicit integrator under a controller whose gain grows with the error can be wrong without diverging; a strike
+    is only called unconfirmed when a quarter of the usual step does not agree either.
+    """
+    rollout, distance = ReferenceRollout(model, controller), None
+    for attempt in range(3):
+        if attempt:
+            rollout = ReferenceRollout(model, controller, timestep=rollout.timestep / 2)
+        path = rollout.trajectory(strike, t_stay=t_stay)
+        distance = None if path.diverged else float(path.approach(target).distance[0])
+        if distance is not None and abs(distance - expected) <= AGREEMENT:
+            return Replay(distance, rollout.timestep, True)
+    return Replay(distance, rollout.timestep, False)
 
 
 def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:

@@ -6,6 +6,10 @@ import math
 
 import numpy as np
 
+from whiptool.errors import InputError
+
+LARGEST_STEP = 0.01  # [s]; no strike is resolved beyond
+MOST_STEPS = 2e6
 FASTEST = 1e4  # [rad/s], norm of all joint speeds; faster counts as diverged
 
 
@@ -17,9 +21,17 @@ def time_grid(
     A continuous controller takes equal steps of at most `timestep`. One that holds its torque takes whole steps in
     each control period, and the last step of the strike may be shorter.
 
+    Raises:
+        InputError: There would be too many steps.
+
     Returns:
         Step and last step [s], (B,); number of steps, (B,); steps for which a torque is held.
     """
+    longest = float(np.max(duration, initial=0.0))
+    if longest / timestep > MOST_STEPS:
+        raise InputError(
+            "timestep", timestep, f"at most {MOST_STEPS:.0e} steps a strike", f"this strike lasts {longest:g} s"
+        )
     if control_period is None:
         steps = np.ceil(duration / timestep - 1e-9).astype(np.int64)
         h = duration / steps
