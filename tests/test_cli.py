@@ -201,11 +201,12 @@ MISTAKES = [
     (["--seed", "-1"], "from 0 to"),
     (["--integrator", "RK5"], "--integrator"),
     (["--simulator", "reference", "--integrator", "RK5"], "RK4, Euler"),
-    (["--timestep", "1e-300"], "steps"),
+    (["--timestep", "1e-300"], ">= 1e-06"),
+    (["--t-stay", "1e6"], "steps"),
     (["--timestep", "10"], "<= 0.01"),
     (["--model", "names.toml"], "arm.joints"),
     (["--model", "heavy.toml"], "magnitude"),
-    (["--model", "three.toml", "--controller", "constant"], "--lower"),
+    (["--model", "three.toml", "--controller", "constant"], "one per arm joint"),
 ]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.parameters import Model, number
+from whiptool.models.stepping import time_grid
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.strike import Strike, StrikeBounds, default_bounds
 
@@ -153,6 +154,8 @@ class Objective:
         if len(self.bounds.lower) != 2 * rollout.model.arm.n + 1:
             raise InputError("bounds", self.bounds.lower, f"{2 * rollout.model.arm.n + 1} values each")
         self.t_stay = number("t_stay", t_stay, low=0)
+        longest = np.array([self.bounds.upper[-1] + self.t_stay])
+        time_grid(longest, timestep=rollout.timestep, control_period=None)  # refuses what would never end
         if max_trials is not None and max_trials < 1:
             raise InputError("max trials", max_trials, "a whole number >= 1")
         self.max_trials = max_trials

@@ -83,8 +83,9 @@ def _play(options: SimulateOptions, model, strike) -> None:
     controller, target = options.build_controller(), options.build_target()
     rollout = options.build_rollout(model, controller)
     n = len(strike.vector)
-    anywhere = StrikeBounds((-1e3,) * (n - 1) + (1e-9,), (1e3,) * n)  # one strike needs no box, and may miss
+    anywhere = StrikeBounds((-1.0,) * (n - 1) + (0.1,), (1.0,) * n)  # one strike needs no box
     objective = Objective(rollout, target, t_stay=options.t_stay, bounds=anywhere, check_reach=False)
+    trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
     folder = RunFolder.create(
         options.out or default_folder("simulate"),
         {
@@ -95,7 +96,6 @@ def _play(options: SimulateOptions, model, strike) -> None:
             "controller": controller_table(controller),
         },
     )
-    trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
     outcome = objective.judge(trajectory)
     summary = {
         "strike": dict(zip(strike_names(model.arm), map(float, strike.vector), strict=True)),

@@ -15,7 +15,7 @@ from whiptool.models.closed_loop import Structure
 from whiptool.models.engine import RUNGS, find_engine, wanted_rung
 from whiptool.models.parameters import Model, number
 from whiptool.models.posture import start_derivative, start_posture
-from whiptool.models.stepping import LARGEST_STEP, time_grid
+from whiptool.models.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.models.trajectory import Approach, Trajectory, complete_trajectory
 from whiptool.strike import Strike, strike_names
 
@@ -53,7 +53,7 @@ class CompiledRollout:
         if engine is not None and engine not in RUNGS:
             raise InputError("engine", engine, ", ".join(RUNGS))
         self.model, self.controller = model, controller
-        self.timestep = number("timestep", timestep, low=0, high=LARGEST_STEP, strict=True)
+        self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
         self.free = tuple(free)
         self.structure = Structure.of(model, controller, free=free)
         controller.check_fits(model.arm)

@@ -44,10 +44,7 @@ def _run(command: list[str], text: str = "") -> subprocess.CompletedProcess[str]
 def find_compiler() -> str | None:
     """Path of the C++ compiler: `CXX` if set, else the first of g++, clang++, c++; None if there is none."""
     names = [os.environ["CXX"]] if os.environ.get("CXX") else ["g++", "clang++", "c++"]
-    found = next((path for path in map(shutil.which, names) if path), None)
-    if found is None and os.environ.get("CXX"):
-        log.warning("CXX=%s is not a command; it has to be the path or name of one compiler", os.environ["CXX"])
-    return found
+    return next((path for path in map(shutil.which, names) if path), None)
 
 
 @cache
@@ -111,7 +108,9 @@ def load_library(generated: str, driver: str, defines: dict[str, float]) -> ctyp
     """
     compiler = find_compiler()
     if compiler is None:
-        log.warning("no C++ compiler found; strikes run in CasADi's interpreter, several times slower")
+        given = os.environ.get("CXX")
+        what = f"CXX={given} is not the name or path of a compiler" if given else "no C++ compiler found"
+        log.warning("%s; strikes run in CasADi's interpreter, several times slower", what)
         return None
     options = [*FLAGS, *(f"-D{name}={value}" for name, value in sorted(defines.items()))]
     key = hashlib.sha256("\0".join([generated, driver, _identity(compiler), *options]).encode()).hexdigest()[:32]

@@ -16,7 +16,7 @@ from whiptool.models.mujoco_import import mujoco
 from whiptool.models.mujoco_model import build_spec
 from whiptool.models.parameters import Model, number
 from whiptool.models.posture import start_posture
-from whiptool.models.stepping import FASTEST, LARGEST_STEP, time_grid
+from whiptool.models.stepping import FASTEST, LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.models.trajectory import Trajectory, complete_trajectory
 from whiptool.strike import Strike
 
@@ -61,7 +61,7 @@ class ReferenceRollout:
             timestep = min(TIMESTEP, max(stable, SMALLEST_TIMESTEP))
             integrator = integrator or ("RK4" if stable >= SMALLEST_TIMESTEP else "implicitfast")
         integrator = integrator or "RK4"
-        self.timestep = number("timestep", timestep, low=0, high=LARGEST_STEP, strict=True)
+        self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
         self._mj.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
         self._data = mujoco.MjData(self._mj)
         self._arm = Arm(model)

@@ -8,7 +8,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 
-LARGEST_STEP = 0.01  # [s]; no strike is resolved beyond
+SMALLEST_STEP, LARGEST_STEP = 1e-6, 0.01  # [s]; no strike needs less, none is resolved beyond
 MOST_STEPS = 2e6
 FASTEST = 1e4  # [rad/s], norm of all joint speeds; faster counts as diverged
 
