@@ -86,7 +86,7 @@ def test_a_replay_is_repeated_until_it_agrees_or_cannot():
     assert seen.miss_distance == pytest.approx(expected, abs=1e-4)
     wrong = replay(LEMON, controller, strike, TARGET, t_stay=0.0, expected=expected + 0.1)
     assert not wrong.confirmed
-    assert wrong.timestep == pytest.approx(seen.timestep / 4)
+    assert wrong.timestep == pytest.approx(seen.timestep / 8)
 
 
 def test_the_other_integrators_converge_to_the_same():

@@ -201,10 +201,10 @@ def replay(
     """Play a strike in MuJoCo, and where that does not agree with what is expected, again at smaller steps.
 
     An explicit integrator under a controller whose gain grows with the error can be wrong without diverging; a strike
-    is only called unconfirmed when a quarter of the usual step does not agree either.
+    is only called unconfirmed when an eighth of the usual step does not agree either.
     """
     rollout, distance = ReferenceRollout(model, controller), None
-    for attempt in range(3):
+    for attempt in range(4):
         if attempt:
             rollout = ReferenceRollout(model, controller, timestep=rollout.timestep / 2)
         path = rollout.trajectory(strike, t_stay=t_stay)
