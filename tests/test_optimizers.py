@@ -84,7 +84,7 @@ def test_seeds_decide_what_is_random():
 
 
 def test_the_gradient_search_reaches_the_middle_of_a_target():
-    """The issue's own measure, on a few targets; benchmarks/gradient.py has 100."""
+    """To the millimetre, on a few targets; benchmarks/gradient.py has 100."""
     rollout = CompiledRollout(LEMON, Controller(OIAC(a=2e-4)))
     for seed, position in enumerate([(1.3, 0.0), (1.22, 0.04), (1.35, -0.07)]):
         objective = Objective(rollout, Target(position, hit_radius=1e-3), max_trials=3000, stop_at_hit=True)
