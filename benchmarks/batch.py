@@ -228,7 +228,8 @@ def plot(report: dict, path: Path) -> None:
         ax.axhline(1e3 * BOUND, color="#666666", ls="--", lw=1)
         ax.set(title=name, xlabel="cost [ms per strike]", ylabel="95th percentile of the error in miss distance [mm]")
         ax.grid(alpha=0.3)
-    figure.axes[0].legend(fontsize=8)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3 if len(report) == 1 else 6)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
 
