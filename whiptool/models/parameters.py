@@ -16,7 +16,7 @@ from whiptool.errors import InputError
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 
 
-LARGEST = 1e9  # of any quantity in SI units: what is beyond is a slip, and overflows where it is squared
+LARGEST = 1e15  # of any quantity in SI units: what is beyond is a slip, and overflows where it is squared
 
 
 def number(name: str, value: object, *, low: float = -math.inf, high: float = LARGEST, strict: bool = False) -> float:
