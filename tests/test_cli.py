@@ -139,7 +139,14 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path, method):
 def test_interruption_saves_and_summarises(tmp_path):
     command = [sys.executable, "-m", "whiptool.optimize", "--no-stop-at-hit", "--max-trials", "100000", "--no-video",
                "--json", "--out", "run"]  # fmt: skip
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # background jobs inherit it as ignored
+    )
     trials = tmp_path / "run" / "trials.csv"
     while not (trials.exists() and trials.read_text().count("\n") > 20):
         assert process.poll() is None
