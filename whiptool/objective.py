@@ -79,8 +79,8 @@ class Outcome:
         miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged.
         hit: Whether that is within the hit radius.
         time: When the tip was closest [s].
-        tip_speed: Its speed then [m/s].
         tip: Where it was then (x, y) [m].
+        tip_velocity: Its velocity then (x, y) [m/s].
         max_joint_speed: Largest speed of each arm joint [rad/s].
         max_torque: Largest torque of each arm joint [N m].
         diverged: Whether the rollout broke off.
@@ -89,11 +89,16 @@ class Outcome:
     miss_distance: float
     hit: bool
     time: float
-    tip_speed: float
     tip: tuple[float, ...]
+    tip_velocity: tuple[float, ...]
     max_joint_speed: tuple[float, ...]
     max_torque: tuple[float, ...]
     diverged: bool
+
+    @property
+    def tip_speed(self) -> float:
+        """Speed of the tip at the closest approach [m/s]."""
+        return math.hypot(*self.tip_velocity)
 
     @property
     def hit_time(self) -> float | None:
@@ -276,8 +281,8 @@ class Objective:
             miss_distance=distance,
             hit=distance <= self.target.hit_radius,
             time=float(near.time[i]),
-            tip_speed=float(near.speed[i]),
             tip=tuple(map(float, near.tip[i])),
+            tip_velocity=tuple(map(float, near.velocity[i])),
             max_joint_speed=tuple(map(float, near.max_joint_speed[i])),
             max_torque=tuple(map(float, near.max_torque[i])),
             diverged=diverged,

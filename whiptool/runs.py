@@ -134,9 +134,10 @@ class TrialLog:
             "miss_distance",
             "hit",
             "time",
-            "tip_speed",
             "tip_x",
             "tip_y",
+            "tip_velocity_x",
+            "tip_velocity_y",
             *(f"max_joint_speed_{joint}" for joint in arm.joints),
             *(f"max_torque_{joint}" for joint in arm.joints),
             "diverged",
@@ -183,8 +184,8 @@ class TrialLog:
             repr(o.miss_distance),
             int(o.hit),
             repr(o.time),
-            repr(o.tip_speed),
             *map(repr, o.tip),
+            *map(repr, o.tip_velocity),
             *map(repr, o.max_joint_speed),
             *map(repr, o.max_torque),
             int(o.diverged),
@@ -201,7 +202,10 @@ class TrialLog:
             raise ValueError("columns")
         n, start = self.n, 1 + len(self._names)
         numbers = [float(x) for x in row]
-        distance, hit, time, speed, x, y = numbers[start : start + 6]
-        speeds, torques = numbers[start + 6 : start + 6 + n], numbers[start + 6 + n : start + 6 + 2 * n]
-        outcome = Outcome(distance, bool(hit), time, speed, (x, y), tuple(speeds), tuple(torques), bool(numbers[-1]))
+        distance, hit, time = numbers[start : start + 3]
+        tip, velocity, speeds, torques = (
+            tuple(numbers[start + first : start + first + count])
+            for first, count in ((3, 2), (5, 2), (7, n), (7 + n, n))
+        )
+        outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, bool(numbers[-1]))
         return Trial(int(row[0]), tuple(numbers[1:start]), outcome)

@@ -58,8 +58,8 @@ class Rolled:
     """What came of a batch.
 
     Args:
-        out: Miss distance, its time, tip speed, tip x, tip y, diverged, last step, derivative of the miss distance,
-            then largest speed and torque of each arm joint: (B, 8 + 2 a).
+        out: Miss distance, its time, tip velocity x and y, tip x and y, diverged, last step, derivative of the miss
+            distance, then largest speed and torque of each arm joint: (B, 9 + 2 a).
         path: Tip at equal times, (B, samples, 2), or with derivatives (B, samples, 4); NaN after the strike's end.
         rows: Time, state, torques at every step, strike after strike; `first_row` says where each begins.
     """
@@ -83,7 +83,7 @@ class Engine(Protocol):
 def empty_results(batch: Batch, structure: Structure) -> Rolled:
     """Arrays for the results of a batch."""
     B, columns = len(batch.p), 1 + 2 * structure.n + structure.n_arm
-    rolled = Rolled(np.empty((B, 8 + 2 * structure.n_arm)))
+    rolled = Rolled(np.empty((B, 9 + 2 * structure.n_arm)))
     if batch.samples:
         rolled.path = np.full((B, batch.samples, 4 if batch.forward else 2), np.nan)
     if batch.with_rows:

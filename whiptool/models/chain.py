@@ -54,6 +54,22 @@ class Chain:
         return ca.vertsplit(ca.SX(getattr(self, name)))
 
 
+@dataclass(frozen=True)
+class Base:
+    """Prescribed motion of the point that joint 1 hangs from, and of the frame that its angle is counted from.
+
+    `angle` [rad] with its rates `omega`, `alpha`, velocity (vx, vy) [m/s] and acceleration (ax, ay) [m/s^2].
+    """
+
+    angle: Scalar = 0.0
+    omega: Scalar = 0.0
+    alpha: Scalar = 0.0
+    vx: Scalar = 0.0
+    vy: Scalar = 0.0
+    ax: Scalar = 0.0
+    ay: Scalar = 0.0
+
+
 def ride_on_end(
     mass: Scalar, com: Scalar, inertia: Scalar, length: Scalar, load: Scalar
 ) -> tuple[Scalar, Scalar, Scalar]:
@@ -128,6 +144,7 @@ def forward_dynamics(
     *,
     armature: ca.SX | None = None,
     coupling: ca.SX | None = None,
+    base: Base | None = None,
 ) -> ca.SX:
     """Joint accelerations [rad/s^2], shape (n, 1), by the articulated-body algorithm.
 
@@ -142,11 +159,14 @@ def forward_dynamics(
         armature: Added to the diagonal of the mass matrix [kg m^2], (n, 1); the integrator puts damping here.
         coupling: Added to the mass matrix's leading block [kg m^2], (a, a), symmetric or not; these first joints are
             then solved for together.
+        base: How the chain's base moves; default: not at all. Not together with `coupling`.
     """
     n = chain.n
+    at = Base() if base is None else base
     block = ca.SX(0, 0) if coupling is None else ca.SX(coupling)
     a = block.shape[0]
-    theta, omega = ca.vertsplit(ca.cumsum(ca.SX(q))), ca.vertsplit(ca.cumsum(ca.SX(v)))
+    assert base is None or a == 0
+    theta, omega = ca.vertsplit(ca.cumsum(ca.SX(q)) + at.angle), ca.vertsplit(ca.cumsum(ca.SX(v)) + at.omega)
     tau = ca.vertsplit(ca.SX(torque))
     extra = ca.vertsplit(ca.SX.zeros(n) if armature is None else ca.SX(armature))
     length, mass, com, inertia, drag = (chain.each(x) for x in ("length", "mass", "com", "inertia", "drag"))
@@ -155,7 +175,7 @@ def forward_dynamics(
     sin, cos = [ca.sin(t) for t in theta], [ca.cos(t) for t in theta]
     rx, ry = [l * s for l, s in zip(length, sin)], [-l * c for l, c in zip(length, cos)]
     fx, fy = [ca.SX(0)] * n, [ca.SX(0)] * n
-    ux, uy = ca.SX(0), ca.SX(0)
+    ux, uy = ca.SX(at.vx), ca.SX(at.vy)
     for i in range(n):
         ux, uy = ux - omega[i] * ry[i], uy + omega[i] * rx[i]
         fx[i], fy[i] = _drag_force(drag[i], ux, uy)
@@ -219,7 +239,7 @@ def forward_dynamics(
         together = ca.vertsplit(_solve(H, rhs))
 
     # outward: accelerations of the joints' points and of the links
-    ax, ay, alpha = zero, ca.SX(chain.gravity), zero
+    ax, ay, alpha = ca.SX(at.ax), ca.SX(chain.gravity) + at.ay, ca.SX(at.alpha)
     result = []
     for i in range(n):
         (hx, hy), J, D, u = h_of[i], J_of[i], D_of[i], u_of[i]

@@ -88,7 +88,7 @@ class CompiledRollout:
         strikes = self._strikes(strikes)
         B, a = len(strikes), self.model.arm.n
         targets = np.broadcast_to(np.asarray(target, float), (B, 2))
-        engine, out = self._engine(forward=False), np.empty((B, 8 + 2 * a))
+        engine, out = self._engine(forward=False), np.empty((B, 9 + 2 * a))
         bar = tqdm(total=B, unit=" strikes", disable=not progress, leave=False)
         for first in range(0, B, _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
@@ -120,13 +120,13 @@ class CompiledRollout:
         B, m = len(strikes), len(names)
         targets = np.broadcast_to(np.asarray(target, float), (B, 2))
         directions = self.directions(names)
-        out = np.empty((B, m, 8 + 2 * self.model.arm.n))
+        out = np.empty((B, m, 9 + 2 * self.model.arm.n))
         at_once = max(1, _AT_ONCE // m)
         for first in range(0, B, at_once):
             part = slice(first, first + at_once)
             batch = self._forward_batch(strikes[part], targets[part], t_stay, directions)
             out[part] = self._engine(forward=True)(batch, threads=self._threads).out.reshape(-1, m, out.shape[2])
-        return _approach(out[:, 0], self.model.arm.n), out[:, :, 7]
+        return _approach(out[:, 0], self.model.arm.n), out[:, :, 8]
 
     def tip_path(
         self, strikes: np.ndarray, *, t_stay: float, rate: float, names: Sequence[str] = ()
@@ -179,7 +179,7 @@ class CompiledRollout:
             assert rolled.rows is not None
             assert rolled.first_row is not None
             for vector, start, out in zip(some, rolled.first_row, rolled.out, strict=True):
-                rows = rolled.rows[start : start + int(out[6]) + 1]
+                rows = rolled.rows[start : start + int(out[7]) + 1]
                 yield complete_trajectory(
                     self.model,
                     self.controller,
@@ -188,7 +188,7 @@ class CompiledRollout:
                     q=rows[:, 1 : 1 + n],
                     v=rows[:, 1 + n : 1 + 2 * n],
                     tau=rows[:, 1 + 2 * n :],
-                    diverged=bool(out[5]),
+                    diverged=bool(out[6]),
                 )
 
     def directions(self, names: Sequence[str]) -> np.ndarray:
@@ -294,9 +294,9 @@ def _approach(out: np.ndarray, a: int) -> Approach:
     return Approach(
         distance=out[:, 0],
         time=out[:, 1],
-        speed=out[:, 2],
-        tip=out[:, 3:5],
-        diverged=out[:, 5] != 0,
-        max_joint_speed=out[:, 8 : 8 + a],
-        max_torque=out[:, 8 + a :],
+        velocity=out[:, 2:4],
+        tip=out[:, 4:6],
+        diverged=out[:, 6] != 0,
+        max_joint_speed=out[:, 9 : 9 + a],
+        max_torque=out[:, 9 + a :],
     )

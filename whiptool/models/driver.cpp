@@ -42,7 +42,7 @@ inline real whiptool_le(real a, real b) { return select(a <= b, real(1), real(0)
 namespace {
 
 constexpr int NX = 2 * NQ;
-constexpr int NOUT = 8 + 2 * NA;     // columns of the outcome
+constexpr int NOUT = 9 + 2 * NA;     // columns of the outcome
 constexpr int NROW = 1 + NX + NA;    // columns of a trajectory's row: t, x, tau
 
 // Nearest point of the segments between successive tip positions, each a (x, y) with its velocity behind it.
@@ -206,7 +206,8 @@ void roll(const Strikes& io, int64_t first, int64_t count) {
     double* out = io.out + (first + l) * NOUT;
     *out++ = std::sqrt(lane(closest.squared, l));
     *out++ = lane(closest.time, l);
-    *out++ = std::hypot(lane(closest.tip[2], l), lane(closest.tip[3], l));
+    *out++ = lane(closest.tip[2], l);
+    *out++ = lane(closest.tip[3], l);
     *out++ = lane(closest.tip[0], l);
     *out++ = lane(closest.tip[1], l);
     *out++ = lane(select(diverged, real(1), real(0)), l);

@@ -78,10 +78,10 @@ class InterpretedEngine:
         rows, path, dpath, dtime = rows[:i], path[:i], dpath[:i], dtime[:i]
         nearest = _closest(rows[:, 0], path, dpath, batch.target[b])
         rolled.out[b] = [
-            *nearest[:5],
+            *nearest[:6],
             diverged,
             i - 1,
-            nearest[5],
+            nearest[6],
             *np.abs(rows[:, 1 + n : 1 + n + a]).max(axis=0),
             *np.abs(rows[:, 1 + 2 * n :]).max(axis=0),
         ]
@@ -109,9 +109,9 @@ def _bind(function: ca.Function, inputs: list[np.ndarray], outputs: list[np.ndar
 
 
 def _closest(t: np.ndarray, path: np.ndarray, dpath: np.ndarray, target: np.ndarray) -> tuple:
-    """Distance, time, speed, tip x and y, and slope of the distance at the closest approach on the tip's segments."""
+    """Distance, time, velocity, tip, and slope of the distance at the closest approach on the tip's segments."""
     if len(t) < 2:
-        return np.inf, 0.0, 0.0, 0.0, 0.0, 0.0
+        return np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     start, step = path[:-1, :2], np.diff(path[:, :2], axis=0)
     squared = (step**2).sum(axis=1)
     s = np.clip(((target - start) * step).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
@@ -121,7 +121,7 @@ def _closest(t: np.ndarray, path: np.ndarray, dpath: np.ndarray, target: np.ndar
     moved = dpath[i, :2] + s[i] * (dpath[i + 1, :2] - dpath[i, :2])
     d = float(np.hypot(*offset[i]))
     slope = float(offset[i] @ moved) / d if d > 0 else 0.0
-    return d, t[i] + s[i] * (t[i + 1] - t[i]), float(np.hypot(*tip[2:])), tip[0], tip[1], slope
+    return d, t[i] + s[i] * (t[i + 1] - t[i]), tip[2], tip[3], tip[0], tip[1], slope
 
 
 def hermite(at: np.ndarray, t: np.ndarray, path: np.ndarray, dpath: np.ndarray | None, dt: np.ndarray) -> np.ndarray:

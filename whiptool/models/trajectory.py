@@ -22,7 +22,7 @@ class Approach:
     Args:
         distance: Of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
         time: When [s], (B,).
-        speed: Of the tip, then [m/s], (B,).
+        velocity: Of the tip, then [m/s], (B, 2).
         tip: Where [m], (B, 2).
         max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
@@ -31,11 +31,16 @@ class Approach:
 
     distance: np.ndarray
     time: np.ndarray
-    speed: np.ndarray
+    velocity: np.ndarray
     tip: np.ndarray
     max_joint_speed: np.ndarray
     max_torque: np.ndarray
     diverged: np.ndarray
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Of the tip at the closest approach [m/s], (B,)."""
+        return np.hypot(*self.velocity.T)
 
 
 @dataclass(frozen=True)
@@ -75,11 +80,11 @@ class Trajectory:
         i = int(distance.argmin()) if len(distance) else None
         a = self.tau.shape[1]
         if i is None:  # diverged in the first step
-            nearest = np.inf, 0.0, np.nan, np.full(2, np.nan)
+            nearest = np.inf, 0.0, np.full(2, np.nan), np.full(2, np.nan)
         else:
             velocity = self.tip_velocity[i] + s[i] * (self.tip_velocity[i + 1] - self.tip_velocity[i])
             time = self.t[i] + s[i] * (self.t[i + 1] - self.t[i])
-            nearest = distance[i], time, np.hypot(*velocity), points[i]
+            nearest = distance[i], time, velocity, points[i]
         return Approach(
             *(np.array([x]) for x in nearest),
             max_joint_speed=np.abs(self.v[:, :a]).max(axis=0)[None],

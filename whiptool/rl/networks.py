@@ -1,0 +1,129 @@
+"""Networks that the learners share. Weights are drawn from a given generator, never from torch's global one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+LOG_STD = (-5.0, 2.0)  # bounds of the logarithm of a Gaussian policy's spread
+_LOG_2PI = math.log(2 * math.pi)
+
+
+class Layers(nn.Module):
+    """`count` multilayer perceptrons of one shape, evaluated together.
+
+    Args:
+        sizes: Widths from input to output.
+        generator: Of the first weights (uniform within one over the root of the fan-in, as torch's own layers).
+        count: How many networks.
+        activation: Between layers.
+    """
+
+    def __init__(self, sizes: Sequence[int], generator: torch.Generator, *, count: int = 1, activation=F.relu) -> None:
+        super().__init__()
+        self.activation = activation
+        self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
+        for fan_in, fan_out in zip(sizes[:-1], sizes[1:], strict=True):
+            bound = 1 / math.sqrt(fan_in)
+            for into, shape in ((self.weights, (count, fan_in, fan_out)), (self.biases, (count, 1, fan_out))):
+                into.append(nn.Parameter((2 * torch.rand(shape, generator=generator) - 1) * bound))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, in) to (count, B, out)."""
+        x = x.expand(len(self.weights[0]), *x.shape)
+        last = len(self.weights) - 1
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            x = torch.baddbmm(bias, x, weight)
+            if i < last:
+                x = self.activation(x)
+        return x
+
+
+class Critic(nn.Module):
+    """`count` estimates of Q(s, a)."""
+
+    def __init__(self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator, count: int) -> None:
+        super().__init__()
+        self.layers = Layers([n_obs + n_act, *hidden, 1], generator, count=count)
+
+    def forward(self, obs: Tensor, action: Tensor) -> Tensor:
+        """(B, obs), (B, act) to (count, B)."""
+        return self.layers(torch.cat([obs, action], dim=1)).squeeze(-1)
+
+
+class DeterministicActor(nn.Module):
+    """a = tanh(f(s))."""
+
+    def __init__(self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator) -> None:
+        super().__init__()
+        self.layers = Layers([n_obs, *hidden, n_act], generator)
+
+    def forward(self, obs: Tensor) -> Tensor:
+        """(B, obs) to actions in [-1, 1], (B, act)."""
+        return torch.tanh(self.layers(obs)[0])
+
+
+class SquashedGaussianActor(nn.Module):
+    """a = tanh(u), u normal with mean and spread from the state (SAC, appendix C)."""
+
+    def __init__(self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator) -> None:
+        super().__init__()
+        self.layers = Layers([n_obs, *hidden, 2 * n_act], generator)
+
+    def forward(self, obs: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and log of the spread of u, (B, act) each."""
+        mean, log_std = self.layers(obs)[0].chunk(2, dim=1)
+        return mean, log_std.clamp(*LOG_STD)
+
+    def sample(self, obs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+        """Actions for standard normal noise of shape (B, act), and their log-densities, (B,)."""
+        mean, log_std = self(obs)
+        u = mean + log_std.exp() * noise
+        # log(1 - tanh(u)^2) without cancellation
+        squash = 2 * (math.log(2) - u - F.softplus(-2 * u))
+        return torch.tanh(u), (-0.5 * (noise**2 + _LOG_2PI) - log_std - squash).sum(dim=1)
+
+
+class GaussianActor(nn.Module):
+    """u normal with a mean from the state and one spread for all states (PPO)."""
+
+    def __init__(
+        self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator, *, spread: float
+    ) -> None:
+        super().__init__()
+        self.layers = Layers([n_obs, *hidden, n_act], generator, activation=torch.tanh)
+        with torch.no_grad():
+            self.layers.weights[-1].mul_(0.01)  # nearly the same action everywhere at first
+        self.log_std = nn.Parameter(torch.full((n_act,), math.log(spread)))
+
+    def forward(self, obs: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and log of the spread, (B, act) each."""
+        mean = self.layers(obs)[0]
+        return mean, self.log_std.expand_as(mean)
+
+
+def log_density(u: Tensor, mean: Tensor, log_std: Tensor) -> Tensor:
+    """Of a diagonal normal, (B,)."""
+    return (-0.5 * (((u - mean) / log_std.exp()) ** 2 + _LOG_2PI) - log_std).sum(dim=1)
+
+
+def divergence(mean: Tensor, log_std: Tensor, new_mean: Tensor, new_log_std: Tensor) -> Tensor:
+    """KL[old | new] of diagonal normals, (B,)."""
+    ratio = (2 * (log_std - new_log_std)).exp()
+    shift = ((new_mean - mean) / new_log_std.exp()) ** 2
+    return 0.5 * (ratio + shift - 1 - 2 * (log_std - new_log_std)).sum(dim=1)
+
+
+@torch.no_grad()
+def soft_update(target: nn.Module, source: nn.Module, tau: float) -> None:
+    """Eq. 14: target <- tau source + (1 - tau) target."""
+    torch._foreach_lerp_(list(target.parameters()), list(source.parameters()), tau)
+
+
+def adam(module: nn.Module, learning_rate: float) -> torch.optim.Adam:
+    """Adam in one pass over all parameters."""
+    return torch.optim.Adam(module.parameters(), lr=learning_rate, fused=True)

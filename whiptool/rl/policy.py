@@ -1,0 +1,52 @@
+"""A trained policy at work: strike at targets until they are hit."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from whiptool.errors import InputError
+from whiptool.rl.learner import Learner
+from whiptool.rl.task import StrikeTask
+
+CONVENTIONS = {
+    "mean-first": "the mean action first, after a miss samples of the policy",
+    "samples": "samples of the policy from the first strike on",
+    "mean": "the mean action always",
+}
+
+
+def trials_to_hit(
+    learner: Learner, task: StrikeTask, targets: np.ndarray, *, cap: int, convention: str = "mean-first"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Strike at each target, seeing after every miss what the observation shows, until it is hit.
+
+    Args:
+        learner: Trained on the task's observation; its weights stay as they are, its generator is drawn from.
+        task: What is struck and seen.
+        targets: (B, 2) [m].
+        cap: Strikes at most at each target.
+        convention: One of `CONVENTIONS`.
+
+    Returns:
+        Trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).
+
+    Raises:
+        InputError: The convention is unknown.
+    """
+    if convention not in CONVENTIONS:
+        raise InputError("convention", convention, ", ".join(CONVENTIONS))
+    trials, hit = np.full(len(targets), cap), np.zeros(len(targets), bool)
+    left = np.arange(len(targets))
+    obs = task.reset(targets)
+    for number in range(1, cap + 1):
+        deterministic = convention == "mean" or (convention == "mean-first" and number == 1)
+        seen = torch.as_tensor(task.normalise(obs), dtype=torch.float32)
+        actions = learner.act(seen, deterministic=deterministic).numpy().astype(float)
+        step = task.step(actions)
+        trials[left[step.hit]], hit[left[step.hit]] = number, True
+        left, obs, remaining = left[~step.hit], step.obs[~step.hit], task.targets[~step.hit]
+        if not len(left):
+            break
+        task.targets, task.counts = remaining, task.counts[~step.hit]
+    return trials, hit

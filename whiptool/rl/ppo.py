@@ -1,0 +1,104 @@
+"""Proximal policy optimization (Schulman et al. 2017) with the adaptive KL penalty of Eq. 11."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from whiptool.rl.learner import Learner
+from whiptool.rl.networks import GaussianActor, Layers, adam, divergence, log_density
+from whiptool.rl.replay import Transitions
+from whiptool.rl.settings import PPOSettings
+
+
+class PPO(Learner):
+    """On-policy: a batch of strikes, one per lane, is used for a few passes and forgotten.
+
+    Actions are clipped to the box only when they are struck, so that their densities stay those of the Gaussian. A
+    batch holds one strike per lane, so the advantage of Eq. 11 is the one-step residual r + gamma V(s') - V(s).
+    """
+
+    settings: PPOSettings
+
+    def __init__(self, settings: PPOSettings, **sizes) -> None:
+        super().__init__(settings, **sizes)
+        self.actor = GaussianActor(self.n_obs, self.n_act, settings.hidden, self.generator, spread=settings.spread)
+        self.value = Layers([self.n_obs, *settings.hidden, 1], self.generator, activation=torch.tanh)
+        self.actor_optimizer = adam(self.actor, settings.learning_rate)
+        self.value_optimizer = adam(self.value, settings.learning_rate)
+        self.penalty = Penalty(settings.beta, settings.kl_target)
+
+    @torch.no_grad()
+    def act(self, obs: Tensor, *, deterministic: bool = False) -> Tensor:
+        """The mean, or a draw; not clipped."""
+        mean, log_std = self.actor(obs)
+        if deterministic:
+            return mean
+        return mean + log_std.exp() * torch.randn(mean.shape, generator=self.generator)
+
+    def learn(self, new: Transitions, *, update: bool = True) -> dict[str, float]:
+        """A few passes over these transitions, which must be the present policy's own; then the penalty adapts."""
+        if not update:  # what another policy did teaches an on-policy learner nothing
+            return {}
+        with torch.no_grad():
+            mean, log_std = self.actor(new.obs)
+            log_p = log_density(new.action, mean, log_std)
+            following = self.discount * (1 - new.terminated) * self._value(new.next_obs)
+            returns = new.reward + following
+            advantage = returns - self._value(new.obs)
+            advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        losses: dict[str, Tensor] = {}
+        for _ in range(self.settings.epochs):
+            order = torch.randperm(len(new.reward), generator=self.generator)
+            for some in order.split(self.settings.minibatch):
+                new_mean, new_log_std = self.actor(new.obs[some])
+                ratio = (log_density(new.action[some], new_mean, new_log_std) - log_p[some]).exp()
+                kl = divergence(mean[some], log_std[some], new_mean, new_log_std).mean()
+                losses["actor"] = self.penalty.beta * kl - (ratio * advantage[some]).mean()  # Eq. 11
+                self.actor_optimizer.zero_grad()
+                losses["actor"].backward()
+                self.actor_optimizer.step()
+                losses["value"] = ((self._value(new.obs[some]) - returns[some]) ** 2).mean()
+                self.value_optimizer.zero_grad()
+                losses["value"].backward()
+                self.value_optimizer.step()
+        with torch.no_grad():
+            losses["divergence"] = divergence(mean, log_std, *self.actor(new.obs)).mean()
+        values = {name: float(loss) for name, loss in losses.items()}
+        self.check(values)
+        self.penalty.adapt(values["divergence"])
+        return values
+
+    def _value(self, obs: Tensor) -> Tensor:
+        return self.value(obs)[0, :, 0]
+
+    def _parts(self) -> dict:
+        return {
+            "actor": self.actor,
+            "value": self.value,
+            "actor_optimizer": self.actor_optimizer,
+            "value_optimizer": self.value_optimizer,
+            "penalty": self.penalty,
+        }
+
+
+class Penalty:
+    """beta of Eq. 11, doubled or halved to keep the divergence near its target (Schulman et al. 2017, Sect. 4)."""
+
+    def __init__(self, beta: float, target: float) -> None:
+        self.beta, self.target = beta, target
+
+    def adapt(self, divergence: float) -> None:
+        """Adapt to the divergence that an update came to."""
+        if divergence > 1.5 * self.target:
+            self.beta = min(self.beta * 2, 1e6)
+        elif divergence < self.target / 1.5:
+            self.beta = max(self.beta / 2, 1e-6)
+
+    def state_dict(self) -> dict:
+        """For a checkpoint."""
+        return {"beta": self.beta}
+
+    def load_state_dict(self, state: dict) -> None:
+        """Take up a checkpoint."""
+        self.beta = float(state["beta"])

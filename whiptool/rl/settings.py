@@ -1,0 +1,142 @@
+"""Hyperparameters of the learners: the paper's where it prints them, the field's usual defaults where it does not.
+
+One table, `SETTINGS`; every field is an option of `whiptool.train`. What the paper prints (Sects. 2.3.1-2.3.4) is marked.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import LARGEST, number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What all learners share.
+
+    Args:
+        hidden: Sizes of the hidden layers (paper).
+        learning_rate: Of Adam, for all networks (paper).
+        discount: gamma; None: 0 where the observation shows the target (`goal`), for there no trial depends on another,
+            and 0.99 elsewhere (usual).
+    """
+
+    hidden: tuple[int, ...] = (256, 256)
+    learning_rate: float = 3e-4
+    discount: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.hidden or any(h < 1 for h in self.hidden):
+            raise InputError("hidden", self.hidden, "one or more layer sizes >= 1")
+        for f in dataclasses.fields(self):
+            value = getattr(self, f.name)
+            if isinstance(value, float):
+                high = 1 if f.name in ("discount", "tau") else LARGEST
+                number(f.name, value, low=0, high=high, strict=f.name == "learning_rate")
+            elif isinstance(value, int) and value < 1:
+                raise InputError(f.name, value, "a whole number >= 1")
+
+    def discount_for(self, observation: str) -> float:
+        """gamma under an observation."""
+        if self.discount is not None:
+            return self.discount
+        return 0.0 if observation == "goal" else 0.99
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffPolicy(Settings):
+    """What SAC, TD3 and DDPG share.
+
+    Args:
+        tau: Soft-update rate of target networks, Eq. 14 (usual: 0.005).
+        batch_size: Transitions per update (usual: 256).
+        updates: Updates per strike (Algorithm 1: one).
+    """
+
+    tau: float = 0.005
+    batch_size: int = 256
+    updates: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class SACSettings(OffPolicy):
+    """Soft actor-critic.
+
+    Args:
+        alpha: Weight of the entropy, Eq. 16 (paper: 0.2, fixed).
+    """
+
+    alpha: float = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class DDPGSettings(OffPolicy):
+    """Deep deterministic policy gradient.
+
+    Args:
+        noise: Standard deviation of the exploring noise, in units of half the box (usual: 0.1).
+    """
+
+    noise: float = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class TD3Settings(DDPGSettings):
+    """Twin delayed DDPG.
+
+    Args:
+        target_noise: sigma of Eq. 15 (usual: 0.2).
+        noise_clip: c of Eq. 15 (usual: 0.5).
+        delay: Critic updates per update of actor and targets (usual: 2).
+    """
+
+    target_noise: float = 0.2
+    noise_clip: float = 0.5
+    delay: int = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOSettings(Settings):
+    """Proximal policy optimization with an adaptive KL penalty, Eq. 11.
+
+    Args:
+        hidden, learning_rate: (paper).
+        kl_target: Divergence that beta is steered to (usual: 0.01).
+        beta: First weight of the KL penalty (usual: 1).
+        epochs: Passes over a batch (usual: 10).
+        minibatch: Transitions per step (usual: 64).
+        spread: First standard deviation of the actions, in units of half the box (usual: 1).
+    """
+
+    hidden: tuple[int, ...] = (64, 64)
+    learning_rate: float = 1e-4
+    kl_target: float = 0.01
+    beta: float = 1.0
+    epochs: int = 10
+    minibatch: int = 64
+    spread: float = 1.0
+
+
+SETTINGS: dict[str, type[Settings]] = {
+    "sac": SACSettings,
+    "td3": TD3Settings,
+    "ddpg": DDPGSettings,
+    "ppo": PPOSettings,
+}
+
+
+def settings_for(method: str, **changes: object) -> Settings:
+    """The settings of a learner, with changes by name.
+
+    Raises:
+        InputError: There is no such learner, or it has no such setting.
+    """
+    if method not in SETTINGS:
+        raise InputError("learner", method, ", ".join(SETTINGS))
+    names = [f.name for f in dataclasses.fields(SETTINGS[method])]
+    for name in changes:
+        if name not in names:
+            raise InputError(f"setting of {method}", name, ", ".join(names))
+    return SETTINGS[method](**changes)  # type: ignore[arg-type]

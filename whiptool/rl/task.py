@@ -1,0 +1,159 @@
+"""The task that learners learn: strike at targets of a zone, seeing what an observation shows (Algorithm 1).
+
+One step is one strike. Many lanes run side by side, each with its own target, their strikes rolled out as one batch. A
+lane keeps its target until it is hit (terminated) or struck at `strikes` times (truncated).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.compiled import CompiledRollout
+from whiptool.models.trajectory import Approach, joint_points
+from whiptool.objective import HIT_RADIUS, T_STAY
+from whiptool.strike import StrikeBounds, default_bounds
+from whiptool.zone import Disc, Zone
+
+OBSERVATIONS = ("paper", "relative", "goal")
+SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for networks
+
+
+def reward(distance: np.ndarray, hit_radius: float) -> np.ndarray:
+    """Eq. 17 for miss distances d [m]: 50 for a hit, -5 d within 0.1 m, -10 d farther away; any shape.
+
+    A hit radius other than the paper's 0.06 m moves the first threshold only.
+    """
+    return np.where(distance <= hit_radius, 50.0, np.where(distance <= 0.1, -5.0, -10.0) * distance)  # Eq. 17
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a batch of strikes came to; B lanes.
+
+    Args:
+        obs: What is seen after the strike, (B, n_obs).
+        reward: Eq. 17, (B,).
+        hit: Whether the target was hit: the lane's trial has terminated, (B,).
+        truncated: Whether its number of strikes is used up without a hit, (B,).
+        approach: The strikes' closest approaches.
+    """
+
+    obs: np.ndarray
+    reward: np.ndarray
+    hit: np.ndarray
+    truncated: np.ndarray
+    approach: Approach
+
+
+class StrikeTask:
+    """Lanes of strikes at targets.
+
+    Args:
+        rollout: Simulator.
+        zone: Where targets are drawn.
+        observation: `paper`: tip position and velocity at the closest approach; `relative`: the same, measured from
+            the target; `goal`: the first, and the target. Before the first strike the whip hangs at rest from the
+            hanging arm.
+        hit_radius: [m]
+        strikes: Strikes at one target before it is given up.
+        t_stay: [s]
+        bounds: Box of the strikes; actions in [-1, 1] cover it.
+
+    Raises:
+        InputError: The observation is unknown, or a number is out of range.
+    """
+
+    def __init__(
+        self,
+        rollout: CompiledRollout,
+        zone: Zone | None = None,
+        *,
+        observation: str = "goal",
+        hit_radius: float = HIT_RADIUS,
+        strikes: int = 100,
+        t_stay: float = T_STAY,
+        bounds: StrikeBounds | None = None,
+    ) -> None:
+        if observation not in OBSERVATIONS:
+            raise InputError("observation", observation, ", ".join(OBSERVATIONS))
+        if strikes < 1:
+            raise InputError("strikes", strikes, "a whole number >= 1")
+        self.rollout, self.zone, self.observation = rollout, zone or Disc(), observation
+        self.hit_radius, self.strikes, self.t_stay = hit_radius, strikes, t_stay
+        self.bounds = bounds or default_bounds(rollout.model.arm)
+        self.lower, self.upper = self.bounds.box
+        self.n_act = len(self.lower)
+        self.n_obs = 6 if observation == "goal" else 4
+        self.penalty = rollout.model.reach + float(np.abs(self.zone.box).max()) * math.sqrt(2)
+        self.resting_tip = joint_points(rollout.model, np.zeros(rollout.model.n))[-1]
+        self.n_strikes = self.n_diverged = 0
+        self.targets, self.counts = np.empty((0, 2)), np.empty(0, int)
+
+    def reset(self, targets: np.ndarray) -> np.ndarray:
+        """Give every lane a target, (B, 2) [m], before its first strike; the observations (B, n_obs)."""
+        self.targets, self.counts = np.array(targets, float), np.zeros(len(targets), int)
+        return self.first_look(self.targets)
+
+    def renew(self, obs: np.ndarray, lanes: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        """The observations with new targets (b, 2) in the lanes of a mask (B,) that ended."""
+        self.targets[lanes], self.counts[lanes] = targets, 0
+        obs = obs.copy()
+        obs[lanes] = self.first_look(targets)
+        return obs
+
+    def step(self, actions: np.ndarray) -> Step:
+        """Strike once in every lane; actions (B, n_act), clipped to [-1, 1]."""
+        approach, distance = self.approach(self.to_strikes(actions), self.targets)
+        self.counts += 1
+        hit = distance <= self.hit_radius
+        return Step(
+            obs=self.look(approach, self.targets),
+            reward=reward(distance, self.hit_radius),
+            hit=hit,
+            truncated=~hit & (self.counts >= self.strikes),
+            approach=approach,
+        )
+
+    def approach(self, strikes: np.ndarray, targets: np.ndarray) -> tuple[Approach, np.ndarray]:
+        """Closest approaches of strikes (B, n_act) to targets (B, 2), and miss distances, a penalty if diverged."""
+        approach = self.rollout.approach(strikes, targets, t_stay=self.t_stay)
+        wild = approach.diverged | ~np.isfinite(approach.distance)
+        self.n_strikes += len(strikes)
+        self.n_diverged += int(wild.sum())
+        return approach, np.where(wild, self.penalty, approach.distance)
+
+    def to_strikes(self, actions: np.ndarray) -> np.ndarray:
+        """Strike vectors of actions, (B, n_act)."""
+        return self.lower + (np.clip(actions, -1, 1) + 1) / 2 * (self.upper - self.lower)
+
+    def first_look(self, targets: np.ndarray) -> np.ndarray:
+        """What is seen before the first strike at each target, (B, n_obs)."""
+        tip = np.broadcast_to(self.resting_tip, targets.shape)
+        return self._observe(tip, np.zeros_like(targets), targets)
+
+    def look(self, approach: Approach, targets: np.ndarray) -> np.ndarray:
+        """What is seen after strikes at targets, (B, n_obs); after one that diverged, as before the first."""
+        obs = self._observe(approach.tip, approach.velocity, targets)
+        wild = approach.diverged | ~np.isfinite(obs).all(axis=1)
+        obs[wild] = self.first_look(targets[wild])
+        return obs
+
+    def _observe(self, tip: np.ndarray, velocity: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        where = tip - targets if self.observation == "relative" else tip
+        parts = [where, velocity, targets] if self.observation == "goal" else [where, velocity]
+        return np.concatenate(parts, axis=1)
+
+    def normalise(self, obs: np.ndarray) -> np.ndarray:
+        """Observations for networks: positions from the zone's centre in units of its half width, speeds in 10 m/s."""
+        lower, upper = self.zone.box
+        centre, half = (lower + upper) / 2, (upper - lower) / 2
+        size = max(1.0, 2 * float(half.max()))  # tips come from everywhere
+        parts = [obs[:, :2] / size if self.observation == "relative" else (obs[:, :2] - centre) / size]
+        parts.append(obs[:, 2:4] / SPEED_SCALE)
+        if self.observation == "goal":
+            parts.append((obs[:, 4:] - centre) / half)
+        return np.concatenate(parts, axis=1)

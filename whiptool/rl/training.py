@@ -1,0 +1,242 @@
+"""Algorithm 1: train a learner on a task, episode by episode, so that a killed run goes on as if nothing had happened."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from whiptool.errors import InputError
+from whiptool.rl import hindsight
+from whiptool.rl.ddpg import DDPG
+from whiptool.rl.learner import Learner, OffPolicyLearner
+from whiptool.rl.ppo import PPO
+from whiptool.rl.replay import Transitions
+from whiptool.rl.sac import SAC
+from whiptool.rl.settings import Settings
+from whiptool.rl.task import StrikeTask, reward
+from whiptool.rl.td3 import TD3
+
+LEARNERS: dict[str, type[Learner]] = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "ppo": PPO}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long to train (Algorithm 1: 500 episodes of 100 trials, the first 50 random).
+
+    Args:
+        episodes: Number of episodes.
+        trials: Strikes per episode, all in one batch, each in a lane of its own.
+        random_episodes: Episodes at the start in which strikes are uniformly random and nothing is learned.
+        hindsight: Relabelled copies of every strike; 0: none. Needs an observation that shows the target.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    episodes: int = 500
+    trials: int = 100
+    random_episodes: int = 50
+    hindsight: int = 0
+
+    def __post_init__(self) -> None:
+        for name, low in (("episodes", 1), ("trials", 2), ("random_episodes", 0), ("hindsight", 0)):
+            if getattr(self, name) < low:
+                raise InputError(name, getattr(self, name), f"a whole number >= {low}")
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What an episode came to.
+
+    Args:
+        number: From 1.
+        strikes: Made so far.
+        mean_reward: Over its trials, Fig. 7.
+        share_hit: Of its trials.
+        diverged: Strikes that did, so far.
+        losses: By name; empty while nothing is learned.
+    """
+
+    number: int
+    strikes: int
+    mean_reward: float
+    share_hit: float
+    diverged: int
+    losses: dict[str, float]
+
+
+def make_learner(method: str, settings: Settings, task: StrikeTask, generator: torch.Generator) -> Learner:
+    """A fresh learner for a task.
+
+    Raises:
+        InputError: There is no such learner.
+    """
+    if method not in LEARNERS:
+        raise InputError("learner", method, ", ".join(LEARNERS))
+    return LEARNERS[method](
+        settings,  # type: ignore[arg-type]
+        n_obs=task.n_obs,
+        n_act=task.n_act,
+        discount=settings.discount_for(task.observation),
+        generator=generator,
+    )
+
+
+class Training:
+    """A learner, its task and its plan, with all that changes while it trains.
+
+    Args:
+        learner: From `make_learner`; everything random is drawn from its generator.
+        task: What it learns.
+        plan: For how long.
+
+    Raises:
+        InputError: Hindsight is asked of a learner without replay, or under an observation without the target.
+    """
+
+    def __init__(self, learner: Learner, task: StrikeTask, plan: Plan) -> None:
+        if plan.hindsight and (not isinstance(learner, OffPolicyLearner) or task.observation != "goal"):
+            raise InputError(
+                "hindsight",
+                plan.hindsight,
+                "0, unless the learner has a replay buffer (sac, td3, ddpg) and the observation is goal",
+            )
+        self.learner, self.task, self.plan = learner, task, plan
+        self.done = 0
+        self.obs = task.reset(task.zone.place(self._uniform(plan.trials, 3)))
+
+    def run(
+        self,
+        on_episode: Callable[[Episode], None] | None = None,
+        *,
+        episodes: int | None = None,
+        max_seconds: float | None = None,
+    ) -> list[Episode]:
+        """Train to the plan's end, or for some episodes, or until the time is up.
+
+        Raises:
+            Diverged: A loss is not finite.
+        """
+        last = self.plan.episodes if episodes is None else min(self.plan.episodes, self.done + episodes)
+        start, seen = time.monotonic(), []
+        while self.done < last and (max_seconds is None or time.monotonic() - start < max_seconds):
+            seen.append(self.episode())
+            if on_episode is not None:
+                on_episode(seen[-1])
+        return seen
+
+    def episode(self) -> Episode:
+        """One strike in every lane, then as many updates."""
+        task, lanes = self.task, self.plan.trials
+        explore = self.done < self.plan.random_episodes
+        seen = self._tensor(task.normalise(self.obs))
+        if explore:
+            actions = self._tensor(2 * self._uniform(lanes, task.n_act) - 1)
+        else:
+            actions = self.learner.act(seen)
+        struck = actions.numpy().astype(float)
+        targets = task.targets.copy()
+        step = task.step(struck)
+        new = Transitions(
+            obs=seen,
+            action=actions,
+            reward=self._tensor(step.reward),
+            next_obs=self._tensor(task.normalise(step.obs)),
+            terminated=self._tensor(step.hit),
+        )
+        if self.plan.hindsight:
+            self._relabel(struck, self.obs)
+        losses = self.learner.learn(new, update=not explore)
+        over = step.hit | step.truncated
+        fresh = task.zone.place(self._uniform(lanes, 3))
+        self.obs = task.renew(step.obs, over, fresh[over])
+        del targets
+        self.done += 1
+        return Episode(
+            number=self.done,
+            strikes=self.done * lanes,
+            mean_reward=float(step.reward.mean()),
+            share_hit=float(step.hit.mean()),
+            diverged=task.n_diverged,
+            losses=losses,
+        )
+
+    def _relabel(self, actions: np.ndarray, obs: np.ndarray) -> None:
+        """Show the learner the same strikes at other targets (see `hindsight`)."""
+        task, learner = self.task, self.learner
+        assert isinstance(learner, OffPolicyLearner)
+        strikes = task.to_strikes(actions)
+        _, paths, _ = task.rollout.tip_path(strikes, t_stay=task.t_stay, rate=hindsight.RATE)
+        for _ in range(self.plan.hindsight):
+            targets = hindsight.new_targets(paths, task.zone, task.hit_radius, self._uniform(len(paths), 6))
+            distance, tip, i = hindsight.nearest(paths, targets)
+            whole = np.isfinite(distance)
+            velocity = (paths[np.arange(len(paths)), i + 1] - paths[np.arange(len(paths)), i]) * hindsight.RATE
+            before = np.concatenate([obs[:, :4], targets], axis=1)
+            after = np.concatenate([tip, velocity, targets], axis=1)
+            learner.replay.add(
+                Transitions(
+                    obs=self._tensor(task.normalise(before))[whole],
+                    action=self._tensor(actions)[whole],
+                    reward=self._tensor(reward(distance, task.hit_radius))[whole],
+                    next_obs=self._tensor(task.normalise(after))[whole],
+                    terminated=self._tensor(distance <= task.hit_radius)[whole],
+                )
+            )
+
+    def _uniform(self, *shape: int) -> np.ndarray:
+        return torch.rand(shape, generator=self.learner.generator, dtype=torch.float64).numpy()
+
+    @staticmethod
+    def _tensor(array: np.ndarray) -> Tensor:
+        return torch.as_tensor(array, dtype=torch.float32)
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint, so that no half of it is ever seen."""
+        task = self.task
+        state = {
+            "plan": asdict(self.plan),
+            "learner": self.learner.state_dict(),
+            "done": self.done,
+            "obs": torch.as_tensor(self.obs),
+            "targets": torch.as_tensor(task.targets),
+            "counts": torch.as_tensor(task.counts),
+            "strikes": [task.n_strikes, task.n_diverged],
+        }
+        temporary = path.with_name(f".{path.name}.tmp")
+        torch.save(state, temporary)
+        temporary.replace(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint.
+
+        Raises:
+            InputError: It is damaged, or of another plan.
+        """
+        state = load_checkpoint(path)
+        if state["plan"] != asdict(self.plan):
+            raise InputError(str(path), state["plan"], f"a checkpoint of the plan {asdict(self.plan)}")
+        self.learner.load_state_dict(state["learner"])
+        self.done, self.obs = int(state["done"]), state["obs"].numpy()
+        self.task.targets, self.task.counts = state["targets"].numpy(), state["counts"].numpy()
+        self.task.n_strikes, self.task.n_diverged = map(int, state["strikes"])
+
+
+def load_checkpoint(path: Path) -> dict:
+    """A checkpoint's tensors and numbers; nothing in the file is executed.
+
+    Raises:
+        InputError: It is not there, or is no checkpoint.
+    """
+    try:
+        return torch.load(path, weights_only=True)
+    except FileNotFoundError:
+        raise InputError("checkpoint", str(path), "a file that whiptool train wrote") from None
+    except Exception as error:  # torch names no exception for what is damaged
+        raise InputError("checkpoint", str(path), f"a whole file that whiptool train wrote ({error})"[:200]) from None

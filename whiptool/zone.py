@@ -1,0 +1,186 @@
+"""Where targets are drawn: a disc (Fig. 5), or the cells of a grid that the tip can reach."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import number
+from whiptool.objective import T_STAY, TARGET
+from whiptool.strike import StrikeBounds
+
+RADIUS = 0.1  # [m], Sect. 3.1.1
+
+
+class Zone(Protocol):
+    """A region of the plane."""
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its lower left and upper right corner, (2,) each [m]."""
+        ...
+
+    @property
+    def area(self) -> float:
+        """[m^2]"""
+        ...
+
+    def place(self, uniform: np.ndarray) -> np.ndarray:
+        """Points of the zone, (B, 2) [m], uniform over its area where the numbers (B, 3) are uniform in [0, 1)."""
+        ...
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points (..., 2) [m] lie in it, (...); NaN does not."""
+        ...
+
+
+def sample(zone: Zone, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Uniformly random targets [m], (count, 2)."""
+    return zone.place(rng.random((count, 3)))
+
+
+@dataclass(frozen=True)
+class Disc:
+    """The paper's circle of targets.
+
+    Args:
+        centre: [m], not printed in the paper.
+        radius: [m], Sect. 3.1.1.
+
+    Raises:
+        InputError: A value is not finite, or the radius is not positive.
+    """
+
+    centre: tuple[float, float] = TARGET
+    radius: float = RADIUS
+
+    def __post_init__(self) -> None:
+        if len(self.centre) != 2 or not all(map(math.isfinite, self.centre)):
+            raise InputError("centre of the zone", self.centre, "two finite coordinates x y in m")
+        number("radius of the zone", self.radius, low=0, strict=True)
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of the square around it [m]."""
+        return np.array(self.centre) - self.radius, np.array(self.centre) + self.radius
+
+    @property
+    def area(self) -> float:
+        """[m^2]"""
+        return math.pi * self.radius**2
+
+    def place(self, uniform: np.ndarray) -> np.ndarray:
+        """Points of the disc."""
+        angle, r = 2 * np.pi * uniform[:, 0], self.radius * np.sqrt(uniform[:, 1])
+        return np.array(self.centre) + np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points lie in the disc."""
+        return np.hypot(points[..., 0] - self.centre[0], points[..., 1] - self.centre[1]) <= self.radius
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Cells of a grid.
+
+    Args:
+        corners: Lower left corner of each cell [m], (C, 2).
+        cell: Width of a cell [m].
+    """
+
+    corners: np.ndarray
+    cell: float
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of the rectangle around it [m]."""
+        return self.corners.min(axis=0), self.corners.max(axis=0) + self.cell
+
+    @property
+    def area(self) -> float:
+        """[m^2]"""
+        return len(self.corners) * self.cell**2
+
+    def place(self, uniform: np.ndarray) -> np.ndarray:
+        """Points of the region."""
+        which = np.minimum((uniform[:, 0] * len(self.corners)).astype(int), len(self.corners) - 1)
+        return self.corners[which] + self.cell * uniform[:, 1:3]
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points lie in one of the cells."""
+        lower = self.box[0]
+        taken = np.round((self.corners - lower) / self.cell).astype(int)
+        grid = np.zeros(taken.max(axis=0) + 3, bool)  # an empty row all around
+        grid[tuple((taken + 1).T)] = True
+        cells = np.floor((np.nan_to_num(points, nan=-np.inf) - lower) / self.cell)
+        i, j = np.moveaxis(np.clip(cells, -1, np.array(grid.shape) - 2).astype(int) + 1, -1, 0)
+        return grid[i, j]
+
+    def save(self, path: Path) -> None:
+        """Write an NPZ file, without pickle."""
+        np.savez_compressed(path, corners=self.corners, cell=self.cell)
+
+    @classmethod
+    def load(cls, path: Path) -> Region:
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as data:
+            return cls(data["corners"], float(data["cell"]))
+
+
+def random_paths(
+    rollout, bounds: StrikeBounds, count: int, rng: np.random.Generator, *, rate: float, progress: bool = False
+) -> Iterator[np.ndarray]:
+    """Tip paths of random strikes, some thousands at a time: (b, S, 2) [m], NaN after a strike's end."""
+    from tqdm import tqdm
+
+    with tqdm(total=count, unit=" strikes", disable=not progress, leave=False) as bar:
+        for first in range(0, count, 4096):
+            strikes = bounds.sample(rng, min(4096, count - first))
+            yield rollout.tip_path(strikes, t_stay=T_STAY, rate=rate)[1]
+            bar.update(len(strikes))
+
+
+def reachable_region(
+    rollout,
+    bounds: StrikeBounds,
+    *,
+    speed: float = 3.0,
+    count: int = 1_000_000,
+    cell: float = 0.02,
+    rate: float = 200.0,
+    seed: int = 0,
+    progress: bool = False,
+) -> Region:
+    """The cells through which the tip of random strikes passes with at least this speed.
+
+    The speed is that of the straight line between successive samples, and so is the path in between.
+
+    Args:
+        rollout: Simulator with `tip_path`.
+        bounds: Box of the strikes.
+        speed: [m/s]
+        count: Strikes.
+        cell: [m]
+        rate: Samples of each path a second [1/s].
+        seed: Of the strikes.
+        progress: Show a bar.
+    """
+    reach = rollout.model.reach + cell
+    n = 2 * math.ceil(reach / cell)
+    seen = np.zeros((n, n), bool)
+    rng = np.random.default_rng(seed)
+    for paths in random_paths(rollout, bounds, count, rng, rate=rate, progress=progress):
+        steps = np.diff(paths, axis=1)
+        fast = np.hypot(steps[..., 0], steps[..., 1]) * rate >= speed  # False for NaN
+        starts, steps = paths[:, :-1][fast], steps[fast]
+        parts = max(1, math.ceil(float(np.hypot(*steps.T).max(initial=0)) / (cell / 2)))
+        for part in range(parts):
+            i, j = np.floor((starts + (part + 0.5) / parts * steps) / cell).astype(int).T + n // 2
+            seen[i, j] = True
+    return Region((np.argwhere(seen) - n // 2) * cell, cell)
