@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.models.parameters import Model
     from whiptool.objective import Rollout, Target
+    from whiptool.runs import RunFolder
 
 T = TypeVar("T")
 
@@ -124,6 +125,66 @@ def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] 
         return tyro.cli(options, prog=prog, description=description, args=args, **extra)
 
 
+def parse_resumable(
+    options: type[T], *, command: str, description: str, args: Sequence[str] | None, not_configuration: dict[str, Any]
+) -> T:
+    """As `parse`, for a command with `--out` and `--resume`: a resumed run's options come from its folder.
+
+    Args:
+        options: Their class, with fields `out` and `resume`.
+        command: Its name, as in `python -m whiptool.COMMAND`.
+        description, args: As in `parse`.
+        not_configuration: Options that do not make the run another one, and their defaults.
+
+    Raises:
+        InputError: The folder is of another command, or an option given beside `--resume` differs from the stored one.
+    """
+    from whiptool.runs import RunFolder
+
+    prog, words = f"whiptool {command}", list(sys.argv[1:] if args is None else args)
+    parsed: Any = parse(options, prog=prog, description=description, args=words)
+    if parsed.resume is None:
+        return parsed
+    config = RunFolder.open(parsed.resume).config
+    table = config.get("options")
+    if config.get("command") != command or not isinstance(table, dict):
+        raise InputError("--resume", str(parsed.resume), f"a folder that `{prog}` made, its config whole")
+    fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
+    try:
+        stored = options(**fields)
+    except TypeError as error:
+        raise InputError("--resume", str(parsed.resume), f"a folder of {prog} ({error})") from None
+    again: Any = parse(options, prog=prog, description=description, args=words, default=stored)
+    if again.out is not None:
+        raise InputError("--out", str(again.out), "nothing beside --resume: a resumed run stays in its folder")
+    for name, value in as_plain(dataclasses.replace(again, **not_configuration)).items():
+        if table.get(name, not_configuration.get(name)) != value:
+            raise InputError(
+                f"--{name.replace('_', '-')}",
+                value,
+                f"{table.get(name)!r}, as the run was begun",
+                "leave it out, or start a new run",
+            )
+    return again
+
+
+def check_same_run(folder: RunFolder, config: dict) -> None:
+    """Refuse to go on with a run whose configuration, as it would be resolved now, is not what it was.
+
+    Raises:
+        InputError: A part differs; it is named.
+    """
+    stored = folder.config
+    for part, value in config.items():
+        if stored.get(part) != value:
+            raise InputError(
+                "--resume",
+                str(folder.path),
+                f"a run of the same {part}",
+                f"the {part} is not what it was when the run was begun",
+            )
+
+
 def _given(flag: str, args: Sequence[str] | None) -> str:
     """What stood behind a flag on the command line."""
     words = list(args if args is not None else sys.argv[1:])
@@ -154,6 +215,9 @@ def run(command: Callable[[], int]) -> int:
 
 COMMANDS = {
     "optimize": "find a strike that hits a target",
+    "train": "train a policy over a zone of targets",
+    "compare": "trials to hit, method by method",
+    "reproduce": "the paper's figures and tables as one report",
     "simulate": "play one strike, or export the model",
     "doctor": "check the installation and this machine",
 }

@@ -51,40 +51,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    options = _parse(args)
+    options = cli.parse_resumable(
+        OptimizeOptions, command="optimize", description=_EXAMPLE, args=args, not_configuration=_NOT_CONFIGURATION
+    )
     run = _Run(options)
     return run.report(run.search())
-
-
-def _parse(args: Sequence[str] | None) -> OptimizeOptions:
-    """Options, those of a resumed run taken from its folder; a different one given beside is refused."""
-    from whiptool.runs import RunFolder
-
-    words = list(sys.argv[1:] if args is None else args)
-    options = cli.parse(OptimizeOptions, prog="whiptool optimize", description=_EXAMPLE, args=words)
-    if options.resume is None:
-        return options
-    config = RunFolder.open(options.resume).config
-    stored_table = config.get("options")
-    if config.get("command") != "optimize" or not isinstance(stored_table, dict):
-        raise InputError("--resume", str(options.resume), "a folder that `whiptool optimize` made, its config whole")
-    fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in stored_table.items()}
-    try:
-        stored = OptimizeOptions(**fields)
-    except TypeError as error:
-        raise InputError("--resume", str(options.resume), f"a folder of whiptool optimize ({error})") from None
-    again = cli.parse(OptimizeOptions, prog="whiptool optimize", description=_EXAMPLE, args=words, default=stored)
-    if again.out is not None:
-        raise InputError("--out", str(again.out), "nothing beside --resume: a resumed run stays in its folder")
-    for name, value in cli.as_plain(replace(again, **_NOT_CONFIGURATION)).items():
-        if stored_table.get(name, _NOT_CONFIGURATION.get(name)) != value:
-            raise InputError(
-                f"--{name.replace('_', '-')}",
-                value,
-                f"{stored_table.get(name)!r}, as the run was begun",
-                "leave it out, or start a new run",
-            )
-    return again
 
 
 class _Run:
@@ -134,15 +105,7 @@ class _Run:
             )
         else:
             self.folder = RunFolder.open(options.resume)
-            stored = self.folder.config
-            for part, value in config.items():
-                if stored.get(part) != value:
-                    raise InputError(
-                        "--resume",
-                        str(options.resume),
-                        f"a run of the same {part}",
-                        f"the {part} is not what it was when the run was begun",
-                    )
+            cli.check_same_run(self.folder, config)
         self.log = TrialLog(self.folder.path / TRIALS, self.model.arm)
         self.recorded = self.log.read() if options.resume else []
 

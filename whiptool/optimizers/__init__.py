@@ -6,10 +6,14 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+import numpy as np
+
 from whiptool.errors import InputError
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers.cmaes_search import cmaes_search
+from whiptool.optimizers.genetic_search import genetic_search
 from whiptool.optimizers.gradient_search import gradient_search
+from whiptool.optimizers.learner_search import learner_search
 from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 from whiptool.optimizers.random_search import random_search
 from whiptool.optimizers.result import MESSAGES, Result, Status
@@ -18,10 +22,13 @@ from whiptool.strike import Strike
 __all__ = ["METHODS", "Result", "Status", "find_method", "search"]
 
 Method = Callable[..., None]
+LEARNERS = ("sac", "td3", "ddpg", "ppo")  # named here so that listing methods does not import torch
 METHODS: dict[str, Method] = {
     "directl": partial(nlopt_search, algorithm=DIRECT_L),
     "gradient": gradient_search,
     "cmaes": cmaes_search,
+    "ga": genetic_search,
+    **{name: partial(learner_search, learner=name) for name in LEARNERS},
     "random": random_search,
 }
 _STOPS = {"hit": Status.HIT, "trials": Status.MAX_TRIALS, "time": Status.MAX_TIME}
@@ -40,14 +47,22 @@ def find_method(name: str) -> Method:
     raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())]))
 
 
-def search(objective: Objective, method: str, *, seed: int = 0) -> Result:
+def search(objective: Objective, method: str, *, seed: int = 0, first: np.ndarray | None = None) -> Result:
     """Run a method on an objective until it hits, converges, uses up its budget, or is interrupted (Ctrl-C).
+
+    Args:
+        objective: What is searched.
+        method: One of `METHODS`, or `nlopt:NAME`.
+        seed: Of what is random in the method.
+        first: A strike vector to try before the method begins.
 
     Raises:
         InputError: The method is unknown, or does not fit the objective.
     """
     run, start = find_method(method), time.monotonic()
     try:
+        if first is not None:
+            objective(first)
         run(objective, seed=seed)
         status, detail = Status.CONVERGED, ""
     except SearchStopped as stop:

@@ -53,6 +53,11 @@ class Result:
     wall_time: float
 
     @property
+    def first_hit(self) -> int | None:
+        """Number of the first trial that hit, from 1; a batch may hold trials after it."""
+        return next((trial.number for trial in self.trace if trial.outcome.hit), None)
+
+    @property
     def n_trials(self) -> int:
         """Number of trials."""
         return len(self.trace)

@@ -64,7 +64,7 @@ class PPO(Learner):
                 self.value_optimizer.step()
         with torch.no_grad():
             losses["divergence"] = divergence(mean, log_std, *self.actor(new.obs)).mean()
-        values = {name: float(loss) for name, loss in losses.items()}
+        values = {name: float(loss.detach()) for name, loss in losses.items()}
         self.check(values)
         self.penalty.adapt(values["divergence"])
         return values

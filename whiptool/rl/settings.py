@@ -32,10 +32,10 @@ class Settings:
             raise InputError("hidden", self.hidden, "one or more layer sizes >= 1")
         for f in dataclasses.fields(self):
             value = getattr(self, f.name)
-            if isinstance(value, float):
+            if str(f.type).startswith("float") and value is not None:
                 high = 1 if f.name in ("discount", "tau") else LARGEST
-                number(f.name, value, low=0, high=high, strict=f.name == "learning_rate")
-            elif isinstance(value, int) and value < 1:
+                number(f.name, value, low=0, high=high, strict=f.name in ("learning_rate", "spread"))
+            elif f.type == "int" and (not isinstance(value, int) or value < 1):
                 raise InputError(f.name, value, "a whole number >= 1")
 
     def discount_for(self, observation: str) -> float:

@@ -23,6 +23,12 @@ from whiptool.rl.task import StrikeTask, reward
 from whiptool.rl.td3 import TD3
 
 LEARNERS: dict[str, type[Learner]] = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "ppo": PPO}
+LOSSES = {
+    "sac": ("critic", "actor", "entropy"),
+    "td3": ("critic", "actor"),
+    "ddpg": ("critic", "actor"),
+    "ppo": ("actor", "value", "divergence"),
+}
 
 
 @dataclass(frozen=True)
@@ -141,7 +147,6 @@ class Training:
         else:
             actions = self.learner.act(seen)
         struck = actions.numpy().astype(float)
-        targets = task.targets.copy()
         step = task.step(struck)
         new = Transitions(
             obs=seen,
@@ -156,7 +161,6 @@ class Training:
         over = step.hit | step.truncated
         fresh = task.zone.place(self._uniform(lanes, 3))
         self.obs = task.renew(step.obs, over, fresh[over])
-        del targets
         self.done += 1
         return Episode(
             number=self.done,

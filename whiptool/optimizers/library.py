@@ -1,0 +1,105 @@
+"""A library of past strikes: the strike whose tip passed nearest to a target is where a search for it begins.
+
+Hindsight in its plainest form (see `whiptool.rl.hindsight`): every strike is an answer to all targets along its path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from whiptool.models.compiled import CompiledRollout
+from whiptool.objective import T_STAY, Objective
+from whiptool.optimizers.result import Result
+from whiptool.strike import StrikeBounds
+
+RATE = 250.0  # [1/s] of the stored paths: the straight line between samples is then within about a millimetre
+_AT_ONCE = 512
+
+
+@dataclass(frozen=True, eq=False)
+class StrikeLibrary:
+    """Strikes and the paths of their tips.
+
+    Args:
+        strikes: Strike vectors, (n, 2 a + 1).
+        paths: Tip at equal times, (n, S, 2) [m], single precision, NaN after a strike's end.
+    """
+
+    strikes: np.ndarray
+    paths: np.ndarray
+
+    @classmethod
+    def random(
+        cls, rollout: CompiledRollout, bounds: StrikeBounds, count: int, *, seed: int, t_stay: float = T_STAY
+    ) -> StrikeLibrary:
+        """The library that `count` uniformly random strikes leave."""
+        strikes = bounds.sample(np.random.default_rng(seed), count)
+        samples = int((bounds.upper[-1] + t_stay) * RATE) + 1
+        paths = np.full((count, samples, 2), np.nan, np.float32)
+        for first in range(0, count, 4096):
+            some = rollout.tip_path(strikes[first : first + 4096], t_stay=t_stay, rate=RATE)[1]
+            paths[first : first + 4096, : some.shape[1]] = some
+        return cls(strikes, paths)
+
+    def nearest(self, target: np.ndarray | tuple[float, ...], count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        """The strikes that passed nearest to a target, nearest first.
+
+        Args:
+            target: (x, y) [m].
+            count: How many.
+
+        Returns:
+            Strike vectors (count, 2 a + 1), and the distances at which they passed [m], (count,).
+        """
+        distance = np.empty(len(self.strikes))
+        for first in range(0, len(distance), _AT_ONCE):
+            distance[first : first + _AT_ONCE] = _distance(self.paths[first : first + _AT_ONCE], np.asarray(target))
+        order = np.argsort(distance, kind="stable")[:count]
+        return self.strikes[order], distance[order]
+
+    def save(self, path: Path) -> None:
+        """Write an NPZ file, without pickle."""
+        np.savez_compressed(path, strikes=self.strikes, paths=self.paths)
+
+    @classmethod
+    def load(cls, path: Path) -> StrikeLibrary:
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as data:
+            return cls(data["strikes"], data["paths"])
+
+
+def _distance(paths: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Of each path (b, S, 2) from the target, (b,); infinite for a path without two samples."""
+    start, step = paths[:, :-1] - target.astype(np.float32), np.diff(paths, axis=1)
+    length2 = (step**2).sum(axis=2)
+    s = np.clip(-(start * step).sum(axis=2) / np.where(length2 > 0, length2, 1), 0, 1)
+    squared = ((start + s[..., None] * step) ** 2).sum(axis=2)
+    return np.sqrt(np.where(np.isnan(squared), np.inf, squared).min(axis=1))
+
+
+def warm_search(
+    objective: Objective, method: str, library: StrikeLibrary, *, seed: int = 0, width: float = 0.1
+) -> Result:
+    """Strike what the library has nearest to the target; after a miss, search around it.
+
+    Args:
+        objective: What is to be hit; its bounds are narrowed.
+        method: As in `search`.
+        library: Of past strikes.
+        seed: Of the method.
+        width: Of the box around the library's strike, in widths of the objective's box.
+
+    Raises:
+        InputError: The method is unknown, or does not fit the objective.
+    """
+    from whiptool.optimizers import search
+
+    first = library.nearest(objective.target.position)[0][0]
+    lower, upper = objective.bounds.box
+    half = width * (upper - lower) / 2
+    centre = np.clip(first, lower + half, upper - half)
+    objective.bounds = StrikeBounds(tuple(centre - half), tuple(centre + half))
+    return search(objective, method, seed=seed, first=first)

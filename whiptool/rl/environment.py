@@ -1,0 +1,272 @@
+"""Gymnasium's view of the task: one step is one strike. Importing this module registers `whiptool/WhipTarget-v0`.
+
+    gymnasium.make("whiptool.rl.environment:whiptool/WhipTarget-v0", observation="goal")
+    gymnasium.make_vec("whiptool.rl.environment:whiptool/WhipTarget-v0", num_envs=100)
+
+Once this module is imported, the plain id will do. The vector environment is not a loop over single ones: the strikes of
+all its lanes are rolled out as one batch, on all cores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from whiptool.errors import InputError
+from whiptool.impedance import Controller, oiac_preset
+from whiptool.models import CompiledRollout, Model, find_model
+from whiptool.models.trajectory import joint_points
+from whiptool.objective import HIT_RADIUS, T_STAY
+from whiptool.rl.task import Step, StrikeTask
+from whiptool.strike import StrikeBounds
+from whiptool.zone import Zone, sample
+
+ID = "whiptool/WhipTarget-v0"
+
+
+def make_task(
+    *,
+    model: Model | str | Path = "lemon2024",
+    controller: Controller | str = "table4",
+    zone: Zone | None = None,
+    observation: str = "goal",
+    hit_radius: float = HIT_RADIUS,
+    strikes: int = 100,
+    t_stay: float = T_STAY,
+    bounds: StrikeBounds | None = None,
+) -> StrikeTask:
+    """The task behind an environment, from the environment's options.
+
+    Args:
+        model: A model, the name of a preset, or a TOML file.
+        controller: A controller, or the name of an OIAC preset.
+        zone: Where targets are drawn; default: the paper's disc.
+        observation: `paper`, `relative` or `goal`, see `StrikeTask`.
+        hit_radius: [m]
+        strikes: Strikes at one target before the episode is truncated.
+        t_stay: [s]
+        bounds: Box of the strikes.
+
+    Raises:
+        InputError: One of them breaks its rule.
+    """
+    if not isinstance(model, Model):
+        model = find_model(str(model))
+    if not isinstance(controller, Controller):
+        controller = Controller(oiac_preset(controller))
+    return StrikeTask(
+        CompiledRollout(model, controller),
+        zone,
+        observation=observation,
+        hit_radius=hit_radius,
+        strikes=strikes,
+        t_stay=t_stay,
+        bounds=bounds,
+    )
+
+
+def spaces(task: StrikeTask) -> tuple[Box, Box]:
+    """Observations in SI units, (n_obs,), and actions, (n_act,), that cover the box of strikes with [-1, 1]."""
+    lower, upper = task.zone.box
+    reach = np.full(2, task.rollout.model.reach)
+    low, high = (-reach - upper, reach - lower) if task.observation == "relative" else (-reach, reach)
+    goal = task.observation == "goal"
+    return (
+        Box(
+            np.concatenate([low, np.full(2, -np.inf), *([lower] if goal else [])]).astype(np.float32),
+            np.concatenate([high, np.full(2, np.inf), *([upper] if goal else [])]).astype(np.float32),
+        ),
+        Box(-1, 1, (task.n_act,), np.float32),
+    )
+
+
+class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Strike at a target until it is hit.
+
+    An episode has one target; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
+    or takes that of `options={"target": (x, y)}` [m]. `info` holds the `target` [m], and after a strike
+    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the speed
+    zero), and, if it hit, `hit_time` [s].
+
+    Args:
+        render_mode: None, or `rgb_array`: a picture of the last strike.
+        options: See `make_task`.
+
+    Raises:
+        InputError: An option breaks its rule.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
+
+    def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise InputError("render mode", render_mode, "none, or rgb_array")
+        self.render_mode, self.task = render_mode, make_task(**options)
+        self.observation_space, self.action_space = spaces(self.task)
+        self._strike: np.ndarray | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """A target, and what is seen before the first strike at it, (n_obs,).
+
+        Raises:
+            InputError: The target of the options is no point.
+        """
+        super().reset(seed=seed)
+        self._strike = None
+        targets = _chosen(options, "target", (2,))
+        targets = sample(self.task.zone, 1, self.np_random) if targets is None else targets[None]
+        return _float32(self.task.reset(targets))[0], {"target": targets[0].copy()}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Strike once; action (n_act,), clipped to [-1, 1].
+
+        Raises:
+            InputError: The action is not `n_act` finite numbers.
+        """
+        actions = _checked(action, (self.task.n_act,))[None]
+        self._strike = self.task.to_strikes(actions)
+        step = self.task.step(actions)
+        info = {name: v[0] if v.ndim > 1 else v[0].item() for name, v in _info(self.task, step).items()}
+        if not step.hit[0]:
+            del info["hit_time"]
+        return _float32(step.obs)[0], float(step.reward[0]), bool(step.hit[0]), bool(step.truncated[0]), info
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """The last strike, or the whip at rest before the first; (480, 640, 3) of uint8."""
+        if self.render_mode is None:
+            return None
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from matplotlib.patches import Circle
+
+        from whiptool.plots import plot_strike
+
+        task, target = self.task, self.task.targets[0]
+        figure = Figure(figsize=(6.4, 4.8), dpi=100, layout="constrained")
+        canvas, ax = FigureCanvasAgg(figure), figure.add_subplot()
+        if self._strike is None:
+            model = task.rollout.model
+            ax.plot(*joint_points(model, np.zeros(model.n)).T)
+            ax.add_patch(Circle(tuple(target), task.hit_radius, fill=False))
+            ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        else:
+            path = next(task.rollout.trajectories(self._strike, t_stay=task.t_stay))
+            plot_strike(ax, path, task.rollout.model, target, task.hit_radius)
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Lanes that each strike at a target of their own, all strikes of a step as one batch.
+
+    A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then what is
+    seen before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` hold what came of the
+    last strike, as in `gymnasium.vector.SyncVectorEnv`. A mask `_name` says in which lanes `info[name]` holds.
+    `reset(options={"targets": ...})` takes targets (num_envs, 2) [m].
+
+    Args:
+        num_envs: Lanes.
+        options: See `make_task`.
+
+    Raises:
+        InputError: An option breaks its rule.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012
+
+    def __init__(self, num_envs: int = 1, **options: Any) -> None:
+        if num_envs < 1:
+            raise InputError("num_envs", num_envs, "a whole number >= 1")
+        self.num_envs, self.task = num_envs, make_task(**options)
+        self.single_observation_space, self.single_action_space = spaces(self.task)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """A target for every lane, and what is seen before the first strikes, (num_envs, n_obs).
+
+        Raises:
+            InputError: The targets of the options are not one point per lane.
+        """
+        super().reset(seed=seed)
+        targets = _chosen(options, "targets", (self.num_envs, 2))
+        if targets is None:
+            targets = sample(self.task.zone, self.num_envs, self.np_random)
+        obs = self.task.reset(targets)
+        return _float32(obs), _masked({"target": targets.copy()}, np.ones(self.num_envs, bool))
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Strike once in every lane; actions (num_envs, n_act), clipped to [-1, 1].
+
+        Returns:
+            Observations (num_envs, n_obs), rewards, terminations, truncations, (num_envs,) each, and `info`.
+
+        Raises:
+            InputError: The actions are not (num_envs, n_act) finite numbers.
+        """
+        step = self.task.step(_checked(actions, (self.num_envs, self.task.n_act)))
+        over, struck, obs = step.hit | step.truncated, _info(self.task, step), step.obs
+        info = _masked(struck, ~over, hit=step.hit)
+        if over.any():
+            last = np.full(self.num_envs, None, object)
+            for lane in np.flatnonzero(over):
+                last[lane] = _float32(obs[lane])
+            obs = self.task.renew(obs, over, sample(self.task.zone, int(over.sum()), self.np_random))
+            info |= {"final_obs": last, "_final_obs": over, "final_info": _masked(struck, over, hit=step.hit)}
+            info |= {"_final_info": over, **_masked({"target": self.task.targets.copy()}, np.ones_like(over))}
+        return _float32(obs), step.reward, step.hit, step.truncated, info
+
+
+def _info(task: StrikeTask, step: Step) -> dict[str, np.ndarray]:
+    """What is told of a strike in every lane, (B, ...) each."""
+    near = step.approach
+    wild = near.diverged | ~np.isfinite(near.distance)
+    return {
+        "target": task.targets.copy(),
+        "miss_distance": np.where(wild, task.penalty, near.distance),
+        "tip_speed": np.where(wild, 0.0, near.speed),
+        "diverged": wild,
+        "hit_time": near.time,
+    }
+
+
+def _masked(values: Mapping[str, np.ndarray], lanes: np.ndarray, *, hit: np.ndarray | None = None) -> dict[str, Any]:
+    """Gymnasium's form of information about some lanes: zero elsewhere, and a mask beside each entry."""
+    info: dict[str, Any] = {}
+    for name, value in values.items():
+        mask = lanes & hit if name == "hit_time" and hit is not None else lanes
+        if mask.any():
+            info[name] = np.where(mask.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
+            info["_" + name] = mask.copy()
+    return info
+
+
+def _float32(obs: np.ndarray) -> np.ndarray:
+    return obs.astype(np.float32)
+
+
+def _checked(values: Any, shape: tuple[int, ...], name: str = "action") -> np.ndarray:
+    array = np.asarray(values, float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(name, values, f"finite numbers in the shape {shape}")
+    return array
+
+
+def _chosen(options: dict[str, Any] | None, name: str, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Targets that a user asks for, if so."""
+    wanted = (options or {}).get(name)
+    return None if wanted is None else _checked(wanted, shape, name)
+
+
+gymnasium.register(ID, entry_point=f"{__name__}:WhipTarget", vector_entry_point=f"{__name__}:WhipTargets")
