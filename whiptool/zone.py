@@ -128,9 +128,16 @@ class Region:
 
     @classmethod
     def load(cls, path: Path) -> Region:
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as data:
-            return cls(data["corners"], float(data["cell"]))
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: There is no such file, or it is not one of these.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                return cls(data["corners"], float(data["cell"]))
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError("region", str(path), f"an .npz file that Region.save wrote ({error})"[:200]) from None
 
 
 def random_paths(

@@ -75,8 +75,8 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
         pop_size=s.population,
         sampling=FloatRandomSampling(),
         selection=TournamentSelection(func_comp=fittest, pressure=s.tournament),
-        crossover=SBX(prob=s.crossover, eta=s.crossover_eta),
-        mutation=PM(prob=1.0, prob_var=s.mutation, eta=s.mutation_eta),
+        crossover=SBX(prob=s.crossover, eta=s.crossover_eta),  # type: ignore[arg-type]
+        mutation=PM(prob=1.0, prob_var=s.mutation, eta=s.mutation_eta),  # type: ignore[arg-type]
     )
     # pymoo takes seed 0 for the time of day
     algorithm.setup(
@@ -84,6 +84,7 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
     )
     while True:
         generation = algorithm.ask()
+        assert generation is not None
         strikes = lower + np.clip(generation.get("X"), 0, 1) * (upper - lower)
         misses = np.array([outcome.miss_distance for outcome in objective.batch(strikes)])
         Evaluator().eval(StaticProblem(box, F=-fitness(misses, d_max)[:, None]), generation)

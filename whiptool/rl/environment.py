@@ -3,8 +3,8 @@
     gymnasium.make("whiptool.rl.environment:whiptool/WhipTarget-v0", observation="goal")
     gymnasium.make_vec("whiptool.rl.environment:whiptool/WhipTarget-v0", num_envs=100)
 
-Once this module is imported, the plain id will do. The vector environment is not a loop over single ones: the strikes of
-all its lanes are rolled out as one batch, on all cores.
+Once this module is imported, the plain id will do. The vector environment is not a loop over single ones: the strikes
+of all its lanes are rolled out as one batch, on all cores.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
 
     An episode has one target; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
     or takes that of `options={"target": (x, y)}` [m]. `info` holds the `target` [m], and after a strike
-    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the speed
-    zero), and, if it hit, `hit_time` [s].
+    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
+    speed zero), and, if it hit, `hit_time` [s].
 
     Args:
         render_mode: None, or `rgb_array`: a picture of the last strike.

@@ -1,6 +1,6 @@
-"""Hindsight (Andrychowicz et al. 2017): a strike's tip passes many points, and would have hit each of them.
+"""Hindsight (Andrychowicz et al. 2017): a strike's tip passes many points and would have hit each of them.
 
-The tip's path says exactly by how much a strike misses any target, so relabelled transitions are as true as struck ones.
+The tip's path says by how much a strike misses any target: relabelled transitions are as true as struck ones.
 """
 
 from __future__ import annotations

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from whiptool.errors import WhiptoolError
 from whiptool.rl.networks import Critic, soft_update
@@ -31,7 +32,8 @@ class Learner(ABC):
     def __init__(
         self, settings: Settings, *, n_obs: int, n_act: int, discount: float, generator: torch.Generator
     ) -> None:
-        self.settings, self.n_obs, self.n_act = settings, n_obs, n_act
+        self.settings: Any = settings  # of the learner's own kind
+        self.n_obs, self.n_act = n_obs, n_act
         self.discount, self.generator = discount, generator
 
     @abstractmethod
@@ -76,8 +78,7 @@ class Learner(ABC):
 class OffPolicyLearner(Learner):
     """What SAC, TD3 and DDPG share: a replay buffer, critics with slow targets, one update per strike."""
 
-    settings: OffPolicy
-    actor: nn.Module
+    actor: Any
 
     def __init__(self, settings: OffPolicy, *, capacity: int = 100_000, n_critics: int, **sizes) -> None:
         super().__init__(settings, **sizes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -27,7 +28,7 @@ class Layers(nn.Module):
         super().__init__()
         self.activation = activation
         self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
-        for fan_in, fan_out in zip(sizes[:-1], sizes[1:], strict=True):
+        for fan_in, fan_out in pairwise(sizes):
             bound = 1 / math.sqrt(fan_in)
             for into, shape in ((self.weights, (count, fan_in, fan_out)), (self.biases, (count, 1, fan_out))):
                 into.append(nn.Parameter((2 * torch.rand(shape, generator=generator) - 1) * bound))
@@ -121,7 +122,8 @@ def divergence(mean: Tensor, log_std: Tensor, new_mean: Tensor, new_log_std: Ten
 @torch.no_grad()
 def soft_update(target: nn.Module, source: nn.Module, tau: float) -> None:
     """Eq. 14: target <- tau source + (1 - tau) target."""
-    torch._foreach_lerp_(list(target.parameters()), list(source.parameters()), tau)
+    for into, new in zip(target.parameters(), source.parameters(), strict=True):
+        into.lerp_(new, tau)
 
 
 def adam(module: nn.Module, learning_rate: float) -> torch.optim.Adam:

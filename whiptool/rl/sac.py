@@ -14,7 +14,6 @@ from whiptool.rl.settings import SACSettings
 class SAC(OffPolicyLearner):
     """Maximises reward plus alpha times the policy's entropy."""
 
-    settings: SACSettings
 
     def __init__(self, settings: SACSettings, **sizes) -> None:
         super().__init__(settings, n_critics=2, **sizes)

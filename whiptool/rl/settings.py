@@ -1,6 +1,6 @@
 """Hyperparameters of the learners: the paper's where it prints them, the field's usual defaults where it does not.
 
-One table, `SETTINGS`; every field is an option of `whiptool.train`. What the paper prints (Sects. 2.3.1-2.3.4) is marked.
+One table, `SETTINGS`; every field is an option of `whiptool.train`. What Sects. 2.3.1-2.3.4 print is marked (paper).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Algorithm 1: train a learner on a task, episode by episode, so that a killed run goes on as if nothing had happened."""
+"""Algorithm 1: train a learner, episode by episode, so that a killed run goes on as if nothing had happened."""
 
 from __future__ import annotations
 

@@ -1,0 +1,116 @@
+"""The training command: its files, and that a killed run goes on to the same end."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from whiptool import train  # noqa: E402
+from whiptool.rl.training import load_checkpoint  # noqa: E402
+
+SHORT = ["--episodes", "12", "--random-episodes", "2", "--trials", "16", "--tests", "5", "--checkpoint-every", "2"]
+
+
+def same(a: object, b: object) -> bool:
+    """Whether two checkpoints are bit-identical."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
+    if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
+        return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, torch.Tensor) and isinstance(b, torch.Tensor):
+        return torch.equal(a, b)
+    return a == b
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / train.EPISODES).open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert train.main([*SHORT, "--method", "td3", "--json", "--out", str(tmp_path / "run")]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary == json.loads((tmp_path / "run/result.json").read_text())
+    assert summary["training_strikes"] == 12 * 16
+    assert set(summary["trials_to_hit"]) == {"mean-first", "samples", "mean"}
+    table = rows(tmp_path / "run")
+    assert [int(row["number"]) for row in table] == list(range(1, 13))
+    assert table[1]["critic"] == ""
+    assert float(table[2]["critic"]) > 0  # nothing is learned in the random episodes
+    assert list((tmp_path / "run/tensorboard").iterdir())
+
+
+def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert train.main([*SHORT, "--hindsight", "1", "--out", str(whole)]) == 0
+    command = [sys.executable, "-m", "whiptool.train", *SHORT, "--hindsight", "1", "--out", str(killed)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 240
+    while not (killed / train.EPISODES).exists() or len(rows(killed)) < 5:
+        assert process.poll() is None, "ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert len(rows(killed)) < 12
+    assert train.main(["--resume", str(killed)]) == 0
+    assert same(load_checkpoint(whole / train.CHECKPOINT), load_checkpoint(killed / train.CHECKPOINT))
+    assert (whole / train.EPISODES).read_text() == (killed / train.EPISODES).read_text()
+    results = [json.loads((folder / "result.json").read_text()) for folder in (whole, killed)]
+    assert results[0]["trials_to_hit"] == results[1]["trials_to_hit"]
+
+
+def test_nan_ends_with_the_last_good_checkpoint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from whiptool.rl import training
+    from whiptool.rl.task import StrikeTask
+
+    good, steps = StrikeTask.step, []
+
+    def poisoned(self, actions):
+        step = good(self, actions)
+        steps.append(1)
+        if len(steps) > 5:
+            step.reward[:] = float("nan")
+        return step
+
+    monkeypatch.setattr(training.StrikeTask, "step", poisoned)
+    assert train.main([*SHORT, "--out", str(tmp_path / "run")]) == 1
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "nan" in error
+    assert train.CHECKPOINT in error
+    assert load_checkpoint(tmp_path / "run" / train.CHECKPOINT)["done"] == 4
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--method", "a3c"], ["a3c", "sac, td3, ddpg, ppo"]),
+        (["--observation", "pixels"], ["pixels", "paper, relative, goal"]),
+        (["--method", "ppo", "--alpha", "0.1"], ["alpha", "kl_target"]),
+        (["--method", "ppo", "--hindsight", "2"], ["hindsight", "replay"]),
+        (["--hindsight", "2", "--observation", "paper"], ["hindsight", "goal"]),
+        (["--trials", "1"], ["trials", ">= 2"]),
+        (["--simulator", "reference"], ["simulator", "compiled"]),
+        (["--learning-rate", "-1"], ["learning_rate", "> 0"]),
+        (["--target", "9", "9"], ["target", "reach"]),
+        (["--zone", "nowhere.npz"], ["nowhere.npz"]),
+    ],
+)
+def test_bad_input_gets_one_line(args: list[str], words: list[str], capsys, tmp_path: Path) -> None:
+    assert train.main([*args, "--out", str(tmp_path / "run")]) == 2
+    error = capsys.readouterr().err.strip()
+    assert "\n" not in error
+    assert all(word in error for word in words), error
+    assert not (tmp_path / "run").exists()

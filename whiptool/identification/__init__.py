@@ -1,0 +1,1 @@
+"""From recorded strikes to the parameters of a whip."""
