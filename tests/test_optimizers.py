@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.impedance import OIAC, Controller
+from whiptool.impedance import OIAC, Controller, oiac_preset
 from whiptool.models import CompiledRollout, ReferenceRollout, preset
 from whiptool.models.trajectory import Approach
 from whiptool.objective import Objective, SearchStopped, Target
 from whiptool.optimizers import METHODS, Status, find_method, search
+from whiptool.optimizers.genetic_search import fitness
+from whiptool.optimizers.library import StrikeLibrary, warm_search
 from whiptool.optimizers.nlopt_search import nlopt_names
-from whiptool.strike import Strike, StrikeBounds
+from whiptool.strike import Strike, StrikeBounds, default_bounds
 
 LEMON = preset("lemon2024")
 UNIT = StrikeBounds((0.0, 0.0, 0.0, 0.0, 0.5), (1.0, 1.0, 1.0, 1.0, 1.5))
@@ -35,7 +37,7 @@ class Bowl:
         none = np.zeros((len(strikes), 2))
         diverged = strikes[:, 0] > 0.5 if self.diverging else np.zeros(len(strikes), bool)
         distance = np.where(diverged, np.nan, distance)
-        return Approach(distance, distance, distance, none, none, none, diverged)
+        return Approach(distance, distance, none, none, none, none, diverged)
 
     def gradient(self, strikes, target, *, t_stay):
         offset = strikes - MINIMUM
@@ -57,11 +59,41 @@ def test_the_budget_is_kept_exactly_and_the_best_is_kept(method):
 
 @pytest.mark.parametrize(
     ("method", "close"),
-    [("directl", 0.02), ("gradient", 1e-6), ("cmaes", 1e-3), ("nlopt:GN_CRS2_LM", 0.02), ("random", 0.35)],
+    [
+        ("directl", 0.02),
+        ("gradient", 1e-6),
+        ("cmaes", 1e-3),
+        ("ga", 0.02),
+        ("nlopt:GN_CRS2_LM", 0.02),
+        ("random", 0.35),
+    ],
 )
 def test_searches_come_close_to_a_known_minimum(method, close):
     result = search(Objective(Bowl(), Target(hit_radius=1e-9), bounds=UNIT, max_trials=1000), method, seed=0)
     assert result.outcome.miss_distance < close
+
+
+def test_the_fitness_of_the_genetic_algorithm_is_eq_20():
+    assert fitness(np.array([0.0, 1.0, 4.0]), 4.0).tolist() == [1.0, 0.75, 0.0]
+
+
+def test_a_library_knows_what_passed_a_target_and_a_search_begins_there():
+    rollout = CompiledRollout(LEMON, Controller(oiac_preset("table4")))
+    library = StrikeLibrary.random(rollout, default_bounds(LEMON.arm), 64, seed=1)
+    target = rollout.tip_path(library.strikes[[17]], t_stay=0.3, rate=100.0)[1][0, 60]  # on a path: its strike hits
+    strikes, distance = library.nearest(target, 5)
+    assert (np.diff(distance) >= 0).all()
+    assert strikes[0].tolist() == library.strikes[17].tolist()
+    true = rollout.approach(strikes, target, t_stay=0.3).distance
+    np.testing.assert_allclose(distance, true, atol=2e-3)
+    objective = Objective(rollout, Target(tuple(target), 0.01), max_trials=50, stop_at_hit=True)
+    assert warm_search(objective, "directl", library).first_hit == 1
+    apart = target + np.array([0.0, 0.03])
+    objective = Objective(rollout, Target(tuple(apart), 1e-6), max_trials=60, check_reach=False)
+    result = warm_search(objective, "cmaes", library)
+    assert result.outcome.miss_distance < result.trace[0].outcome.miss_distance
+    lower, upper = objective.bounds.box
+    assert ((upper - lower) <= 0.1001 * np.ptp(default_bounds(LEMON.arm).box, axis=0)).all()
 
 
 @pytest.mark.parametrize("name", nlopt_names())
@@ -201,5 +233,5 @@ def test_bad_targets_and_methods_are_refused():
         Objective(Bowl(), Target((2.0, 0.0)), bounds=UNIT)
     with pytest.raises(InputError, match="hit radius"):
         Target(hit_radius=0.0)
-    with pytest.raises(InputError, match=r"directl, gradient, cmaes, random, nlopt:GN_"):
+    with pytest.raises(InputError, match=r"directl, gradient, cmaes, ga, sac, td3, ddpg, ppo, random, nlopt:GN_"):
         find_method("sgd")
