@@ -131,6 +131,8 @@ class _Run:
             raise InputError(
                 "whiptool train", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]"
             ) from None
+        torch.set_num_threads(1)  # as fast for networks of this size, and the same result on any number of cores
+
         from whiptool.models.files import model_to_table
         from whiptool.optimize import controller_table
         from whiptool.rl.settings import settings_for

@@ -9,7 +9,7 @@ import numpy as np
 
 from whiptool.zone import Zone
 
-RATE = 500.0  # [1/s] of the paths; the straight line between samples is then within a millimetre of the path
+RATE = 500.0  # [1/s] of the paths: within a millimetre of the tip, save that they may end 2 ms before the strike
 NEAR = (0.0, 0.5, 2.0)  # offsets of new targets from the path, in hit radii: hits, edges, near misses
 
 

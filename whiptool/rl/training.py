@@ -201,11 +201,18 @@ class Training:
     def _tensor(array: np.ndarray) -> Tensor:
         return torch.as_tensor(array, dtype=torch.float32)
 
+    def _identity(self) -> dict:
+        """What a checkpoint must share with the training that takes it up."""
+        settings = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self.learner.settings).items()}
+        sizes = [self.learner.n_obs, self.learner.n_act]
+        name = type(self.learner).__name__
+        return {"plan": asdict(self.plan), "learner_kind": name, "settings": settings, "sizes": sizes}
+
     def save(self, path: Path) -> None:
         """Write a checkpoint, so that no half of it is ever seen."""
         task = self.task
         state = {
-            "plan": asdict(self.plan),
+            **self._identity(),
             "learner": self.learner.state_dict(),
             "done": self.done,
             "obs": torch.as_tensor(self.obs),
@@ -224,8 +231,9 @@ class Training:
             InputError: It is damaged, or of another plan.
         """
         state = load_checkpoint(path)
-        if state["plan"] != asdict(self.plan):
-            raise InputError(str(path), state["plan"], f"a checkpoint of the plan {asdict(self.plan)}")
+        for part, value in self._identity().items():
+            if state.get(part) != value:
+                raise InputError(str(path), f"{part} {state.get(part)}", f"a checkpoint of {part} {value}")
         self.learner.load_state_dict(state["learner"])
         self.done, self.obs = int(state["done"]), state["obs"].numpy()
         self.task.targets, self.task.counts = state["targets"].numpy(), state["counts"].numpy()

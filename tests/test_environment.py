@@ -1,0 +1,200 @@
+"""The Gymnasium environments: the interface kept, one strike a step, lanes that equal single environments."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import whiptool.rl.environment as environment
+from whiptool.errors import InputError
+from whiptool.objective import Objective, Target
+from whiptool.rl.task import OBSERVATIONS
+from whiptool.zone import Disc
+
+ID = environment.ID
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """Two threads that wait for a core that others use are slower than one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.filterwarnings("ignore:.*minimum value is -infinity", "ignore:.*maximum value is infinity")
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_gymnasiums_checker_finds_nothing_but_unbounded_velocities(observation, recwarn):
+    env = gymnasium.make(ID, observation=observation)
+    check_env(env.unwrapped)
+    assert not [str(w.message) for w in recwarn if "infinity" not in str(w.message)]
+
+
+def test_the_id_is_known_by_its_module_alone():
+    code = (
+        "import sys, whiptool; assert 'gymnasium' not in sys.modules; import gymnasium; "
+        f"env = gymnasium.make('whiptool.rl.environment:{ID}'); env.reset(seed=0); "
+        f"gymnasium.make_vec('{ID}', num_envs=2).reset(seed=0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_step_is_a_strike():
+    env = gymnasium.make(ID).unwrapped
+    obs, info = env.reset(seed=3, options={"target": (1.25, 0.05)})
+    assert obs == pytest.approx([0, -env.task.rollout.model.reach, 0, 0, 1.25, 0.05])
+    assert info["target"].tolist() == [1.25, 0.05]
+    rng, hits = np.random.default_rng(0), 0
+    objective = Objective(env.task.rollout, Target((1.25, 0.05)))
+    for action in rng.uniform(-1, 1, (40, 5)):
+        lower, upper = env.task.bounds.box
+        outcome = objective(lower + (action + 1) / 2 * (upper - lower))
+        obs, reward, terminated, truncated, info = env.step(action)
+        assert obs == pytest.approx([*outcome.tip, *outcome.tip_velocity, 1.25, 0.05], rel=1e-6)
+        assert (info["miss_distance"], info["tip_speed"]) == pytest.approx((outcome.miss_distance, outcome.tip_speed))
+        assert terminated == outcome.hit == (reward == 50)
+        assert info.get("hit_time") == outcome.hit_time
+        assert not truncated
+        assert not info["diverged"]
+        hits += terminated
+    assert 0 < hits < 40
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_the_vector_environment_equals_single_ones(observation):
+    options = {"observation": observation, "hit_radius": 0.1, "strikes": 3}
+    many, count = gymnasium.make_vec(ID, num_envs=8, **options), 8
+    ones = [gymnasium.make(ID, **options) for _ in range(count)]
+    obs, info = many.reset(seed=5)
+    for lane, env in enumerate(ones):
+        alone, _ = env.reset(options={"target": info["target"][lane]})
+        assert obs[lane].tolist() == alone.tolist()
+    rng, ended = np.random.default_rng(1), {"hit": 0, "truncated": 0}
+    for _ in range(6):
+        actions = rng.uniform(-1, 1, (count, 5))
+        obs, reward, terminated, truncated, info = many.step(actions)
+        assert many.observation_space.contains(obs)
+        ended["hit"] += terminated.sum()
+        ended["truncated"] += truncated.sum()
+        for lane, env in enumerate(ones):
+            seen, r, hit, cut, told = env.step(actions[lane])
+            assert (r, hit, cut) == (reward[lane], terminated[lane], truncated[lane])
+            over = hit or cut
+            of_strike = info["final_info"] if over else info
+            for name, value in told.items():
+                assert of_strike["_" + name][lane]
+                assert np.array_equal(of_strike[name][lane], value)
+            if not hit and "hit_time" in of_strike:
+                assert not of_strike["_hit_time"][lane]
+            assert ("final_obs" in info and info["_final_obs"][lane]) == over
+            if over:
+                assert seen.tolist() == info["final_obs"][lane].tolist()
+                seen, _ = env.reset(options={"target": info["target"][lane]})
+            assert seen.tolist() == obs[lane].tolist()
+    assert min(ended.values()) > 0
+
+
+def test_the_vector_environment_tells_in_the_form_of_gymnasiums_own():
+    def play(**how):
+        envs = gymnasium.make_vec(ID, num_envs=4, hit_radius=0.3, strikes=2, **how)
+        targets = {"targets": np.full((4, 2), (1.3, 0.0)), "target": (1.3, 0.0)}
+        envs.reset(options=targets)
+        actions = np.random.default_rng(2).uniform(-1, 1, (2, 4, 5))
+        return envs, [envs.step(a) for a in actions]
+
+    same = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    (native, ours), (loop, theirs) = play(), play(vectorization_mode="sync", vector_kwargs=same)
+    assert native.metadata["autoreset_mode"] is loop.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert native.observation_space == loop.observation_space
+    assert native.action_space == loop.action_space
+    for mine, other in zip(ours[0][1:4], theirs[0][1:4], strict=True):
+        assert np.array_equal(mine, other)
+    mine, other = ours[0][4], theirs[0][4]
+    assert mine.keys() == other.keys()
+    assert mine["final_info"].keys() == other["final_info"].keys()
+    for name in ("_miss_distance", "miss_distance", "_target", "_final_obs", "_final_info"):
+        assert np.array_equal(mine[name], other[name])
+    for name, value in other["final_info"].items():
+        assert np.array_equal(mine["final_info"][name], value)
+
+
+def test_seeds_decide_the_targets():
+    envs, zone = gymnasium.make_vec(ID, num_envs=50), Disc()
+    first, again, other = (envs.reset(seed=seed)[1]["target"] for seed in (0, 0, 1))
+    assert first.tolist() == again.tolist()
+    assert (first != other).all()
+    assert zone.contains(first).all()
+    assert (envs.reset()[1]["target"] != other).all()  # goes on drawing
+    env = gymnasium.make(ID)
+    assert env.reset(seed=7)[0].tolist() == env.reset(seed=7)[0].tolist() != env.reset()[0].tolist()
+
+
+def test_a_picture_before_and_after_a_strike():
+    env = gymnasium.make(ID, render_mode="rgb_array")
+    env.reset(seed=0)
+    still = np.asarray(env.render())
+    env.step(np.zeros(5, np.float32))
+    struck = np.asarray(env.render())
+    assert still.shape == struck.shape == (480, 640, 3)
+    assert still.dtype == struck.dtype == np.uint8
+    assert still.std() > 5
+    assert (still != struck).any()
+
+
+def test_bad_input_is_refused():
+    wrong: tuple[dict[str, Any], ...] = (
+        {"observation": "all"},
+        {"hit_radius": -0.1},
+        {"hit_radius": float("nan")},
+        {"strikes": 0},
+        {"model": "lemon"},
+        {"controller": "mine"},
+    )
+    for options in wrong:
+        with pytest.raises(InputError):
+            environment.WhipTarget(**options)
+        with pytest.raises(InputError):
+            environment.WhipTargets(2, **options)
+    with pytest.raises(InputError, match="render mode"):
+        environment.WhipTarget(render_mode="human")
+    with pytest.raises(InputError, match="num_envs"):
+        environment.WhipTargets(0)
+    env, envs = environment.WhipTarget(), environment.WhipTargets(2)
+    env.reset()
+    envs.reset()
+    for action in ([0.0] * 4, [np.nan] * 5):
+        with pytest.raises(InputError, match="action"):
+            env.step(np.array(action))
+        with pytest.raises(InputError, match="action"):
+            envs.step(np.array([action, action]))
+    with pytest.raises(InputError, match="target"):
+        env.reset(options={"target": (1.0,)})
+    with pytest.raises(InputError, match="targets"):
+        envs.reset(options={"targets": [(1.0, 0.0)]})
+
+
+def test_stable_baselines_learns_on_it_unchanged():
+    sb3 = pytest.importorskip("stable_baselines3")
+    env = gymnasium.make(ID, observation="goal")
+    sizes = {"learning_starts": 200, "batch_size": 128, "policy_kwargs": {"net_arch": [64, 64]}}
+    learner = sb3.SAC("MlpPolicy", env, gamma=0.0, ent_coef=0.2, learning_rate=1e-3, seed=0, **sizes)
+    targets = Disc().place(np.random.default_rng(9).random((100, 3)))
+    envs = gymnasium.make_vec(ID, num_envs=100)
+
+    def share_hit(actions):
+        envs.reset(options={"targets": targets})
+        return envs.step(actions)[2].mean()
+
+    chance = share_hit(np.random.default_rng(0).uniform(-1, 1, (100, 5)))
+    learner.learn(700)
+    seen, _ = envs.reset(options={"targets": targets})
+    assert share_hit(learner.predict(seen, deterministic=True)[0]) > chance + 0.25
