@@ -46,6 +46,8 @@ class TrainOptions(cli.SimulationOptions):
     """Draw targets from the region in this file instead (see whiptool.zone.Region)."""
     observation: str = "goal"
     """What the policy sees: paper, relative or goal."""
+    reward: str = "paper"
+    """paper (Eq. 17) or log (minus the logarithm of the miss distance in hit radii)."""
     episodes: int = 500
     """Number of episodes."""
     trials: int = 100
@@ -159,6 +161,7 @@ class _Run:
                 rollout,  # type: ignore[arg-type]
                 self.zone,
                 observation=options.observation,
+                reward=options.reward,
                 hit_radius=options.hit_radius,
                 strikes=options.strikes,
                 t_stay=options.t_stay,

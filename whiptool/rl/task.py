@@ -31,13 +31,21 @@ def reward(distance: np.ndarray, hit_radius: float) -> np.ndarray:
     return np.where(distance <= hit_radius, 50.0, np.where(distance <= 0.1, -5.0, -10.0) * distance)  # Eq. 17
 
 
+def log_reward(distance: np.ndarray, hit_radius: float) -> np.ndarray:
+    """-log of the miss distance in hit radii, no better than a third of one: says how near a near miss was."""
+    return -np.log(np.maximum(distance / hit_radius, 0.3))
+
+
+REWARDS = {"paper": reward, "log": log_reward}
+
+
 @dataclass(frozen=True)
 class Step:
     """What a batch of strikes came to; B lanes.
 
     Args:
         obs: What is seen after the strike, (B, n_obs).
-        reward: Eq. 17, (B,).
+        reward: Of the task's kind, (B,).
         hit: Whether the target was hit: the lane's trial has terminated, (B,).
         truncated: Whether its number of strikes is used up without a hit, (B,).
         approach: The strikes' closest approaches.
@@ -59,6 +67,7 @@ class StrikeTask:
         observation: `paper`: tip position and velocity at the closest approach; `relative`: the same, measured from
             the target; `goal`: the first, and the target. Before the first strike the whip hangs at rest from the
             hanging arm.
+        reward: `paper` (Eq. 17) or `log` (see `log_reward`).
         hit_radius: [m]
         strikes: Strikes at one target before it is given up.
         t_stay: [s]
@@ -74,6 +83,7 @@ class StrikeTask:
         zone: Zone | None = None,
         *,
         observation: str = "goal",
+        reward: str = "paper",
         hit_radius: float = HIT_RADIUS,
         strikes: int = 100,
         t_stay: float = T_STAY,
@@ -81,6 +91,9 @@ class StrikeTask:
     ) -> None:
         if observation not in OBSERVATIONS:
             raise InputError("observation", observation, ", ".join(OBSERVATIONS))
+        if reward not in REWARDS:
+            raise InputError("reward", reward, ", ".join(REWARDS))
+        self._reward = REWARDS[reward]
         if not isinstance(strikes, int) or strikes < 1:
             raise InputError("strikes", strikes, "a whole number >= 1")
         self.rollout, self.zone, self.observation = rollout, zone or Disc(), observation
@@ -114,7 +127,7 @@ class StrikeTask:
         hit = distance <= self.hit_radius
         return Step(
             obs=self.look(approach, self.targets),
-            reward=reward(distance, self.hit_radius),
+            reward=self.reward(distance),
             hit=hit,
             truncated=~hit & (self.counts >= self.strikes),
             approach=approach,
@@ -127,6 +140,10 @@ class StrikeTask:
         self.n_strikes += len(strikes)
         self.n_diverged += int(wild.sum())
         return approach, np.where(wild, self.penalty, approach.distance)
+
+    def reward(self, distance: np.ndarray) -> np.ndarray:
+        """Of miss distances [m], any shape."""
+        return self._reward(distance, self.hit_radius)
 
     def to_strikes(self, actions: np.ndarray) -> np.ndarray:
         """Strike vectors of actions, (B, n_act)."""

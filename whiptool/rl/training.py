@@ -19,7 +19,7 @@ from whiptool.rl.ppo import PPO
 from whiptool.rl.replay import Transitions
 from whiptool.rl.sac import SAC
 from whiptool.rl.settings import Settings
-from whiptool.rl.task import StrikeTask, reward
+from whiptool.rl.task import StrikeTask
 from whiptool.rl.td3 import TD3
 
 LEARNERS: dict[str, type[Learner]] = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "ppo": PPO}
@@ -188,7 +188,7 @@ class Training:
                 Transitions(
                     obs=self._tensor(task.normalise(before))[whole],
                     action=self._tensor(actions)[whole],
-                    reward=self._tensor(reward(distance, task.hit_radius))[whole],
+                    reward=self._tensor(task.reward(distance))[whole],
                     next_obs=self._tensor(task.normalise(after))[whole],
                     terminated=self._tensor(distance <= task.hit_radius)[whole],
                 )
