@@ -1,0 +1,179 @@
+"""A strike from the command line to its recording; a search on the rig; filming beside the loop."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import whiptool as wt
+from whiptool.errors import InputError
+from whiptool.identification.readers import read_recording
+from whiptool.impedance import OIAC, Controller
+from whiptool.objective import Objective, Target
+from whiptool.optimizers import search
+from whiptool.rig.filming import Filming
+from whiptool.rig.loop import LoopOptions
+
+pytest.importorskip("dynamixel_sdk")
+pytest.importorskip("cv2")
+
+from whiptool.rig import main
+from whiptool.rig.camera.model import camera_preset
+from whiptool.rig.camera.source import Frame
+from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
+
+STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])  # within the XM430's line, hits (1.2, 0.1)
+WORDS = ["--strike", *map(str, STRIKE.vector), "--target", "1.2", "0.1"]
+MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())
+
+
+def test_a_strike_leaves_a_recording_that_identification_reads(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "run"
+    assert main(["strike", *WORDS, "--camera", "points", "--settle", "0.2", "--json", "--out", str(out)]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["fault"] is None
+    assert summary["torque_off"]
+    assert summary["missed"] == 0
+    assert abs(summary["miss_distance"] - summary["true_miss_distance"]) < 0.01
+    recording = read_recording(out / "recording.npz")
+    assert recording.strike == STRIKE
+    assert recording.target == (1.2, 0.1)
+    assert recording.joints_q is not None
+    assert recording.joints_q.shape[1] == 2
+    assert recording.controller is not None
+    assert recording.controller["law"] == "oiac"
+
+
+def test_an_ideal_twin_is_seen_to_do_what_the_model_says() -> None:
+    rig = TwinRig(MODEL, CONTROLLER, camera="points", at_once=True, target=(1.2, 0.1))
+    struck = rig.strike(STRIKE)
+    held = Controller(OIAC(), control_period=0.002)
+    model = wt.CompiledRollout(MODEL, held).approach(STRIKE.vector[None], (1.2, 0.1), t_stay=0.3)
+    seen = struck.approach(np.array([1.2, 0.1]))
+    assert struck.truth is not None
+    assert seen.distance == pytest.approx(model.distance, abs=0.01)  # encoders count in steps of 1.5 mrad
+    assert seen.tip[0] == pytest.approx(model.tip[0], abs=0.01)
+
+
+def test_the_camera_clock_and_the_true_whip_are_the_twins_own() -> None:
+    heavy = MODEL.with_parameters({"whip.m": 0.02})
+    truth = TwinTruth(heavy, clock_offset=0.004)
+    plain = TwinRig(MODEL, CONTROLLER, camera="points", at_once=True).strike(STRIKE)
+    other = TwinRig(MODEL, CONTROLLER, truth=truth, camera="points", at_once=True).strike(STRIKE)
+    assert plain.recording is not None
+    assert other.recording is not None
+    assert other.recording.t[0] == pytest.approx(0.004)
+    last = min(len(plain.recording.t), len(other.recording.t)) - 1
+    assert np.hypot(*(plain.recording.points[last, 0] - other.recording.points[last, 0])) > 0.01
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["strike", *WORDS, "--preset", "table4"], ["unstable at 500 Hz"]),
+        (["strike", "--strike", "-1.3", "0.4", "1.7", "1.4", "0.45"], ["XM430", "N m"]),
+        (["strike", *WORDS, "--camera", "webcam"], ["webcam", "points"]),
+        (["strike", *WORDS, "--port", "/dev/nowhere", "--camera", "none", "--yes"], ["/dev/nowhere"]),
+        (["strike", *WORDS, "--port", "/dev/x", "--true-model", "lemon2024"], ["--true-model", "twin"]),
+        (["whip"], ["whip", "strike, learn"]),
+        (["learn", "--method", "sgd"], ["sgd", "cmaes"]),
+    ],
+)
+def test_bad_input_gets_one_line(words: list[str], said: list[str], tmp_path: Path, capsys) -> None:
+    out = [] if words == ["whip"] else ["--out", str(tmp_path / "run")]
+    assert main([*words, *out]) in (1, 2)
+    error = capsys.readouterr().err.strip()
+    assert "\n" not in error
+    assert all(word in error for word in said), error
+
+
+class Pretend:
+    """A rig whose tip is seen on a straight line past a point that the strike decides."""
+
+    def __init__(self, refuse: bool = False) -> None:
+        self.calls, self.refuse = 0, refuse
+
+    def strike(self, strike, *, folder=None):
+        self.calls += 1
+        if self.refuse:
+            raise InputError("strike", "x", "y")
+        return self
+
+    def approach(self, target):
+        from whiptool.models.trajectory import Approach
+
+        two = np.zeros((1, 2))
+        return Approach(np.array([0.5 / self.calls]), np.zeros(1), two, two, two, two, np.zeros(1, bool))
+
+
+def test_a_search_has_the_rig_as_its_objective(tmp_path: Path) -> None:
+    rig = Pretend()
+    rollout = RigRollout(rig, MODEL, folder=tmp_path)
+    result = search(Objective(rollout, Target(), max_trials=20, stop_at_hit=True), "random", seed=1)
+    assert result.first_hit == 9  # 0.5 / 9 < 0.06
+    assert len(list(tmp_path.glob("strike-*"))) == rig.calls
+    refused = RigRollout(Pretend(refuse=True), MODEL)
+    lost = search(Objective(refused, Target(), max_trials=3), "random", seed=1)
+    assert lost.n_diverged == 3
+
+
+def test_a_resumed_search_strikes_only_what_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from whiptool.rig import command
+
+    rig = Pretend()
+    monkeypatch.setattr(command, "_make_rig", lambda *_: rig)
+    whole = ["learn", "--method", "random", "--max-trials", "6", "--hit-radius", "1e-6"]
+    assert main([*whole, "--out", str(tmp_path / "run")]) == 0
+    table = (tmp_path / "run/trials.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "run/trials.csv").write_text("".join(table[:4]))  # three strikes, as after a kill
+    assert main(["learn", "--resume", str(tmp_path / "run")]) == 0
+    assert rig.calls == 9
+    assert len((tmp_path / "run/trials.csv").read_text().splitlines()) == 7
+
+
+class Ticking:
+    """A camera whose clock began at another time."""
+
+    def __init__(self) -> None:
+        self.settings, self.n, self.closed = camera_preset("d435-infrared"), 0, False
+
+    def open(self) -> None:
+        self.zero = time.monotonic()
+
+    def read(self, timeout: float) -> Frame | None:
+        time.sleep(0.005)
+        self.n += 1
+        t = time.monotonic() - self.zero + 1000.0
+        return Frame(np.zeros((480, 848), np.uint8), t=t, clock="camera", sequence=self.n, settings=self.settings)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_filming_keeps_the_strike_on_the_loops_clock() -> None:
+    camera = Ticking()
+    filming = Filming(camera, keep_before=0.05)
+    time.sleep(0.3)
+    filming.during(False)
+    begin = time.monotonic()
+    filming.during(True)
+    time.sleep(0.2)
+    filming.during(False)
+    end = time.monotonic()
+    time.sleep(0.1)
+    frames = filming.end()
+    assert camera.closed
+    times = np.array([frame.t for frame in frames])
+    assert begin - 0.15 < times[0] < begin
+    assert end - 0.1 < times[-1] < end + 0.1  # a frame under way
+    assert (np.diff(times) > 0).all()
+
+
+def test_loop_options_of_the_twin() -> None:
+    rig = TwinRig(MODEL, CONTROLLER, camera="none", at_once=True, options=LoopOptions(rate=1000.0))
+    assert rig.options.settle == 0
+    assert rig.strike(STRIKE).run.fault is None

@@ -1,0 +1,270 @@
+"""Strike with a rig: `python -m whiptool.rig strike --strike ... --port twin --camera twin`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from whiptool import cli
+from whiptool.errors import InputError
+
+WORDS = ("strike", "learn")
+TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOptions(cli.SimulationOptions):
+    """What is struck with, and how."""
+
+    preset: str = "printed"
+    """OIAC parameters: printed or table4; held for a cycle, table4 is stable only at rates far above 500."""
+    port: str = "twin"
+    """Serial device such as /dev/ttyUSB0, or twin: the emulator behind the same protocol."""
+    camera: str = "twin"
+    """realsense, none, a RealSense recording (.db3); with the twin: d435-color, d435-infrared (= twin), points
+    (the tip's position with the error of tracked images, no images), none."""
+    rate: float = 500.0
+    """Control cycles per second."""
+    settle: float = 5.0
+    """Wait for the whip to hang still before the strike [s]."""
+    cap: bool = False
+    """Cap stiffness and damping at what the sampled loop can carry, instead of refusing what it cannot."""
+    friction: bool = True
+    """Of the twin: motors with friction and inertia."""
+    latency: float = 0.001
+    """Of the twin's line, there and back [s]."""
+    true_model: str | None = None
+    """Of the twin: what is really there, a preset or .toml; default: --model."""
+    yes: bool = False
+    """Do not ask before a real arm moves."""
+    seed: int = 0
+    """Of the virtual camera's noise, and of what is random in a search."""
+    out: Path | None = None
+    """Run folder; default: runs/rig-DATE-TIME."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrikeOptions(RigOptions):
+    """Run one strike on a rig."""
+
+    strike: tuple[float, ...]
+    """q_si q_ei q_sf q_ef [rad] D [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnOptions(RigOptions):
+    """Search for a hit on the rig itself, strike by strike."""
+
+    method: str = "cmaes"
+    """Any method of whiptool optimize that needs no derivatives."""
+    lower: tuple[float, ...] | None = None
+    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
+    upper: tuple[float, ...] | None = None
+    """Upper bounds, likewise."""
+    max_trials: int = 20
+    """No more strikes than these."""
+    resume: Path | None = None
+    """Go on with the run in this folder: its strikes are not struck again."""
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "yes": False}
+_STRIKE = (
+    "Run a strike on a rig and leave its recording. "
+    "Example: python -m whiptool.rig strike --strike -0.622 0.221 0.705 2.122 1.176 --target 1.2 0.1 --port twin"
+)
+_LEARN = "Search for a hit on the rig itself. Example: python -m whiptool.rig learn --port twin --camera points"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 after a fault, 2 for bad input, 130 when interrupted."""
+    words = list(sys.argv[1:] if args is None else args)
+
+    def command() -> int:
+        if words[:1] in (["-h"], ["--help"]):
+            print("usage: whiptool rig strike|learn [options]\n\n  strike  " + _STRIKE + "\n  learn   " + _LEARN)
+            print("\nNothing here replaces a switch that cuts the servos' power, within reach.")
+            return 0
+        if not words or words[0] not in WORDS:
+            raise InputError("rig", " ".join(words[:1]), ", ".join(WORDS), "such as `whiptool rig strike --help`")
+        return _strike(words[1:]) if words[0] == "strike" else _learn(words[1:])
+
+    return cli.run(command)
+
+
+def _make_rig(options: RigOptions, model, controller):
+    """The rig that the options describe; everything is checked before anything moves."""
+    from whiptool.models.files import find_model
+    from whiptool.rig.caps import default_caps
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
+    from whiptool.rig.loop import LoopOptions
+    from whiptool.rig.session import HardwareRig, TwinRig, TwinTruth
+
+    twin, motor = options.port == "twin", HARDWARE if options.friction else Motor()
+    caps = None
+    if options.cap:
+        caps = default_caps(model, period=1 / options.rate, delay=options.latency)
+    loop = LoopOptions(
+        rate=options.rate, t_stay=options.t_stay, settle=options.settle, caps=caps, delay=options.latency
+    )
+    target = options.build_target().position
+    if twin:
+        if options.camera not in TWIN_CAMERAS:
+            raise InputError("--camera", options.camera, ", ".join(TWIN_CAMERAS) + " with --port twin")
+        truth = TwinTruth(
+            find_model(options.true_model) if options.true_model else model,
+            motor,
+            command_delay=options.latency / 2,
+            sample_delay=options.latency / 2,
+        )
+        camera = "d435-infrared" if options.camera == "twin" else options.camera
+        return TwinRig(model, controller, truth=truth, camera=camera, target=target, options=loop, seed=options.seed)
+    if options.true_model is not None:
+        raise InputError("--true-model", options.true_model, "nothing, unless --port twin is given")
+    return HardwareRig(
+        model,
+        controller,
+        port=options.port,
+        camera=_camera(options.camera),
+        target=target,
+        options=loop,
+        confirm=None if options.yes else _confirm,
+    )
+
+
+def _camera(name: str):
+    """A real camera."""
+    if name == "none":
+        return None
+    if name == "realsense" or name.endswith(".db3"):
+        from whiptool.rig.camera.realsense import RealSense
+
+        return RealSense() if name == "realsense" else RealSense(Path(name))
+    raise InputError("--camera", name, "realsense, a .db3 recording, none", "the twin's cameras need --port twin")
+
+
+def _confirm(strike) -> bool:
+    print(f"The arm will move: {strike}. Is everybody away, the power switch at hand? [yes] ", end="", file=sys.stderr)
+    return sys.stdin.readline().strip().lower() in ("yes", "y")
+
+
+def _strike(words: list[str]) -> int:
+    from whiptool.rig.session import CYCLES
+    from whiptool.runs import RunFolder, code_version, default_folder
+    from whiptool.strike import Strike
+
+    options = cli.parse(StrikeOptions, prog="whiptool rig strike", description=_STRIKE, args=words)
+    model, controller = options.build_model(), options.build_controller()
+    strike, target = Strike.from_vector(options.strike), options.build_target()
+    rig = _make_rig(options, model, controller)
+    config = {"command": "rig strike", "version": code_version(), "options": cli.as_plain(replace(options, out=None))}
+    folder = RunFolder.create(options.out or default_folder("rig"), config)
+    struck = rig.strike(strike, folder=folder.path)
+    summary = _summary(struck, target)
+    folder.write_result(summary)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+    else:
+        print("\n".join(_lines(struck, summary, target)))
+        print(f"  run folder     {folder.path} ({CYCLES}, {'recording.npz' if struck.recording else 'no recording'})")
+    return 0 if struck.run.fault is None else 1
+
+
+def _summary(struck, target) -> dict[str, Any]:
+    import numpy as np
+
+    near = struck.approach(np.array(target.position))
+    seen = not bool(near.diverged[0])
+    distance = float(near.distance[0]) if seen and np.isfinite(near.distance[0]) else None
+    true = None if struck.truth is None else float(struck.truth.approach(np.array(target.position)).distance[0])
+    return {
+        "miss_distance": distance,
+        "hit": None if distance is None else distance <= target.hit_radius,
+        "hit_time": float(near.time[0]) if distance is not None else None,
+        "tip_speed": float(near.speed[0]) if distance is not None else None,
+        "true_miss_distance": true,
+        "fault": None if struck.run.fault is None else str(struck.run.fault),
+        "torque_off": struck.run.torque_off,
+        "cycles": len(struck.run.cycles),
+        "missed": struck.run.missed,
+        "overruns": struck.run.overruns,
+    }
+
+
+def _lines(struck, summary: dict, target) -> list[str]:
+    if summary["fault"] is not None:
+        return [f"fault: {summary['fault']}; torque {'is off' if summary['torque_off'] else 'NOT confirmed off'}"]
+    where = ", ".join(f"{x:.3f}" for x in target.position)
+    if summary["miss_distance"] is None:
+        lines = [f"struck at ({where}) m; the tip was not seen"]
+    else:
+        said = "hit" if summary["hit"] else "missed"
+        lines = [
+            f"{said} ({where}) m: the camera saw the tip {summary['miss_distance']:.4f} m away at "
+            f"{summary['hit_time']:.3f} s, {summary['tip_speed']:.1f} m/s"
+        ]
+    if summary["true_miss_distance"] is not None:
+        lines.append(f"  in truth       {summary['true_miss_distance']:.4f} m (the twin knows)")
+    lines.append(f"  cycles         {summary['cycles']}, {summary['missed']} missed, {summary['overruns']} too long")
+    return lines
+
+
+def _learn(words: list[str]) -> int:
+    """A search whose objective is the rig."""
+    from whiptool.objective import Objective
+    from whiptool.optimizers import find_method, search
+    from whiptool.rig.session import RigRollout
+    from whiptool.runs import TRIALS, RunFolder, TrialLog, code_version, default_folder
+    from whiptool.strike import StrikeBounds, default_bounds
+
+    options = cli.parse_resumable(
+        LearnOptions, command="rig learn", description=_LEARN, args=words, not_configuration=_NOT_CONFIGURATION
+    )
+    find_method(options.method)
+    model, controller = options.build_model(), options.build_controller()
+    usual = default_bounds(model.arm)
+    bounds = StrikeBounds(options.lower or usual.lower, options.upper or usual.upper)
+    rig = _make_rig(options, model, controller)
+    config = {"command": "rig learn", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
+    if options.resume is None:
+        path = options.out or default_folder("rig-" + options.method)
+        folder = RunFolder.create(path, {"version": code_version(), **config})
+    else:
+        folder = RunFolder.open(options.resume)
+        cli.check_same_run(folder, config)
+    rollout = RigRollout(rig, model, folder=folder.path)
+    objective = Objective(
+        rollout,
+        options.build_target(),
+        t_stay=options.t_stay,
+        bounds=bounds,
+        max_trials=options.max_trials,
+        stop_at_hit=True,
+    )
+    log = TrialLog(folder.path / TRIALS, model.arm)
+    recorded = log.read() if options.resume else []
+
+    def on_trial(trial) -> None:
+        if trial.number > len(recorded):
+            log.append(trial)
+        said = "refused or lost" if trial.outcome.diverged else f"{trial.outcome.miss_distance:.4f} m"
+        print(f"strike {trial.number}: {said}", file=sys.stderr)
+
+    objective.record(recorded, on_trial)
+    result = search(objective, options.method, seed=options.seed)
+    summary = {
+        "method": result.method,
+        "status": result.status.value,
+        "n_trials": result.n_trials,
+        "n_refused_or_lost": result.n_diverged,
+        "miss_distance": None if result.outcome is None else result.outcome.miss_distance,
+        "strike": None if result.strike is None else result.strike.vector.tolist(),
+    }
+    folder.write_result(summary)
+    print(json.dumps(summary) if options.json else f"{result.method}: {result.message}; {summary}")
+    return 130 if result.status.value == "interrupted" else 0

@@ -1,0 +1,357 @@
+"""A rig and what it does with a strike: move the servos, film, track, and leave a recording. Hardware or twin."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from whiptool.errors import InputError, WhiptoolError
+from whiptool.identification.recording import StrikeRecording
+from whiptool.impedance.controller import Controller
+from whiptool.models.parameters import Model
+from whiptool.models.trajectory import Approach, Trajectory, complete_trajectory
+from whiptool.rig.camera.model import CameraSettings, camera_preset, expose, measurement_sigma
+from whiptool.rig.cyclelog import Phase
+from whiptool.rig.dynamixel import DynamixelBus, Joints
+from whiptool.rig.emulator import Emulator, Motor, TwinOptions
+from whiptool.rig.loop import LoopOptions, RigLoop, Run, StepClock, WallClock
+from whiptool.rig.record import build_recording
+from whiptool.strike import Strike
+
+CYCLES, RECORDING = "cycles.log", "recording.npz"
+
+
+@dataclass(frozen=True)
+class Struck:
+    """One strike on a rig.
+
+    Args:
+        run: What the control loop left.
+        recording: Joints, and the tip as the camera saw it; None if the run never came to its strike.
+        truth: Of a twin: what arm and whip really did, time 0 at the strike's first cycle.
+    """
+
+    run: Run
+    recording: StrikeRecording | None
+    truth: Trajectory | None = None
+
+    def approach(self, target: np.ndarray) -> Approach:
+        """Closest approach of the tip as seen to a target (B = 1); diverged where there was none to see.
+
+        Between frames the tip is taken to move as the cubic through its neighbours does.
+        """
+        none = nothing_seen(self.run.cycles.q.shape[1])
+        if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
+            return none
+        t, points = _seen(self.recording)
+        if len(t) < 4:
+            return none
+        from scipy.interpolate import PchipInterpolator
+
+        path = PchipInterpolator(t, points)
+        fine = np.linspace(t[0], t[-1], 20 * len(t))
+        at = path(fine)
+        # a gap of more than two frames holds no tip: who knows where it was
+        gap = 2.5 * np.median(np.diff(self.recording.t))
+        i = np.clip(np.searchsorted(t, fine) - 1, 0, len(t) - 2)
+        distance = np.where(t[i + 1] - t[i] <= gap, np.hypot(*(at - target).T), np.inf)
+        nearest = int(distance.argmin())
+        cycles = self.run.cycles.during(Phase.STRIKE)
+        return Approach(
+            distance=distance[[nearest]],
+            time=fine[[nearest]],
+            tip=at[[nearest]],
+            velocity=path.derivative()(fine[[nearest]]),
+            max_joint_speed=np.nanmax(np.abs(cycles.v), axis=0)[None],
+            max_torque=np.nanmax(np.abs(cycles.tau), axis=0)[None],
+            diverged=np.zeros(1, bool),
+        )
+
+
+def nothing_seen(a: int) -> Approach:
+    """The approach of a strike of an arm of a joints that was refused, or ended in a fault, or was not filmed."""
+    nan, peaks = np.full((1, 2), np.nan), np.full((1, a), np.nan)
+    return Approach(np.array([np.inf]), np.zeros(1), nan, nan, peaks, peaks, np.ones(1, bool))
+
+
+def _seen(recording: StrikeRecording) -> tuple[np.ndarray, np.ndarray]:
+    """Times and positions of the tip where it was seen."""
+    i = recording.markers.index("tip")
+    seen = np.isfinite(recording.points[:, i, :2]).all(axis=1)
+    return recording.t_points[seen, i], recording.points[seen, i, :2]
+
+
+class Rig(Protocol):
+    """What can strike."""
+
+    def strike(self, strike: Strike, *, folder: Path | None = None) -> Struck:
+        """Strike once; the records go to a folder as they are made.
+
+        Raises:
+            InputError: The strike is refused; the message says why.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class TwinTruth:
+    """In what a twin differs from the model; the strikes do not know.
+
+    Args:
+        model: The true arm and whip.
+        motor: The true motors.
+        command_delay, sample_delay: Of the line [s].
+        clock_offset: The camera's clock is late by this [s].
+    """
+
+    model: Model
+    motor: Motor = field(default_factory=Motor)
+    command_delay: float = 0.0
+    sample_delay: float = 0.0
+    clock_offset: float = 0.0
+
+
+class TwinRig:
+    """The emulator behind the real protocol, in lock-step, and a virtual camera.
+
+    Args:
+        model: What the rig's owner believes.
+        controller: Of the strike.
+        truth: What is really there; default: the model, ideal motors.
+        camera: `d435-color`, `d435-infrared`: rendered and tracked; `points`: the tip's position with the error that
+            tracked images have, without the images; `none`.
+        target: Where the target stands [m]; it is in the images.
+        options: Of the loop.
+        at_once: The twin stands at the strike's start already: no approach, no waiting, no way back.
+        seed: Of the camera's noise.
+        t_stay: The controller stays on after the movement ended [s].
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        controller: Controller,
+        *,
+        truth: TwinTruth | None = None,
+        camera: str = "d435-infrared",
+        target: tuple[float, ...] | None = None,
+        options: LoopOptions | None = None,
+        at_once: bool = False,
+        seed: int = 0,
+    ) -> None:
+        self.model, self.controller, self.truth = model, controller, truth or TwinTruth(model)
+        options = options or LoopOptions()
+        self.options = dataclasses.replace(options, settle=0.0, go_back=False) if at_once else options
+        self.target, self._at_once, self._camera = target, at_once, camera
+        self._rng = np.random.default_rng(seed)
+        points = camera in ("points", "none")
+        self.settings: CameraSettings = camera_preset("d435-infrared" if points else camera)
+
+    def strike(self, strike: Strike, *, folder: Path | None = None) -> Struck:
+        """As `Rig.strike`."""
+        from whiptool.optimize import controller_table
+
+        truth, period = self.truth, 1.0 / self.options.rate
+        start = strike.q_i if self._at_once else (0.0,) * self.model.arm.n
+        twin_options = TwinOptions(
+            model=truth.model,
+            motor=truth.motor,
+            start=start,
+            period=period,
+            command_delay=truth.command_delay,
+            sample_delay=truth.sample_delay,
+        )
+        began: list[float] = []
+        with Emulator(twin_options) as twin, DynamixelBus(twin.port, list(twin_options.ids), timeout=1.0) as bus:
+
+            def on_cycle(k: int, phase: Phase) -> None:
+                if phase is Phase.STRIKE and not began:
+                    began.append(float(twin.state()["t"]))
+
+            loop = RigLoop(Joints(bus), self.model, self.controller, options=self.options, clock=StepClock())
+            run = loop.run(strike, path=None if folder is None else folder / CYCLES, on_cycle=on_cycle)
+            moved = twin.trajectory()
+        if not began:
+            return Struck(run, None)
+        keep = (moved["t"] >= began[0] - 1e-9) & (moved["t"] <= began[0] + strike.D + self.options.t_stay + 1e-9)
+        path = complete_trajectory(
+            truth.model,
+            self.controller,
+            strike,
+            t=moved["t"][keep] - began[0],
+            q=moved["q"][keep],
+            v=moved["v"][keep],
+            tau=moved["torque"][keep],
+            diverged=False,
+        )
+        recording = build_recording(
+            run.cycles,
+            self.model,
+            track=self._film(path),
+            controller=controller_table(self.controller),
+            target=self.target,
+            t_stay=self.options.t_stay,
+            source="twin",
+        )
+        if folder is not None:
+            recording.save(folder / RECORDING)
+        return Struck(run, recording, path)
+
+    def _film(self, path: Trajectory) -> StrikeRecording | None:
+        """The tip as the camera sees it, by the camera's clock."""
+        if self._camera == "none":
+            return None
+        late = self.truth.clock_offset
+        if self._camera == "points":
+            s = self.settings
+            starts = np.arange(int(path.t[-1] * s.fps) + 1) / s.fps
+            seen = expose(s, path.t, path.tip, starts)
+            sigma = measurement_sigma(s, seen.speed)
+            points = seen.points + sigma[:, None] * self._rng.standard_normal(seen.points.shape)
+            return StrikeRecording(
+                t=starts + late,
+                points=points[:, None],
+                markers=("tip",),
+                sigma=sigma[:, None],
+                t_points=seen.t_points[:, None] + late,
+                exposure=float(np.mean(seen.duration)),
+                camera="points",
+            )
+        from whiptool.rig.camera.render import VirtualCamera
+        from whiptool.rig.tracking import track
+
+        target = None if self.target is None else np.array(self.target)
+        camera = VirtualCamera(self.settings, self.truth.model, path, self._rng, target)
+        try:
+            found = track(camera).to_recording()
+        finally:
+            camera.close()
+        return dataclasses.replace(found, t=found.t + late, t_points=found.t_points + late)
+
+
+class HardwareRig:
+    """Dynamixel servos on a serial port, and a camera.
+
+    Args:
+        model, controller, target, options: As for the twin.
+        port: Serial device.
+        camera: A `whiptool.rig.camera.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
+        ids: Of the servos, shoulder first.
+        baud: Bits per second.
+        confirm: Asked before every strike; False ends it.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        controller: Controller,
+        *,
+        port: str,
+        camera: Any = None,
+        target: tuple[float, ...] | None = None,
+        options: LoopOptions | None = None,
+        ids: tuple[int, ...] = (),
+        baud: int = 1_000_000,
+        confirm: Callable[[Strike], bool] | None = None,
+    ) -> None:
+        self.model, self.controller, self.target = model, controller, target
+        self.options, self.port, self.baud = options or LoopOptions(), port, baud
+        self.camera, self.confirm = camera, confirm
+        self.ids = ids or tuple(range(1, model.arm.n + 1))
+
+    def strike(self, strike: Strike, *, folder: Path | None = None) -> Struck:
+        """As `Rig.strike`."""
+        from whiptool.optimize import controller_table
+        from whiptool.rig.filming import Filming
+
+        if self.confirm is not None and not self.confirm(strike):
+            raise InputError("strike", strike.vector.tolist(), "one that was confirmed")
+        filming = None if self.camera is None else Filming(self.camera)
+        with DynamixelBus(self.port, list(self.ids), baud=self.baud) as bus:
+            bus.check(self.options.rate)
+            loop = RigLoop(Joints(bus), self.model, self.controller, options=self.options, clock=WallClock())
+
+            def on_cycle(k: int, phase: Phase) -> None:
+                if filming is not None:
+                    filming.during(phase is Phase.STRIKE)
+
+            try:
+                run = loop.run(strike, path=None if folder is None else folder / CYCLES, on_cycle=on_cycle)
+            finally:
+                frames = [] if filming is None else filming.end()
+        during = run.cycles.during(Phase.STRIKE)
+        if len(during) < 2:
+            return Struck(run, None)
+        seen = None
+        if frames:
+            from whiptool.rig.tracking import track
+
+            found = track(frames).to_recording()
+            zero = float(during.stamp[0])
+            seen = dataclasses.replace(found, t=found.t - zero, t_points=found.t_points - zero)
+        recording = build_recording(
+            run.cycles,
+            self.model,
+            track=seen,
+            controller=controller_table(self.controller),
+            target=self.target,
+            t_stay=self.options.t_stay,
+            source=self.port,
+        )
+        if folder is not None:
+            recording.save(folder / RECORDING)
+        return Struck(run, recording)
+
+
+class RigRollout:
+    """A rig in a simulator's place: what any search or learner can have as its objective, strike by strike.
+
+    Args:
+        rig: Hardware or twin.
+        model: What its owner believes; for bounds and reach.
+        folder: Every strike leaves a folder here; None: nothing is left.
+
+    A strike that the rig refuses, or that ends in a fault, counts as diverged, and no further than that.
+    """
+
+    engine = "rig"
+
+    def __init__(self, rig: Rig, model: Model, *, folder: Path | None = None) -> None:
+        self.rig, self.model, self.folder = rig, model, folder
+        self.timestep = 1e-3
+        self.struck: list[Struck | None] = []
+
+    def approach(self, strikes: np.ndarray, target: np.ndarray, *, t_stay: float) -> Approach:
+        """One strike after the other; see `whiptool.models.CompiledRollout.approach`."""
+        found = []
+        for vector in np.atleast_2d(strikes):
+            folder = None
+            if self.folder is not None:
+                number = 1 + sum(1 for _ in self.folder.glob("strike-*"))
+                folder = self.folder / f"strike-{number:04d}"
+                folder.mkdir(parents=True)
+            try:
+                struck = self.rig.strike(Strike.from_vector(vector), folder=folder)
+            except InputError:  # refused before it began
+                struck = None
+            self.struck.append(struck)
+            found.append(
+                nothing_seen(self.model.arm.n) if struck is None else struck.approach(np.asarray(target, float))
+            )
+        return Approach(*(np.concatenate([getattr(x, f.name) for x in found]) for f in dataclasses.fields(Approach)))
+
+    def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
+        """Of a twin: what was really there.
+
+        Raises:
+            WhiptoolError: Hardware does not tell.
+        """
+        struck = self.rig.strike(strike)
+        if struck.truth is None:
+            raise WhiptoolError("a rig's whip is only seen by its camera: there is no trajectory of all joints")
+        return struck.truth
