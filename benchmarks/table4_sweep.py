@@ -16,26 +16,9 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.objective import T_STAY
-from whiptool.strike import Strike, default_bounds
-
-CONSTANT = np.array([0.161, 0.038, 1.038, 0.229])  # Table 4: position s, e [rad], velocity s, e [rad/s]
-ADAPTIVE = np.array([0.036, 0.009, 0.138, 0.073])
-NAMES = ("position shoulder", "position elbow", "velocity shoulder", "velocity elbow")
-
-
-def tracking_errors(controller: Controller, strikes: np.ndarray, timestep: float) -> tuple[np.ndarray, np.ndarray]:
-    """Largest and mean absolute errors over the whole strike, averaged over the strikes: each (4,), in NAMES' order."""
-    rollout = CompiledRollout(preset("lemon2024"), controller, timestep=timestep)
-    largest, mean = [], []
-    for vector in strikes:
-        path = rollout.trajectory(Strike.from_vector(vector), t_stay=T_STAY)
-        a = path.q_d.shape[1]
-        errors = np.abs(np.hstack([path.q_d - path.q[:, :a], path.v_d - path.v[:, :a]]))  # (T, 4)
-        largest.append(errors.max(axis=0))
-        mean.append(errors.mean(axis=0))
-    return np.mean(largest, axis=0), np.mean(mean, axis=0)
+from whiptool.models import preset
+from whiptool.strike import default_bounds
+from whiptool.tracking import COARSE, NAMES, TABLE4_CONSTANT, TABLE4_OIAC, tracking_errors
 
 
 def main() -> None:
@@ -45,12 +28,14 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     arguments = parser.parse_args()
     count, per_decade = (20, 2) if arguments.quick else (200, 5)
-    strikes = default_bounds(preset("lemon2024").arm).sample(np.random.default_rng(0), count)
-    largest_c, mean_c = tracking_errors(Controller(ConstantImpedance()), strikes, 5e-4)
-    paper = ADAPTIVE / CONSTANT
+    model = preset("lemon2024")
+    strikes = default_bounds(model.arm).sample(np.random.default_rng(0), count)
+    constant = tracking_errors(model, Controller(ConstantImpedance()), strikes, timestep=COARSE)
+    largest_c, mean_c, paper = constant.largest, constant.mean, TABLE4_OIAC / TABLE4_CONSTANT
     rows = []
     for a in [*np.logspace(-5, -1, 4 * per_decade + 1), 0.2]:
-        largest, mean = tracking_errors(Controller(OIAC(a=float(a))), strikes, 1e-4)
+        errors = tracking_errors(model, Controller(OIAC(a=float(a))), strikes)
+        largest, mean = errors.largest, errors.mean
         rows.append(
             {
                 "a": float(a),
@@ -60,13 +45,13 @@ def main() -> None:
                 "ratios_mean": (mean / mean_c).tolist(),
                 "misfit": float(np.sqrt(np.mean(np.log(largest / largest_c / paper) ** 2))),
                 "misfit_mean": float(np.sqrt(np.mean(np.log(mean / mean_c / paper) ** 2))),
-                "misfit_absolute_mean": float(np.sqrt(np.mean(np.log(mean / ADAPTIVE) ** 2))),
+                "misfit_absolute_mean": float(np.sqrt(np.mean(np.log(mean / TABLE4_OIAC) ** 2))),
             }
         )
     nearest = min(rows, key=lambda row: row["misfit"])["a"]
 
     def misfit(log_a: float) -> float:
-        largest, _ = tracking_errors(Controller(OIAC(a=10**log_a)), strikes, 1e-4)
+        largest = tracking_errors(model, Controller(OIAC(a=10**log_a)), strikes).largest
         return float(np.sqrt(np.mean(np.log(largest / largest_c / paper) ** 2)))
 
     step = 1 / per_decade
@@ -74,8 +59,8 @@ def main() -> None:
     refined = minimize_scalar(misfit, bounds=(around - step, around + step), method="bounded", options={"xatol": 0.01})
     best = {"a": float(f"{10**refined.x:.2g}"), "misfit": float(refined.fun)}
     if arguments.json:
-        constant = {"largest": largest_c.tolist(), "mean": mean_c.tolist()}
-        print(json.dumps({"strikes": count, "paper_ratios": paper.tolist(), "constant": constant, "rows": rows,
+        stiff = {"largest": largest_c.tolist(), "mean": mean_c.tolist()}
+        print(json.dumps({"strikes": count, "paper_ratios": paper.tolist(), "constant": stiff, "rows": rows,
                           "best_a": best["a"], "best_misfit": best["misfit"]}))  # fmt: skip
         return
     print(f"{count} random strikes; columns: {', '.join(NAMES)}")

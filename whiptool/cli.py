@@ -215,10 +215,12 @@ def run(command: Callable[[], int]) -> int:
 
 COMMANDS = {
     "optimize": "find a strike that hits a target",
+    "identify": "fit a whip's parameters to recorded strikes",
     "train": "train a policy over a zone of targets",
     "compare": "trials to hit, method by method",
     "reproduce": "the paper's figures and tables as one report",
     "simulate": "play one strike, or export the model",
+    "rig": "strike with a rig, or with its twin",
     "doctor": "check the installation and this machine",
 }
 

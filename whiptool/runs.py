@@ -81,7 +81,7 @@ class RunFolder:
                 raise InputError(
                     "--out", str(path), "a folder that is new or empty", "to go on with a killed run, give --resume"
                 )
-            _write_whole(path / CONFIG, tomli_w.dumps(dict(config)))
+            write_whole(path / CONFIG, tomli_w.dumps(dict(config)))
         except OSError as error:
             raise InputError("--out", str(path), f"a folder that can be written ({error.strerror})") from None
         return cls(path)
@@ -107,10 +107,10 @@ class RunFolder:
 
     def write_result(self, result: Mapping) -> None:
         """Write the result at once, so that no half of it is ever seen."""
-        _write_whole(self.path / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
+        write_whole(self.path / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
 
 
-def _write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str) -> None:
     """Write a file so that no half of it is ever seen."""
     temporary = path.with_name(f".{path.name}.tmp")
     temporary.write_text(text, encoding="utf-8")

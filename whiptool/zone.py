@@ -164,7 +164,7 @@ def reachable_region(
     seed: int = 0,
     progress: bool = False,
 ) -> Region:
-    """The cells through which the tip of random strikes passes with at least this speed.
+    """The cells, wholly within reach, through which the tip of random strikes passes with at least this speed.
 
     The speed is that of the straight line between successive samples, and so is the path in between.
 
@@ -190,4 +190,6 @@ def reachable_region(
         for part in range(parts):
             i, j = np.floor((starts + (part + 0.5) / parts * steps) / cell).astype(int).T + n // 2
             seen[i, j] = True
-    return Region((np.argwhere(seen) - n // 2) * cell, cell)
+    corners = (np.argwhere(seen) - n // 2) * cell
+    farthest = np.hypot(*(np.abs(corners + cell / 2) + cell / 2).T)
+    return Region(corners[farthest <= rollout.model.reach], cell)

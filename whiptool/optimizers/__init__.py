@@ -59,7 +59,12 @@ def search(objective: Objective, method: str, *, seed: int = 0, first: np.ndarra
     Raises:
         InputError: The method is unknown, or does not fit the objective.
     """
-    run, start = find_method(method), time.monotonic()
+    return run_search(objective, find_method(method), method, seed=seed, first=first)
+
+
+def run_search(objective: Objective, run: Method, name: str, *, seed: int, first: np.ndarray | None = None) -> Result:
+    """As `search`, of a function that is no method of the command line."""
+    start = time.monotonic()
     try:
         if first is not None:
             objective(first)
@@ -73,7 +78,7 @@ def search(objective: Objective, method: str, *, seed: int = 0, first: np.ndarra
         status, detail = Status.FAILED, f": {error}"
     best = objective.best
     return Result(
-        method=method,
+        method=name,
         status=status,
         message=MESSAGES[status] + detail,
         strike=None if best is None else Strike.from_vector(best.strike),

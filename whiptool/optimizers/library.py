@@ -103,3 +103,14 @@ def warm_search(
     centre = np.clip(first, lower + half, upper - half)
     objective.bounds = StrikeBounds(tuple(centre - half), tuple(centre + half))
     return search(objective, method, seed=seed, first=first)
+
+
+def library_search(objective: Objective, library: StrikeLibrary) -> Result:
+    """Strike what the library has, nearest to the target first, until the objective stops it or the library ends."""
+    from whiptool.optimizers import run_search
+
+    def strikes(objective: Objective, *, seed: int) -> None:
+        for strike in library.nearest(objective.target.position, len(library.strikes))[0]:
+            objective(strike)
+
+    return run_search(objective, strikes, "library", seed=0)

@@ -1,0 +1,289 @@
+"""Comparisons: what is counted, that neither workers nor a cluster nor a kill change it, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from whiptool import workers
+from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
+from whiptool.comparison.plan import deterministic
+from whiptool.comparison.policy_trials import trials_within
+from whiptool.comparison.units import Checkpoint, one_torch_thread
+from whiptool.impedance import Controller
+from whiptool.models import preset
+from whiptool.objective import Objective, Target
+from whiptool.optimizers import search
+from whiptool.rl.policy import trials_to_hit
+
+TIMES = ("wall_time",)
+SMALL = ("--targets", 6, "--seeds", 1, "--cap", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)
+FEW = (*SMALL, "--methods", "ga", "sac", "--observation", "goal", "--tighter", 0.03)
+
+
+def compare(*args: object, cwd: Path, **options) -> subprocess.CompletedProcess:
+    words = [sys.executable, "-m", "whiptool.compare", *map(str, args)]
+    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, **options)
+
+
+def table(run: Path) -> list[dict[str, str]]:
+    """Its lines, without what a clock says."""
+    with (run / "table.csv").open() as file:
+        return [{k: v for k, v in row.items() if k not in TIMES} for row in csv.DictReader(file)]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene(model=preset("lemon2024"), controller=Controller(), targets=8, cap=15, radii=(0.06, 0.02))
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory) -> Path:
+    """A small comparison in one process."""
+    folder = tmp_path_factory.mktemp("alone")
+    done = compare(*FEW, "--out", "run", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == json.loads((folder / "run" / "result.json").read_text())
+    return folder / "run"
+
+
+def test_search_unit_counts_what_a_search_at_each_radius_would(scene):
+    """One search to the tightest radius tells the trials at all of them."""
+    unit = SearchUnit(scene=scene, method="cmaes", seed=3, first=2, last=6)
+    outcomes = unit.run(None, 1)["outcomes"]
+    rollout = scene.rollout()
+    for outcome, radius in zip(outcomes, scene.radii, strict=True):
+        for place, i in enumerate(range(2, 6)):
+            objective = Objective(
+                rollout, Target(tuple(scene.points()[i]), radius), max_trials=scene.cap, stop_at_hit=True
+            )
+            seed = int(np.random.SeedSequence((3, i)).generate_state(1)[0]) >> 1
+            trace = search(objective, "cmaes", seed=seed).trace
+            hits = [trial.number for trial in trace if trial.outcome.hit]
+            assert outcome["trials"][place] == (hits[0] if hits else scene.cap)
+            assert outcome["hit"][place] == bool(hits)
+
+
+def test_chunks_make_no_difference(scene):
+    whole = SearchUnit(scene=scene, method="random", seed=1, first=0, last=4).run(None, None)["outcomes"]
+    parts = [SearchUnit(scene=scene, method="random", seed=1, first=i, last=i + 2).run(None, 1) for i in (0, 2)]
+    for i, outcome in enumerate(whole):
+        assert outcome["trials"] == [x for part in parts for x in part["outcomes"][i]["trials"]]
+
+
+def test_learner_goes_on_from_a_checkpoint_as_if_nothing_had_happened(scene, tmp_path):
+    """Also when the history is ahead of the checkpoint, as after a kill between the two."""
+    unit = LearnerUnit(scene=scene, method="sac", observation="goal", seed=1, episodes=14, trials=6, random_episodes=5)
+
+    def plain(result: dict) -> dict:
+        return {k: v for k, v in result.items() if k not in TIMES}
+
+    whole = plain(unit.run(None, None))
+    with one_torch_thread(), Checkpoint.within(tmp_path, unit.name) as checkpoint:
+        training = unit._fresh(None)
+        rewards = [episode.mean_reward for episode in training.run(episodes=7)]
+        checkpoint.save(training, {"rewards": [*rewards, 1e9], "seconds": 0.0})
+    assert plain(unit.run(tmp_path, None)) == whole
+    assert len(whole["rewards"]) == 14
+    assert whole["training_trials"] == 14 * 6
+    with Checkpoint.within(tmp_path, unit.name) as checkpoint:  # a history that does not reach: start again
+        checkpoint.history.write_text(json.dumps({"rewards": [], "seconds": 0.0}))
+    assert plain(unit.run(tmp_path, None)) == whole
+
+
+@pytest.mark.parametrize("convention", ["mean-first", "samples"])
+def test_policy_unit_counts_what_the_policy_does(scene, convention):
+    """At the tightest radius as `trials_to_hit` says; a wider one never takes longer."""
+    unit = LearnerUnit(scene=scene, method="ppo", observation="goal", seed=2, episodes=2, trials=6, random_episodes=1)
+    training = unit._fresh(1)
+    found = {}
+    for task_radius, radii in ((0.02, (0.02,)), (0.02, (0.06, 0.02))):
+        training.learner.generator.manual_seed(0)
+        task = unit._task(task_radius, 1)
+        found[radii] = trials_within(training.learner, task, scene.points(), radii, cap=30, convention=convention)
+    training.learner.generator.manual_seed(0)
+    expected = trials_to_hit(training.learner, unit._task(0.02, 1), scene.points(), cap=30, convention=convention)
+    for result in found.values():
+        for got, wanted in zip(result[0.02], expected, strict=True):
+            np.testing.assert_array_equal(got, wanted)
+    trials, hit = found[0.06, 0.02][0.06]
+    assert (trials <= expected[0]).all()
+    assert (hit >= expected[1]).all()
+    assert (trials < expected[0]).any()
+
+
+def test_interval_holds_the_mean_as_often_as_it_says():
+    """Of 95 % intervals of targets' means about 95 % hold the true one."""
+    rng, held = np.random.default_rng(0), 0
+    for _ in range(200):
+        trials = rng.geometric(0.1, (1, 100))
+        one = Series("random", "", "", 0.06, trials, np.ones_like(trials, bool), 0.0, 0, 0.0)
+        low, high = one.interval
+        held += low <= 10 <= high
+    assert 0.88 <= held / 200 <= 0.99
+
+
+def test_interval_knows_that_seeds_differ():
+    """Two seeds that disagree by 50 trials leave the mean open by about as much."""
+    trials = np.array([[10] * 30, [60] * 30])
+    one = Series("sac", "goal", "mean-first", 0.06, trials, np.ones_like(trials, bool), 0.0, 0, 0.0)
+    assert one.interval == pytest.approx((10, 60))
+    assert one.mean == 35
+
+
+def test_random_is_always_there_and_directl_has_one_seed(scene):
+    comparison = Comparison(scene=scene, methods=("directl", "sac"), observations=("goal",), seeds=3)
+    seeds = {(u.method, u.seed) for u in comparison.units()}
+    assert seeds == {("directl", 0), *((m, s) for m in ("sac", "random") for s in range(3))}
+    assert deterministic("nlopt:GN_ORIG_DIRECT_L")
+    assert not deterministic("nlopt:GN_DIRECT_L_RAND")
+
+
+def test_collect_puts_seeds_and_chunks_in_order(scene):
+    units = [SearchUnit(scene=scene, method="ga", seed=s, first=f, last=f + 2) for s in (0, 1) for f in (0, 2)]
+    results = {
+        u.name: {
+            "outcomes": [{"convention": "", "hit_radius": 0.06, "trials": [10 * u.seed + u.first + i for i in (0, 1)],
+                          "hit": [True, u.seed == 0]}],
+            "training_trials": 0, "n_diverged": 1, "wall_time": 2.0, "note": "",
+        }
+        for u in units
+    }  # fmt: skip
+    (one,) = collect(units, results)
+    assert one.trials.tolist() == [[0, 1, 2, 3], [10, 11, 12, 13]]
+    assert one.hit.tolist() == [[True] * 4, [True, False] * 2]
+    assert (one.n_diverged, one.wall_time) == (4, 4.0)
+
+
+def test_compare_writes_tables_and_plots(alone):
+    rows = table(alone)
+    assert {(r["method"], r["observation"]) for r in rows} == {("ga", ""), ("sac", "goal"), ("random", "")}
+    assert {r["convention"] for r in rows if r["method"] == "sac"} == {"mean-first", "samples", "mean"}
+    assert {r["hit_radius"] for r in rows} == {"0.06", "0.03"}
+    for r in rows:
+        assert float(r["low"]) <= float(r["mean_trials"]) <= float(r["high"]) <= 12
+        assert r["training_trials"] == ("96.0" if r["method"] == "sac" else "0.0")
+    text = (alone / "table.md").read_text()
+    assert "| SAC, goal |" in text
+    assert "training trials" in text
+    for name in ("bars.png", "ecdf.png"):
+        assert (alone / name).read_bytes()[:4] == b"\x89PNG"
+    assert not list((alone / "checkpoints").iterdir())
+
+
+def test_workers_make_no_difference(alone, tmp_path):
+    done = compare(*FEW, "--out", "run", "--workers", 2, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert table(tmp_path / "run") == table(alone)
+
+
+def test_a_ray_cluster_makes_no_difference(alone, tmp_path, monkeypatch):
+    """A real cluster on this machine, found by its address."""
+    ray = pytest.importorskip("ray")
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    context = ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    try:
+        done = compare(*FEW, "--out", "run", "--cluster", context.address_info["gcs_address"], cwd=tmp_path)
+    finally:
+        ray.shutdown()
+    assert done.returncode == 0, done.stderr
+    assert table(tmp_path / "run") == table(alone)
+
+
+def test_killed_and_resumed_it_ends_the_same(alone, tmp_path):
+    """SIGKILL while the learner trains, with its workers, at whatever they are."""
+    words = [sys.executable, "-m", "whiptool.compare", *map(str, FEW), "--out", "run", "--workers", "2"]
+    process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and not list((tmp_path / "run").glob("*/*")):
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    assert not (tmp_path / "run" / "table.csv").exists()
+    done = compare("--resume", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert table(tmp_path / "run") == table(alone)
+    results = [json.loads((run / "result.json").read_text()) for run in (tmp_path / "run", alone)]
+    for result in results:
+        del result["wall_time"]
+        for row in result["rows"]:
+            del row["wall_time"]
+    assert results[0] == results[1]
+    refused = compare("--resume", "run", "--targets", 7, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--targets" in refused.stderr
+
+
+class DieOnce:
+    """Work that kills its process the first `times` times that it meets the unit `bad`."""
+
+    def __init__(self, marks: Path, times: int) -> None:
+        self.marks, self.times = marks, times
+
+    def __call__(self, unit: str) -> str:
+        if unit == "bad" and len(list(self.marks.iterdir())) < self.times:
+            (self.marks / f"{os.getpid()}-{time.monotonic_ns()}").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return unit.upper()
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_dead_worker_is_replaced_and_reported(tmp_path, times):
+    units, deaths = {name: name for name in ("a", "b", "bad", "c", "d")}, []
+    found = dict(workers.work_on(units, DieOnce(tmp_path, times), workers=2, on_death=deaths.append))
+    assert found == {name: name.upper() for name in units}
+    assert 1 <= len(deaths) <= times
+    assert all("bad" in names for names in deaths)
+
+
+def test_a_unit_that_kills_every_worker_is_given_up_after_the_others(tmp_path):
+    units, found = {name: name for name in ("bad", "a", "b", "c")}, {}
+    results = workers.work_on(units, DieOnce(tmp_path, 99), workers=2)
+    with pytest.raises(workers.UnitFailed, match=r"^bad: 3 workers died"):
+        found.update(results)
+    assert set(found) == {"a", "b", "c"}
+
+
+def _refuse(unit: str) -> str:
+    from whiptool.errors import InputError
+
+    raise InputError("whip.k", -1, "a number >= 0")
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_units_own_error_comes_with_its_name(count):
+    with pytest.raises(workers.UnitFailed, match=r"^b: whip\.k: got -1"):
+        dict(workers.work_on({"b": 1}, _refuse, workers=count))
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--methods", "sca"), "method"),
+        (("--observation", "god"), "observation"),
+        (("--tighter", "0.07"), "--tighter"),
+        (("--workers", "0"), "--workers"),
+        (("--targets", "0"), "targets"),
+        (("--seeds", "0"), "seeds"),
+        (("--cap", "0"), "cap"),
+        (("--episodes", "0"), "episodes"),
+        (("--target", "9", "9"), "target"),
+        (("--simulator", "reference"), "--simulator"),
+        (("--cluster", "127.0.0.1:1"), "--cluster"),
+        (("--cluster", "nowhere"), "--cluster"),
+    ],
+)
+def test_bad_input_gets_one_line(words, named, tmp_path):
+    done = compare(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"whiptool: {named}")
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,215 @@
+"""Compare methods over many targets and seeds (Fig. 6): `python -m whiptool.compare --methods directl ga sac`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from whiptool import cli
+from whiptool.errors import InputError
+
+if TYPE_CHECKING:
+    from whiptool.comparison import Comparison, Series
+
+QUICK: dict[str, Any] = {
+    "targets": 12,
+    "seeds": 1,
+    "cap": 40,
+    "tighter": (0.03,),
+    "episodes": 10,
+    "trials": 40,
+    "random_episodes": 4,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonOptions(cli.SimulationOptions):
+    """What `compare` and `reproduce` share; the zone's centre is --target."""
+
+    zone_radius: float = 0.1
+    """Targets are drawn from the disc of this radius around --target [m]."""
+    targets: int = 300
+    """Number of random targets, the same for all methods."""
+    target_seed: int = 0
+    """They are drawn with this seed."""
+    seeds: int = 3
+    """Seeds of whatever is random in a method: 0, 1, ..."""
+    cap: int = 600
+    """Trials at most at each target."""
+    tighter: tuple[float, ...] = (0.03, 0.01)
+    """Further, smaller hit radii [m]; learners are trained with --hit-radius."""
+    episodes: int = 500
+    """Episodes that learners are trained for (Algorithm 1)."""
+    trials: int = 100
+    """Strikes per episode."""
+    random_episodes: int = 50
+    """Episodes at the start with random strikes."""
+    hindsight: int = 0
+    """Relabelled copies of every strike (sac, td3, ddpg under observation goal)."""
+    workers: int = min(os.cpu_count() or 1, 8)
+    """Processes on this machine; default: one per core, at most 8. The results do not depend on it."""
+    cluster: str | None = None
+    """Work on a Ray cluster: its address, or auto for the one that this machine belongs to."""
+    quick: bool = False
+    """A taste in a minute or two: few targets, one seed, short training, wherever an option is not given."""
+    out: Path | None = None
+    """Run folder; default: runs/COMMAND-DATE-TIME."""
+    resume: Path | None = None
+    """Go on with the killed run in this folder; its options need not be given again."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+
+    def resolved(self):
+        """These options, with the quick value of whatever was left at its default if `quick`."""
+        if not self.quick:
+            return self
+        defaults = {f.name: f.default for f in fields(self)}
+        return replace(self, **{k: v for k, v in QUICK.items() if getattr(self, k) == defaults[k]})
+
+    def comparison(self, methods: Sequence[str], observations: Sequence[str]) -> Comparison:
+        """What they describe.
+
+        Raises:
+            InputError: An option breaks its rule.
+        """
+        from whiptool.comparison import Comparison, Scene
+        from whiptool.models.compiled import TIMESTEP
+        from whiptool.objective import Target
+        from whiptool.zone import Disc
+
+        if self.simulator != "compiled":
+            raise InputError("--simulator", self.simulator, "compiled")
+        for radius in self.tighter:
+            if not 0 < radius < self.hit_radius:
+                raise InputError("--tighter", radius, f"hit radii between 0 and --hit-radius, {self.hit_radius:g} m")
+        if self.workers < 1:
+            raise InputError("--workers", self.workers, "a whole number >= 1")
+        if self.target_seed < 0:
+            raise InputError("--target-seed", self.target_seed, "a whole number >= 0")
+        model, controller = self.build_model(), self.build_controller()
+        self.build_target().check_reach(model)
+        zone = Disc(self.target, self.zone_radius)  # type: ignore[arg-type]
+        Target((zone.centre[0], zone.centre[1]), self.hit_radius)
+        scene = Scene(
+            model=model,
+            controller=controller,
+            zone=zone,
+            targets=self.targets,
+            target_seed=self.target_seed,
+            radii=(self.hit_radius, *self.tighter),
+            cap=self.cap,
+            t_stay=self.t_stay,
+            timestep=TIMESTEP if self.timestep is None else self.timestep,
+        )
+        return Comparison(
+            scene=scene,
+            methods=tuple(methods),
+            observations=tuple(observations),
+            seeds=self.seeds,
+            episodes=self.episodes,
+            trials=self.trials,
+            random_episodes=self.random_episodes,
+            hindsight=self.hindsight,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(ComparisonOptions):
+    """Trials to the first hit of many random targets, method by method (Fig. 6)."""
+
+    methods: tuple[str, ...] = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
+    """Methods of whiptool.optimize; random always stands beside them. sac, td3, ddpg, ppo are trained once per seed."""
+    observation: tuple[str, ...] = ("paper", "relative", "goal")
+    """What learners see."""
+
+
+NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "workers": 1, "cluster": None}
+_EXAMPLE = (
+    "Trials to the first hit of many random targets, method by method (Fig. 6). "
+    "Example: python -m whiptool.compare --quick --methods directl sac --observation goal"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    given = cli.parse_resumable(
+        CompareOptions, command="compare", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
+    )
+    options = given.resolved()
+    comparison = options.comparison(options.methods, options.observation)
+    folder = open_folder("compare", given, comparison)
+    start = time.monotonic()
+    from whiptool.comparison import Store, collect
+
+    store = Store(folder.path, workers=options.workers, cluster=options.cluster)
+    units = comparison.units()
+    series = collect(units, store.results(units, desc="compare"))
+    summary = {
+        "rows": [one.row() for one in series],
+        "targets": comparison.scene.targets,
+        "cap": comparison.scene.cap,
+        "worker_deaths": store.deaths,
+        "wall_time": time.monotonic() - start,
+    }
+    folder.write_result(summary)
+    text = save(folder.path, series)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+    else:
+        print(text)
+        print(f"run folder {folder.path} (table.csv, table.md, bars.png, ecdf.png)")
+    return 0
+
+
+def open_folder(command: str, options: Any, comparison: Comparison):
+    """The run folder of a command: a new one, or that to resume.
+
+    Raises:
+        InputError: It cannot be made, or holds a run with another configuration.
+    """
+    from whiptool.models.files import model_to_table
+    from whiptool.optimize import controller_table
+    from whiptool.runs import RunFolder, code_version, default_folder
+
+    config = {
+        "command": command,
+        "options": cli.as_plain(replace(options, **NOT_CONFIGURATION)),
+        "model": model_to_table(comparison.scene.model),
+        "controller": controller_table(comparison.scene.controller),
+    }
+    if options.resume is None:
+        return RunFolder.create(options.out or default_folder(command), {"version": code_version(), **config})
+    folder = RunFolder.open(options.resume)
+    cli.check_same_run(folder, config)
+    return folder
+
+
+def save(folder: Path, series: Sequence[Series]) -> str:
+    """Write tables and plots; the tables for people."""
+    from whiptool.comparison import tables
+    from whiptool.comparison_plots import save_comparison
+
+    parts = [tables.as_markdown(tables.main_table(series)), tables.CONVENTION_NOTE]
+    if len({one.hit_radius for one in series}) > 1:
+        parts.append(tables.as_markdown(tables.radius_table(series)))
+    if any(one.learned for one in series):
+        parts.append(tables.as_markdown(tables.convention_table(series)))
+    text = "\n\n".join(parts) + "\n"
+    (folder / "table.csv").write_text(tables.as_csv(series), encoding="utf-8")
+    (folder / "table.md").write_text(text, encoding="utf-8")
+    save_comparison(folder, series)
+    return text
+
+
+if __name__ == "__main__":
+    sys.exit(main())

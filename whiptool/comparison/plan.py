@@ -1,0 +1,109 @@
+"""Which methods, observations and seeds are compared, cut into units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from whiptool.comparison.units import LearnerUnit, Scene, SearchUnit
+from whiptool.errors import InputError
+
+PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6
+LEARNERS = ("sac", "td3", "ddpg", "ppo")
+OBSERVATIONS = ("paper", "relative", "goal")
+CHUNK = 50  # targets of a unit of searches
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """What is compared.
+
+    Args:
+        scene: Model, targets, hit radii, cap.
+        methods: Of `whiptool.optimizers`; `random` is always among them.
+        observations: Of the learners.
+        seeds: Number of seeds, 0, 1, ...; one for what is deterministic.
+        episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.Plan`.
+
+    Raises:
+        InputError: A name or a number is not allowed, or PyTorch is missing.
+    """
+
+    scene: Scene
+    methods: tuple[str, ...] = PAPER_METHODS
+    observations: tuple[str, ...] = OBSERVATIONS
+    seeds: int = 3
+    episodes: int = 500
+    trials: int = 100
+    random_episodes: int = 50
+    hindsight: int = 0
+
+    def __post_init__(self) -> None:
+        from whiptool.optimizers import find_method
+
+        object.__setattr__(self, "methods", tuple(dict.fromkeys((*self.methods, "random"))))
+        object.__setattr__(self, "observations", tuple(dict.fromkeys(self.observations)))
+        for method in self.methods:
+            find_method(method)
+        for observation in self.observations:
+            if observation not in OBSERVATIONS:
+                raise InputError("observation", observation, ", ".join(OBSERVATIONS))
+        for name, value in {
+            "seeds": self.seeds,
+            "targets": self.scene.targets,
+            "cap": self.scene.cap,
+            "hit radii": len(self.scene.radii),
+        }.items():
+            if value < 1:
+                raise InputError(name, value, "a whole number >= 1")
+        if set(LEARNERS) & set(self.methods):
+            try:
+                from whiptool.rl.training import Plan
+            except ImportError:
+                raise InputError(
+                    "methods", self.methods, "without PyTorch no learner", "pip install whiptool[rl]"
+                ) from None
+            Plan(self.episodes, self.trials, self.random_episodes, self.hindsight)
+            if not self.observations:
+                raise InputError("observation", (), ", ".join(OBSERVATIONS))
+
+    def units(self) -> list[SearchUnit | LearnerUnit]:
+        """What there is to do."""
+        units: list[SearchUnit | LearnerUnit] = []
+        for method in self.methods:
+            if method in LEARNERS:
+                units += [unit for o in self.observations for unit in self.learner_units(method, o)]
+                continue
+            units += [
+                SearchUnit(
+                    scene=self.scene,
+                    method=method,
+                    seed=seed,
+                    first=first,
+                    last=min(first + CHUNK, self.scene.targets),
+                )
+                for seed in range(1 if deterministic(method) else self.seeds)
+                for first in range(0, self.scene.targets, CHUNK)
+            ]
+        return units
+
+    def learner_units(self, method: str, observation: str) -> list[LearnerUnit]:
+        """One for each seed."""
+        return [
+            LearnerUnit(
+                scene=self.scene,
+                method=method,
+                observation=observation,
+                seed=seed,
+                episodes=self.episodes,
+                trials=self.trials,
+                random_episodes=self.random_episodes,
+                hindsight=self.hindsight,
+            )
+            for seed in range(self.seeds)
+        ]
+
+
+def deterministic(method: str) -> bool:
+    """Whether a seed changes nothing."""
+    name = method.removeprefix("nlopt:")
+    return method == "directl" or ("DIRECT" in name and "RAND" not in name)

@@ -1,0 +1,116 @@
+"""The paper's figures and tables as one report: `python -m whiptool.reproduce fig6`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import tyro
+
+from whiptool import cli
+from whiptool.compare import NOT_CONFIGURATION, ComparisonOptions, open_folder
+from whiptool.errors import InputError
+
+REPORT = "report.html"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReproduceOptions(ComparisonOptions):
+    """The paper's figures and tables beside ours, in one HTML file."""
+
+    what: tyro.conf.Positional[str] = "all"
+    """fig5, fig6, fig7, table4 (with Fig. 8), or all."""
+
+
+_EXAMPLE = (
+    "The paper's figures and tables, its numbers beside those measured here, in one HTML file; `all` takes hours, and "
+    "can be killed and resumed. Example: python -m whiptool.reproduce all --quick"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    given = cli.parse_resumable(
+        ReproduceOptions, command="reproduce", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
+    )
+    options = given.resolved()
+    from whiptool.comparison import Store
+    from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
+    from whiptool.report import to_html
+    from whiptool.reproduction import PARTS, Context
+
+    if options.what not in (*PARTS, "all"):
+        raise InputError("what to reproduce", options.what, ", ".join((*PARTS, "all")))
+    comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
+    folder = open_folder("reproduce", given, comparison)
+    store = Store(folder.path, workers=options.workers, cluster=options.cluster)
+    context = Context(comparison, store, options.quick)
+    sections, start = [], time.monotonic()
+    for name in PARTS if options.what == "all" else [options.what]:
+        print(f"whiptool: {name}", file=sys.stderr)
+        sections += PARTS[name](context)
+        text = to_html(
+            "A whip, a target, and six ways to learn",
+            _SUBTITLE + (_QUICK if options.quick else ""),
+            _facts(options, comparison),
+            sections,
+        )
+        (folder.path / REPORT).write_text(text, encoding="utf-8")  # after each part: a killed run has shown something
+    claims = [asdict(claim) for section in sections for claim in section.claims]
+    summary = {
+        "what": options.what,
+        "report": str(folder.path / REPORT),
+        "claims": claims,
+        "worker_deaths": store.deaths,
+        "wall_time": time.monotonic() - start,
+    }
+    folder.write_result(summary)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+    else:
+        print("\n".join(f"{claim['verdict']}: {claim['claim']}\n    {claim['ours']}" for claim in claims))
+        print(f"report {folder.path / REPORT}")
+    return 0
+
+
+_SUBTITLE = (
+    "The LEMON framework (Wang, Xiong, Tolu and Gorb 2024, doi:10.1007/s42235-024-00534-2), its claims and what was "
+    "measured here. Verdicts are computed from the data."
+)
+_QUICK = " Quick form: it shows that all works; its training is far too short to judge the paper by."
+
+
+def _facts(options: ReproduceOptions, comparison) -> dict[str, str]:
+    """What was run, for the report's head."""
+    from whiptool.runs import code_version
+    from whiptool.strike import default_bounds, strike_names
+
+    scene = comparison.scene
+    bounds = default_bounds(scene.model.arm)
+    limits = ", ".join(
+        f"{name} {low:.3f} to {high:.3f} {'s' if name == 'D' else 'rad'}"
+        for name, low, high in zip(strike_names(scene.model.arm), bounds.lower, bounds.upper, strict=True)
+    )
+    return {
+        "code": f"whiptool {code_version()}",
+        "model": f"{scene.model.name}: {scene.model.whip.N} nodes, {options.controller_label()}",
+        "bounds of a strike": f"{limits} (the paper prints none)",
+        "watched after the movement": f"{scene.t_stay:g} s (not printed in the paper)",
+        "targets": f"{scene.targets} in a circle of {options.zone_radius:g} m around {options.target} m, seed "
+        f"{options.target_seed}; at most {scene.cap} trials each; hit radii "
+        + ", ".join(f"{radius:g}" for radius in scene.radii)
+        + " m",
+        "training": f"{comparison.episodes} episodes of {comparison.trials} strikes, "
+        f"{comparison.random_episodes} random; {comparison.seeds} seeds",
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,22 @@
+"""The paper's figures and tables, one function each: from a context to the sections of a report.
+
+A further one is added to `PARTS`, and is then part of `python -m whiptool.reproduce all`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from whiptool.report import Section
+from whiptool.reproduction import fig5, fig6, fig7, hard, table4
+from whiptool.reproduction.context import Context
+
+__all__ = ["PARTS", "Context"]
+
+PARTS: dict[str, Callable[[Context], list[Section]]] = {
+    "fig5": fig5.sections,
+    "fig6": fig6.sections,
+    "fig7": fig7.sections,
+    "table4": table4.sections,
+    "hard": hard.sections,
+}

@@ -1,0 +1,77 @@
+"""Stiffness and damping that a sampled loop can carry: OIAC's grow with the square of the error, without end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.impedance.controller import Controller, ControlLoop
+from whiptool.impedance.oiac import OIAC
+from whiptool.models.arm import Arm
+from whiptool.models.parameters import Model, number
+from whiptool.strike import Strike
+
+
+@dataclass(frozen=True)
+class Caps:
+    """Largest stiffness and damping of the controller; above either, both matrices are scaled down together.
+
+    For constant impedance they are the matrices' norms. OIAC's torque is `eps (|e|^2 + |de|^2) / gamma` (Eqs. 2, 8-10),
+    a scalar g times `e + beta de`: its stiffness is g and its damping `beta g`, wherever its matrices K and B put them.
+
+    Args:
+        K: Stiffness [N m/rad].
+        B: Damping [N m s/rad].
+    """
+
+    K: float
+    B: float
+
+    def __post_init__(self) -> None:
+        for name in ("K", "B"):
+            number(name, getattr(self, name), low=0, strict=True)
+
+
+def default_caps(model: Model, *, period: float, delay: float = 0.0, rotor_inertia: float = 0.0) -> Caps:
+    """Caps that keep a loop sampled every `period` [s], with another `delay` [s], stable on the bare arm.
+
+    A torque held for a period acts half a period late. For an inertia I under `tau = -B v` after a time T, the loop is
+    stable while `B T / I < pi / 2`; `B T / I = 1/2` is taken, with the smallest inertia that the arm has in any
+    posture, the motors' own `rotor_inertia` [kg m^2] included. The stiffness is what this damping damps critically,
+    `B^2 / (4 I)`. The arm itself, friction and the whip only add to that: rehearse the strike to see what is left.
+    """
+    arm, rng = Arm(model), np.random.default_rng(0)
+    postures = rng.uniform(-np.pi, np.pi, (200, arm.n))
+    smallest = min(float(np.linalg.eigvalsh(arm.inertia(q))[0]) for q in postures) + rotor_inertia
+    B = 0.5 * smallest / (0.5 * period + delay)
+    return Caps(K=B**2 / (4 * smallest), B=B)
+
+
+class CappedLoop(ControlLoop):
+    """The controller's loop with stiffness and damping held under their caps."""
+
+    def __init__(self, controller: Controller, arm: Arm, strike: Strike, caps: Caps | None) -> None:
+        super().__init__(controller, arm, strike)
+        self.caps = caps
+
+    def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """As `ControlLoop.torque`."""
+        if self.caps is None:
+            return super().torque(t, q, v)
+        q_d, v_d, a_d = self.strike.reference(t)
+        e, de = q_d - q, v_d - v
+        law = self.controller.law
+        K, B = law.gains(e, de)
+        tau = K @ e + B @ de
+        if isinstance(law, OIAC):
+            stiffness = float(np.linalg.norm(tau) / max(float(np.linalg.norm(e + law.beta * de)), 1e-300))
+            damping = law.beta * stiffness
+        else:
+            stiffness, damping = float(np.linalg.norm(K, 2)), float(np.linalg.norm(B, 2))
+        scale = min(1.0, self.caps.K / max(stiffness, 1e-300), self.caps.B / max(damping, 1e-300))
+        tau = scale * tau + self.arm.gravity_compensation(q)  # Eq. 2
+        if self.controller.feedforward:
+            tau = tau + self.arm.feedforward(q_d, v_d, a_d)
+        limit = self.controller.torque_limit
+        return tau if limit is None else np.clip(tau, -limit, limit)

@@ -1,0 +1,52 @@
+"""Where the loop's time comes from: the machine, or the loop's own steps."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Where the loop's time comes from."""
+
+    def now(self) -> float:
+        """Time [s] from some fixed instant; it never goes back."""
+        ...
+
+    def sleep_until(self, t: float) -> None:
+        """Return at time t [s], or at once if that is past."""
+        ...
+
+
+class WallClock:
+    """The monotonic clock. It sleeps up to `spin` before the deadline and spins the rest, for less jitter."""
+
+    def __init__(self, spin: float = 2e-4) -> None:
+        self.spin = spin
+
+    def now(self) -> float:
+        """As `Clock`."""
+        return time.monotonic()
+
+    def sleep_until(self, t: float) -> None:
+        """As `Clock`."""
+        left = t - time.monotonic()
+        if left > self.spin:
+            time.sleep(left - self.spin)
+        while time.monotonic() < t:
+            pass
+
+
+class StepClock:
+    """Time that passes only in `sleep_until`: for the lock-step twin, where the loop's writes make time."""
+
+    def __init__(self) -> None:
+        self._t = 0.0
+
+    def now(self) -> float:
+        """As `Clock`."""
+        return self._t
+
+    def sleep_until(self, t: float) -> None:
+        """As `Clock`."""
+        self._t = max(self._t, t)

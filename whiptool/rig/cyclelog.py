@@ -1,0 +1,162 @@
+"""A record of every control cycle, written as it happens, so that nothing that ends a run can lose it."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from whiptool.errors import InputError
+
+
+class Phase(IntEnum):
+    """What the arm is doing."""
+
+    APPROACH = 0
+    SETTLE = 1
+    STRIKE = 2
+    RETURN = 3
+
+
+class Flag(IntFlag):
+    """What was wrong with a cycle."""
+
+    MISSED = 1  # no sample: q, v and the rest are not a number
+    OVERRUN = 2  # it ended after the next one's deadline
+    SATURATED = 4  # the torque was cut to the current limit
+    HELD = 8  # the goal of the cycle before was sent again
+    FAULT = 16  # the cycle that ended the run: zero current was commanded
+    OUTSIDE = 32  # not a cycle: a fault while arming or disarming, or an exception; the last row
+
+
+# (name, values per joint or 1, what)
+_COLUMNS = (
+    ("t", 0),  # scheduled time since the first cycle [s]
+    ("stamp", 0),  # the loop's clock when the sample was there [s]
+    ("late", 0),  # start of the cycle after its deadline [s]
+    ("q", 1),  # [rad]
+    ("v", 1),  # [rad/s]
+    ("current", 1),  # [A]
+    ("goal_current", 1),  # as commanded in this cycle [A]
+    ("tau", 1),  # as the controller wanted [N m]
+    ("q_d", 1),  # [rad]
+    ("voltage", 1),  # [V]
+    ("temperature", 1),  # [deg C]
+    ("flags", 0),  # of `Flag`
+    ("phase", 0),  # of `Phase`
+    ("state", 0),  # of `whiptool.rig.safety.State`
+)
+_MAGIC = "whiptool cycles 1"
+
+
+class CycleLog:
+    """Writes one row per cycle.
+
+    Args:
+        joints: Number of joints.
+        path: Goes to this file, row by row and unbuffered: even SIGKILL loses nothing. None: to memory.
+        about: Anything JSON can hold; kept in the file's first line.
+    """
+
+    def __init__(self, joints: int, path: Path | None = None, *, about: dict[str, Any] | None = None) -> None:
+        self.joints = joints
+        width = sum(joints if per_joint else 1 for _, per_joint in _COLUMNS)
+        self._row = struct.Struct(f"<{width}d")
+        head = {"format": _MAGIC, "joints": joints, "about": about or {}}
+        self._head = (json.dumps(head) + "\n").encode()
+        self._memory = bytearray(self._head)
+        self._file: BinaryIO | None = None
+        if path is not None:
+            self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115  # closed by `close`
+            self._file.write(self._head)
+
+    def append(self, row: Sequence[float]) -> None:
+        """One cycle, the columns of `Cycles` in order, flat."""
+        data = self._row.pack(*row)
+        self._memory += data
+        if self._file is not None:
+            self._file.write(data)
+
+    def cycles(self) -> Cycles:
+        """What was written so far."""
+        return _parse(bytes(self._memory), "log")
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """The cycles of a run: C cycles, n joints. What a missed cycle did not measure is not a number.
+
+    Args:
+        t, stamp, late: Scheduled time, clock at the sample, start after the deadline [s], (C,).
+        q, v: Measured positions [rad] and velocities [rad/s], (C, n).
+        current, goal_current: Measured and commanded [A], (C, n).
+        tau: Torque that the controller asked for [N m], (C, n).
+        q_d: Desired position [rad], (C, n).
+        voltage, temperature: [V], [deg C], (C, n).
+        flags, phase, state: Of `Flag`, `Phase`, `whiptool.rig.safety.State`, (C,) integers.
+        about: What the run was.
+    """
+
+    t: np.ndarray
+    stamp: np.ndarray
+    late: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    current: np.ndarray
+    goal_current: np.ndarray
+    tau: np.ndarray
+    q_d: np.ndarray
+    voltage: np.ndarray
+    temperature: np.ndarray
+    flags: np.ndarray
+    phase: np.ndarray
+    state: np.ndarray
+    about: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @classmethod
+    def load(cls, path: Path | str) -> Cycles:
+        """Read a file of `CycleLog`, also one whose writer was killed.
+
+        Raises:
+            InputError: It is no such file.
+        """
+        return _parse(Path(path).read_bytes(), str(path))
+
+    def during(self, phase: Phase) -> Cycles:
+        """The cycles of one phase."""
+        keep = self.phase == phase
+        return Cycles(*(getattr(self, name)[keep] for name, _ in _COLUMNS), about=self.about)
+
+
+def _parse(data: bytes, name: str) -> Cycles:
+    line, _, rows = data.partition(b"\n")
+    try:
+        head = json.loads(line)
+        joints = int(head["joints"])
+        assert head["format"] == _MAGIC
+    except (ValueError, KeyError, TypeError, AssertionError):
+        raise InputError(name, line[:40], f"a file that begins with {_MAGIC!r}") from None
+    widths = [joints if per_joint else 1 for _, per_joint in _COLUMNS]
+    width = sum(widths)
+    table = np.frombuffer(rows, np.float64, count=len(rows) // (8 * width) * width).reshape(-1, width)
+    arrays, at = [], 0
+    for (column, per_joint), w in zip(_COLUMNS, widths, strict=True):
+        values = table[:, at : at + w] if per_joint else table[:, at]
+        arrays.append(values.astype(int) if column in ("flags", "phase", "state") else values)
+        at += w
+    return Cycles(*arrays, about=head["about"])

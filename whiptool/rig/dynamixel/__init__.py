@@ -1,0 +1,20 @@
+"""The servos of the rig: the only user of dynamixel-sdk."""
+
+from whiptool.rig.dynamixel.bus import BLOCK, BusError, DynamixelBus, NoReply, Refused, Unplugged
+from whiptool.rig.dynamixel.control_table import XM430_W350, Register, Units, register
+from whiptool.rig.dynamixel.joints import Joints, JointSample
+
+__all__ = [
+    "BLOCK",
+    "XM430_W350",
+    "BusError",
+    "DynamixelBus",
+    "JointSample",
+    "Joints",
+    "NoReply",
+    "Refused",
+    "Register",
+    "Units",
+    "Unplugged",
+    "register",
+]

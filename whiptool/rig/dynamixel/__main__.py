@@ -1,0 +1,76 @@
+"""`python -m whiptool.rig.dynamixel`: see which servos are there, and set them up."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from whiptool.cli import parse, run
+from whiptool.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoOptions:
+    """See which servos are there, and set them up."""
+
+    port: str
+    """Serial device, such as /dev/ttyUSB0."""
+    baud: int = 1_000_000
+    """Bits per second that the servos speak now."""
+    ids: tuple[int, ...] = (1, 2)
+    """Of the servos."""
+    set_baud: int | None = None
+    """Have all of them speak this from now on."""
+    set_return_delay: int | None = None
+    """Return Delay Time of all of them, in 2 us."""
+    set_id: int | None = None
+    """Give the one servo of --ids this id."""
+    reboot: int | None = None
+    """Reboot the servo of this id: it clears a shutdown."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+
+    def command() -> int:
+        from whiptool.rig.dynamixel.bus import DynamixelBus, NoReply
+        from whiptool.rig.dynamixel.control_table import BAUD_RATES
+
+        o = parse(ServoOptions, prog="python -m whiptool.rig.dynamixel", description=__doc__ or "", args=args)
+        rate = {bps: value for value, bps in BAUD_RATES.items()}
+        if o.set_baud is not None and o.set_baud not in rate:
+            raise InputError("--set-baud", o.set_baud, ", ".join(map(str, rate)))
+        if o.set_id is not None and len(o.ids) != 1:
+            raise InputError("--set-id", o.set_id, "together with one id in --ids")
+        with DynamixelBus(o.port, o.ids, baud=o.baud, timeout=0.05) as bus:
+            if o.reboot is not None:
+                bus.instruct(o.reboot, 8)
+                print(f"servo {o.reboot} reboots")
+                return 0
+            for id in o.ids:
+                try:
+                    model, firmware = bus.ping(id)
+                except NoReply:
+                    raise bus.absent(id) from None
+                volts, warm = bus.read(id, "present_input_voltage") / 10, bus.read(id, "present_temperature")
+                error = bus.read(id, "hardware_error_status")
+                print(f"servo {id}: model {model}, firmware {firmware}, {volts:.1f} V, {warm} deg C, error {error}")
+            for name, value in (
+                ("return_delay_time", o.set_return_delay),
+                ("baud_rate", None if o.set_baud is None else rate[o.set_baud]),
+                ("id", o.set_id),
+            ):
+                if value is None:
+                    continue
+                for id in o.ids:
+                    bus.write(id, "torque_enable", 0)  # the EEPROM is locked while torque is on
+                    bus.write(id, name, value)
+                print(f"{name} of {', '.join(map(str, o.ids))} is now {value}")
+        return 0
+
+    return run(command)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

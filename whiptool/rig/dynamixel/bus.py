@@ -1,0 +1,242 @@
+"""The line to the servos, through the maker's SDK, with the SDK's traps closed."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.rig.dynamixel.control_table import BAUD_RATES, BROADCAST, FIRMWARE, MODEL_NUMBER, Register, register
+from whiptool.rig.dynamixel.line import Line, accept
+from whiptool.rig.dynamixel.port import BusError, NoReply, Refused, Unplugged, check_rate
+
+# What is read every cycle, through one block of indirect addresses
+BLOCK = (
+    "torque_enable",
+    "hardware_error_status",
+    "bus_watchdog",
+    "realtime_tick",
+    "present_current",
+    "present_velocity",
+    "present_position",
+    "present_input_voltage",
+    "present_temperature",
+)
+_FORMATS = {(1, False): "B", (1, True): "b", (2, False): "H", (2, True): "h", (4, False): "I", (4, True): "i"}
+
+
+class DynamixelBus(Line):
+    """Servos on one serial port.
+
+    Not used of the SDK: its group classes (they drop the error byte, give 0 for what did not come, and forget signs)
+    and its `read1ByteTxRx` kin (they decode an error status that has no data). Every reply is checked here: checksum,
+    id, error, length. Protocol 2.0 does not number its packets: a late reply would be taken for the next answer.
+    After a failure the line is therefore drained until it is quiet, and then a ping is sent: replies come in order, and
+    none but a ping's has its form, so that once it is there nothing older is under way. For the same reason a reply
+    with more bytes behind it is thrown away.
+
+    Args:
+        device: Such as /dev/ttyUSB0.
+        ids: Of the servos, in the order of the joints.
+        baud: Bits per second.
+        timeout: A reply takes no longer than this after the adapter's latency [s].
+        fast: Use fast sync reads (firmware 45 and newer) for the block.
+
+    Raises:
+        InputError: The port cannot be opened.
+    """
+
+    def __init__(
+        self, device: str, ids: Sequence[int], *, baud: int = 1_000_000, timeout: float = 0.01, fast: bool = True
+    ) -> None:
+        if not ids or len(set(ids)) != len(ids) or not all(0 <= id <= 252 for id in ids):
+            raise InputError("ids", list(ids), "different numbers from 0 to 252")
+        super().__init__(device, ids[0], baud=baud, timeout=timeout)
+        self.ids, self.fast = list(ids), fast
+        registers = [register(name) for name in BLOCK]
+        self._block = struct.Struct("<" + "".join(_FORMATS[r.size, r.signed] for r in registers))
+        self._block_at = register("indirect_data_1").address
+        self._goal = register("goal_current")
+
+    # -- opening -------------------------------------------------------------------------------------------------
+
+    def check(self, rate: float) -> None:
+        """Refuse servos that are not there or not XM430-W350, and a line too slow for `rate` cycles per second.
+
+        Raises:
+            InputError: It says what is wrong and the command that mends it.
+        """
+        for id in self.ids:
+            try:
+                model, firmware = self.ping(id)
+            except NoReply:
+                raise self.absent(id) from None
+            if model != MODEL_NUMBER:
+                raise InputError(f"servo {id}", f"model {model}", f"{MODEL_NUMBER}, XM430-W350")
+            if firmware < FIRMWARE:
+                self.fast = False
+        n, size = len(self.ids), self._block.size
+        reply = 8 + n * (size + 4) if self.fast else n * (11 + size)
+        delays = sum(self.read(id, "return_delay_time") for id in self.ids) * 2e-6
+        check_rate(
+            rate,
+            device=self.device,
+            baud=self.baud,
+            bytes_per_cycle=(14 + n) + reply + (14 + 3 * n),
+            delays=delays,
+            latency=self.latency,
+        )
+
+    def absent(self, id: int) -> InputError:
+        """Whether the servo answers at another baud rate, and what to do."""
+        for other in (r for r in sorted(BAUD_RATES.values()) if r != self.baud):
+            try:
+                with self._guarded():
+                    known = self._port.setBaudRate(other)
+                    self.drain()
+                self._dirty = False  # what is still under way at another rate is no packet at this one
+                if known and self.ping(id, timeout=max(self.timeout, 0.03 + 300 / other)):
+                    fix = f"python -m whiptool.rig.dynamixel --port {self.device} --baud {other} --set-baud {self.baud}"
+                    return InputError("baud", self.baud, f"{other}, the rate of servo {id}", f"or change it: {fix}")
+            except NoReply:
+                continue
+            finally:
+                with self._guarded():
+                    self._port.setBaudRate(self.baud)
+        return InputError(f"servo {id}", "no reply at any baud rate", "a servo with power", "check id, power and cable")
+
+    def prepare_block(self) -> None:
+        """Lead the indirect data to the registers of `BLOCK`, and see that it stuck.
+
+        Raises:
+            BusError: A servo did not take it.
+        """
+        addresses = [r.address + i for name in BLOCK for r in [register(name)] for i in range(r.size)]
+        start = register("indirect_address_1").address
+        data = b"".join(a.to_bytes(2, "little") for a in addresses)
+        for id in self.ids:
+            self._write_bytes(id, start, data)
+            if self._read_bytes(id, start, len(data)) != data:
+                raise BusError(f"servo {id} did not keep its indirect addresses")
+
+    # -- one servo, one register ---------------------------------------------------------------------------------
+
+    def ping(self, id: int, *, timeout: float | None = None) -> tuple[int, int]:
+        """Model number and firmware version.
+
+        Raises:
+            NoReply, Unplugged: As named.
+        """
+        data = self._ask([0] * 8 + [0, 0], id, 1, 3, timeout or self.timeout, refusable=False)
+        return data[0] | data[1] << 8, data[2]
+
+    def read(self, id: int, name: str) -> int:
+        """Value of a register, with its sign.
+
+        Raises:
+            NoReply, Refused, Unplugged: As named.
+        """
+        r = register(name)
+        return r.decode(self._read_bytes(id, r.address, r.size))
+
+    def write(self, id: int, name: str, value: int) -> None:
+        """Set a register, and see that the servo took it.
+
+        Raises:
+            InputError: The register is read-only or does not take the value.
+            NoReply, Refused, Unplugged: As named.
+        """
+        r = register(name)
+        if not r.writable:
+            raise InputError(name, value, "a register that can be written")
+        self._write_bytes(id, r.address, _encode(r, value))
+
+    def _read_bytes(self, id: int, address: int, length: int) -> bytes:
+        packet = [0] * 8 + [*address.to_bytes(2, "little"), *length.to_bytes(2, "little"), 0, 0]
+        return self._ask(packet, id, self._sdk.INST_READ, length)
+
+    def _write_bytes(self, id: int, address: int, data: bytes) -> None:
+        self._ask([0] * 8 + [*address.to_bytes(2, "little"), *data, 0, 0], id, self._sdk.INST_WRITE, 0)
+
+    def instruct(self, id: int, instruction: int, parameters: bytes = b"") -> None:
+        """Send an instruction whose reply has no data (reboot, factory reset, clear, reg write, action).
+
+        Raises:
+            NoReply, Refused, Unplugged: As named.
+        """
+        self._ask([0] * 8 + [*parameters, 0, 0], id, instruction, 0)
+
+    # -- all servos, every cycle ---------------------------------------------------------------------------------
+
+    def read_block(self) -> list[tuple[int, ...]]:
+        """The registers of `BLOCK` of every servo, as counts with their signs.
+
+        Raises:
+            NoReply: A reply is missing, broken or doubtful; the sample is lost, the line is drained before the next.
+            Refused: A servo answered with an error.
+            Unplugged: The port is gone.
+        """
+        ids, size = self.ids, self._block.size
+
+        def transact() -> list[tuple[int, ...]]:
+            sent = self._handler.syncReadTx(self._port, self._block_at, size, ids, len(ids), self.fast)
+            self._sent(sent)
+            self._port.setPacketTimeoutMillis(self.timeout * 1e3)
+            if self.fast:
+                data = self._receive(BROADCAST, len(ids) * (size + 4) - 2, fast=True)
+                # error, id and data of each; a CRC stands between them, and the last one is the packet's
+                parts = [data[i : i + size + 2] for i in range(0, len(data), size + 4)]
+            else:
+                parts = []
+                for id in ids:
+                    data = self._receive(id, size + 1, fast=False)
+                    parts.append(data[:1] + bytes([id]) + data[1:])
+            if self._port.getBytesAvailable():
+                raise NoReply("more bytes than asked for")
+            if [part[1] for part in parts] != ids:
+                raise NoReply("a reply of another servo")
+            for part in parts:
+                accept(part[0], part[1])
+            return [self._block.unpack(part[2:]) for part in parts]
+
+        return self._transaction(transact)
+
+    def write_currents(self, counts: Sequence[int] | np.ndarray) -> None:
+        """Set Goal Current of every servo, in counts, in one packet. Servos do not answer it.
+
+        Raises:
+            InputError: A value does not fit its register.
+            Unplugged: The port is gone.
+        """
+        data: list[int] = []
+        for id, value in zip(self.ids, counts, strict=True):
+            data += [id, *int(value).to_bytes(2, "little", signed=True)]
+        self._sync_write(self._goal, data)
+
+    def write_all(self, name: str, value: int) -> None:
+        """Set a register of every servo to the same value, in one packet. Servos do not answer it.
+
+        Raises:
+            Unplugged: The port is gone.
+        """
+        r = register(name)
+        self._sync_write(r, [x for id in self.ids for x in (id, *_encode(r, value))])
+
+    def _sync_write(self, r: Register, data: list[int]) -> None:
+        def transact() -> None:
+            self._sent(self._handler.syncWriteTxOnly(self._port, r.address, r.size, data, len(data)))
+
+        self._transaction(transact, replies=False)
+
+
+def _encode(r: Register, value: int) -> bytes:
+    """The bytes of a value that fits the register; its finer limits are the servo's to check."""
+    try:
+        return int(value).to_bytes(r.size, "little", signed=r.signed)
+    except OverflowError:
+        raise InputError(r.name, value, f"what fits {r.size} byte{'s' * (r.size > 1)}") from None
+
+
+__all__ = ["BLOCK", "BusError", "DynamixelBus", "NoReply", "Refused", "Unplugged"]

@@ -1,0 +1,167 @@
+"""The serial port under the maker's SDK: its clock, its waiting and its byte stuffing mended."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import time
+from pathlib import Path
+from typing import Any
+
+from whiptool.errors import InputError, WhiptoolError
+
+
+class BusError(WhiptoolError):
+    """A transaction with the servos failed."""
+
+
+class NoReply(BusError):
+    """Nothing whole came back in time."""
+
+
+class Unplugged(BusError):
+    """The serial port is gone."""
+
+
+class Refused(BusError):
+    """A servo answered with an error."""
+
+
+def sdk() -> Any:
+    """The module `dynamixel_sdk`.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    try:
+        import dynamixel_sdk
+    except ImportError as error:
+        raise InputError("dynamixel-sdk", "not installed", "4.1 or newer", "pip install whiptool[rig]") from error
+    return dynamixel_sdk
+
+
+def make_port(device: str, baud: int) -> Any:
+    """An open port that differs from the SDK's `PortHandler` in three things.
+
+    It waits in the kernel instead of spinning, and takes all bytes that are there at once; times come from the
+    monotonic clock (the SDK's are of the day, which a time server may set); an end of file is an error, not silence.
+    Nobody else can open the device meanwhile.
+
+    Raises:
+        InputError: The device cannot be opened, or does not do the baud rate.
+    """
+
+    class Port(sdk().PortHandler):
+        def getCurrentTime(self) -> float:
+            return time.monotonic() * 1e3
+
+        held = b""  # read already, not asked for yet
+
+        def readPort(self, length: int) -> bytes:
+            if not self.held:
+                remaining = (self.packet_timeout - self.getTimeSinceStart()) / 1e3
+                fd = self.ser.fileno()
+                if not select.select([fd], [], [], max(0.0, remaining))[0]:
+                    return b""
+                self.held = os.read(fd, 4096)
+                if not self.held:
+                    raise OSError("end of file")
+            data, self.held = self.held[:length], self.held[length:]
+            return data
+
+        def writePort(self, packet: list[int]) -> int:
+            return os.write(self.ser.fileno(), bytes(packet))
+
+        def getBytesAvailable(self) -> int:
+            return len(self.held) + super().getBytesAvailable()
+
+        def clearPort(self) -> None:
+            self.held = b""
+            super().clearPort()
+
+    port = Port(device)
+    try:
+        port.baudrate = baud
+        if not port.openPort() or not port.setBaudRate(baud):
+            raise InputError("baud", baud, "a rate that dynamixel-sdk knows (9600 to 4000000)")
+        port.ser.exclusive = True
+    except InputError:
+        raise
+    except Exception as error:  # pyserial, termios and the OS each raise their own
+        if not Path(device).exists():
+            there = sorted(str(p) for kind in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(kind))
+            fix = f"there are {', '.join(there)}" if there else "no serial adapter is plugged in"
+        elif getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
+            fix = "another program holds it: end that one"
+        else:
+            fix = f"{error} (for permission: sudo usermod -aG dialout $USER, and log in anew)"
+        raise InputError("port", device, "a serial device that can be opened", fix) from error
+    return port
+
+
+def make_handler() -> Any:
+    """The SDK's handler of Protocol 2.0 with byte stuffing that works.
+
+    `Protocol2PacketHandler.addStuffing` puts the stuffed packet into a new list that its caller never sees, so that
+    FF FF FD goes out unstuffed; `removeStuffing` overwrites what it still compares with, and leaves the length of the
+    list as it was.
+    """
+
+    class Handler(sdk().Protocol2PacketHandler):
+        def addStuffing(self, packet: list[int]) -> list[int]:
+            body = bytes(packet[7:-2]).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+            packet[5:] = [*(len(body) + 2).to_bytes(2, "little"), *body, 0, 0]
+            return packet
+
+        def removeStuffing(self, packet: list[int]) -> list[int]:
+            end = 7 + (packet[5] | packet[6] << 8)
+            body = bytes(packet[7 : end - 2]).replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+            packet[5:] = [*(len(body) + 2).to_bytes(2, "little"), *body, *packet[end - 2 : end]]
+            return packet
+
+    return Handler()
+
+
+def latency_timer(device: str, *, sysfs: Path = Path("/sys/class/tty")) -> float | None:
+    """How long the USB adapter keeps back a short reply [s]; None where the driver has no such timer."""
+    path = sysfs / Path(device).resolve().name / "device" / "latency_timer"
+    try:
+        return int(path.read_text()) * 1e-3
+    except (OSError, ValueError):
+        return None
+
+
+def check_rate(
+    rate: float, *, device: str, baud: int, bytes_per_cycle: int, delays: float = 0.0, latency: float | None = None
+) -> float:
+    """Time on the wire of one control cycle [s]; refuses a rate that the line cannot carry.
+
+    Args:
+        rate: Wanted cycles per second [Hz].
+        device: For the command that mends it.
+        baud: Bits per second; a byte is ten bits.
+        bytes_per_cycle: Of the read, its reply, and the write.
+        delays: The servos' own return delays, in all [s].
+        latency: The adapter's latency timer [s], or None.
+
+    Raises:
+        InputError: A cycle takes longer than 1 / rate. It says what to change, and how.
+    """
+    if not rate > 0:
+        raise InputError("rate", rate, "a number > 0 Hz")
+    wire = bytes_per_cycle * 10 / baud + delays
+    total = wire + (latency or 0.0)
+    if total <= 1 / rate:
+        return total
+    name = Path(device).name
+    if latency is not None and latency > 1e-3 and wire + 1e-3 <= 1 / rate:
+        fix = f"echo 1 | sudo tee /sys/class/tty/{name}/device/latency_timer"
+        raise InputError("USB latency timer", f"{latency * 1e3:g} ms", f"at most 1 ms for {rate:g} Hz", fix)
+    if delays and total - delays <= 1 / rate:
+        fix = f"python -m whiptool.rig.dynamixel --port {device} --baud {baud} --set-return-delay 0"
+        raise InputError("return delay", f"{delays * 1e6:.0f} us a cycle", f"less for {rate:g} Hz", fix)
+    faster = next((b for b in (1_000_000, 2_000_000, 3_000_000, 4_000_000) if b > baud), None)
+    fix = f"python -m whiptool.rig.dynamixel --port {device} --baud {baud} --set-baud {faster}" if faster else ""
+    fits = f"{1 / total:.0f} Hz ({bytes_per_cycle} bytes a cycle at {baud} baud)"
+    raise InputError("rate", f"{rate:g} Hz", f"at most {fits}", fix or "take a lower rate")

@@ -1,0 +1,111 @@
+"""Faults that a test or a drill can inject into the emulated bus."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from whiptool.errors import InputError
+
+Kind = Literal[
+    "drop",  # a reply never comes
+    "corrupt",  # a bit of a reply is flipped
+    "late",  # a reply comes with the next one
+    "split",  # a reply comes in two pieces
+    "duplicate",  # a reply comes twice
+    "lose",  # an instruction never arrives
+    "unplug",  # the adapter is pulled out
+    "dead",  # a servo loses power
+    "hot",  # a servo gets too hot
+    "stuck",  # an encoder stops
+    "alert",  # a servo reports a hardware error that does not shut it down
+]
+OF_THE_LINE = ("drop", "corrupt", "late", "split", "duplicate", "lose")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Args:
+        kind: What happens.
+        at: From this simulated time on [s].
+        count: Of faults of the line: how many packets it strikes.
+        servo: Of faults of a servo: which, from 0.
+        seed: Of what is random about it: the bit that flips, where a reply is split.
+
+    Raises:
+        InputError: There is no such kind.
+    """
+
+    kind: Kind
+    at: float = 0.0
+    count: int = 1
+    servo: int = 0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise InputError("fault", self.kind, ", ".join(get_args(Kind)))
+
+    def as_dict(self) -> dict:
+        """For the emulator's control line."""
+        return asdict(self)
+
+
+def random_faults(rng: np.random.Generator, *, duration: float, servos: int, most: int = 3) -> list[Fault]:
+    """Up to `most` faults at random times of a run of `duration` seconds."""
+    kinds = get_args(Kind)
+    return [
+        Fault(
+            kind=kinds[int(rng.integers(len(kinds)))],
+            at=float(rng.uniform(0, duration)),
+            count=int(rng.choice([1, 2, 10, 1000])),
+            servo=int(rng.integers(servos)),
+            seed=int(rng.integers(2**31)),
+        )
+        for _ in range(int(rng.integers(0, most + 1)))
+    ]
+
+
+class Faults:
+    """The faults that are due, and what is left of those at work."""
+
+    def __init__(self) -> None:
+        self.waiting: list[Fault] = []
+        self.line: list[tuple[Fault, int, np.random.Generator]] = []
+
+    def add(self, fault: Fault) -> None:
+        """Have a fault happen when its time comes."""
+        self.waiting.append(fault)
+
+    def due(self, t: float) -> list[Fault]:
+        """Faults whose time has come, once each; those of the line are taken care of here."""
+        if not self.waiting:
+            return []
+        now = [f for f in self.waiting if f.at <= t + 1e-12]
+        if now:
+            self.waiting = [f for f in self.waiting if f.at > t + 1e-12]
+            for fault in now:
+                if fault.kind in OF_THE_LINE:
+                    self.line.append((fault, fault.count, np.random.default_rng(fault.seed)))
+        return [f for f in now if f.kind not in OF_THE_LINE]
+
+    def strike(self, *, instruction: bool) -> tuple[str, np.random.Generator] | None:
+        """The fault that strikes this packet, if any; `instruction`: it comes from the client."""
+        for i, (fault, left, rng) in enumerate(self.line):
+            if (fault.kind == "lose") == instruction:
+                if left > 1:
+                    self.line[i] = fault, left - 1, rng
+                else:
+                    del self.line[i]
+                return fault.kind, rng
+        return None
+
+
+def mangle(data: bytes, rng: np.random.Generator) -> bytes:
+    """One bit flipped."""
+    at = int(rng.integers(len(data) * 8))
+    return data[: at // 8] + bytes([data[at // 8] ^ 1 << at % 8]) + data[at // 8 + 1 :]

@@ -1,0 +1,218 @@
+"""What a chain of servos answers to each instruction of Protocol 2.0.
+
+Source: https://emanual.robotis.com/docs/en/dxl/protocol2/, "Instruction Details".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from whiptool.rig.dynamixel.control_table import XM430_W350
+from whiptool.rig.emulator.packets import BROADCAST, Packet, fast_status, status
+from whiptool.rig.emulator.servo import ACCESS_ERROR, LENGTH_ERROR, RESULT_FAIL, Servo
+
+PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 1, 2, 3, 4, 5, 6, 8, 0x10
+SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A
+INSTRUCTION_ERROR, CRC_ERROR = 2, 3
+CLEAR_TURNS = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
+GOAL_CURRENT = XM430_W350["goal_current"].address
+
+
+def _words(data: bytes) -> list[int]:
+    return [data[i] | data[i + 1] << 8 for i in range(0, len(data) - 1, 2)]
+
+
+class Chain:
+    """Servos on one line.
+
+    Args:
+        servos: In the order in which they sit on the line.
+        on_goal: Called after any write to Goal Current, by whichever instruction, whether a servo took it or not, while
+            a servo's torque is on: the beat of the lock-step mode.
+    """
+
+    def __init__(self, servos: Sequence[Servo], on_goal: Callable[[], None] | None = None) -> None:
+        self.servos, self._beat = list(servos), on_goal or (lambda: None)
+
+    def _on_goal(self) -> None:
+        if any(servo.torque_on for servo in self.servos):
+            self._beat()
+
+    def find(self, id: int) -> Servo | None:
+        """The servo of that id, if it lives."""
+        return next((s for s in self.servos if s.get("id") == id and not (s.dead or s.deaf)), None)
+
+    def handle(self, packet: Packet) -> list[bytes]:
+        """Replies to an instruction, in the order in which they go over the line; none where silence is right."""
+        for servo in self.servos:
+            servo.heard()
+        many = {
+            SYNC_READ: self._sync_read,
+            FAST_SYNC_READ: self._fast_sync_read,
+            SYNC_WRITE: self._sync_write,
+            BULK_READ: self._bulk_read,
+            FAST_BULK_READ: self._fast_bulk_read,
+            BULK_WRITE: self._bulk_write,
+        }.get(packet.instruction)
+        if many is not None:
+            return many(packet.parameters) if packet.id == BROADCAST else []
+        if packet.id == BROADCAST:
+            alive = sorted((s for s in self.servos if not (s.dead or s.deaf)), key=lambda s: s.get("id"))
+            replies = [self._one(servo, packet, broadcast=True) for servo in alive]
+        else:
+            servo = self.find(packet.id)
+            replies = [self._one(servo, packet)] if servo else []
+        if packet.instruction == ACTION or (packet.instruction == WRITE and _reaches_goal(packet.parameters)):
+            self._on_goal()
+        return [reply for reply in replies if reply]
+
+    def _one(self, servo: Servo, packet: Packet, *, broadcast: bool = False) -> bytes:
+        """Reply of one servo to an instruction that speaks to one; empty where it is silent."""
+        id, data, instruction = servo.get("id"), packet.parameters, packet.instruction
+        level = servo.get("status_return_level")  # before it is changed
+        address = data[0] | data[1] << 8 if len(data) >= 2 else -1
+        error, answer, least = 0, b"", 2
+        if instruction == PING:
+            answer = servo.get("model_number").to_bytes(2, "little") + bytes([servo.get("firmware_version")])
+            return status(id, servo.alert, answer)  # at any level
+        if instruction == READ:
+            least = 1
+            if len(data) != 4:
+                error = LENGTH_ERROR
+            else:
+                error, answer = servo.read(address, data[2] | data[3] << 8)
+        elif instruction == WRITE:
+            error = LENGTH_ERROR if len(data) < 3 else servo.write(address, data[2:])
+        elif instruction == REG_WRITE:
+            error = LENGTH_ERROR if len(data) < 3 else servo.check(address, data[2:])[0]
+            if not error:
+                servo.registered = address, data[2:]
+                servo.set("registered_instruction", 1)
+        elif instruction == ACTION:
+            if servo.registered is None:
+                error = INSTRUCTION_ERROR
+            else:
+                error = servo.write(*servo.registered)
+                servo.registered = None
+                servo.set("registered_instruction", 0)
+        elif instruction == FACTORY_RESET:
+            if broadcast and data == b"\xff":
+                return b""  # never all ids at once, since firmware 42
+            error = ACCESS_ERROR if servo.torque_on else 0
+            if not error and not (len(data) == 1 and servo.factory_reset(data[0])):
+                error = RESULT_FAIL
+        elif instruction == REBOOT:
+            servo.boot()
+        elif instruction == CLEAR:
+            if data != CLEAR_TURNS or servo.get("moving"):
+                error = RESULT_FAIL
+            else:
+                turn = 4096 * servo.units.fineness
+                servo.set("homing_offset", servo.get("homing_offset") - servo.get("present_position") // turn * turn)
+                servo.feel(servo.q, servo.v, servo.current, servo.get("realtime_tick") / 1000)
+        else:
+            error = INSTRUCTION_ERROR
+        if broadcast or level < least:
+            return b""
+        return status(id, servo.alert | error, answer)
+
+    # -- several servos at once ----------------------------------------------------------------------------------
+
+    def _sync_read(self, data: bytes) -> list[bytes]:
+        parts = self._parts(_sync(data))
+        return [status(id, error, answer) for id, error, answer in parts if answer is not None]
+
+    def _bulk_read(self, data: bytes) -> list[bytes]:
+        parts = self._parts(_bulk(data))
+        return [status(id, error, answer) for id, error, answer in parts if answer is not None]
+
+    def _parts(self, wanted: list[tuple[int, int, int]]) -> list[tuple[int, int, bytes | None]]:
+        """(id, error, data) of each servo asked; data None: it does not answer."""
+        parts: list[tuple[int, int, bytes | None]] = []
+        for id, address, length in wanted:
+            servo = self.find(id)
+            if servo is None or servo.get("status_return_level") < 1:
+                parts.append((id, 0, None))
+            else:
+                error, answer = servo.read(address, length)
+                parts.append((id, servo.alert | error, answer))
+        return parts
+
+    def _fast_sync_read(self, data: bytes) -> list[bytes]:
+        return self._fast(_sync(data))
+
+    def _fast_bulk_read(self, data: bytes) -> list[bytes]:
+        return self._fast(_bulk(data))
+
+    def _fast(self, wanted: list[tuple[int, int, int]]) -> list[bytes]:
+        """Each servo adds its part when the one before has sent its own: a dead one ends the reply there."""
+        parts = self._parts(wanted)
+        whole = [
+            (id, error, answer if answer else bytes(length))
+            for (id, error, answer), (_, _, length) in zip(parts, wanted, strict=True)
+        ]
+        pieces = fast_status(whole) if whole else []
+        alive = next((i for i, (_, _, answer) in enumerate(parts) if answer is None), len(parts))
+        return pieces[:alive]
+
+    def _sync_write(self, data: bytes) -> list[bytes]:
+        if len(data) < 4:
+            return []
+        address, length = _words(data[:4])
+        rest = data[4:]
+        for i in range(0, len(rest) - length, length + 1):
+            servo = self.find(rest[i])
+            if servo is not None:
+                servo.write(address, rest[i + 1 : i + 1 + length])
+        if address <= GOAL_CURRENT < address + length:
+            self._on_goal()
+        return []
+
+    def _bulk_write(self, data: bytes) -> list[bytes]:
+        beat = False
+        while len(data) >= 5:
+            id, (address, length) = data[0], _words(data[1:5])
+            value, data = data[5 : 5 + length], data[5 + length :]
+            servo = self.find(id)
+            if servo is not None and len(value) == length:
+                servo.write(address, value)
+            beat = beat or address <= GOAL_CURRENT < address + length
+        if beat:
+            self._on_goal()
+        return []
+
+
+def _sync(data: bytes) -> list[tuple[int, int, int]]:
+    """Ids, addresses and lengths of a sync read; nothing if it is cut off."""
+    if len(data) <= 4:
+        return []
+    address, length = _words(data[:4])
+    return [(id, address, length) for id in data[4:]]
+
+
+def _bulk(data: bytes) -> list[tuple[int, int, int]]:
+    """Likewise of a bulk read."""
+    if len(data) % 5:
+        return []
+    return [(data[i], *_pair(data[i + 1 : i + 5])) for i in range(0, len(data), 5)]
+
+
+def _pair(data: bytes) -> tuple[int, int]:
+    address, length = _words(data)
+    return address, length
+
+
+def _reaches_goal(parameters: bytes) -> bool:
+    if len(parameters) < 3:
+        return False
+    address = parameters[0] | parameters[1] << 8
+    return address <= GOAL_CURRENT < address + len(parameters) - 2
+
+
+def beats(packet: Packet) -> bool:
+    """Whether this instruction writes Goal Current: one control period in lock-step."""
+    data = packet.parameters
+    if packet.instruction == SYNC_WRITE and len(data) >= 4:
+        address, length = _words(data[:4])
+        return address <= GOAL_CURRENT < address + length
+    return packet.instruction == WRITE and _reaches_goal(data)

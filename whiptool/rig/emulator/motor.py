@@ -1,0 +1,74 @@
+"""A geared DC motor with a current loop, seen from its output shaft."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import number
+
+STALL_TORQUE, STALL_CURRENT = 4.1, 2.3  # [N m], [A] at 12 V; XM430-W350, maker's manual
+NO_LOAD_SPEED = 46 * 2 * math.pi / 60  # [rad/s] at 12 V, likewise
+RATED_VOLTAGE = 12.0  # [V]
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Parameters of the motor, all at the output shaft; by default the XM430-W350's at 12 V.
+
+    The manual gives stall torque, stall current and no-load speed. They fix the winding's resistance `V / i_stall`,
+    the back EMF `V / w_0`, and, since an ideal gear would give as many N m/A as V s/rad, the gear's efficiency 0.72.
+
+    Args:
+        voltage: Supply [V].
+        resistance: Winding [ohm].
+        back_emf: Per speed [V s/rad]; an ideal gear's torque constant [N m/A] is the same number.
+        efficiency: Torque behind the gear over torque before it.
+        viscous_friction: [N m s/rad].
+        dry_friction: Torque at speeds far above `friction_velocity` [N m].
+        friction_velocity: [rad/s]; the torque is `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
+        inertia: Of rotor and gear [kg m^2].
+
+    Raises:
+        InputError: A value is not finite, or out of range.
+    """
+
+    voltage: float = RATED_VOLTAGE
+    resistance: float = RATED_VOLTAGE / STALL_CURRENT
+    back_emf: float = RATED_VOLTAGE / NO_LOAD_SPEED
+    efficiency: float = STALL_TORQUE / STALL_CURRENT / (RATED_VOLTAGE / NO_LOAD_SPEED)
+    viscous_friction: float = 0.0
+    dry_friction: float = 0.0
+    friction_velocity: float = 0.05
+    inertia: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("voltage", "resistance", "back_emf", "efficiency", "friction_velocity"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
+        for name in ("viscous_friction", "dry_friction", "inertia"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0))
+        if self.efficiency > 1:
+            raise InputError("efficiency", self.efficiency, "a number > 0 and <= 1")
+
+    @property
+    def torque_constant(self) -> float:
+        """Torque at the output per current [N m/A]."""
+        return self.efficiency * self.back_emf
+
+    def current(self, goal: float, speed: float) -> float:
+        """Current [A] for a goal [A] at a speed of the output [rad/s]: no more than the supply drives."""
+        emf = self.back_emf * speed
+        return min(max(goal, (-self.voltage - emf) / self.resistance), (self.voltage - emf) / self.resistance)
+
+    def torque(self, current: float, speed: float) -> float:
+        """Torque at the output [N m] for a current [A] at a speed [rad/s], friction taken off."""
+        friction = self.viscous_friction * speed
+        if self.dry_friction:
+            friction += self.dry_friction * speed / math.sqrt(speed * speed + self.friction_velocity**2)
+        return self.torque_constant * current - friction
+
+
+# What a worn-in servo is like: friction of a tenth of the stall torque and less, a rotor of about 0.01 kg m^2 (the
+# inertia that models of arms with this servo use). Estimates, not the maker's figures: identify your own.
+HARDWARE = Motor(viscous_friction=0.03, dry_friction=0.08, inertia=0.008)

@@ -1,0 +1,174 @@
+"""What the servos move: MuJoCo's arm and whip behind the motors."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
+from whiptool.models.mujoco_import import mujoco
+from whiptool.models.parameters import Model
+from whiptool.models.posture import start_posture
+from whiptool.models.reference import ReferenceRollout
+from whiptool.rig.emulator.servo import Servo
+
+
+class Physics:
+    """Arm and whip, driven by servos' motors.
+
+    The equations are the reference rollout's: the same compiled MuJoCo model, integrator and step, the same forces of
+    drag and friction. The motors add a limit of current, friction, and inertia.
+
+    Args:
+        model: Whip, arm, gravity.
+        servos: One per arm joint.
+        start: Arm posture [rad] at the start, the whip hanging; default: straight down.
+        timestep: MuJoCo's step [s]; default: the reference rollout's.
+        integrator: One of MuJoCo's; default: the reference rollout's.
+        period: Control period [s]; the step is made a whole part of it, as the reference rollout does.
+        command_delay: A goal acts this long after it was written [s].
+        sample_delay: The registers show the state of this long ago [s].
+        record_period: A sample of the trajectory every so often [s].
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        servos: Sequence[Servo],
+        *,
+        start: Sequence[float] | None = None,
+        timestep: float | None = None,
+        integrator: str | None = None,
+        period: float | None = None,
+        command_delay: float = 0.0,
+        sample_delay: float = 0.0,
+        record_period: float = 1e-3,
+    ) -> None:
+        if len(servos) != model.arm.n:
+            raise InputError("servos", len(servos), f"{model.arm.n}, one per arm joint")
+        self.model, self.servos = model, list(servos)
+        self._rollout = ReferenceRollout(model, Controller(), timestep=timestep, integrator=integrator)
+        self.timestep = self._rollout.timestep
+        if period is not None:
+            self.timestep = period / math.ceil(period / self.timestep - 1e-9)
+        self._mj, self.data = self._rollout._mj, self._rollout._data
+        self._mj.opt.timestep = self.timestep
+        for i, servo in enumerate(self.servos):
+            self._mj.dof_armature[i] = servo.motor.inertia
+        self._command_delay, self._sample_delay = command_delay, sample_delay
+        self._record_steps = max(1, round(record_period / self.timestep))
+        self.reset(start)
+
+    def reset(self, start: Sequence[float] | None = None) -> None:
+        """Back to time 0 and rest."""
+        a = self.model.arm.n
+        q_i = np.zeros(a) if start is None else np.asarray(start, float)
+        if q_i.shape != (a,):
+            raise InputError("start", start, f"{a} angles in rad")
+        mujoco.mj_resetData(self._mj, self.data)
+        self.data.qpos[:] = start_posture(self.model, q_i[None])[0]
+        mujoco.mj_forward(self._mj, self.data)
+        self.steps, self.last_driven = 0, 0.0  # and when a motor was last asked for current [s]
+        self._goals: deque[tuple[float, list[float]]] = deque()
+        self._acting = [0.0] * a
+        self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
+        self._rows: list[tuple] = []
+        self._currents, self._torques = [0.0] * a, [0.0] * a
+        self._record()
+        self.show()
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]."""
+        return self.steps * self.timestep
+
+    def advance_to(self, t: float) -> None:
+        """Integrate up to time t [s]."""
+        mj, data, servos, h = self._mj, self.data, self.servos, self.timestep
+        end = round(t / h)
+        if end <= self.steps:
+            return
+        a = len(servos)
+        motors = [servo.motor for servo in servos]
+        delayed = self._sample_delay > 0
+        has_forces = self._rollout._has_forces
+        fixed_mode = all(servo.memory[11] == 0 for servo in servos)
+        goals, aged = self._wanted(), self.steps
+        while self.steps < end:
+            v = data.qvel[:a].tolist()
+            if not fixed_mode:  # these modes act on the state: their goal changes with it
+                q = data.qpos[:a].tolist()
+                for i, servo in enumerate(servos):
+                    servo.q, servo.v = (servo.q, servo.v) if servo.stuck else (q[i], v[i])
+                goals = self._wanted()
+            acting = self._delay(goals) if self._command_delay else goals
+            for i, motor in enumerate(motors):
+                # with torque off the bridge is open: no current, whatever the speed
+                current = motor.current(acting[i], v[i]) if servos[i].torque_on else 0.0
+                self._currents[i] = current
+                self._torques[i] = motor.torque(current, v[i])
+            data.ctrl[:] = self._torques
+            if has_forces:
+                data.qfrc_applied[:] = self._rollout._forces(data)
+            mujoco.mj_step(mj, data)
+            self.steps += 1
+            if delayed:
+                self._past.append((self.t, data.qpos[:a].copy(), data.qvel[:a].copy()))
+            if self.steps % self._record_steps == 0:
+                self._record()
+            if self.steps - aged == 10 or self.steps == end:  # servos look after themselves every millisecond or so
+                dt, aged = (self.steps - aged) * h, self.steps
+                for i, servo in enumerate(servos):
+                    servo.current = self._currents[i]
+                    servo.age(dt)
+                goals = self._wanted()  # a watchdog or a shutdown may have ended them
+            if any(acting):
+                self.last_driven = self.t
+        self.show()
+
+    def _wanted(self) -> list[float]:
+        return [servo.goal() for servo in self.servos]
+
+    def _delay(self, goals: list[float]) -> list[float]:
+        """The goals of `command_delay` ago."""
+        queue = self._goals
+        if not queue or queue[-1][1] != goals:
+            queue.append((self.t + self._command_delay, goals))
+        while queue and queue[0][0] <= self.t + 1e-12:
+            self._acting = queue[0][1]
+            if len(queue) == 1:
+                break
+            queue.popleft()
+        return self._acting
+
+    def show(self) -> None:
+        """Bring the servos' registers up to date."""
+        a = len(self.servos)
+        q, v, t = self.data.qpos[:a], self.data.qvel[:a], self.t
+        if self._sample_delay and self._past:
+            while len(self._past) > 1 and self._past[1][0] <= t - self._sample_delay + 1e-12:
+                self._past.popleft()
+            _, q, v = self._past[0]
+        for i, servo in enumerate(self.servos):
+            servo.feel(float(q[i]), float(v[i]), self._currents[i], t)
+
+    def _record(self) -> None:
+        data = self.data
+        self._rows.append((self.t, data.qpos.copy(), data.qvel.copy(), tuple(self._currents), tuple(self._torques)))
+
+    def trajectory(self) -> dict[str, np.ndarray]:
+        """What happened so far: t (T,) [s], q, v (T, n), current [A] and torque [N m] of the arm (T, a), tip (T, 2)."""
+        from whiptool.models.trajectory import joint_points
+
+        t, q, v, current, torque = (np.array(x) for x in zip(*self._rows, strict=True))
+        tip = joint_points(self.model, q)[:, -1]
+        return {"t": t, "q": q, "v": v, "current": current, "torque": torque, "tip": tip}
+
+    def save(self, path: Path) -> None:
+        """Write `trajectory()` to an NPZ file, without pickle."""
+        np.savez_compressed(path, **self.trajectory())  # type: ignore[arg-type]

@@ -1,0 +1,295 @@
+"""One emulated servo: its registers, what may be written when, and how it protects itself.
+
+Source: https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/, descriptions of the control table's items.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from whiptool.rig.dynamixel.control_table import (
+    CURRENT_MODE,
+    POSITION_MODE,
+    TICKS,
+    VOLTAGE_UNIT,
+    WATCHDOG_TRIPPED,
+    WATCHDOG_UNIT,
+    XM430_W350,
+    Register,
+    Units,
+)
+from whiptool.rig.emulator.motor import Motor
+
+SIZE = max(r.address + r.size for r in XM430_W350.values())
+_OWNER: list[Register | None] = [None] * SIZE  # which register holds each byte
+for _r in XM430_W350.values():
+    _OWNER[_r.address : _r.address + _r.size] = [_r] * _r.size
+_INDIRECT = {224 + i: 168 + 2 * i for i in range(28)} | {634 + i: 578 + 2 * i for i in range(28)}
+_WHERE = {r.name: (r.address, r.address + r.size, r.signed) for r in XM430_W350.values()}
+_FEEDBACK = struct.Struct("<hii")  # Present Current, Velocity and Position are neighbours
+_GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
+_MODES = (0, 1, 3, 4, 5, 16)
+RESULT_FAIL, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = 1, 4, 5, 6, 7
+OVERLOAD, OVERHEATING, INPUT_VOLTAGE = 1 << 5, 1 << 2, 1 << 0
+
+
+@dataclass(frozen=True)
+class Protection:
+    """When the servo shuts itself down. The manual names the errors, not their thresholds: these are estimates.
+
+    Args:
+        overload_current: More than this [A] ..
+        overload_time: .. for this long [s] is an overload.
+        ambient: Temperature of a servo at rest [deg C].
+        heating: Steady rise per power lost in the winding [K/W].
+        warming_time: Time constant of that [s].
+    """
+
+    overload_current: float = 1.9
+    overload_time: float = 2.0
+    ambient: float = 30.0
+    heating: float = 4.0
+    warming_time: float = 200.0
+
+
+class Servo:
+    """Registers of one servo and the state behind them.
+
+    Args:
+        id: On the bus.
+        motor: For the supply's voltage.
+        units: What a count is worth.
+        baud: Value of Baud Rate(8).
+        return_delay: Value of Return Delay Time(9), in 2 us.
+    """
+
+    def __init__(
+        self,
+        id: int,
+        motor: Motor,
+        *,
+        units: Units | None = None,
+        baud: int = 3,
+        return_delay: int = 0,
+        protection: Protection | None = None,
+    ) -> None:
+        self.motor, self.units, self.protection = motor, units or Units(), protection or Protection()
+        self._kept = {"id": id, "baud_rate": baud, "return_delay_time": return_delay}
+        self._per_count, self._per_speed, self._per_tick = self.units.current, self.units.velocity, self.units.position
+        self._volts = round(motor.voltage / VOLTAGE_UNIT)
+        self.memory = bytearray(SIZE)
+        self.registered: tuple[int, bytes] | None = None
+        self.stuck = self.dead = self.deaf = False
+        self.heat = 0.0  # [K] above what the model says: an injected fault
+        self.temperature = self.protection.ambient
+        self._silent = self._overloaded = 0.0  # [s]
+        self.q = self.v = self.current = 0.0  # at the output
+        for r in XM430_W350.values():
+            self.set(r.name, r.default * (self.units.current_scale if r.name == "current_limit" else 1))
+        for name, value in self._kept.items():
+            self.set(name, value)
+        self.boot()
+
+    def get(self, name: str) -> int:
+        """Value of a register, as the servo's own firmware sees it."""
+        start, end, signed = _WHERE[name]
+        return int.from_bytes(self.memory[start:end], "little", signed=signed)
+
+    def set(self, name: str, value: int) -> None:
+        """Set a register, whatever the rules for clients."""
+        start, end, signed = _WHERE[name]
+        self.memory[start:end] = value.to_bytes(end - start, "little", signed=signed or value < 0)
+
+    def boot(self) -> None:
+        """Power on: RAM to its initial values, EEPROM kept."""
+        for r in XM430_W350.values():
+            if not r.eeprom:
+                self.set(r.name, r.default)
+        self._reset_goals()
+        self.registered, self._silent, self._overloaded = None, 0.0, 0.0
+
+    def factory_reset(self, option: int) -> bool:
+        """Defaults again; 0xFF: all, 1: all but the id, 2: all but id and baud rate. False: no such option."""
+        if option not in (0xFF, 1, 2):
+            return False
+        keep = {0xFF: (), 1: ("id",), 2: ("id", "baud_rate")}[option]
+        kept = {name: self.get(name) for name in keep}
+        for r in XM430_W350.values():
+            self.set(r.name, r.default * (self.units.current_scale if r.name == "current_limit" else 1))
+        for name, value in kept.items():
+            self.set(name, value)
+        self.boot()
+        return True
+
+    def _reset_goals(self) -> None:
+        """A change of mode sets Goal Current and Goal PWM to their *limits*."""
+        self.set("goal_pwm", self.get("pwm_limit"))
+        self.set("goal_current", self.get("current_limit"))
+        self.set("goal_velocity", 0)
+        self.set("profile_acceleration", 0)
+        self.set("profile_velocity", 0)
+
+    @property
+    def torque_on(self) -> bool:
+        """Whether the motor is driven."""
+        return bool(self.memory[64]) and not self.dead
+
+    @property
+    def shut_down(self) -> bool:
+        """Whether a hardware error holds torque off until a reboot."""
+        return bool(self.memory[70] & self.memory[63])
+
+    @property
+    def alert(self) -> int:
+        """Bit 7 of every status packet's error byte."""
+        return 0x80 if self.memory[70] else 0
+
+    # -- what clients do -----------------------------------------------------------------------------------------
+
+    def heard(self) -> None:
+        """An instruction came by, for whichever servo: the bus is alive."""
+        self._silent = 0.0
+
+    def read(self, address: int, length: int) -> tuple[int, bytes]:
+        """Error number and bytes; gaps between registers read as zero."""
+        end = address + length
+        if length < 1 or end > SIZE or not any(_OWNER[address:end]):
+            return ACCESS_ERROR, b""
+        if address in _INDIRECT or (end - 1) in _INDIRECT:
+            return 0, bytes([self.memory[self._resolve(a)] for a in range(address, end)])
+        return 0, bytes(self.memory[address:end])
+
+    def _resolve(self, address: int) -> int:
+        """Where an indirect data byte leads; any other address is itself."""
+        pointer = _INDIRECT.get(address)
+        return address if pointer is None else self.memory[pointer] | self.memory[pointer + 1] << 8
+
+    def check(self, address: int, data: bytes) -> tuple[int, list[tuple[Register, int]]]:
+        """Error number of a write, and what it would set; nothing is set yet."""
+        if not data or address + len(data) > SIZE:
+            return ACCESS_ERROR, []
+        bytes_at = {self._resolve(address + i): byte for i, byte in enumerate(data)}
+        writes: list[tuple[Register, int]] = []
+        for a in sorted(bytes_at):
+            r = _OWNER[a]
+            if r is None or not r.writable or (r.eeprom and self.memory[64]):
+                return ACCESS_ERROR, []
+            if any(r.address + i not in bytes_at for i in range(r.size)):
+                return LENGTH_ERROR, []
+            if a == r.address:
+                value = r.decode(bytes(bytes_at[a + i] for i in range(r.size)))
+                error = self._refuse(r, value)
+                if error:
+                    return error, []
+                writes.append((r, value))
+        return 0, writes
+
+    def _refuse(self, r: Register, value: int) -> int:
+        scale = self.units.current_scale if r.name in ("goal_current", "current_limit") else 1
+        low, high = r.low * scale, r.high * scale
+        if r.name in ("goal_velocity", "goal_position"):
+            low, high = -(2**31), 2**31 - 1
+        if not low <= value <= high or (r.name == "operating_mode" and value not in _MODES):
+            return RANGE_ERROR
+        if r.name in _GOALS and self.get("bus_watchdog") == WATCHDOG_TRIPPED:
+            return RANGE_ERROR
+        if r.name == "goal_current" and abs(value) > self.get("current_limit"):
+            return LIMIT_ERROR
+        if r.name == "goal_pwm" and abs(value) > self.get("pwm_limit"):
+            return LIMIT_ERROR
+        if r.name == "torque_enable" and value and self.shut_down:
+            return RESULT_FAIL
+        return 0
+
+    def write(self, address: int, data: bytes) -> int:
+        """Error number of a write; all of it happens or nothing."""
+        error, writes = self.check(address, data)
+        for r, value in writes:
+            before = self.get(r.name)
+            self.set(r.name, value)
+            if r.name == "operating_mode" and value != before:
+                self._reset_goals()
+            elif r.name == "torque_enable" and value and not before:
+                self.set("goal_position", self.get("present_position"))
+            elif r.name == "current_limit":
+                goal = self.get("goal_current")
+                self.set("goal_current", max(-value, min(goal, value)))
+        return error
+
+    # -- what happens to it --------------------------------------------------------------------------------------
+
+    def goal(self) -> float:
+        """Current that the firmware asks of the motor [A], by operating mode; 0 with torque off.
+
+        Current mode is exact. Position, velocity and PWM modes are plain proportional laws with fixed gains, enough
+        to hold and move an arm; they are not the firmware's controllers.
+        """
+        if not self.torque_on:
+            return 0.0
+        mode, units = self.memory[11], self.units
+        sign = -1.0 if self.memory[10] & 1 else 1.0  # Drive Mode(10): reverse
+        if mode == CURRENT_MODE:
+            return sign * self.get("goal_current") * self._per_count
+        limit = self.get("current_limit") * units.current
+        if mode == 16:
+            volts = sign * self.get("goal_pwm") / 885 * self.motor.voltage
+            return (volts - self.motor.back_emf * self.v) / self.motor.resistance
+        if mode == 1:
+            return max(-limit, min(3.0 * (sign * self.get("goal_velocity") * units.velocity - self.v), limit))
+        if mode == 5:
+            limit = min(limit, abs(self.get("goal_current")) * units.current)
+        error = (self.get("goal_position") - self._ticks()) * units.position * sign
+        return max(-limit, min(10.0 * error - 1.0 * self.v, limit))
+
+    def _ticks(self) -> int:
+        sign = -1 if self.memory[10] & 1 else 1
+        return round(sign * self.q / self._per_tick) + 2048 * self.units.fineness + self.get("homing_offset")
+
+    def feel(self, q: float, v: float, current: float, t: float) -> None:
+        """Update what the sensors show: position [rad], speed [rad/s], current [A], time [s]."""
+        if not self.stuck:
+            self.q, self.v = q, v
+        sign = -1 if self.memory[10] & 1 else 1
+        self.current = current
+        speed = 0 if self.stuck else round(v / self._per_speed)
+        _FEEDBACK.pack_into(self.memory, 126, sign * round(current / self._per_count), sign * speed, self._ticks())
+        self.set("present_input_voltage", self._volts)
+        self.memory[146] = min(255, round(self.temperature + self.heat))
+        self.set("realtime_tick", int(t * 1000 + 1e-6) % TICKS)
+        self.memory[122] = abs(v) > self.get("moving_threshold") * self._per_speed * self.units.fineness
+
+    def age(self, dt: float) -> None:
+        """Let dt seconds pass: watchdog, temperature, overload."""
+        p = self.protection
+        power = self.current**2 * self.motor.resistance
+        self.temperature += (p.ambient + p.heating * power - self.temperature) * dt / p.warming_time
+        self._overloaded = self._overloaded + dt if abs(self.current) > p.overload_current else 0.0
+        error = 0
+        if self._overloaded > p.overload_time:
+            error |= OVERLOAD
+        if self.temperature + self.heat > self.get("temperature_limit"):
+            error |= OVERHEATING
+        if not self.get("min_voltage_limit") <= self._volts <= self.get("max_voltage_limit"):
+            error |= INPUT_VOLTAGE
+        if error:
+            self.memory[70] |= error
+        if self.shut_down:
+            self.memory[64] = 0
+        watchdog = self.get("bus_watchdog")
+        if watchdog > 0 and self.memory[64]:
+            self._silent += dt
+            if self._silent > watchdog * WATCHDOG_UNIT + 1e-9:
+                # The manual: "the DYNAMIXEL will stop", its goals read-only until 0 is written to the watchdog. It
+                # does not say that Torque Enable is cleared, so it is not; in current mode to stop is no current.
+                self.set("bus_watchdog", WATCHDOG_TRIPPED)
+                self.set("goal_current", 0)
+                self.set("goal_pwm", 0)
+                self.set("goal_velocity", 0)
+                self.set("goal_position", self.get("present_position"))
+
+    def __repr__(self) -> str:
+        return f"Servo(id={self.get('id')}, torque_on={self.torque_on})"
+
+
+__all__ = ["POSITION_MODE", "SIZE", "Protection", "Servo"]

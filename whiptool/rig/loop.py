@@ -1,0 +1,351 @@
+"""The control loop of the rig: to the start posture, wait for the whip, strike, return; every cycle on record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.impedance.constant import ConstantImpedance
+from whiptool.impedance.controller import Controller
+from whiptool.models.arm import Arm
+from whiptool.models.parameters import Model, number
+from whiptool.rig.caps import CappedLoop, Caps
+from whiptool.rig.clock import Clock, StepClock, WallClock
+from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
+from whiptool.rig.dynamixel.bus import NoReply, Refused, Unplugged
+from whiptool.rig.dynamixel.joints import Joints, JointSample
+from whiptool.rig.guards import Guards, SafetyError, Watch
+from whiptool.rig.safety import Safety, State, StopSignals
+from whiptool.strike import Strike
+
+
+@dataclass(frozen=True)
+class LoopOptions:
+    """How a strike is run.
+
+    Args:
+        rate: Cycles per second [Hz].
+        t_stay: The controller stays on after the movement ended [s].
+        approach_speed: Largest speed of the reference on the way to the start posture and back [rad/s].
+        settle: Wait at the start posture for the whip to hang still [s]. Its hinge has no damping: the slower the
+            approach, the less there is to wait for.
+        go_back: Return to where the arm was armed, before torque goes off.
+        caps: Largest stiffness and damping of the strike's controller; `default_caps` gives some.
+        rehearse: Play every strike through in simulation before the arm is armed, and refuse what is beyond the motors
+            or unstable at this rate.
+        delay: From a sample to the torque that it leads to [s], as the rehearsal has it: the line's and the adapter's.
+        margin: Part of the motors' speed-torque line that is kept free.
+        stiffness, damping: Natural frequency [rad/s] and damping ratio of the posture controller that moves the arm
+            before and after the strike; its matrices are the arm's inertia times these.
+    """
+
+    rate: float = 500.0
+    t_stay: float = 0.3
+    approach_speed: float = 0.6
+    settle: float = 5.0
+    go_back: bool = True
+    caps: Caps | None = None
+    rehearse: bool = True
+    delay: float = 0.001
+    margin: float = 0.05
+    stiffness: float = 10.0
+    damping: float = 0.7
+
+    def __post_init__(self) -> None:
+        number("rate", self.rate, low=10, high=10_000)
+        for name in ("t_stay", "settle"):
+            number(name, getattr(self, name), low=0, high=600)
+        for name in ("approach_speed", "stiffness", "damping"):
+            number(name, getattr(self, name), low=0, strict=True)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a strike on the rig left.
+
+    Args:
+        cycles: Every control cycle.
+        fault: Why it ended early; None: it did not.
+        torque_off: Whether every servo confirmed that its torque is off.
+        missed, overruns: Cycles without a sample, and cycles that ended too late.
+    """
+
+    cycles: Cycles
+    fault: SafetyError | None
+    torque_off: bool
+    missed: int
+    overruns: int
+
+
+def posture_controller(model: Model, options: LoopOptions) -> Controller:
+    """Constant impedance that holds the arm: `omega^2 I` and `2 zeta omega I`, I the arm hanging with the whip's mass
+    at its hand."""
+    arm = Arm(model)
+    q = np.zeros(arm.n)
+    J = arm.gravity_jacobians(q)[-1]  # of the hand, (2, n)
+    inertia = arm.inertia(q) + model.whip.mass * J.T @ J
+    K, B = options.stiffness**2 * inertia, 2 * options.damping * options.stiffness * inertia
+    return Controller(ConstantImpedance(K=_rows(K), B=_rows(B)))
+
+
+def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(x) for x in row) for row in matrix)
+
+
+def move(q_from: np.ndarray, q_to: np.ndarray, speed: float) -> Strike:
+    """A minimum-jerk path whose reference is nowhere faster than `speed` [rad/s]."""
+    # the largest speed of the polynomial of Eq. 1 is 15/8 of the mean
+    longest = float(np.abs(np.asarray(q_to) - np.asarray(q_from)).max())
+    return Strike(tuple(q_from), tuple(q_to), max(0.2, 1.875 * longest / speed))
+
+
+class RigLoop:
+    """Runs strikes.
+
+    Args:
+        joints: The servos.
+        model: For gravity; its arm has as many joints as there are servos.
+        controller: Of the strike; its `control_period` is not used, `torque_limit` is.
+        options: Rates, waits, caps.
+        guards: What ends a run.
+        clock: Default: the monotonic one.
+
+    Raises:
+        InputError: The model's arm has another number of joints.
+    """
+
+    def __init__(
+        self,
+        joints: Joints,
+        model: Model,
+        controller: Controller,
+        *,
+        options: LoopOptions | None = None,
+        guards: Guards | None = None,
+        clock: Clock | None = None,
+        safety: Safety | None = None,
+    ) -> None:
+        controller.check_fits(model.arm)
+        if joints.n != model.arm.n:
+            raise InputError("servos", joints.n, f"{model.arm.n}, one per arm joint")
+        self.joints, self.model, self.controller = joints, model, controller
+        self.options, self.guards = options or LoopOptions(), guards or Guards()
+        self.clock = clock or WallClock()
+        self.safety = safety or Safety(joints)
+        self.arm = Arm(model)
+        self._posture = posture_controller(model, self.options)
+
+    def run(
+        self,
+        strike: Strike,
+        *,
+        path: Path | None = None,
+        about: dict[str, Any] | None = None,
+        on_cycle: Callable[[int, Phase], None] | None = None,
+    ) -> Run:
+        """Arm, go to the start, settle, strike, return, disarm. A fault ends it early; it does not raise.
+
+        Args:
+            strike: What to do.
+            path: The record goes to this file as it is made; None: to memory only.
+            about: Kept with the record.
+            on_cycle: Called at the start of every cycle with its number and phase, for a camera's trigger; it must be
+                quick.
+
+        Raises:
+            InputError: The strike is of another arm, or the rehearsal refuses it.
+        """
+        n = self.joints.n
+        if len(strike.q_i) != n:
+            raise InputError("strike", strike.vector.tolist(), f"{2 * n + 1} numbers, for an arm of {n} joints")
+        if self.options.rehearse:
+            self.check(strike)
+        about = {"strike": strike.vector.tolist(), "rate": self.options.rate, **(about or {})}
+        log = CycleLog(n, path, about=about)
+        self._missed = self._overruns = self._k = 0
+        self._phase, self._logged_fault = Phase.APPROACH, False
+        self.safety.reason = None
+        try:
+            with StopSignals() as signals, self.safety as safety:
+                try:
+                    first = safety.arm()
+                    self._cycles(strike, first, log, signals, on_cycle)
+                    safety.disarm()
+                except (SafetyError, Unplugged) as error:
+                    reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
+                    if safety.state != State.FAULT:
+                        safety.fault(reason)
+        finally:
+            if self.safety.state == State.FAULT and not self._logged_fault:
+                zero = np.zeros(n, int)
+                flags = Flag.FAULT | Flag.OUTSIDE
+                self._log(log, self._k / self.options.rate, self.clock.now(), 0.0, None, zero, None, None, flags)
+            log.close()
+        return Run(
+            cycles=log.cycles(),
+            fault=self.safety.reason,
+            torque_off=self.safety.confirmed,
+            missed=self._missed,
+            overruns=self._overruns,
+        )
+
+    def check(self, strike: Strike) -> None:
+        """Rehearse a strike; see `whiptool.rig.rehearsal`.
+
+        Raises:
+            InputError: It must not run; the message says why.
+        """
+        from whiptool.rig.rehearsal import rehearse
+
+        o = self.options
+        rehearsal = rehearse(
+            self.model,
+            self.controller,
+            strike,
+            rate=o.rate,
+            delay=o.delay,
+            t_stay=o.t_stay,
+            caps=o.caps,
+            guards=self.guards,
+            margin=o.margin,
+        )
+        if rehearsal.refused is not None:
+            raise InputError(
+                "strike", strike.vector.tolist(), "what the motors and the loop can carry", rehearsal.refused
+            )
+
+    def _plan(self, strike: Strike, q: np.ndarray) -> Iterator[tuple[Phase, CappedLoop, float]]:
+        """Phases with their controllers and durations; the return starts from where the arm then is."""
+        o, q_i = self.options, np.array(strike.q_i)
+        posture = lambda path: CappedLoop(self._posture, self.arm, path, None)  # noqa: E731
+        if np.abs(q - q_i).max() > 2 * self.joints.units.position:
+            path = move(q, q_i, o.approach_speed)
+            yield Phase.APPROACH, posture(path), path.D
+        if o.settle:
+            yield Phase.SETTLE, posture(Strike(strike.q_i, strike.q_i, 1.0)), o.settle
+        yield Phase.STRIKE, CappedLoop(self.controller, self.arm, strike, o.caps), strike.D + o.t_stay
+        if o.go_back:
+            path = move(self._sample.q, q, o.approach_speed)
+            yield Phase.RETURN, posture(path), path.D
+
+    def _cycles(
+        self,
+        strike: Strike,
+        first: JointSample,
+        log: CycleLog,
+        signals: StopSignals,
+        on_cycle: Callable[[int, Phase], None] | None,
+    ) -> None:
+        """All cycles of all phases; raises what ends them early, after the cycle in question is on record."""
+        period, clock, watch = 1.0 / self.options.rate, self.clock, Watch(self.guards, self.joints.n)
+        self._sample = first
+        start, k = clock.now(), 0
+        for phase, loop, duration in self._plan(strike, first.q):
+            begin, cycles, self._phase = k, max(1, math.ceil(duration / period - 1e-9)), phase
+            while k - begin < cycles:
+                deadline = start + k * period  # absolute: a late cycle does not shift the ones after it
+                clock.sleep_until(deadline)
+                if on_cycle is not None:
+                    on_cycle(k, phase)
+                self._cycle(k * period, deadline, (k - begin) * period, loop, watch, log, signals)
+                end = clock.now()
+                k += 1
+                self._k = k
+                overran = end > start + k * period
+                if overran:
+                    self._overruns += 1
+                    k = max(k, math.floor((end - start) / period))  # deadlines that are past are not made up for
+                error = watch.timing(overran)
+                if error is not None:
+                    raise error
+
+    def _cycle(
+        self,
+        t: float,
+        deadline: float,
+        in_phase: float,
+        loop: CappedLoop,
+        watch: Watch,
+        log: CycleLog,
+        signals: StopSignals,
+    ) -> None:
+        """Read, judge, command, record."""
+        joints, safety, n = self.joints, self.safety, self.joints.n
+        started, flags = self.clock.now(), 0
+        q_d = loop.strike.reference(in_phase)[0]
+        sample: JointSample | None = None
+        error: SafetyError | Unplugged | None = None
+        tau, counts = None, np.zeros(n, int)
+        try:
+            try:
+                sample = joints.read()
+            except (NoReply, Refused):
+                self._missed += 1
+                flags |= Flag.MISSED | Flag.HELD
+                error = watch.missed()
+            stamp = self.clock.now()
+            if sample is not None:
+                self._sample = sample
+                error = watch.sample(stamp, sample, q_d)
+            if signals.received:
+                error = SafetyError("signal", f"{signals.received} came")
+            if error is None and sample is not None:
+                torque = loop.torque(in_phase, sample.q, sample.v)
+                tau = torque
+                counts, cut = safety.command(torque)
+                flags |= Flag.SATURATED if cut else 0
+            elif error is None:
+                counts = safety.hold()
+        except (SafetyError, Unplugged) as raised:
+            stamp, error = self.clock.now(), raised
+        if error is not None:
+            flags |= Flag.FAULT
+            counts = np.zeros(n, int)
+            reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
+            safety.fault(reason)
+            self._logged_fault = True
+        self._log(log, t, stamp, started - deadline, sample, counts, tau, q_d, flags)
+        if error is not None:
+            raise error
+
+    def _log(
+        self,
+        log: CycleLog,
+        t: float,
+        stamp: float,
+        late: float,
+        s: JointSample | None,
+        counts: np.ndarray,
+        tau: np.ndarray | None,
+        q_d: np.ndarray | None,
+        flags: int,
+    ) -> None:
+        """Put a row on record; what there is not is not a number."""
+        nan = [math.nan] * self.joints.n
+        log.append(
+            (
+                t,
+                stamp,
+                late,
+                *(nan if s is None else s.q.tolist()),
+                *(nan if s is None else s.v.tolist()),
+                *(nan if s is None else s.current.tolist()),
+                *(counts * self.joints.units.current).tolist(),
+                *(nan if tau is None else tau.tolist()),
+                *(nan if q_d is None else q_d.tolist()),
+                *(nan if s is None else s.voltage.tolist()),
+                *(nan if s is None else s.temperature.tolist()),
+                flags,
+                self._phase,
+                self.safety.state,
+            )
+        )
+
+
+__all__ = ["Clock", "LoopOptions", "RigLoop", "Run", "StepClock", "WallClock", "move", "posture_controller"]

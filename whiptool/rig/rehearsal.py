@@ -1,0 +1,162 @@
+"""A strike played through at the loop's own rate and delay, before the arm is armed; refused with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.impedance.controller import Controller
+from whiptool.models.arm import Arm
+from whiptool.models.parameters import Model, number
+from whiptool.models.stepping import FASTEST
+from whiptool.models.trajectory import Trajectory, complete_trajectory
+from whiptool.rig.caps import CappedLoop, Caps
+from whiptool.rig.dynamixel.control_table import CURRENT_MODE
+from whiptool.rig.emulator.motor import Motor
+from whiptool.rig.emulator.server import TwinOptions
+from whiptool.rig.limits import XM430, MotorLimits
+from whiptool.rig.safety import Guards
+from whiptool.strike import Strike
+
+# A torque that alternates every period has 4, a smooth one nearly 0; quantised velocities alone make up to about 0.3
+CHATTER = 0.6
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """How a strike went in simulation, sampled as the rig samples it.
+
+    Args:
+        trajectory: States and requested torques at every cycle; `K`, `B` are the law's own, before caps.
+        usage: Of the motors, at the worst instant; 1 is on their speed-torque line.
+        chatter: Root mean square of the torque's second difference over that of the torque, worst joint.
+        refused: Why the strike must not run; None: it may.
+    """
+
+    trajectory: Trajectory
+    usage: float
+    chatter: float
+    refused: str | None
+
+
+def rehearse(
+    model: Model,
+    controller: Controller,
+    strike: Strike,
+    *,
+    rate: float = 500.0,
+    delay: float = 0.0,
+    t_stay: float = 0.3,
+    caps: Caps | None = None,
+    limits: MotorLimits = XM430,
+    guards: Guards | None = None,
+    motor: Motor | None = None,
+    margin: float = 0.05,
+) -> Rehearsal:
+    """Play a strike at `rate` cycles per second on the twin's physics, and judge it.
+
+    What is stable in continuous time is not when torques are held for a period: OIAC's gains grow with the square of
+    the error. Cap them, or take a strike that is refused by nothing.
+
+    Args:
+        model: Whip, arm, gravity.
+        controller: Of the strike.
+        strike: From rest, the whip hanging.
+        rate: Cycles per second [Hz].
+        delay: From a sample to the torque that it leads to [s], beyond the cycle itself.
+        t_stay: As in the loop [s].
+        caps: Of stiffness and damping.
+        limits: Of the motors.
+        guards: Of the run; its speed and tracking error must not be reached.
+        motor: The twin's; default: one without friction.
+        margin: Part of the motors' line that is kept free.
+
+    Raises:
+        InputError: A value is out of range, or the strike is of another arm.
+    """
+    controller.check_fits(model.arm)
+    number("delay", delay, low=0, high=0.1)
+    guards = guards or Guards()
+    period = 1.0 / number("rate", rate, low=10, high=10_000)
+    options = TwinOptions(
+        model=model, motor=motor or Motor(), start=strike.q_i, period=period, command_delay=delay, fineness=1
+    )
+    servos = options.make_servos()
+    physics = options.make_physics(servos)
+    for servo in servos:
+        servo.set("operating_mode", CURRENT_MODE)
+        servo.set("torque_enable", 1)
+    loop = CappedLoop(controller, Arm(model), strike, caps)
+    units, a = servos[0].units, model.arm.n
+    scale, most = options.motor.torque_constant * units.current, servos[0].get("current_limit")
+    cycles = int(np.ceil((strike.D + t_stay) / period - 1e-9))
+    t, rows_q, rows_v, rows_tau = [], [], [], []
+    diverged = False
+    for k in range(cycles):
+        # what the loop sees: counts
+        q = np.array([(servo.get("present_position") - 2048) * units.position for servo in servos])
+        v = np.array([servo.get("present_velocity") * units.velocity for servo in servos])
+        tau = loop.torque(k * period, q, v)
+        t.append(k * period)
+        rows_q.append(physics.data.qpos.copy())
+        rows_v.append(physics.data.qvel.copy())
+        rows_tau.append(tau)
+        diverged = not physics.data.qvel @ physics.data.qvel < FASTEST**2 or not np.isfinite(tau).all()
+        if diverged:
+            break
+        for servo, x in zip(servos, np.clip(np.rint(tau / scale), -most, most), strict=True):
+            servo.set("goal_current", int(x))
+        physics.advance_to((k + 1) * period)
+    trajectory = complete_trajectory(
+        model,
+        controller,
+        strike,
+        t=np.array(t),
+        q=np.array(rows_q),
+        v=np.array(rows_v),
+        tau=np.array(rows_tau),
+        diverged=diverged,
+    )
+    usage = limits.violation(trajectory) + 1.0
+    chatter = _chatter(trajectory.tau)
+    return Rehearsal(
+        trajectory, usage, chatter, _verdict(trajectory, usage, chatter, a, rate, limits, guards, margin, model)
+    )
+
+
+def _chatter(tau: np.ndarray) -> float:
+    """Second difference over value, root mean squares, of the worst joint; about 4 at the loop's own frequency."""
+    if len(tau) < 3:
+        return 0.0
+    rough = np.sqrt((np.diff(tau, n=2, axis=0) ** 2).mean(axis=0))
+    return float((rough / np.maximum(np.sqrt((tau**2).mean(axis=0)), 1e-9)).max())
+
+
+def _verdict(
+    path: Trajectory,
+    usage: float,
+    chatter: float,
+    a: int,
+    rate: float,
+    limits: MotorLimits,
+    guards: Guards,
+    margin: float,
+    model: Model,
+) -> str | None:
+    cure = "cap K and B, raise the rate, or take a slower strike"
+    if path.diverged or chatter > CHATTER:
+        return f"the controller is unstable at {rate:g} Hz (its torque alternates from cycle to cycle); {cure}"
+    if usage > 1.0 - margin:
+        worst = limits.explain(path, model.arm.joints)
+        return f"it asks more than the motors give, with {margin:.0%} kept free: {worst}; lengthen D or shorten the way"
+    speed = np.abs(path.v[:, :a]).max()
+    if speed > guards.speed:
+        return f"a joint reaches {speed:.2f} rad/s, and the guard stands at {guards.speed:.2f} rad/s; lengthen D"
+    error = np.abs(path.q_d - path.q[:, :a]).max()
+    if error > guards.tracking:
+        return f"a joint lags {error:.2f} rad, and the guard stands at {guards.tracking:.2f} rad; lengthen D"
+    low, high = np.asarray(guards.low), np.asarray(guards.high)
+    if (path.q[:, :a] < low).any() or (path.q[:, :a] > high).any():
+        return f"a joint leaves {guards.low} to {guards.high} rad"
+    return None
