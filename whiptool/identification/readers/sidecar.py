@@ -37,9 +37,10 @@ from whiptool.strike import Strike
 
 COMMON = ("camera", "exposure", "target", "t_stay", "start", "joints", "joint_units", "strike", "controller")
 SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
-PIXELS = ("homography", "known_points", "scale", "origin")  # of readers whose files hold pixels
+PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic")  # of readers whose files hold pixels
 CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+KINDS = ("color", "infrared")  # of light
 STAMPS = {"start": 0.5, "middle": 0.0, "end": -0.5}  # exposures from the stamp to the middle
 
 
@@ -96,6 +97,13 @@ class Sidecar:
         value = self.table.get(key, default)
         if not isinstance(value, str) or value not in words:
             raise self.refuse(key, "one of " + ", ".join(words))
+        return value
+
+    def flag(self, key: str) -> bool:
+        """True or false; false if the key is not there."""
+        value = self.table.get(key, False)
+        if not isinstance(value, bool):
+            raise self.refuse(key, "true or false")
         return value
 
     def array(self, key: str, *shape: int | None) -> np.ndarray | None:

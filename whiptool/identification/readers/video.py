@@ -12,6 +12,8 @@ The sidecar `NAME.toml` of `NAME.mp4` says what the file does not, beside the co
     known_points = {pixels = [[u, v], ...], metres = [[x, y], ...]}   # at least four; or instead
     scale = 0.004                    # [m/pixel] of a camera that looks straight at the plane, with
     origin = [424, 240]              # the shoulder's pixel
+    kind = "infrared"                # or "color"; needed only where grey images are stored with three channels
+    synthetic = false                # true where no real camera took them
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.readers.parsing import need, sha256, whole_file
-from whiptool.identification.readers.sidecar import CLOCK, PIXELS, Sidecar
+from whiptool.identification.readers.sidecar import CLOCK, KINDS, PIXELS, Sidecar
 
 MOST_FRAMES = 200_000
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
@@ -46,6 +48,8 @@ class VideoSource:
             where the camera is not calibrated yet.
         exposure: Of every row [s].
         readout: From the first row's exposure to the last's [s]; 0 with a global shutter.
+        kind: Of light, `color` or `infrared`; empty where the images themselves show it by their number of channels.
+        synthetic: Whether no real camera took them.
         fps: Images per second, the inverse of the median step of `times`.
         about: What else is known, as arguments of `StrikeRecording`: strike, controller, target, t_stay, joints_t,
             joints_q, camera, source, sha256, exposure.
@@ -57,6 +61,8 @@ class VideoSource:
     homography: np.ndarray | None = None
     exposure: float = 0.0
     readout: float = 0.0
+    kind: str = ""
+    synthetic: bool = False
     fps: float = 0.0
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -150,6 +156,8 @@ def source(
             homography=side.homography(),
             exposure=about["exposure"],
             readout=side.readout(),
+            kind=side.word("kind", KINDS, "color") if "kind" in side.table else "",
+            synthetic=side.flag("synthetic"),
             about=about,
         )
     except InputError as error:
