@@ -107,11 +107,11 @@ def test_quick_form_of_everything(tmp_path):
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     page = (tmp_path / "run" / "report.html").read_text()
-    assert len(result["claims"]) == page.count("<b class=") == 13
-    assert page.count("<h2>") == 7
-    assert page.count("<img") == 7
+    assert len(result["claims"]) == page.count("<b class=") >= 13
+    assert page.count("<h2>") >= len(PARTS)
+    assert page.count("<img") >= len(PARTS)
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
-    for said in ("Fig. 5", "Fig. 6", "Fig. 7", "Table 4", "22.36 %", "training trials", "random"):
+    for said in ("Fig. 5", "Fig. 6", "Fig. 7", "Table 4", "22.36 %", "training trials", "random", "hard task"):
         assert said in page
     again = run("--resume", "run", "--json")
     assert again.returncode == 0, again.stderr
