@@ -1,0 +1,361 @@
+"""What drives the whip in a recording: the command, measured joints, the tracked handle, or nothing.
+
+A drive turns a plant into what the engine rolls out for one recording: parameters, start, inputs, and how each changes
+with the plant's free numbers and with what is unknown about this recording.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.identification.dynamics import SwingStructure
+from whiptool.identification.motion import HandleMotion, JointMotion, Motion
+from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.identification.plant import Identifiable, Plant, Quantities
+from whiptool.identification.recording import StrikeRecording
+from whiptool.impedance.controller import Controller
+from whiptool.models.closed_loop import Structure
+from whiptool.models.parameters import Model
+from whiptool.models.posture import start_derivative, start_posture
+
+ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
+MARGIN = 0.1  # [s] that a path goes on after the last reading, so that a delay can be found
+DRIVES = ("command", "joints", "handle", "free")
+
+
+@dataclass
+class Packed:
+    """A plant's parameters (P,), and their changes with each of its m free numbers, (m, P).
+
+    `hanging` is the same for the closed loop that knows how a whip hangs.
+    """
+
+    p: np.ndarray
+    dp: np.ndarray
+    hanging: tuple[Structure, np.ndarray, np.ndarray] | None = None
+
+
+@dataclass
+class Shot:
+    """One recording, ready to be rolled out; D directions: the plant's free numbers, then this recording's unknowns.
+
+    Args:
+        p, dp: Parameters and their changes, (P,), (D, P).
+        x0, dx0: Start and its changes, (2 n,), (D, 2 n).
+        u: The base at steps + 2 instants, (I, 7); None if it does not move.
+        moving: Its changes along some directions, (some, I, 7), the first of which is number `first`.
+        place, dplace: Where the base is, (I, 2), (D, I, 2).
+    """
+
+    p: np.ndarray
+    dp: np.ndarray
+    x0: np.ndarray
+    dx0: np.ndarray
+    u: np.ndarray | None = None
+    moving: np.ndarray | None = None
+    first: int = 0
+    place: np.ndarray | None = None
+    dplace: np.ndarray | None = None
+
+
+class Drive:
+    """Of one recording.
+
+    Attributes:
+        structure: Of the system that is rolled out.
+        start: First time of the path [s].
+        steps: Steps of the path.
+        unknowns: Name and first guess of what is unknown about this recording and moves the system: `motion`, `start`.
+    """
+
+    structure: Structure | SwingStructure
+    start: float
+    steps: int
+    hold: int = 1
+    unknowns: dict[str, np.ndarray]
+
+    def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
+        """The plant as the engine takes it, the same for all recordings; its quantities change by `slopes`."""
+        raise NotImplementedError
+
+    def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
+        """What to roll out for a plant, packed, and this recording's unknowns."""
+        raise NotImplementedError
+
+    def link_of(self, marker: str) -> int | None:
+        """Which link's end a marker is, ORIGIN, AT_BASE, or None where the system does not hold it."""
+        raise NotImplementedError
+
+
+def _node(marker: str, count: int) -> int | None:
+    """Index of `node1`, ...; None if it is no node."""
+    digits = marker.removeprefix("node")
+    if digits == marker or not digits.isdigit() or not 1 <= int(digits) <= count:
+        return None
+    return int(digits) - 1
+
+
+class CommandDrive(Drive):
+    """The strike's command, with the controller in the loop."""
+
+    def __init__(
+        self, recording: StrikeRecording, plant: Plant, *, free: Sequence[str], h: float, unknown: bool
+    ) -> None:
+        if recording.strike is None:
+            raise InputError(
+                "recording",
+                recording.source or "a recording",
+                "one with its strike's command",
+                "or drive by joints or handle",
+            )
+        if plant.controller is None:
+            raise InputError("controller", None, "the arm's controller, where the command drives the whip")
+        plant.controller.check_fits(plant.model.arm)
+        self.structure = Structure.of(plant.model, plant.controller, free=_terms(free, plant))
+        self.start = 0.0
+        self.steps = math.ceil((_end(recording) + MARGIN) / h)
+        period = plant.controller.control_period
+        self.hold = 1 if period is None else round(period / h)
+        if period is not None and not math.isclose(self.hold * h, period, rel_tol=1e-9):
+            raise InputError("timestep", h, f"a whole fraction of the control period of {period:g} s")
+        self.unknowns = {"start": np.zeros(2 * self.structure.n)} if unknown else {}
+        self._strike, self._arm = recording.strike.vector, plant.model.arm
+
+    def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
+        assert isinstance(plant, Plant)
+        assert plant.controller is not None
+        assert isinstance(self.structure, Structure)
+        return Packed(*_packed(self.structure, plant.model, plant.controller, slopes))
+
+    def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
+        assert isinstance(plant, Plant)
+        assert isinstance(self.structure, Structure)
+        S, n, m = self.structure, self.structure.n, len(packed.dp)
+        p = packed.p.copy()
+        p[: len(self._strike)] = self._strike  # the strike stands first
+        dp = np.vstack([packed.dp, np.zeros((len(unknowns), len(p)))])
+        q = start_posture(plant.model, self._strike[None, : S.n_arm])
+        dx0 = np.zeros((len(dp), 2 * n))
+        repeated = np.repeat(q, len(dp), axis=0)
+        dx0[:, :n] = start_derivative(plant.model, S, repeated, np.repeat(p[None], len(dp), axis=0), dp)
+        x0 = np.concatenate([q[0], np.zeros(n)])
+        if len(unknowns):
+            x0, dx0[m:] = x0 + unknowns, np.eye(2 * n)
+        return Shot(p, dp, x0, dx0)
+
+    def link_of(self, marker: str) -> int | None:
+        arm = self._arm
+        known = {"shoulder": ORIGIN, "handle": arm.n - 1, "tip": self.structure.n - 1}
+        known |= {joint: i - 1 for i, joint in enumerate(arm.joints) if i}
+        node = _node(marker, self.structure.n - arm.n)
+        return known.get(marker, None if node is None else arm.n + node)
+
+
+class SwingDrive(Drive):
+    """The whip alone, its hand's motion prescribed: by measured joints, or by the tracked handle."""
+
+    _NAMES: ClassVar = {
+        "length": "whip.l", "mass": "whip.m", "stiffness": "whip.k", "damping": "whip.b", "gravity": "gravity",
+        "rest_angle": "whip.rest_angle", "dry_friction": "whip.dry_friction", "drag": "whip.drag",
+        "friction_velocity": "whip.friction_velocity",
+    }  # fmt: skip
+
+    def __init__(
+        self,
+        recording: StrikeRecording,
+        plant: Plant,
+        *,
+        kind: str,
+        free: Sequence[str],
+        h: float,
+        unknown: bool,
+        knots: float | None,
+    ) -> None:
+        self._arm, whip = plant.model.arm, plant.model.whip
+        for name in free:
+            if name.startswith(("arm.", "law.", "torque_limit")):
+                raise InputError(
+                    f"free parameter {name}",
+                    kind,
+                    "a number of the whip, where the base's motion is prescribed",
+                    "drive by command",
+                )
+        used = {name for name in ("rest_angle", "dry_friction", "drag") if whip.per_node(name).any()} | {"stiffness"}
+        used |= {name for name in ("rest_angle", "dry_friction", "drag") if any(name in f for f in free)}
+        used |= {"dry_friction"} if "whip.friction_velocity" in free else set()
+        if plant.profile is not None:
+            used |= {name for name, f in (("rest_angle", "rest_curvature"), ("drag", "drag")) if f"profile.{f}" in free}
+        self.structure = SwingStructure.of(n=whip.N, moving=True, point_masses=True, used=tuple(used))
+        options = {} if knots is None else {"knots": knots}
+        if kind == "joints":
+            if recording.joints_t is None or recording.joints_q is None:
+                raise InputError(
+                    "recording",
+                    recording.source or "a recording",
+                    "one with measured joints",
+                    "or drive by command or handle",
+                )
+            self.start = float(recording.joints_t[0])
+            instants = self._instants(recording, h)
+            self.motion: Motion = JointMotion(recording.joints_t, recording.joints_q, self._arm, instants, **options)
+        else:
+            if "handle" not in recording.markers:
+                raise InputError("markers", recording.markers, "the handle among them", "or drive by command or joints")
+            if whip.per_node("k")[0] or whip.per_node("b")[0]:
+                raise InputError(
+                    "whip.k[0]",
+                    "a spring or damper at the handle",
+                    "a free hinge, where only the handle's place is known",
+                )
+            m = recording.markers.index("handle")
+            seen = ~np.isnan(recording.points[:, m, 0])
+            if seen.sum() < 4:
+                raise InputError("handle", f"seen {seen.sum()} times", "seen four times or more")
+            self.start = float(recording.t_points[seen, m][0])
+            instants = self._instants(recording, h)
+            self.motion = HandleMotion(
+                recording.t_points[:, m],
+                recording.points[:, m, :2],
+                recording.sigma[:, m],
+                instants,
+                joints=self._arm.n,
+                **options,
+            )
+        self.unknowns = {"motion": self.motion.start}
+        if unknown:
+            self.unknowns["start"] = np.zeros(2 * whip.N)
+
+    def _instants(self, recording: StrikeRecording, h: float) -> np.ndarray:
+        self.steps = math.ceil((_end(recording) + MARGIN - self.start) / h)
+        return self.start + h * np.arange(self.steps + 2)
+
+    def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
+        assert isinstance(plant, Plant)
+        assert isinstance(self.structure, SwingStructure)
+        each = [{name: of[block] for name, block in self._NAMES.items()} for of in (plant.quantities(), *slopes)]
+        p, *dp = (self.structure.pack(numbers) for numbers in each)
+        controller = Controller()  # any: only the whip's weight and springs matter for how it hangs
+        S = Structure.of(plant.model, controller, free=[f"whip.{name}" for name in self.structure.optional])
+        hanging = S, *_packed(S, plant.model, controller, slopes)
+        return Packed(p, np.reshape(dp, (len(slopes), len(p))), hanging)
+
+    def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
+        assert isinstance(plant, Plant)
+        n, m, a, p = self.structure.n, len(packed.dp), self._arm.n, packed.p
+        k = len(self.motion.start)
+        moved = self.motion.at(unknowns[:k])
+        dp = np.vstack([packed.dp, np.zeros((len(unknowns), len(p)))])
+        x0, dx0 = np.zeros(2 * n), np.zeros((len(dp), 2 * n))
+        q = start_posture(plant.model, moved.q_i[None])
+        x0[:n] = q[0, a:]
+        assert packed.hanging is not None
+        S, hanging, d_hanging = packed.hanging
+        changes = np.vstack([d_hanging, np.zeros((k, len(hanging)))])
+        changes[m:, :a] = moved.d_q_i  # q_i stands first
+        both = np.repeat(q, m + k, axis=0), np.repeat(hanging[None], m + k, axis=0)
+        dx0[: m + k, :n] = start_derivative(plant.model, S, *both, changes)[:, a:]
+        if len(unknowns) > k:
+            x0, dx0[m + k :] = x0 + unknowns[k:], np.eye(2 * n)
+        dplace = np.zeros((len(dp), self.steps + 2, 2))
+        dplace[m : m + k] = moved.d_place
+        return Shot(p, dp, x0, dx0, moved.inputs, moved.d_inputs, m, moved.place, dplace)
+
+    def link_of(self, marker: str) -> int | None:
+        known = {"handle": AT_BASE, "tip": self.structure.n - 1}
+        return known.get(marker, _node(marker, self.structure.n))
+
+
+class FreeDrive(Drive):
+    """A pendulum that swings from an unknown start."""
+
+    def __init__(
+        self, recording: AngleRecording, plant: Pendulum, *, free: Sequence[str], h: float, unknown: bool
+    ) -> None:
+        if recording.angles.shape[1] != plant.n:
+            raise InputError("angles", recording.angles.shape, f"(T, {plant.n}), as many links as the pendulum has")
+        dry = any(plant.dry_friction) or any("friction_velocity" in name or "dry_friction" in name for name in free)
+        drag = any(plant.drag) or any("drag" in name for name in free)
+        used = [name for name, there in (("dry_friction", dry), ("drag", drag)) if there]
+        self.structure = SwingStructure.of(n=plant.n, moving=False, point_masses=False, used=used)
+        self.start = float(recording.t[0])
+        self.steps = math.ceil((recording.t[-1] - self.start) / h - 1e-9)
+        joints = np.diff(recording.start, axis=1, prepend=0.0)  # relative, as the chain counts them
+        self._start = joints.ravel()
+        self.unknowns = {"start": np.zeros(2 * plant.n)} if unknown else {}
+
+    def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
+        assert isinstance(self.structure, SwingStructure)
+        p, *dp = (self.structure.pack(numbers) for numbers in (plant.quantities(), *slopes))
+        return Packed(p, np.reshape(dp, (len(slopes), len(p))))
+
+    def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
+        m = len(packed.dp)
+        dp = np.vstack([packed.dp, np.zeros((len(unknowns), len(packed.p)))])
+        dx0 = np.zeros((len(dp), len(self._start)))
+        dx0[m:] = np.eye(len(self._start))[: len(unknowns)]
+        return Shot(packed.p, dp, self._start + (unknowns if len(unknowns) else 0), dx0)
+
+    def link_of(self, marker: str) -> int | None:
+        return int(marker)
+
+
+def _end(recording: StrikeRecording) -> float:
+    seen = recording.seen
+    return float(recording.t_points[seen].max()) + recording.exposure / 2
+
+
+def _packed(
+    S: Structure, model: Model, controller: Controller, slopes: Sequence[Quantities]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters (P,) of the closed loop, the strike's zero, and their changes (m, P)."""
+    p = S.pack(model, controller, np.zeros((1, 2 * S.n_arm + 1)))[0]
+    dp = np.zeros((len(slopes), len(p)))
+    for block in S.layout:
+        columns = S.columns(block)
+        for row, slope in zip(dp, slopes, strict=True):
+            if block in slope:
+                row[columns] = slope[block]
+    return p, dp
+
+
+def _terms(free: Sequence[str], plant: Plant) -> list[str]:
+    """Names under which the closed loop knows the terms that these free numbers need."""
+    if plant.profile is None:
+        return list(free)
+    terms = ["whip.hinge_mass", *(name for name in free if not name.startswith("profile."))]
+    terms += ["whip.rest_angle"] if "profile.rest_curvature" in free else []
+    return terms + (["whip.drag"] if "profile.drag" in free else [])
+
+
+def make_drive(
+    recording: StrikeRecording | AngleRecording,
+    plant: Identifiable,
+    *,
+    kind: str,
+    free: Sequence[str],
+    h: float,
+    unknown_start: bool,
+    knots: float | None,
+) -> Drive:
+    """The drive of a recording.
+
+    Raises:
+        InputError: `kind` is none of `DRIVES`, or the recording or plant does not hold what it needs.
+    """
+    if kind not in DRIVES:
+        raise InputError("drive", kind, ", ".join(DRIVES))
+    if kind == "free":
+        if not isinstance(recording, AngleRecording) or not isinstance(plant, Pendulum):
+            raise InputError("drive", kind, "angle recordings of a pendulum")
+        return FreeDrive(recording, plant, free=free, h=h, unknown=unknown_start)
+    if not isinstance(recording, StrikeRecording) or not isinstance(plant, Plant):
+        raise InputError("drive", kind, "strike recordings of an arm and whip")
+    if kind == "command":
+        return CommandDrive(recording, plant, free=free, h=h, unknown=unknown_start)
+    return SwingDrive(recording, plant, kind=kind, free=free, h=h, unknown=unknown_start, knots=knots)

@@ -1,0 +1,69 @@
+"""Recordings for a fit from whatever there is: tracks are read, images are tracked."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from whiptool.errors import InputError
+from whiptool.identification.readers import READERS, VideoSource, find_format, open_video, read_recording
+from whiptool.identification.recording import StrikeRecording
+from whiptool.rig.markers import Marker
+
+
+def gather(path: str, *, tip: Marker | None = None) -> tuple[StrikeRecording, bool]:
+    """One recording, tracked if it is filmed (with progress on stderr).
+
+    Args:
+        path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
+        tip: Looks of the tip's marker; default: those of the virtual camera.
+
+    Returns:
+        The recording, and whether it says of itself that it is synthetic.
+
+    Raises:
+        InputError: It is no recording, is damaged, or its images show no tip.
+    """
+    options: dict[str, Any] = {}
+    if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
+        path, options["episode"] = episode[1], int(episode[2])
+    form = READERS[find_format(path)]
+    if form.tracks is not None:
+        try:
+            return read_recording(path, **options), False
+        except InputError as error:
+            if form.video is None or not error.name.endswith("features"):
+                raise
+    video = open_video(path, **options)
+    return track_video(video, name=path, tip=tip), video.synthetic
+
+
+def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> StrikeRecording:
+    """The tip's track through a video, as a recording.
+
+    Raises:
+        InputError: The strike plane is not calibrated, or the tip is never seen.
+    """
+    from tqdm import tqdm
+
+    from whiptool.rig.camera.recorded import RecordedCamera
+    from whiptool.rig.camera.source import frames_of
+    from whiptool.rig.tracking import track
+
+    camera = RecordedCamera(video)
+    frames = tqdm(
+        frames_of(camera),
+        total=len(camera),
+        unit=" frames",
+        file=sys.stderr,
+        desc=f"tracking {Path(name).name}",
+        dynamic_ncols=True,
+        leave=False,
+    )
+    found = track(frames, calibration=camera.calibration, tip=tip)
+    try:
+        return found.to_recording(**video.about)
+    except InputError as error:
+        raise error.within(f"{name}: ") from None

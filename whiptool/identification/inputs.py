@@ -1,0 +1,187 @@
+"""What a command line or a recording says of a fit, as the objects that the fit takes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.identification.plant import Plant
+from whiptool.identification.predict import NEUTRAL
+from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.variables import Prior
+from whiptool.impedance import OIAC, ConstantImpedance, Controller
+from whiptool.models.files import read_toml
+from whiptool.models.parameters import Model, number
+from whiptool.models.profile import WhipProfile
+from whiptool.rig.markers import Marker
+
+_GROUPS = ("whip", "profile", "law")  # that a short name is looked up in
+_LAWS = {"oiac": OIAC, "constant": ConstantImpedance}
+_OPTIONS = ("feedforward", "torque_limit", "control_period")
+
+
+def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tuple[list[str], list[str]]:
+    """Paths to fit, and paths to hold out.
+
+    Args:
+        recordings: All paths.
+        held_out: How many of the last to hold out, or which; None: the last of three or more.
+
+    Raises:
+        InputError: A path is there twice, or nothing is left to fit.
+    """
+    if len(set(recordings)) < len(recordings):
+        twice = next(name for name in recordings if recordings.count(name) > 1)
+        raise InputError("recordings", twice, "each one once")
+    if held_out is None:
+        held_out = ("1",) if len(recordings) >= 3 else ("0",)
+    if len(held_out) == 1 and held_out[0].isdigit():
+        count = int(held_out[0])
+        fitted, others = list(recordings[: max(len(recordings) - count, 0)]), list(recordings[-count:] if count else ())
+    else:
+        fitted, others = [name for name in recordings if name not in held_out], list(dict.fromkeys(held_out))
+    if not fitted:
+        raise InputError("--held-out", " ".join(held_out), "fewer than all recordings: one at least is to be fitted")
+    return fitted, others
+
+
+def full_name(name: str, plant: Plant) -> str:
+    """`whip.k` of `k`: the name as the plant knows it.
+
+    Raises:
+        InputError: It knows none such.
+    """
+    known = {**plant.values(), **NEUTRAL}
+    found = [full for full in (name, *(f"{group}.{name}" for group in _GROUPS)) if full in known]
+    if not found:
+        raise InputError("--free", name, "one of " + ", ".join(known))
+    return found[0]
+
+
+def profile_of(model: Model, name: str) -> WhipProfile:
+    """The profile that a model's file gives, or the uniform one of a whip with one number for all nodes.
+
+    Args:
+        model: As it was read.
+        name: The preset or file that it was read from.
+
+    Raises:
+        InputError: There is neither.
+    """
+    if name.endswith(".toml"):
+        profile = read_toml(Path(name)).get("whip", {}).get("profile")
+        if profile is not None:
+            return WhipProfile(**profile)
+    whip: dict[str, float] = {}
+    for key in ("l", "m", "k", "b", "rest_angle", "drag"):
+        value = getattr(model.whip, key)
+        if isinstance(value, tuple):
+            raise InputError(f"--profile: whip.{key}", "a value per node", "one number for all", "or a [whip.profile]")
+        whip[key] = value
+    return WhipProfile(
+        length=model.whip.length,
+        linear_density=whip["m"] / whip["l"],
+        bending_stiffness=whip["k"] * whip["l"],
+        bending_damping=whip["b"] * whip["l"],
+        rest_curvature=whip["rest_angle"] / whip["l"],
+        drag=whip["drag"] / whip["l"],
+    )
+
+
+def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior | None:
+    """What is known beforehand: a TOML file of lines such as `"whip.m" = {value = 0.012, error = 0.1}`.
+
+    Args:
+        path: The file; None: nothing is known.
+        plant: Knows the names.
+        free: Full names of what is fitted.
+
+    Raises:
+        InputError: The file cannot be read, a name is not free, or a number is not positive.
+    """
+    if path is None:
+        return None
+    names, means, errors = [], [], []
+    for name, entry in read_toml(Path(path)).items():
+        if not isinstance(entry, dict) or set(entry) != {"value", "error"}:
+            raise InputError(f"{path}: {name}", entry, "{value = ..., error = ...}, the error relative")
+        full = full_name(name, plant)
+        if full not in free:
+            raise InputError(f"{path}: {name}", full, "a free parameter: " + ", ".join(free))
+        names.append(full)
+        means.append(number(f"{path}: {name}.value", entry["value"], low=0, strict=True))
+        errors.append(number(f"{path}: {name}.error", entry["error"], low=0, strict=True))
+    if not names:
+        raise InputError(path, "empty", '"whip.m" = {value = 0.012, error = 0.1} and so on')
+    return Prior(tuple(names), tuple(means), np.diag(np.square(errors)))
+
+
+def read_marker(path: str | None) -> Marker | None:
+    """A marker's looks: a TOML file with the fields of `Marker`; None without a file.
+
+    Raises:
+        InputError: The file cannot be read, a key is unknown, or a value breaks its rule.
+    """
+    if path is None:
+        return None
+    table: dict[str, Any] = read_toml(Path(path))
+    known = [f.name for f in dataclasses.fields(Marker)]
+    for key in table:
+        if key not in known:
+            raise InputError(f"{path}: {key}", table[key], "one of the keys " + ", ".join(known))
+    try:
+        looks: dict[str, Any] = {key: tuple(x) if isinstance(x, list) else x for key, x in table.items()}
+        return Marker(**looks)
+    except InputError as error:
+        raise error.within(f"{path}: ") from None
+    except (TypeError, ValueError) as error:
+        raise InputError(path, str(table)[:80], f"radius, and hue, saturation or value ({error})") from None
+
+
+def controller_from_table(table: Mapping[str, Any]) -> Controller:
+    """What `whiptool.optimize.controller_table` wrote.
+
+    Raises:
+        InputError: The law or a key is unknown, or a value breaks its rule.
+    """
+    numbers = dict(table)
+    law = numbers.pop("law", None)
+    if law not in _LAWS:
+        raise InputError("controller.law", law, ", ".join(_LAWS))
+    options = {key: numbers.pop(key) for key in _OPTIONS if key in numbers}
+    known = [f.name for f in dataclasses.fields(_LAWS[law])]
+    for key in numbers:
+        if key not in known:
+            raise InputError(f"controller.{key}", numbers[key], "one of " + ", ".join(("law", *known, *_OPTIONS)))
+    try:
+        return Controller(law=_LAWS[law](**numbers), **options)
+    except InputError as error:
+        raise error.within("controller.") from None
+    except (TypeError, ValueError) as error:
+        raise InputError("controller", str(table)[:80], f"a controller's numbers ({error})") from None
+
+
+def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:
+    """The controller that the recordings hold, None if none does.
+
+    Raises:
+        InputError: Two hold different ones, or one does not describe a controller.
+    """
+    found: Controller | None = None
+    for recording in recordings:
+        if recording.controller is None:
+            continue
+        try:
+            controller = controller_from_table(recording.controller)
+        except InputError as error:
+            raise error.within(f"{recording.source}: ") from None
+        if found is not None and controller != found:
+            name = f"{recording.source}: controller"
+            raise InputError(name, recording.controller, "that of the other recordings", "fit them apart")
+        found = controller
+    return found

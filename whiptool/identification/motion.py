@@ -1,0 +1,198 @@
+"""The prescribed motion of the whip's base: a smooth spline through a tracked handle, or through measured joints."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import ArmParameters
+
+DEGREE = 5  # accelerations are then twice differentiable
+SHORTEST = 0.02  # [s] between knots
+HANDLE_JERK, JOINT_JERK = 3e3, 1e4  # [m/s^3], [rad/s^3]: usual size, a weak prior that bridges gaps
+_FINEST = 1e-6  # [rad] of a joint log
+
+
+class SmoothSpline:
+    """A regression spline of d quantities whose jerk is a priori about `jerk` at random.
+
+    Args:
+        start, end: What it has to cover [s].
+        knots: Their spacing [s].
+        jerk: Root mean square of the third derivative.
+        d: Number of quantities.
+    """
+
+    def __init__(self, *, start: float, end: float, knots: float, jerk: float, d: int) -> None:
+        pieces = max(1, int(np.ceil((end - start) / knots)))
+        inner = np.linspace(start, end, pieces + 1)
+        space = inner[1] - inner[0]
+        outer = space * np.arange(1, DEGREE + 1)
+        self._knots = np.concatenate([start - outer[::-1], inner, end + outer])
+        self.size, self.d = len(self._knots) - DEGREE - 1, d
+        self._basis = BSpline(self._knots, np.eye(self.size), DEGREE)
+        middles = (inner[1:] + inner[:-1]) / 2
+        # noise of this size, independent from knot to knot
+        self.penalty = np.kron(self.basis(middles, 3) / jerk, np.eye(d))  # (rows, size d)
+
+    def basis(self, t: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Values of the basis at times t (T,), or of a derivative: (T, size). Coefficient c[j, i] is entry j d + i."""
+        return self._basis(t, nu=derivative)
+
+    def fit(self, t: np.ndarray, values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+        """Coefficients (size d,) nearest to values (T, d) of standard error sigma (T,), those that are NaN left out."""
+        seen = ~np.isnan(values).any(axis=1)
+        weight = 1 / sigma[seen]
+        rows = np.vstack([np.kron(self.basis(t[seen]) * weight[:, None], np.eye(self.d)), self.penalty])
+        right = np.concatenate([(values[seen] * weight[:, None]).ravel(), np.zeros(len(self.penalty))])
+        return np.linalg.lstsq(rows, right, rcond=None)[0]
+
+
+def _spacing(t: np.ndarray, samples: float) -> float:
+    return max(SHORTEST, samples * float(np.median(np.diff(np.sort(t)))))
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A base motion at I instants, and its derivatives by its C coefficients.
+
+    Args:
+        inputs, d_inputs: As a swing takes them, (I, 7), (C, I, 7).
+        place, d_place: Of the base [m], (I, 2), (C, I, 2).
+        q_i, d_q_i: The arm's joints at the first instant [rad], (a,), (C, a).
+    """
+
+    inputs: np.ndarray
+    d_inputs: np.ndarray
+    place: np.ndarray
+    d_place: np.ndarray
+    q_i: np.ndarray
+    d_q_i: np.ndarray
+
+
+class Motion(Protocol):
+    """A prescribed motion whose coefficients are themselves unknown: what was measured of it carries errors, too.
+
+    The whip's tip magnifies errors of its base a hundredfold; a motion that is held fixed would hide that.
+
+    Attributes:
+        start: Coefficients that fit the measurement best, (C,).
+        rows, mean: What is known of the coefficients c beside the markers: `rows @ c - mean` is standard normal.
+    """
+
+    start: np.ndarray
+    rows: np.ndarray
+    mean: np.ndarray
+
+    def at(self, c: np.ndarray) -> Moved:
+        """The motion with coefficients c."""
+        ...
+
+
+class HandleMotion:
+    """The base follows a spline of the handle's path; it does not turn.
+
+    Its markers are residuals of the fit like any others; beside them only the jerk's usual size is known.
+
+    Args:
+        t, points, sigma: Handle as tracked: (T,), (T, 2), (T,); NaN where it was not seen.
+        instants: Times at which the base is wanted [s], (I,), equally spaced.
+        joints: Number of joints of the arm that is not there.
+        knots: Spacing of the spline's knots [s]; default: 1.5 frames.
+    """
+
+    def __init__(
+        self,
+        t: np.ndarray,
+        points: np.ndarray,
+        sigma: np.ndarray,
+        instants: np.ndarray,
+        *,
+        joints: int,
+        knots: float | None = None,
+    ) -> None:
+        spline = SmoothSpline(
+            start=instants[0], end=instants[-1], knots=knots or _spacing(t, 1.5), jerk=HANDLE_JERK, d=2
+        )
+        self.start = spline.fit(t, points, sigma)
+        self.rows, self.mean = spline.penalty, np.zeros(len(spline.penalty))
+        self._bases = p, v, a = tuple(spline.basis(instants, i) for i in range(3))
+        I = len(instants)
+        self._d_inputs, self._d_place = np.zeros((2 * spline.size, I, 7)), np.zeros((2 * spline.size, I, 2))
+        for axis in range(2):
+            self._d_inputs[axis::2, :, 3 + axis] = v.T
+            self._d_inputs[axis::2, :, 5 + axis] = a.T
+            self._d_place[axis::2, :, axis] = p.T
+        self._still = np.zeros(joints), np.zeros((2 * spline.size, joints))  # the frame of the base does not turn
+
+    def at(self, c: np.ndarray) -> Moved:
+        """The motion with coefficients c (C,)."""
+        p, v, a = (basis @ c.reshape(-1, 2) for basis in self._bases)
+        inputs = np.hstack([np.zeros((len(v), 3)), v, a])
+        return Moved(inputs, self._d_inputs, p, self._d_place, *self._still)
+
+
+class JointMotion:
+    """The base is the hand of an arm whose joints were measured; it turns with the last link.
+
+    Args:
+        t, q: Joint log: (S,) [s], (S, a) [rad].
+        arm: Its lengths matter only.
+        instants: Times at which the base is wanted [s], (I,).
+        knots: Spacing of the spline's knots [s]; default: two samples of the log.
+
+    Raises:
+        InputError: The log has another number of joints than the arm, or too few samples.
+    """
+
+    def __init__(
+        self, t: np.ndarray, q: np.ndarray, arm: ArmParameters, instants: np.ndarray, *, knots: float | None = None
+    ) -> None:
+        if q.shape[1] != arm.n or len(t) < 8:
+            raise InputError(
+                "joints_q", f"shape {q.shape}", f"8 or more samples of {arm.n} joints, as many as the arm has"
+            )
+        knots = knots or _spacing(t, 2)
+        spline = SmoothSpline(start=instants[0], end=instants[-1], knots=knots, jerk=JOINT_JERK, d=arm.n)
+        inside = (t >= instants[0] - knots) & (t <= instants[-1] + knots)
+        # the log's noise, from differences that no smooth motion has
+        noise = np.median(np.abs(np.diff(q, n=4, axis=0))) / 0.6745 / math.sqrt(math.comb(8, 4))
+        sigma = np.full(inside.sum(), max(noise, _FINEST))
+        self.start = spline.fit(t[inside], q[inside], sigma)
+        log = np.kron(spline.basis(t[inside]) / sigma[:, None], np.eye(arm.n))
+        self.rows = np.linalg.qr(np.vstack([log, spline.penalty]), mode="r")
+        self.mean = self.rows @ self.start
+        self._length, self._bases = arm.per_link("length"), tuple(spline.basis(instants, i) for i in range(3))
+
+    def at(self, c: np.ndarray) -> Moved:
+        """The motion with coefficients c (C,)."""
+        a, (B0, B1, B2) = len(self._length), self._bases
+        joints = c.reshape(-1, a)
+        theta, omega, alpha = ((B @ joints).cumsum(axis=1).T[..., None] for B in self._bases)  # (a, I, 1)
+        along = self._length[:, None, None] * np.concatenate([np.sin(theta), -np.cos(theta)], axis=2)  # (a, I, 2)
+        across = np.stack([-along[..., 1], along[..., 0]], axis=2)  # turned by a right angle
+        velocity, acceleration = (across * omega).sum(axis=0), (across * alpha - along * omega**2).sum(axis=0)
+        turning = np.hstack([theta[-1], omega[-1], alpha[-1]])
+
+        def beyond(x: np.ndarray) -> np.ndarray:  # what joint i moves: links i, i + 1, ...
+            return x[::-1].cumsum(axis=0)[::-1]
+
+        v_q, v_w = beyond(-omega * along), beyond(across)
+        a_q, a_w = beyond(-alpha * along - omega**2 * across), beyond(-2 * omega * along)
+        C, I = len(c), len(B0)
+        d_inputs, d_place, d_q_i = np.zeros((C, I, 7)), np.zeros((C, I, 2)), np.zeros((C, a))
+        for i in range(a):
+            b0, b1, b2 = (B.T[..., None] for B in (B0, B1, B2))  # (size, I, 1)
+            for column, b in enumerate((b0, b1, b2)):
+                d_inputs[i::a, :, column] = b[..., 0]
+            d_inputs[i::a, :, 3:5] = b0 * v_q[i] + b1 * v_w[i]
+            d_inputs[i::a, :, 5:7] = b0 * a_q[i] + b1 * a_w[i] + b2 * v_w[i]
+            d_place[i::a] = b0 * v_w[i]
+            d_q_i[i::a, i] = B0[0]
+        inputs = np.hstack([turning, velocity, acceleration])
+        return Moved(inputs, d_inputs, along.sum(axis=0), d_place, B0[0] @ joints, d_q_i)

@@ -1,0 +1,219 @@
+"""What is identified: a model, its controller and perhaps its profile, under one set of named numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
+from whiptool.models.parameters import ArmParameters, Model
+from whiptool.models.profile import _QUADRATURE, WhipProfile
+
+PROFILE = tuple(f.name for f in dataclasses.fields(WhipProfile))
+_LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
+_OF_WHIP = (*_LUMPED, "dry_friction", "friction_velocity")
+_BESIDE_PROFILE = ("dry_friction", "friction_velocity")  # of the whip, and not of its profile
+
+Quantities = dict[str, np.ndarray]  # numbers of the chain by block, as the generated code takes them
+
+
+class Identifiable(Protocol):
+    """Named numbers, and the blocks of numbers that the generated code takes."""
+
+    def values(self) -> dict[str, float]:
+        """Every number that can be freed, by name."""
+        ...
+
+    def changed(self, changes: Mapping[str, float]) -> Identifiable:
+        """A copy with some of `values()` changed."""
+        ...
+
+    def quantities(self) -> Quantities:
+        """Blocks of numbers."""
+        ...
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Model and controller, the whip as free numbers or as a profile.
+
+    Args:
+        model: Whip, arm, gravity.
+        controller: Of the arm; needed where the command drives the whip.
+        profile: The whip's profile; the model's whip is then lumped from it, its dry friction kept.
+
+    Its numbers are called `whip.k` (or `whip.k[3]`), `arm.mass[0]`, `gravity`, `law.a`, and, with a profile,
+    `profile.length` and so on in place of those of the whip.
+    """
+
+    model: Model
+    controller: Controller | None = None
+    profile: WhipProfile | None = None
+
+    def __post_init__(self) -> None:
+        if self.profile is not None:
+            kept = {name: getattr(self.model.whip, name) for name in _BESIDE_PROFILE}
+            whip = dataclasses.replace(self.profile.lump(self.model.whip.N), **kept)
+            object.__setattr__(self, "model", dataclasses.replace(self.model, whip=whip))
+
+    def values(self) -> dict[str, float]:
+        """Every number that can be freed, by name."""
+        named = self.model.parameters()
+        if self.profile is not None:
+            named = {k: v for k, v in named.items() if not k.startswith("whip.") or _quantity(k) in _BESIDE_PROFILE}
+            named |= {f"profile.{name}": float(getattr(self.profile, name)) for name in PROFILE}
+        return named | ({} if self.controller is None else self.controller.parameters())
+
+    def changed(self, changes: Mapping[str, float]) -> Plant:
+        """A copy with some of `values()` changed.
+
+        Raises:
+            InputError: A name is unknown, or a value breaks its rule.
+        """
+        known = self.values()
+        for name in changes:
+            if name not in known:
+                raise InputError("parameter", name, "one of " + ", ".join(known))
+        groups: dict[str, dict[str, float]] = {"profile": {}, "law": {}, "model": {}}
+        for name, value in changes.items():
+            group = name.split(".")[0]
+            groups["law" if group in ("law", "torque_limit") else group if group == "profile" else "model"][name] = (
+                value
+            )
+        profile, controller = self.profile, self.controller
+        if groups["profile"]:
+            assert profile is not None
+            profile = dataclasses.replace(profile, **{k.split(".")[1]: v for k, v in groups["profile"].items()})
+        if groups["law"]:
+            assert controller is not None
+            controller = _with_law(controller, groups["law"])
+        model = self.model.with_parameters(groups["model"]) if groups["model"] else self.model
+        return Plant(model, controller, profile)
+
+    def with_nodes(self, N: int) -> Plant:
+        """The same whip with another number of nodes.
+
+        A profile is lumped anew; free numbers keep length, mass, and the whip's bending as a whole: `l` and `m` go
+        with 1/N, `k` and `b` with N, `drag` with 1/N.
+
+        Raises:
+            InputError: The whip has values per node and no profile.
+        """
+        whip = self.model.whip
+        if self.profile is not None:
+            whip = dataclasses.replace(self.profile.lump(N), **{x: getattr(whip, x) for x in _BESIDE_PROFILE})
+        else:
+            numbers = {name: getattr(whip, name) for name in _OF_WHIP}
+            per_node = [name for name, value in numbers.items() if isinstance(value, tuple)]
+            if per_node:
+                raise InputError(f"whip.{per_node[0]}", "a value per node", "one number for all", "or give a profile")
+            finer = N / whip.N
+            powers = {"l": -1, "m": -1, "k": 1, "b": 1, "rest_angle": -1, "drag": -1}
+            scaled = {name: numbers[name] * finer**power for name, power in powers.items()}
+            whip = dataclasses.replace(whip, N=N, **scaled)
+        return Plant(dataclasses.replace(self.model, whip=whip), self.controller, self.profile)
+
+    def quantities(self) -> Quantities:
+        """Numbers of arm, whip, gravity and law by block."""
+        model, blocks = self.model, {}
+        blocks |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
+        for name in _OF_WHIP:
+            single = name in ("hinge_mass", "friction_velocity")
+            blocks[f"whip.{name}"] = np.array([getattr(model.whip, name)]) if single else model.whip.per_node(name)
+        blocks["gravity"] = np.array([model.gravity])
+        if self.controller is not None:
+            blocks |= {f"law.{name}": np.ravel(x) for name, x in self.controller.law.parameters().items()}
+            if self.controller.torque_limit is not None:
+                blocks["torque_limit"] = np.array([self.controller.torque_limit])
+        return blocks
+
+
+def _quantity(name: str) -> str:
+    """`k` of `whip.k[3]`."""
+    return name.split(".")[-1].split("[")[0]
+
+
+def _with_law(controller: Controller, changes: Mapping[str, float]) -> Controller:
+    fields: dict = {}
+    law = {name: np.array(x, float) for name, x in controller.law.parameters().items()}
+    for name, value in changes.items():
+        if name == "torque_limit":
+            fields["torque_limit"] = value
+            continue
+        index = int(name[name.index("[") + 1 : -1]) if "[" in name else 0
+        law[_quantity(name)][index] = value
+    if controller.law.kind == "oiac":
+        new = {name: float(x[0]) for name, x in law.items()}
+    else:
+        n = len(controller.law.K)  # type: ignore[union-attr]
+        new = {name: tuple(map(tuple, x.reshape(n, n))) for name, x in law.items()}
+    return dataclasses.replace(controller, law=dataclasses.replace(controller.law, **new), **fields)  # type: ignore[arg-type]
+
+
+def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
+    """Derivative of every block of `quantities()` by each named number.
+
+    Blocks are linear in the numbers of model and law, so that one unit's difference is their derivative; those of a
+    profile are differentiated by CasADi.
+
+    Raises:
+        InputError: A name is unknown.
+    """
+    base, known = plant.quantities(), plant.values()
+    found = []
+    for name in names:
+        if name not in known:
+            raise InputError("parameter", name, "one of " + ", ".join(known))
+        if name.startswith("profile.") and isinstance(plant, Plant) and plant.profile is not None:
+            found.append(_profile_slopes(plant.profile, plant.model.whip.N)[name])
+            continue
+        moved = plant.changed({name: known[name] + 1}).quantities()
+        found.append({block: np.round(moved[block] - x, 12) for block, x in base.items()})
+    return found
+
+
+def _profile_slopes(profile: WhipProfile, N: int) -> dict[str, Quantities]:
+    jacobians = lumping(N)[1](np.array([getattr(profile, name) for name in PROFILE]))
+    return {
+        f"profile.{name}": {f"whip.{block}": J.full()[:, i] for block, J in zip(_LUMPED, jacobians, strict=True)}
+        for i, name in enumerate(PROFILE)
+    }
+
+
+@lru_cache(maxsize=8)
+def lumping(N: int) -> tuple[ca.Function, ca.Function]:
+    """`WhipProfile.lump` in CasADi: the blocks l, m, k, b, rest_angle, drag, hinge_mass of a profile's numbers (in the
+    order of its fields), and their Jacobians."""
+    x, w = _QUADRATURE
+    x, w = (x + 1) / 2, w / 2
+    z = ca.SX.sym("profile", len(PROFILE))
+    P = dict(zip(PROFILE, ca.vertsplit(z), strict=True))
+    l = P["length"] / N
+
+    def hats(density) -> list[ca.SX]:  # of the place along the whip, 0 to 1
+        lumped = [ca.SX(0)] * (N + 1)
+        for i in range(N):
+            for at, weight in zip(x, w, strict=True):
+                value = density((i + at) / N) * weight * l
+                lumped[i] += value * (1 - at)
+                lumped[i + 1] += value * at
+        return lumped
+
+    EI = lambda s: P["bending_stiffness"] * P["stiffness_taper"] ** s  # noqa: E731
+    mass = hats(lambda s: P["linear_density"] * P["density_taper"] ** s)
+    k = [1 / c for c in hats(lambda s: 1 / EI(s))[:N]]
+    losses = hats(lambda s: P["bending_damping"] * P["damping_taper"] ** s / EI(s) ** 2)
+    b = [stiff**2 * loss for stiff, loss in zip(k, losses, strict=False)]
+    rest = hats(lambda s: P["rest_curvature"])[:N]
+    for joint in (k, b, rest):
+        joint[0] = ca.SX(0)  # the free hinge
+    drag = hats(lambda s: P["drag"])[1:]
+    blocks = [ca.vertcat(*part) for part in ([l] * N, mass[1:], k, b, rest, drag, mass[:1])]
+    return ca.Function("lump", [z], blocks), ca.Function("slopes", [z], [ca.jacobian(block, z) for block in blocks])

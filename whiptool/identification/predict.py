@@ -1,0 +1,287 @@
+"""Predicted readings of recordings, with their exact derivatives by every unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive
+from whiptool.identification.dynamics import BASE
+from whiptool.identification.paths import Lanes, find_paths
+from whiptool.identification.pendulum import AngleRecording
+from whiptool.identification.plant import Identifiable, slopes
+from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.sampling import Readings
+
+CAMERA = ("scale", "rotation", "shift_x", "shift_y")  # measured = scale R(rotation) position + shift
+NUISANCE = ("delay", *CAMERA)
+NEUTRAL = {"delay": 0.0, "scale": 1.0, "rotation": 0.0, "shift_x": 0.0, "shift_y": 0.0}
+TIMESTEP = {"command": 2.5e-4, "joints": 1e-3, "handle": 1e-3, "free": 1e-3}  # [s]
+_INTERVAL = 1e-3  # [s] between samples of a path
+
+Recording = StrikeRecording | AngleRecording
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a recording should have read, flat over its K readings that are not missing.
+
+    Args:
+        value: [m] or [rad], (K,).
+        by_shared, by_own: Derivatives by the shared unknowns (K, G) and by this recording's own (K, L); empty if not
+            asked for.
+    """
+
+    value: np.ndarray
+    by_shared: np.ndarray
+    by_own: np.ndarray
+
+
+class Predictor:
+    """Predicts recordings of one kind.
+
+    Args:
+        recordings: What was measured.
+        plant: Of which some numbers vary; its structure is kept.
+        drive: What drives the whip: `command`, `joints`, `handle`, `free`.
+        shared: Names of what is free and the same for all recordings: numbers of the plant, or of `NUISANCE`.
+        own: Of `NUISANCE`, what is free for each recording on its own; and `start`, its state at the start.
+        timestep: Of the integrator [s].
+        knots: Spacing of the spline of a prescribed motion [s].
+
+    Raises:
+        InputError: A name is unknown or given twice, or a recording does not hold what the drive needs.
+    """
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording],
+        plant: Identifiable,
+        *,
+        drive: str,
+        shared: Sequence[str],
+        own: Sequence[str] = (),
+        timestep: float | None = None,
+        knots: float | None = None,
+    ) -> None:
+        if not recordings:
+            raise InputError("recordings", "none", "one or more")
+        self.recordings, self.kind = list(recordings), drive
+        self.shared, self.own = tuple(shared), tuple(own)
+        known = [*plant.values(), *NUISANCE]
+        for name in self.shared:
+            if name not in known:
+                raise InputError("free parameter", name, "one of " + ", ".join(known))
+        for name in self.own:
+            if name not in (*NUISANCE, "start"):
+                raise InputError("free per recording", name, "one of " + ", ".join((*NUISANCE, "start")))
+        named = [*self.shared, *self.own]
+        if len(set(named)) < len(named):
+            raise InputError("free parameters", named, "different names, each shared or per recording")
+        if drive == "free" and set(named) & set(NUISANCE):
+            raise InputError("free parameters", named, "no delay and no camera, where encoders measured")
+        self._of_plant = [name for name in self.shared if name not in NUISANCE]
+        self.h = TIMESTEP.get(drive, 1e-3) if timestep is None else timestep
+        self.stride = max(1, round(_INTERVAL / self.h))
+        self.drives = [
+            make_drive(
+                r, plant, kind=drive, free=self._of_plant, h=self.h, unknown_start="start" in self.own, knots=knots
+            )
+            for r in self.recordings
+        ]
+        self._own_nuisance = [name for name in self.own if name != "start"]
+        self.start = [
+            np.concatenate([*d.unknowns.values(), [NEUTRAL[name] for name in self._own_nuisance]]) for d in self.drives
+        ]
+        self._read = [_readings(r, d) for r, d in zip(self.recordings, self.drives, strict=True)]
+        self.measured = [read.measured for read in self._read]
+        self.sigma = [read.sigma for read in self._read]
+        self.channels = [read.channels for read in self._read]
+        self._links = sorted({i for read in self._read for i in read.links if i >= 0})
+
+    def names(self, i: int) -> list[str]:
+        """Markers of recording i that are predicted."""
+        return self._read[i].names
+
+    def own_names(self, i: int) -> list[str]:
+        """What the entries of recording i's own unknowns are."""
+        named = [f"{name}[{j}]" for name, x in self.drives[i].unknowns.items() for j in range(len(x))]
+        return named + self._own_nuisance
+
+    def __call__(
+        self, plant: Identifiable, nuisance: dict[str, float], own: Sequence[np.ndarray], *, derivatives: bool
+    ) -> list[Prediction]:
+        """Predictions of all recordings.
+
+        Args:
+            plant: With the free numbers set.
+            nuisance: Values of the shared nuisance.
+            own: Unknowns of each recording, as `start` orders them.
+            derivatives: Also by all unknowns.
+        """
+        rates = slopes(plant, self._of_plant) if derivatives else []
+        counts = [sum(len(x) for x in d.unknowns.values()) for d in self.drives]
+        packed = self.drives[0].pack(plant, rates)
+        shots = [d.shot(plant, packed, x[:k]) for d, x, k in zip(self.drives, own, counts, strict=True)]
+        paths = self._roll(shots, derivatives=derivatives)
+        found = []
+        for i, (path, dpath) in enumerate(paths):
+            given = NEUTRAL | nuisance | dict(zip(self._own_nuisance, own[i][counts[i] :], strict=True))
+            value, by_path, by_nuisance = self._read[i].read(
+                path, dpath, given, start=self.drives[i].start, interval=self.h * self.stride
+            )
+            if not derivatives:
+                found.append(Prediction(value, np.zeros((len(value), 0)), np.zeros((len(value), 0))))
+                continue
+            m = len(self._of_plant)
+            column = dict(zip(self._of_plant, by_path[:m], strict=True)) | by_nuisance
+            by_shared = np.reshape([column[name] for name in self.shared], (len(self.shared), len(value))).T
+            own_rows = [by_nuisance[name] for name in self._own_nuisance]
+            by_own = np.vstack([by_path[m:], np.reshape(own_rows, (len(own_rows), len(value)))]).T
+            found.append(Prediction(value, by_shared, by_own))
+        return found
+
+    def path(
+        self, i: int, plant: Identifiable, nuisance: dict[str, float], own: np.ndarray
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Predicted path of every measured marker of recording i, in the recording's own clock and frame: times (S,)
+        [s], positions by marker, (S, 2) [m] (or the angles by link, (S, 1) [rad])."""
+        d, read = self.drives[i], self._read[i]
+        k = sum(len(x) for x in d.unknowns.values())
+        y, _ = self._roll([d.shot(plant, d.pack(plant, []), own[:k])], derivatives=False, which=[i])[0]
+        given = NEUTRAL | nuisance | dict(zip(self._own_nuisance, own[k:], strict=True))
+        t = d.start + self.h * self.stride * np.arange(len(y)) + given["delay"]
+        if read.width == 2:
+            y = given["scale"] * y @ _turn(given["rotation"]).T + [given["shift_x"], given["shift_y"]]
+        return t, {name: y[:, j] for j, name in enumerate(read.names)}
+
+    def _roll(
+        self, shots: Sequence[Shot], *, derivatives: bool, which: Sequence[int] | None = None
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Paths of what is measured of each recording, (S, quantities, width), and their derivatives (D, S, ...)."""
+        which = range(len(shots)) if which is None else which
+        drives: list[Drive] = [self.drives[i] for i in which]
+        structure, width = drives[0].structure, self._read[0].width
+        n = structure.n
+        columns = [2 * i + c for i in self._links for c in range(2)] if width == 2 else [2 * n + i for i in self._links]
+        D = [max(len(s.dp), 1) if derivatives else 1 for s in shots]
+        lanes = np.repeat(np.arange(len(shots)), D)
+        roll = Lanes(
+            p=np.array([s.p for s in shots])[lanes],
+            x0=np.array([s.x0 for s in shots])[lanes],
+            steps=np.array([d.steps for d in drives])[lanes],
+            h=self.h,
+            columns=np.array(columns, int),
+            hold=drives[0].hold,
+            stride=self.stride,
+        )
+        if derivatives:
+            roll.dp, roll.dx0 = np.zeros_like(roll.p), np.zeros_like(roll.x0)
+            for s, first in zip(shots, np.cumsum([0, *D]), strict=False):
+                roll.dp[first : first + len(s.dp)], roll.dx0[first : first + len(s.dp)] = s.dp, s.dx0
+        if shots[0].u is not None:
+            roll.u = np.concatenate([s.u for s in shots])  # type: ignore[arg-type]
+            roll.u_row = np.cumsum([0, *(len(s.u) for s in shots[:-1])])[lanes]  # type: ignore[arg-type]
+            if derivatives:
+                moving = [s.moving for s in shots if s.moving is not None]
+                roll.du, roll.du_row, row = (
+                    np.concatenate([x.reshape(-1, BASE) for x in moving]),
+                    np.full(len(lanes), -1),
+                    0,
+                )
+                for s, x, first in zip(shots, moving, np.cumsum([0, *D]), strict=False):
+                    each = np.arange(len(x))
+                    roll.du_row[first + s.first + each] = row + x.shape[1] * each
+                    row += x.shape[0] * x.shape[1]
+        y, dy = find_paths(structure, forward=derivatives)(roll)
+        found, lane = [], 0
+        for s, i, count in zip(shots, which, D, strict=True):
+            read, some = self._read[i], range(len(s.dp) if derivatives else 0)
+            none = [None] * len(some)
+            moved = [
+                self._lay_out(dy[lane + k], place, read)
+                for k, place in zip(some, none if s.dplace is None else s.dplace, strict=False)
+            ]
+            found.append((self._lay_out(y[lane], s.place, read), np.array(moved)))
+            lane += count
+        return found
+
+    def _lay_out(self, y: np.ndarray, place: np.ndarray | None, read: _Reading) -> np.ndarray:
+        """Rolled columns (S, columns) as the recording's markers, (S, markers, width)."""
+        laid = np.zeros((len(y), len(read.links), read.width))
+        by_link = y.reshape(len(y), -1, read.width)
+        for j, link in enumerate(read.links):
+            if link >= 0:
+                laid[:, j] = by_link[:, self._links.index(link)]
+            if link != ORIGIN and place is not None:
+                laid[:, j] += place[: len(y) * self.stride : self.stride]
+        return laid
+
+
+class _Reading:
+    """How one recording reads a path: which marker when, averaged how long, with what error."""
+
+    def __init__(
+        self, names: list[str], links: list[int], t: np.ndarray, values: np.ndarray, sigma: np.ndarray, exposure: float
+    ) -> None:
+        seen = np.isfinite(values).all(axis=2)  # (T, M)
+        frame, self.which = np.nonzero(seen)
+        self.names, self.links, self.exposure = names, links, exposure
+        self.at, self.width = t[seen], values.shape[2]
+        self.measured = values[seen].ravel()
+        self.sigma = np.repeat(sigma[seen], self.width)
+        self.channels = np.stack([np.repeat(x, self.width) for x in (frame, self.which)] + [self._axis()], axis=1)
+        self._grid: tuple | None = None
+
+    def _axis(self) -> np.ndarray:
+        return np.tile(np.arange(self.width), len(self.at))
+
+    def read(
+        self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Readings (K,), their derivatives along the path's directions (D, K), and by the nuisance."""
+        key = (given["delay"], start, interval, len(path))
+        if self._grid is None or self._grid[0] != key:  # most fits have no delay: the same grid again and again
+            at = self.at - given["delay"]
+            self._grid = key, Readings(at, exposure=self.exposure, start=start, interval=interval, count=len(path))
+        grid = self._grid[1]
+        x = grid.value(path, self.which)  # (K', width)
+        dx = grid.value(dpath, self.which) if len(dpath) else np.zeros((0, *x.shape))
+        if self.width == 1:
+            return x.ravel(), dx.reshape(len(dx), x.size), {}
+        R, s = _turn(given["rotation"]), given["scale"]
+        turned = x @ R.T
+        ones = np.ones(len(x))
+        by = {
+            "delay": -s * grid.velocity(path, self.which) @ R.T,
+            "scale": turned,
+            "rotation": s * np.stack([-turned[:, 1], turned[:, 0]], axis=1),
+            "shift_x": np.stack([ones, 0 * ones], axis=1),
+            "shift_y": np.stack([0 * ones, ones], axis=1),
+        }
+        value = s * turned + [given["shift_x"], given["shift_y"]]
+        return value.ravel(), (s * dx @ R.T).reshape(len(dx), x.size), {name: d.ravel() for name, d in by.items()}
+
+
+def _turn(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _readings(recording: Recording, drive: Drive) -> _Reading:
+    if isinstance(recording, AngleRecording):
+        n = recording.angles.shape[1]
+        t = np.repeat(recording.t[:, None], n, axis=1)
+        sigma = np.full(t.shape, recording.sigma)
+        names = [f"link{i + 1}" for i in range(n)]
+        return _Reading(names, list(range(n)), t, recording.angles[..., None], sigma, 0.0)
+    links = {name: drive.link_of(name) for name in recording.markers}
+    known = {name: link for name, link in links.items() if link is not None}
+    if not set(known) - {"shoulder", "handle"}:
+        raise InputError("markers", recording.markers, "tip or nodes of the whip among them")
+    which = [recording.markers.index(name) for name in known]
+    points, t, sigma = recording.points[:, which, :2], recording.t_points[:, which], recording.sigma[:, which]
+    return _Reading(list(known), list(known.values()), t, points, sigma, recording.exposure)

@@ -1,0 +1,295 @@
+"""The report of a fit: what was fitted, how well it is known, and how well it predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from whiptool.identification.fit import Fit, RecordingFit
+from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.similarity import Similarity
+from whiptool.identification.summary import (
+    flat_directions,
+    format_interval,
+    format_value,
+    root_mean_square,
+    seen_ratios,
+    similarity_of,
+    tip_paths,
+)
+from whiptool.plots import COLORS, STYLE
+from whiptool.report import Picture, Section, Table, Text
+
+_MEANING = {
+    "pinned": "known to 10 % or better",
+    "weak": "seen, but known worse than to 10 %",
+    "traded": "would be known if its partner were: only their combination is",
+    "flat": "not seen by these recordings; its value is where the fit left it, and no interval is given",
+    "at bound": "stopped by its bound; no interval is given",
+}
+
+
+def sections(
+    fit: Fit,
+    fitted: Sequence[StrikeRecording],
+    held_out: Sequence[StrikeRecording],
+    *,
+    nodes: Sequence[tuple[int, float, float]] = (),
+    chosen: int = 0,
+) -> list[Section]:
+    """The report's sections, for `whiptool.report.to_html`.
+
+    Args:
+        fit: What was found.
+        fitted, held_out: The recordings, in the fit's order.
+        nodes: N, RMSE of the fitted and of the held-out recordings [m], for each N that was tried.
+        chosen: The N that was taken.
+    """
+    pairs = [(r, f, "fitted") for r, f in zip(fitted, fit.recordings, strict=True)]
+    pairs += [(r, f, "held out") for r, f in zip(held_out, fit.held_out, strict=True)]
+    with matplotlib.rc_context(STYLE):
+        found = [
+            _parameters(fit),
+            _prediction(fit, pairs),
+            Section("Measured and modelled paths", [_overlay(*pair) for pair in pairs]),
+            Section("Residuals over time", [_residuals(pairs)]),
+            _knowledge(fit),
+            _convergence(fit),
+        ]
+    if nodes:
+        found.insert(2, _nodes(nodes, chosen))
+    return found
+
+
+def _parameters(fit: Fit) -> Section:
+    rows = [["parameter", "best start", "value", "95 % interval", "class", "alone", "goes with", "correlation"]]
+    for p in fit.parameters:
+        flat = p.kind == "flat"
+        rows.append(
+            [
+                p.name,
+                f"{p.start:.4g}",
+                format_value(p),
+                format_interval(p),
+                p.kind,
+                f"{p.alone:.2g}",
+                "" if flat or p.partner is None else p.partner,
+                "" if flat or p.partner is None else f"{p.correlation:+.3f}",
+            ]
+        )
+    U = fit.uncertainty
+    kinds = [kind for kind in _MEANING if any(p.kind == kind for p in fit.parameters)]
+    source = (
+        f"a block bootstrap, because successive residuals correlate by {U.whiteness:+.2f}"
+        if U.correlated
+        else "the covariance of the linearised fit: successive residuals are independent"
+    )
+    said = [
+        Table(
+            rows,
+            "“alone”: standard error if all others were known (relative for what is positive, else in its unit). "
+            "The correlation is that with the parameter that it goes with most.",
+        ),
+        Text("Classes: " + "; ".join(f"{kind}: {_MEANING[kind]}" for kind in kinds) + "."),
+        Text(f"Intervals are drawn from {source}."),
+    ]
+    flat = flat_directions(U)
+    if flat:
+        said.append(Text("What these recordings cannot tell: " + "; ".join(flat) + "."))
+        ratios = [[name, f"{x:.5g}", f"{i[0]:.5g} to {i[1]:.5g}"] for name, (x, i) in seen_ratios(U).items()]
+        if ratios:
+            said.append(Table([["what they tell instead", "value (SI)", "95 % interval"], *ratios]))
+    else:
+        said.append(Text("No direction among the free parameters is unseen by these recordings."))
+    return Section("Parameters", said)
+
+
+def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Section:
+    rows = [["recording", "", "frames", "RMS [mm]", "RMS / stated error", "down-weighted"]]
+    for r, f, kind in pairs:
+        down = f"{int((f.weight < 1).sum())} of {len(f.residuals)}"
+        rows.append([_name(r), kind, str(len(r.t)), f"{1e3 * f.rmse:.3g}", f"{f.chi:.2f}", down])
+    inside, outside = (root_mean_square(x) for x in (fit.recordings, fit.held_out))
+    said = f"Residuals of all fitted recordings: {1e3 * (inside or 0):.3g} mm RMS per coordinate. "
+    if outside is None:
+        said += "No recording was held out: how well the model predicts a new strike was not tested."
+    else:
+        said += (
+            f"Held-out recordings, which no parameter was fitted to: {1e3 * outside:.3g} mm RMS per coordinate. If "
+            "this is much more than for the fitted ones, the model does not hold for new strikes."
+        )
+        if fit.drive == "handle":
+            said += " Of a held-out recording only the handle's path was known; the tip magnifies its errors."
+    alike = [(r, kind, s) for r, f, kind in pairs if (s := similarity_of(r, f)) is not None]
+    return Section("Fit and held-out error", [Text(said), Table(rows), _similarities(alike), Text(_RHO)])
+
+
+_SIMILARITY = (
+    "recording", "", "rho x", "rho y", "rho mean", "NRMSE [%]", "largest [mm]", "delay [ms]", "Fréchet [mm]",
+    "hit point [mm]", "hit time [ms]", "hit speed [m/s]",
+)  # fmt: skip
+_RHO = (
+    "rho is the similarity of Eq. 23 (Wang, Xiong, Tolu and Gorb 2024), divided by the number of samples, which the "
+    "paper's print leaves out; it depends on where the origin lies, here the shoulder, and samples at which it divides "
+    "by zero are left out. It says little alone: see the errors beside it. Hit point, time and speed are those of the "
+    "closest approach to the target, modelled minus measured, of a cubic through the frames."
+)
+
+
+def _similarities(alike: Sequence[tuple[StrikeRecording, str, Similarity]]) -> Table:
+    rows: list[list[str]] = [list(_SIMILARITY)]
+    for r, kind, s in alike:
+        hit = ["", "", ""]
+        if s.hit_point is not None and s.hit_time is not None and s.hit_speed is not None:
+            hit = [f"{1e3 * s.hit_point:.2f}", f"{1e3 * s.hit_time:+.2f}", f"{s.hit_speed:+.3f}"]
+        numbers = [f"{x:.4f}" for x in (*s.rho[:2], s.rho_mean)]
+        errors = [f"{100 * s.nrmse:.2f}", f"{1e3 * s.largest:.2f}", f"{1e3 * s.delay:+.2f}", f"{1e3 * s.frechet:.2f}"]
+        rows.append([_name(r), kind, *numbers, *errors, *hit])
+    return Table(rows, "Similarity of the modelled to the measured tip.")
+
+
+def _nodes(nodes: Sequence[tuple[int, float, float]], chosen: int) -> Section:
+    rows = [["N", "fitted RMS [mm]", "held-out RMS [mm]", ""]]
+    rows += [[str(n), f"{1e3 * a:.3g}", f"{1e3 * b:.3g}", "taken" if n == chosen else ""] for n, a, b in nodes]
+    return Section("Number of nodes", [Text("N is the one with the smallest held-out error."), Table(rows)])
+
+
+def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Picture:
+    t, measured, _, name = tip_paths(recording, found)
+    path = found.path[name]
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    axes = figure.subplot_mosaic([["plane", "x"], ["plane", "y"]], width_ratios=[1, 1.25])
+    shown = (found.t >= t[0] - 0.02) & (found.t <= t[-1] + 0.02)
+    dots = {
+        "linestyle": "",
+        "marker": "o",
+        "markersize": 5,
+        "color": COLORS["orange"],
+        "markeredgewidth": 0,
+        "zorder": 2,
+    }
+    line = {"color": COLORS["blue"], "linewidth": 1.4, "zorder": 3}
+    axes["plane"].plot(*path[shown].T, label="modelled", **line)
+    axes["plane"].plot(*measured.T, label="measured", **dots)
+    if recording.target is not None:
+        axes["plane"].plot(*recording.target[:2], "x", color=COLORS["black"], markersize=9, label="target")
+    axes["plane"].set(xlabel="x [m]", ylabel="y [m]", title=f"{_name(recording)}: {name}, {kind}")
+    axes["plane"].set_aspect("equal", adjustable="datalim")
+    figure.legend(*axes["plane"].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+    for i, axis in enumerate("xy"):
+        axes[axis].plot(found.t[shown], path[shown, i], **line)
+        axes[axis].plot(t, measured[:, i], **dots)
+        axes[axis].set(ylabel=f"{axis} [m]")
+    axes["x"].tick_params(labelbottom=False)
+    axes["y"].set(xlabel="time from the command's start [s]")
+    caption = (
+        f"{_name(recording)}, {kind}: {name} in the strike plane and over time. RMS {1e3 * found.rmse:.3g} mm per "
+        "coordinate. Points are means over an exposure, the line is the path itself."
+    )
+    return Picture(figure, caption)
+
+
+def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Picture:
+    rows = -(-len(pairs) // 2)
+    figure = Figure(figsize=(10, 2.2 * rows + 0.6), layout="constrained")
+    grid = figure.subplots(rows, 2, squeeze=False).ravel()
+    for ax in grid[len(pairs) :]:
+        ax.remove()
+    for ax, (recording, found, kind) in zip(grid, pairs, strict=False):
+        t, measured, predicted, name = tip_paths(recording, found)
+        sigma = np.interp(t, *_stated(recording, name))
+        ax.fill_between(t, -2e3 * sigma, 2e3 * sigma, color="0.88", linewidth=0, label="±2 stated errors")
+        for i, (axis, color, mark) in enumerate((("x", "blue", "o"), ("y", "vermilion", "s"))):
+            ax.plot(
+                t,
+                1e3 * (predicted - measured)[:, i],
+                mark,
+                linestyle="-",
+                linewidth=0.7,
+                markersize=2.5,
+                color=COLORS[color],
+                label=axis,
+            )
+        ax.set_title(f"{_name(recording)}: {name}, {kind}")
+    for ax in grid[max(len(pairs) - 2, 0) : len(pairs)]:
+        ax.set_xlabel("time from the command's start [s]")
+    figure.supylabel("modelled - measured [mm]", fontsize=11)
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+    caption = (
+        "Residuals. What is left over should look like noise within the grey band; waves are what the model, or what "
+        "is said of the camera, cannot explain."
+    )
+    return Picture(figure, caption)
+
+
+def _stated(recording: StrikeRecording, name: str) -> tuple[np.ndarray, np.ndarray]:
+    at = recording.markers.index(name)
+    seen = recording.seen[:, at]
+    return recording.t_points[seen, at], recording.sigma[seen, at]
+
+
+def _knowledge(fit: Fit) -> Section:
+    U = fit.uncertainty
+    names = [v.name for v in U.variables]
+    size = 1.8 + 0.62 * len(names)
+    figure = Figure(figsize=(size + 1.2, size), layout="constrained")
+    ax = figure.subplots()
+    image = ax.imshow(U.correlation, cmap="RdBu_r", vmin=-1, vmax=1)
+    ax.grid(visible=False)
+    ax.spines[:].set_visible(False)
+    ax.set_xticks(range(len(names)), names, rotation=40, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(names)), names)
+    for (i, j), c in np.ndenumerate(U.correlation):
+        ax.text(
+            j,
+            i,
+            "1" if i == j else f"{c:+.3f}",
+            ha="center",
+            va="center",
+            color="white" if abs(c) > 0.6 else "black",
+            fontsize=9,
+        )
+    figure.colorbar(image, ax=ax, label="correlation", shrink=0.9)
+    rows = [["singular value", *names, ""]]
+    for s, direction, flat in zip(U.singular_values, U.directions, U.flat, strict=True):
+        rows.append([f"{s:.4g}", *(f"{x:+.2f}" for x in direction), "flat" if flat else ""])
+    text = (
+        f"Condition number of the Jacobian with columns of unit length: {U.condition_number:.3g}. Variance of the "
+        f"residuals over that of the stated errors: {U.residual_variance:.3g} (1 if model and stated errors are right)."
+    )
+    caption = (
+        "Singular values of the Jacobian, largest first, by relative changes of the parameters, and the direction of "
+        "each: the inverse is the direction's standard error. Flat: an error of 100 % or more."
+    )
+    return Section(
+        "What the recordings know",
+        [Picture(figure, "Correlations of the estimates, flat directions left out."), Table(rows, caption), Text(text)],
+    )
+
+
+def _convergence(fit: Fit) -> Section:
+    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    ax = figure.subplots()
+    marks = "osD^vP*X"
+    for i, run in enumerate(fit.runs):
+        costs = [cost for cost, _, _ in run.solution.history]
+        ax.plot(costs, marker=marks[i % len(marks)], markersize=5, label=f"start {i + 1}: {run.solution.status.value}")
+    ax.set(xlabel="accepted step", ylabel="cost", yscale="log")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.legend()
+    names = [p.name for p in fit.parameters]
+    rows = [["start", *(f"{n} from" for n in names), *(f"{n} to" for n in names), "cost", "steps"]]
+    for i, run in enumerate(fit.runs):
+        ends = [f"{values[n]:.4g}" for values in (run.start, run.values) for n in names]
+        rows.append([str(i + 1), *ends, f"{run.solution.cost:.6g}", str(max(len(run.solution.history) - 1, 0))])
+    text = "Every start, the best first. Starts that end elsewhere at a similar cost: the answer is not unique."
+    return Section("Convergence", [Text(text), Picture(figure, "Cost of every start, after each step."), Table(rows)])
+
+
+def _name(recording: StrikeRecording) -> str:
+    return Path(recording.source).name or "recording"

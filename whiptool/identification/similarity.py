@@ -1,0 +1,137 @@
+"""How alike two tip paths are: the paper's similarity (Eq. 23), and what it does not tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from whiptool.errors import InputError
+
+_LAGS = 0.1  # [s] within which the delay is sought
+_RATE = 1000.0  # [1/s] of the comparison of delays
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """A simulated tip path beside a measured one.
+
+    Args:
+        rho: Eq. 23 for each coordinate, divided by the number of samples (the paper prints the sum): 1 if they are
+            the same; it depends on where the origin lies, here the shoulder.
+        rho_mean: Mean over the coordinates.
+        left_out: Samples that Eq. 23 divides by zero at, of all coordinates; left out of rho.
+        rmse: Root mean square distance [m].
+        nrmse: The same over the diagonal of the measured path's box.
+        largest: Largest distance [m].
+        delay: By how much the simulated path lags [s], from the largest cross-correlation of velocities.
+        frechet: Discrete Frechet distance of the two curves, time left aside [m].
+        hit_point, hit_time, hit_speed: At the closest approach to the target, simulated minus measured: distance of
+            the two points [m], times [s], speeds [m/s]; None without a target.
+    """
+
+    rho: tuple[float, ...]
+    rho_mean: float
+    left_out: int
+    rmse: float
+    nrmse: float
+    largest: float
+    delay: float
+    frechet: float
+    hit_point: float | None
+    hit_time: float | None
+    hit_speed: float | None
+
+
+def similarity(
+    t: np.ndarray, measured: np.ndarray, simulated: np.ndarray, *, target: tuple[float, ...] | None = None
+) -> Similarity:
+    """Compare two paths at the same times.
+
+    Args:
+        t: Times [s], (T,), increasing, at least five of them.
+        measured, simulated: Tip positions from the shoulder [m], (T, d); frames in which either is NaN are left out.
+        target: Where the tip was to go [m], (d,).
+
+    Raises:
+        InputError: Shapes differ, times do not increase, or fewer than five frames hold both.
+    """
+    t, P, S = (np.asarray(x, float) for x in (t, measured, simulated))
+    if P.ndim != 2 or P.shape != S.shape or t.shape != P.shape[:1]:
+        raise InputError("paths", (t.shape, P.shape, S.shape), "times (T,) and two paths (T, d)")
+    both = np.isfinite(P).all(axis=1) & np.isfinite(S).all(axis=1)
+    t, P, S = t[both], P[both], S[both]
+    if len(t) < 5 or not (np.diff(t) > 0).all():
+        raise InputError("t", f"{len(t)} frames that hold both paths", "five or more, in increasing order")
+    defined = P != 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = np.where(defined, 1 - np.sqrt((P - S) ** 2 / P**2), 0.0)  # Eq. 23
+    rho = terms.sum(axis=0) / np.maximum(defined.sum(axis=0), 1)
+    distance = np.linalg.norm(P - S, axis=1)
+    rmse = float(np.sqrt(np.mean(distance**2)))
+    size = float(np.linalg.norm(np.ptp(P, axis=0)))
+    hits = None if target is None else [_closest(t, path, np.asarray(target, float)) for path in (P, S)]
+    return Similarity(
+        rho=tuple(map(float, rho)),
+        rho_mean=float(rho.mean()),
+        left_out=int((~defined).sum()),
+        rmse=rmse,
+        nrmse=rmse / size if size > 0 else float("inf") if rmse else 0.0,
+        largest=float(distance.max()),
+        delay=_delay(t, P, S),
+        frechet=frechet(P, S),
+        hit_point=None if hits is None else float(np.linalg.norm(hits[1][0] - hits[0][0])),
+        hit_time=None if hits is None else hits[1][1] - hits[0][1],
+        hit_speed=None if hits is None else hits[1][2] - hits[0][2],
+    )
+
+
+def _closest(t: np.ndarray, path: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Point, time and speed of the closest approach of a cubic through the path."""
+    curve = CubicSpline(t, path)
+    fine = np.linspace(t[0], t[-1], 20 * len(t))
+    when = float(fine[np.linalg.norm(curve(fine) - target, axis=1).argmin()])
+    for _ in range(20):  # Newton's method on half the squared distance
+        x, v, a = (curve(when, i) for i in range(3))
+        slope, bend = (x - target) @ v, v @ v + (x - target) @ a
+        if bend <= 0:
+            break
+        following = float(np.clip(when - slope / bend, t[0], t[-1]))
+        if abs(following - when) < 1e-12:
+            break
+        when = following
+    return curve(when), when, float(np.linalg.norm(curve(when, 1)))
+
+
+def _delay(t: np.ndarray, P: np.ndarray, S: np.ndarray) -> float:
+    """Lag of S behind P at which their velocities correlate best [s], refined by a parabola."""
+    grid = np.arange(t[0], t[-1], 1 / _RATE)
+    vP, vS = (CubicSpline(t, path)(grid, 1) for path in (P, S))
+    most = min(int(_LAGS * _RATE), len(grid) // 2)
+    lags = np.arange(-most, most + 1)
+
+    def together(lag: int) -> float:  # the cosine of what overlaps
+        a, b = (vP[: len(grid) - lag], vS[lag:]) if lag >= 0 else (vP[-lag:], vS[: len(grid) + lag])
+        scale = np.linalg.norm(a) * np.linalg.norm(b)
+        return float((a * b).sum() / scale) if scale > 0 else 0.0
+
+    c = np.array([together(int(lag)) for lag in lags])
+    i = int(c.argmax())
+    if i in (0, len(c) - 1):
+        return float(lags[i] / _RATE)
+    bend = c[i - 1] - 2 * c[i] + c[i + 1]
+    shift = 0.5 * (c[i - 1] - c[i + 1]) / bend if bend < 0 else 0.0
+    return float((lags[i] + shift) / _RATE)
+
+
+def frechet(P: np.ndarray, S: np.ndarray) -> float:
+    """Discrete Frechet distance of two curves (T, d), (U, d) [m]; Eiter and Mannila (1994)."""
+    distance = np.linalg.norm(P[:, None] - S[None], axis=2)
+    reach = np.empty_like(distance)
+    reach[0] = np.maximum.accumulate(distance[0])
+    reach[:, 0] = np.maximum.accumulate(distance[:, 0])
+    for i in range(1, len(P)):
+        for j in range(1, len(S)):
+            reach[i, j] = max(min(reach[i - 1, j], reach[i, j - 1], reach[i - 1, j - 1]), distance[i, j])
+    return float(reach[-1, -1])

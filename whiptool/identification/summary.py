@@ -1,0 +1,211 @@
+"""What a fit found, as plain data and in words."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.identification.fit import Fit, RecordingFit
+from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.similarity import Similarity, similarity
+from whiptool.identification.uncertainty import Parameter, Uncertainty
+
+_UNITS = {
+    "whip": {
+        "l": "m", "m": "kg", "k": "N m/rad", "b": "N m s/rad", "rest_angle": "rad", "dry_friction": "N m",
+        "friction_velocity": "rad/s", "drag": "N s^2/m^2", "hinge_mass": "kg",
+    },
+    "arm": {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"},
+    "profile": {
+        "length": "m", "linear_density": "kg/m", "bending_stiffness": "N m^2", "bending_damping": "N m^2 s",
+        "rest_curvature": "1/m", "drag": "N s^2/m^3",
+    },
+    "law": {"beta": "s", "K": "N m/rad", "B": "N m s/rad"},
+    "": {
+        "gravity": "m/s^2", "torque_limit": "N m", "delay": "s", "rotation": "rad", "shift_x": "m", "shift_y": "m",
+    },
+}  # fmt: skip
+_SHARE = 0.05  # part of a direction from which a number belongs to it
+
+
+def unit_of(name: str) -> str:
+    """Unit of a free number by its name (`whip.k[3]`, `profile.length`, `delay`); empty for what has none."""
+    group, _, quantity = name.rpartition(".")
+    return _UNITS.get(group, {}).get(quantity.split("[")[0], "")
+
+
+def format_value(p: Parameter) -> str:
+    """A parameter's value with its unit."""
+    return f"{p.value:.5g} {unit_of(p.name)}".strip()
+
+
+def format_interval(p: Parameter) -> str:
+    """Its 95 % interval, or that there is none."""
+    return "none" if p.interval is None else f"{p.interval[0]:.5g} to {p.interval[1]:.5g}"
+
+
+def parameter_lines(fit: Fit) -> list[str]:
+    """The parameters for people, and what is not seen, one line each."""
+    width = max(len(p.name) for p in fit.parameters)
+    lines = []
+    for p in fit.parameters:
+        partner = f" with {p.partner} ({p.correlation:+.3f})" if p.kind in ("traded", "weak") and p.partner else ""
+        lines.append(f"  {p.name:{width}s}  {format_value(p):24s} {format_interval(p):24s} {p.kind}{partner}")
+    lines += [f"  not seen: {words}" for words in flat_directions(fit.uncertainty)]
+    ratios = seen_ratios(fit.uncertainty).items()
+    return lines + [f"  {name}: {x:.5g}, {low:.5g} to {high:.5g}" for name, (x, (low, high)) in ratios]
+
+
+def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
+    """Where each recording came from and what it holds, by the name of its file."""
+    facts = {}
+    for recording in recordings:
+        about = recording.provenance
+        seen = ", ".join(f"{marker} {count}" for marker, count in about["markers"].items())
+        name = Path(recording.source).name
+        facts[recording.source if name in facts else name] = (
+            f"{recording.source}; {about['camera'] or 'camera not named'}; {about['frames']} frames; seen: {seen}; "
+            f"sha256 {recording.sha256}"
+        )
+    return facts
+
+
+def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
+    """Times [s], (T,), measured and predicted places [m], (T, 2), of the tip, or of the last marker, and its name."""
+    which = found.markers.index("tip") if "tip" in found.markers else len(found.markers) - 1
+    mine = found.channels[:, 1] == which
+    frames = np.unique(found.channels[mine, 0])
+    measured, predicted = np.full((2, len(frames), 2), np.nan)
+    at = np.searchsorted(frames, found.channels[mine, 0]), found.channels[mine, 2]
+    measured[at] = found.measured[mine]
+    predicted[at] = (found.measured + found.residuals)[mine]
+    name = found.markers[which]
+    return recording.t_points[frames, recording.markers.index(name)], measured, predicted, name
+
+
+def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity | None:
+    """How alike measured and predicted tip are; None where too little of it was seen."""
+    t, measured, predicted, _ = tip_paths(recording, found)
+    try:
+        return similarity(t, measured, predicted, target=recording.target)
+    except InputError:
+        return None
+
+
+def root_mean_square(found: Sequence[RecordingFit]) -> float | None:
+    """Of all residuals of several recordings, per coordinate [m]; None if there are none."""
+    return float(np.sqrt(np.mean(np.concatenate([r.residuals for r in found]) ** 2))) if found else None
+
+
+def flat_directions(uncertainty: Uncertainty) -> list[str]:
+    """Each direction that the recordings do not see, in words."""
+    U, said = uncertainty, []
+    names = [v.name for v in U.variables]
+    for direction in U.directions[U.flat]:
+        shares = {n: float(x) for n, x in zip(names, direction, strict=True) if abs(x) > _SHARE}
+        largest = max(shares.values(), key=abs)
+        powers = {n: x / largest for n, x in shares.items()}
+        if len(powers) == 1:
+            said.append(f"{next(iter(powers))} alone: any value would do as well")
+        elif all(abs(x - 1) < 0.1 for x in powers.values()):
+            said.append(f"{_listed(list(powers))} all multiplied by the same factor: only their ratios are seen")
+        else:
+            each = ", ".join(f"{n} by {x:+.2g} %" for n, x in powers.items())
+            said.append(f"changed together, {each}: the predictions stay as they are")
+    return said
+
+
+def seen_ratios(uncertainty: Uncertainty) -> dict[str, tuple[float, tuple[float, float]]]:
+    """Ratios that are known where the numbers are not, such as `whip.k / whip.m`: each with its 95 % interval."""
+    U = uncertainty
+    unseen = [v.name for i, v in enumerate(U.variables) if v.log and (np.abs(U.directions[U.flat, i]) > _SHARE).any()]
+    if len(unseen) < 2:
+        return {}
+    below = "whip.m" if "whip.m" in unseen else unseen[-1]
+    found = {f"{name} / {below}": U.product({name: 1, below: -1}) for name in unseen if name != below}
+    return {name: (value, interval) for name, (value, interval) in found.items() if interval is not None}
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[StrikeRecording]) -> dict[str, Any]:
+    """A fit as plain data for JSON: SI units, None where there is no number."""
+    U = fit.uncertainty
+    pairs = [(r, f, False) for r, f in zip(fitted, fit.recordings, strict=True)]
+    pairs += [(r, f, True) for r, f in zip(held_out, fit.held_out, strict=True)]
+    return {
+        "status": fit.status.name.lower(),
+        "message": fit.status.value,
+        "drive": fit.drive,
+        "parameters": [
+            {
+                "name": p.name,
+                "value": p.value,
+                "unit": unit_of(p.name),
+                "start": p.start,
+                "class": p.kind,
+                "standard_error": finite(p.error),
+                "interval": None if p.interval is None else [finite(x) for x in p.interval],
+                "standard_error_if_all_others_were_known": finite(p.alone),
+                "partner": p.partner,
+                "correlation": finite(p.correlation),
+            }
+            for p in fit.parameters
+        ],
+        "intervals_from": "block bootstrap" if U.correlated else "covariance",
+        "correlation": U.correlation.tolist(),
+        "singular_values": [finite(x) for x in U.singular_values],
+        "condition_number": finite(U.condition_number),
+        "flat_directions": flat_directions(U),
+        "ratios": [{"name": n, "value": x, "interval": list(i)} for n, (x, i) in seen_ratios(U).items()],
+        "residual_variance": finite(U.residual_variance),
+        "residual_correlation": finite(U.whiteness),
+        "nuisance": fit.nuisance,
+        "rmse": root_mean_square(fit.recordings),
+        "held_out_rmse": root_mean_square(fit.held_out),
+        "recordings": [_recording_table(*pair) for pair in pairs],
+        "starts": [
+            {
+                "start": run.start,
+                "values": run.values,
+                "cost": finite(run.solution.cost),
+                "status": run.solution.status.name.lower(),
+                "steps": max(len(run.solution.history) - 1, 0),
+                "evaluations": run.solution.evaluations,
+            }
+            for run in fit.runs
+        ],
+        "fit_time": fit.wall_time,
+    }
+
+
+def _recording_table(recording: StrikeRecording, found: RecordingFit, held_out: bool) -> dict[str, Any]:
+    alike = similarity_of(recording, found)
+    own = {name: x for name, x in found.own.items() if not name.startswith("motion[")}  # hundreds of coefficients
+    return {
+        **recording.provenance,
+        "held_out": held_out,
+        "rmse": found.rmse,
+        "rms_over_stated_error": found.chi,
+        "n_residuals": len(found.residuals),
+        "down_weighted": int((found.weight < 1).sum()),
+        "own": own,
+        "similarity": None if alike is None else {k: _plain(x) for k, x in dataclasses.asdict(alike).items()},
+    }
+
+
+def _plain(x: Any) -> Any:
+    return [finite(float(y)) for y in x] if isinstance(x, tuple) else finite(x)
+
+
+def finite(x: float | None) -> float | None:
+    """The number, None if it is none: JSON has neither NaN nor infinity."""
+    return None if x is None or not math.isfinite(x) else x if isinstance(x, int) else float(x)

@@ -1,0 +1,134 @@
+"""Free numbers as a solver sees them: logarithms of what is positive, scaled numbers of the rest; bounds and priors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.errors import InputError
+
+_FACTOR = 1e3  # a positive number is sought within this factor of its first value
+# usual size of what may be zero or of either sign, in its own unit
+_ZERO_OR_MORE = {"drag": 1e-3, "dry_friction": 1e-3, "hinge_mass": 1e-2, "friction": 1e-2, "bending_damping": 1e-3}
+_ANY_SIGN = {
+    "rest_angle": 0.1, "rest_curvature": 0.1, "delay": 0.01, "rotation": 0.01, "shift_x": 0.01, "shift_y": 0.01,
+    "K": 1.0, "B": 0.1,
+}  # fmt: skip
+_OFF_BOUND = 0.05  # of the usual size, or of a bounded range: how far from a bound a fit starts
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One free number; the solver's z is its logarithm, or the number in units of `scale`."""
+
+    name: str
+    log: bool
+    scale: float
+    lower: float  # of z
+    upper: float
+
+    def value(self, z: float) -> float:
+        """The number."""
+        return float(np.exp(z) if self.log else z * self.scale)
+
+    def z(self, value: float) -> float:
+        """The solver's variable."""
+        return float(np.log(value) if self.log else value / self.scale)
+
+    def slope(self, z: float) -> float:
+        """d value / d z."""
+        return float(np.exp(z) if self.log else self.scale)
+
+    def off_bounds(self, z: float) -> float:
+        """z moved inside its bounds: a fit that starts on one stalls."""
+        margin = min(_OFF_BOUND, _OFF_BOUND * (self.upper - self.lower))
+        return float(np.clip(z, self.lower + margin, self.upper - margin))
+
+
+def variable(name: str, value: float, bounds: tuple[float, float] | None = None) -> Variable:
+    """The variable of a number of that name and first value.
+
+    Raises:
+        InputError: The bounds are not ordered or the value has no logarithm.
+    """
+    quantity = name.split(".")[-1].split("[")[0]
+    if bounds is not None and not bounds[0] < bounds[1]:
+        raise InputError(f"bounds of {name}", bounds, "lower < upper")
+    low, high = (-np.inf, np.inf) if bounds is None else bounds
+    if quantity in _ZERO_OR_MORE:
+        scale = _ZERO_OR_MORE[quantity]
+        return Variable(name, False, scale, max(low, 0.0) / scale, high / scale)
+    if quantity in _ANY_SIGN:
+        scale = _ANY_SIGN[quantity]
+        return Variable(name, False, scale, low / scale, high / scale)
+    if value <= 0:
+        raise InputError(f"start of {name}", value, "a number > 0", "start from a guess of its size")
+    z = np.log(value)
+    lower = np.log(low) if low > 0 else z - np.log(_FACTOR)
+    upper = np.log(high) if np.isfinite(high) else z + np.log(_FACTOR)
+    return Variable(name, True, 1.0, float(lower), float(upper))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of free numbers beforehand: a normal distribution, of the logarithm where a number is positive.
+
+    Args:
+        names: m of the free numbers that are the same for all recordings.
+        mean: Their values, (m,), in their own units.
+        covariance: Of the logarithms of positive numbers (relative errors), of the others themselves, (m, m).
+
+    Raises:
+        InputError: Shapes do not fit, or the covariance is not positive.
+    """
+
+    names: tuple[str, ...]
+    mean: tuple[float, ...]
+    covariance: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        object.__setattr__(self, "mean", tuple(map(float, self.mean)))
+        covariance = np.array(self.covariance, float)
+        m = len(self.names)
+        if len(self.mean) != m or covariance.shape != (m, m):
+            raise InputError("prior", f"{len(self.mean)} means, covariance {covariance.shape}", f"{m} and ({m}, {m})")
+        if not np.allclose(covariance, covariance.T) or not np.linalg.eigvalsh(covariance).min() > 0:
+            raise InputError("covariance of the prior", "not positive", "a symmetric positive definite matrix")
+        object.__setattr__(self, "covariance", covariance)
+
+    def rows(self, variables: Sequence[Variable]) -> tuple[np.ndarray, np.ndarray]:
+        """`W` (m, G) and `mean` (G,) such that `W (z - mean)` is standard normal.
+
+        Raises:
+            InputError: It speaks of a number that is not free.
+        """
+        at = {v.name: i for i, v in enumerate(variables)}
+        for name in self.names:
+            if name not in at:
+                raise InputError("prior", name, "one of the free numbers " + ", ".join(at))
+        columns = [at[name] for name in self.names]
+        chosen = [variables[i] for i in columns]
+        mean = np.zeros(len(variables))
+        mean[columns] = [v.z(x) for v, x in zip(chosen, self.mean, strict=True)]
+        units = np.array([v.scale for v in chosen])  # 1 for logarithms
+        root = np.linalg.cholesky(np.linalg.inv(self.covariance / np.outer(units, units)))
+        W = np.zeros((len(columns), len(variables)))
+        W[:, columns] = root.T
+        return W, mean
+
+
+def variables_of(
+    values: Mapping[str, float], names: Sequence[str], bounds: Mapping[str, tuple[float, float]]
+) -> list[Variable]:
+    """Variables of these names at their first values.
+
+    Raises:
+        InputError: Bounds are given for what is not free.
+    """
+    for name in bounds:
+        if name not in names:
+            raise InputError(f"bounds of {name}", bounds[name], "bounds of free numbers: " + ", ".join(names))
+    return [variable(name, values[name], bounds.get(name)) for name in names]

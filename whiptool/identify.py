@@ -1,0 +1,333 @@
+"""Fit a whip's parameters to recorded strikes: `python -m whiptool.identify STRIKES... --free k b m`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from whiptool import cli
+from whiptool.errors import InputError
+
+if TYPE_CHECKING:
+    from whiptool.identification.fit import Fit
+    from whiptool.identification.plant import Plant
+    from whiptool.impedance import Controller
+
+REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions:
+    """Fit a whip's parameters to recorded strikes."""
+
+    recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
+    """Tracks (CSV, DeepLabCut, NPZ, MAT, C3D, LeRobot folders) or videos (files, ROS bags), which are tracked first."""
+    free: tuple[str, ...] = ("k", "b", "m")
+    """What to fit: names such as k (for whip.k), whip.k[3], arm.mass[0], gravity, law.a, bending_stiffness, delay."""
+    drive: str = "command"
+    """What drives the whip: command (the strike, controller in the loop), joints (measured), handle (tracked)."""
+    model: str = "lemon2024"
+    """Where the fit starts: a preset (lemon2024, nah2020-fitted, ...) or the path of a .toml file."""
+    controller: str = "oiac"
+    """Used only where the recordings do not hold it: oiac or constant (Eq. 22)."""
+    preset: str = "table4"
+    """Likewise, OIAC parameters: printed or table4."""
+    held_out: tuple[str, ...] | None = None
+    """Recordings to predict and not to fit: how many, from the end, or their paths; default: of three or more, one."""
+    per_recording: tuple[str, ...] = ()
+    """What each recording has its own value of: of delay, scale, rotation, shift_x, shift_y, start."""
+    nodes: tuple[int, ...] = ()
+    """Numbers of nodes to try; the one with the smallest held-out error is taken."""
+    profile: bool = False
+    """Fit the whip as a profile: length, linear_density, bending_stiffness, bending_damping, drag, tapers."""
+    loss: str = "huber"
+    """huber, or none for least squares."""
+    starts: int = 3
+    """From how many places to begin; the first is the model as given."""
+    prior: str | None = None
+    """TOML file of what is known beforehand: "whip.m" = {value = 0.012, error = 0.1}, the error relative."""
+    tip: str | None = None
+    """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
+    seed: int = 0
+    """Seed of starts and bootstrap."""
+    out: Path | None = None
+    """Run folder; default: runs/identify-DATE-TIME."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "json": False}
+_EXAMPLE = (
+    "Fit a whip's parameters to recorded strikes. "
+    "Example: python -m whiptool.identify strike1.csv strike2.csv strike3.csv --free k b m --out fitted"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    options = cli.parse(IdentifyOptions, prog="whiptool identify", description=_EXAMPLE, args=args)
+    run = _Run(options)
+    run.fit()
+    return run.report()
+
+
+class _Run:
+    """One identification: everything is checked before anything is written."""
+
+    def __init__(self, options: IdentifyOptions) -> None:
+        from whiptool.identification.drives import DRIVES
+        from whiptool.identification.fit import HUBER, Options
+        from whiptool.identification.inputs import full_name, profile_of, read_prior, split
+        from whiptool.identification.plant import Plant
+        from whiptool.models.files import find_model
+        from whiptool.runs import code_version
+
+        self.options = options
+        if options.out is not None and options.out.is_dir() and any(options.out.iterdir()):
+            raise InputError("--out", str(options.out), "a folder that is new or empty")
+        if not options.recordings:
+            raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
+        drives = tuple(drive for drive in DRIVES if drive != "free")  # of a pendulum's angles
+        if options.drive not in drives:
+            raise InputError("--drive", options.drive, ", ".join(drives))
+        if options.loss not in ("huber", "none"):
+            raise InputError("--loss", options.loss, "huber, none")
+        if not 0 <= options.seed < 2**31:
+            raise InputError("--seed", options.seed, "a whole number from 0 to 2147483647")
+        if not 1 <= options.starts <= 1000:
+            raise InputError("--starts", options.starts, "a whole number from 1 to 1000")
+        self.model = find_model(options.model)
+        fallback = cli.SimulationOptions(controller=options.controller, preset=options.preset).build_controller()
+        names, held_out = split(options.recordings, options.held_out)
+        profile = profile_of(self.model, options.model) if options.profile else None
+        if not options.free:
+            raise InputError("--free", "none", "one or more names", "such as k")
+        for name in options.free:  # a slip is found before hours of film are tracked
+            full_name(name, Plant(self.model, fallback, profile))
+        controller = self._gather(names, held_out)
+        self.assumed = controller is None and options.drive == "command"
+        self.plant = Plant(self.model, controller or fallback, profile)
+        self.free = tuple(full_name(name, self.plant) for name in options.free)
+        self.how = Options(
+            drive=options.drive,
+            per_recording=options.per_recording,
+            prior=read_prior(options.prior, self.plant, self.free),
+            loss=HUBER if options.loss == "huber" else None,
+            starts=options.starts,
+            seed=options.seed,
+        )
+        self._check_fit()
+        self.version = code_version()
+        self._write_inputs()
+
+    def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
+        """Read or track all recordings, and find their plane; the controller that they hold."""
+        from whiptool.identification.gather import gather
+        from whiptool.identification.inputs import common_controller, read_marker
+        from whiptool.identification.strike_plane import fit_plane
+
+        tip = read_marker(self.options.tip)
+        found = [gather(name, tip=tip) for name in (*names, *held_out)]
+        recordings = [recording for recording, _ in found]
+        self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
+        self.plane = fit_plane(recordings)
+        if self.plane is not None:
+            recordings = [self.plane.project(recording) for recording in recordings]
+        self.recordings, self.held_out = recordings[: len(names)], recordings[len(names) :]
+        return common_controller(recordings)
+
+    def _check_fit(self) -> None:
+        """Refuse what the fit would refuse, before it begins."""
+        from whiptool.identification.predict import NEUTRAL, Predictor
+        from whiptool.identification.variables import variables_of
+
+        nodes = self.options.nodes
+        if nodes and not self.held_out:
+            raise InputError("--nodes", nodes, "a recording held out, whose error chooses N", "give --held-out 1")
+        if len(set(nodes)) < len(nodes) or not all(1 <= n <= 200 for n in nodes):
+            raise InputError("--nodes", nodes, "different whole numbers from 1 to 200")
+        if nodes and self.how.prior is not None and any(n.startswith("whip.") for n in self.how.prior.names):
+            raise InputError("--prior", self.how.prior.names, "no numbers per node beside --nodes", "give --profile")
+        self.plants = {N: self.plant.with_nodes(N) for N in nodes} or {self.model.whip.N: self.plant}
+        for plant in self.plants.values():
+            variables_of({**plant.values(), **NEUTRAL}, self.free, {})  # starts of all are in order
+        own = self.options.per_recording
+        Predictor([*self.recordings, *self.held_out], self.plant, drive=self.options.drive, shared=self.free, own=own)
+
+    def _write_inputs(self) -> None:
+        """The run folder, with its configuration and the recordings as they are fitted."""
+        from whiptool.models.files import model_to_table
+        from whiptool.optimize import controller_table
+        from whiptool.runs import RunFolder, default_folder
+
+        assert self.plant.controller is not None
+        pairs = [(r, False) for r in self.recordings] + [(r, True) for r in self.held_out]
+        self.files = _file_names([r.source for r, _ in pairs])
+        config = {
+            "version": self.version,
+            "command": "identify",
+            "options": cli.as_plain(replace(self.options, **_NOT_CONFIGURATION)),
+            "free": list(self.free),
+            "recordings": [
+                {"source": r.source, "sha256": r.sha256, "held_out": out, "file": f"{RECORDINGS}/{file}"}
+                for (r, out), file in zip(pairs, self.files, strict=True)
+            ],
+            "model": model_to_table(self.plant.model),
+            "controller": controller_table(self.plant.controller),
+        }
+        self.folder = RunFolder.create(self.options.out or default_folder("identify"), config)
+        (self.folder.path / RECORDINGS).mkdir()
+        for (recording, _), file in zip(pairs, self.files, strict=True):
+            recording.save(self.folder.path / RECORDINGS / file)
+
+    def fit(self) -> None:
+        """Fit, for every number of nodes that is to be tried."""
+        from whiptool.identification.fit import fit
+        from whiptool.identification.summary import root_mean_square
+
+        self.tried: list[tuple[int, float, float]] = []
+        fits: dict[int, Fit] = {}
+        for N, plant in self.plants.items():
+            self._say(
+                f"fitting {len(self.free)} parameters to {len(self.recordings)} recordings, N = {N}, "
+                f"{self.how.starts} starts"
+            )
+            fits[N] = fit(self.recordings, plant, self.free, held_out=self.held_out, options=self.how)
+            inside, outside = (root_mean_square(x) for x in (fits[N].recordings, fits[N].held_out))
+            assert inside is not None
+            self._say(
+                f"{fits[N].status.value}; RMS {1e3 * inside:.3g} mm"
+                + ("" if outside is None else f", held out {1e3 * outside:.3g} mm")
+            )
+            if self.options.nodes:
+                assert outside is not None
+                self.tried.append((N, inside, outside))
+        self.N = min(self.tried, key=lambda row: row[2])[0] if self.tried else next(iter(fits))
+        self.found = fits[self.N]
+
+    def report(self) -> int:
+        """Write everything, tell people or programs."""
+        from whiptool.identification.fit import Status
+        from whiptool.identification.plant import Plant
+        from whiptool.identification.report import sections
+        from whiptool.models.files import write_model
+        from whiptool.report import to_html
+
+        plant, path = self.found.plant, self.folder.path
+        assert isinstance(plant, Plant)
+        write_model(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
+        summary = self._summary(plant)
+        self.folder.write_result(summary)
+        parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
+        html = to_html("Identified whip", self._subtitle(), self._facts(), parts)
+        (path / REPORT).write_text(html, encoding="utf-8")
+        if self.found.status is not Status.CONVERGED:
+            self._say(f"not converged: {self.found.status.value}; more --starts or a nearer --model may help")
+        print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary))
+        return 0
+
+    def _say(self, line: str) -> None:
+        print(f"whiptool: {line}", file=sys.stderr)
+
+    def _summary(self, plant: Plant) -> dict[str, Any]:
+        from whiptool.identification.summary import fit_table
+        from whiptool.optimize import controller_table
+
+        assert plant.controller is not None
+        plane = None
+        if self.plane is not None:
+            plane = {
+                "out_of_plane_rms": self.plane.rms,
+                "out_of_plane_largest": self.plane.largest,
+                "tilt": self.plane.tilt,
+                "offset": self.plane.offset,
+            }
+        return {
+            **fit_table(self.found, self.recordings, self.held_out),
+            "model": self.model.name,
+            "N": self.N,
+            "nodes": [{"N": n, "rmse": a, "held_out_rmse": b} for n, a, b in self.tried],
+            "controller": controller_table(plant.controller),
+            "controller_assumed": self.assumed,
+            "plane": plane,
+            "synthetic": self.synthetic,
+            "identified": str(self.folder.path / IDENTIFIED),
+            "report": str(self.folder.path / REPORT),
+            "seed": self.options.seed,
+            "version": self.version,
+        }
+
+    def _subtitle(self) -> str:
+        said = f"{', '.join(self.free)} of {self.model.name} with {self.N} nodes, fitted to {len(self.recordings)} "
+        said += f"recorded strikes, driven by {_DRIVEN[self.options.drive]}. {self.found.status.value.capitalize()}."
+        return said + (" Some of the recordings are synthetic: no real camera took them." if self.synthetic else "")
+
+    def _facts(self) -> dict[str, str]:
+        """What was run, for the report's head."""
+        from whiptool.identification.summary import recording_facts
+
+        options = self.options
+        facts = {
+            "code": f"whiptool {self.version}",
+            "method": "maximum likelihood" + ("" if self.how.prior is None else " with a prior (a posteriori)")
+            + "; Levenberg-Marquardt on the compiled model's exact sensitivities; "
+            + ("Huber's loss" if self.how.loss else "least squares")
+            + f"; {options.starts} starts, the first as given, the others within a factor of {self.how.dispersion:g}",
+            "started from": f"{options.model}",
+        }  # fmt: skip
+        if options.drive == "command":
+            facts["controller"] = f"{options.controller} {options.preset}, assumed: no recording says" if self.assumed \
+                else "as the recordings hold it"  # fmt: skip
+        if options.per_recording:
+            facts["each recording's own"] = ", ".join(options.per_recording)
+        if self.plane is not None:
+            facts["strike plane"] = str(self.plane)
+        return facts | recording_facts([*self.recordings, *self.held_out])
+
+    def _text(self, summary: dict[str, Any]) -> str:
+        from whiptool.identification.summary import parameter_lines
+
+        lines = [
+            f"{self.found.status.value}; {summary['fit_time']:.1f} s; 95 % intervals",
+            *parameter_lines(self.found),
+        ]
+        held_out = summary["held_out_rmse"]
+        said = "none held out" if held_out is None else f"{1e3 * held_out:.3g} mm held out"
+        lines.append(f"  error RMS   {1e3 * summary['rmse']:.3g} mm fitted, {said}")
+        if self.plane is not None:
+            lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
+        if self.assumed:
+            lines.append(f"  controller  {self.options.controller} {self.options.preset}, assumed: no recording says")
+        lines.append(f"  run folder  {self.folder.path} ({REPORT}, {IDENTIFIED}, {RECORDINGS})")
+        return "\n".join(lines)
+
+
+_DRIVEN = {"command": "the command", "joints": "the measured joints", "handle": "the tracked handle"}
+
+
+def _file_names(sources: list[str]) -> list[str]:
+    """A different NPZ name for each source."""
+    names: list[str] = []
+    for source in sources:
+        stem = re.sub(r"[^\w.-]+", "_", Path(source).stem) or "recording"
+        number = 1
+        while (name := f"{stem}.npz" if number == 1 else f"{stem}-{number}.npz") in names:
+            number += 1
+        names.append(name)
+    return names
+
+
+if __name__ == "__main__":
+    sys.exit(main())
