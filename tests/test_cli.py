@@ -193,7 +193,7 @@ MISTAKES = [
     (["--model", "negative.toml"], "whip.m: got -0.1"),
     (["--model", "broken.toml"], "valid TOML"),
     (["--model", "absent.toml"], "readable TOML"),
-    (["--method", "magic"], "directl, gradient, cmaes, random, nlopt:"),
+    (["--method", "magic"], "directl, gradient, cmaes, ga, sac, td3, ddpg, ppo, random, nlopt:"),
     (["--preset", "table5"], "printed, table4"),
     (["--controller", "pid"], "oiac, constant"),
     (["--simulator", "gazebo"], "compiled, reference"),
