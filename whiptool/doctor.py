@@ -66,7 +66,7 @@ def examine() -> list[Finding]:
     ]
     findings += [_package(name) for name in CORE]
     findings += [_extra(extra, names) for extra, names in EXTRAS.items()]
-    return [*findings, _processor(), *_engine(), _cache(), _graphics()]
+    return [*findings, *_camera(), _processor(), *_engine(), _cache(), _graphics()]
 
 
 def _version(name: str) -> str | None:
@@ -87,6 +87,21 @@ def _extra(extra: str, names: tuple[str, ...]) -> Finding:
     missing = not all(versions.values())
     found = ", ".join(f"{name} {found or 'not installed'}" for name, found in versions.items())
     return Finding(f"extra {extra}", found + (f"; if needed: pip install 'whiptool[{extra}]'" if missing else ""))
+
+
+def _camera() -> list[Finding]:
+    """Whether what is installed for the RealSense camera loads: its wheel does not hold the USB library."""
+    from whiptool.errors import WhiptoolError
+    from whiptool.rig.camera.realsense import realsense
+
+    if _version("pyrealsense2") is None:
+        return []
+    try:
+        realsense()
+    except WhiptoolError as error:
+        found, _, fix = str(error).rpartition(": ")
+        return [Finding("RealSense", found, fix)]
+    return [Finding("RealSense", "pyrealsense2 loads")]
 
 
 def _processor() -> Finding:

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from whiptool.models.parameters import Model, number
 from whiptool.models.stepping import time_grid
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.strike import Strike, StrikeBounds, default_bounds
+
+if TYPE_CHECKING:
+    from whiptool.rig.limits import MotorLimits
 
 HIT_RADIUS = 0.06  # [m], Eq. 17
 T_STAY = 0.3  # [s], not printed in the paper
@@ -76,7 +79,8 @@ class Outcome:
     """What one strike came to.
 
     Args:
-        miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged.
+        miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged, or if the objective's
+            limits refuse it.
         hit: Whether that is within the hit radius.
         time: When the tip was closest [s].
         tip: Where it was then (x, y) [m].
@@ -135,6 +139,12 @@ class Objective:
         max_time: No trial starts later than this after the objective was made [s]; None: no limit.
         stop_at_hit: End the search with the first hit.
         check_reach: Refuse a target out of reach.
+        limits: Of the arm's motors: a strike beyond their speed-torque line is refused: it is never a hit, and its miss
+            distance is larger than any real one and grows with how far it is beyond; None: motors can do anything.
+
+    Attributes:
+        trials: In order.
+        best: The trial with the smallest miss distance so far.
 
     Raises:
         InputError: The target cannot be reached, or a number is out of range.
@@ -151,6 +161,7 @@ class Objective:
         max_time: float | None = None,
         stop_at_hit: bool = False,
         check_reach: bool = True,
+        limits: MotorLimits | None = None,
     ) -> None:
         self.rollout, self.target = rollout, target or Target()
         if check_reach:
@@ -165,13 +176,13 @@ class Objective:
             raise InputError("max trials", max_trials, "a whole number >= 1")
         self.max_trials = max_trials
         self.max_time = None if max_time is None else number("max time", max_time, low=0, strict=True)
-        self.stop_at_hit = stop_at_hit
+        self.stop_at_hit, self.limits = stop_at_hit, limits
         self.trials: list[Trial] = []
         self.best: Trial | None = None
         self._recorded: list[Trial] = []
         self._on_trial: Callable[[Trial], None] | None = None
         self._start = time.monotonic()
-        # farther than any real miss can be
+        # farther than any real miss can be; a strike beyond the limits has between one and two of it
         self.penalty = rollout.model.reach + math.hypot(*self.target.position)
 
     def record(self, recorded: Sequence[Trial], on_trial: Callable[[Trial], None]) -> None:
@@ -187,6 +198,15 @@ class Objective:
     def n_diverged(self) -> int:
         """Trials that diverged."""
         return sum(trial.outcome.diverged for trial in self.trials)
+
+    @property
+    def n_refused(self) -> int:
+        """Trials that were beyond the motors' limits."""
+        return sum(self.refuses(trial.outcome) for trial in self.trials)
+
+    def refuses(self, outcome: Outcome) -> bool:
+        """Whether the outcome is that of a strike beyond the motors' limits."""
+        return self.limits is not None and not outcome.diverged and outcome.miss_distance > self.penalty
 
     def __call__(self, strike: np.ndarray | Sequence[float]) -> Outcome:
         """Outcome of one strike vector.
@@ -234,8 +254,8 @@ class Objective:
         """Outcome of one strike vector, a trial like any other, and the exact derivatives of its miss distance.
 
         Returns:
-            The outcome, and d miss_distance / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged. For a
-            trial that is answered from a log they are computed again.
+            The outcome, and d miss_distance / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged or was
+            refused. For a trial that is answered from a log they are computed again.
 
         Raises:
             InputError: The simulator has no derivatives.
@@ -247,7 +267,7 @@ class Objective:
         vector = np.array(strike, float)
         outcome = self(vector)
         _, slope = derivative(vector[None], np.array(self.target.position), t_stay=self.t_stay)
-        return outcome, np.zeros_like(vector) if outcome.diverged else slope[0]
+        return outcome, np.zeros_like(vector) if outcome.miss_distance >= self.penalty else slope[0]
 
     def _replay(self, strikes: np.ndarray) -> list[Outcome]:
         """Outcomes of those of these strikes that an earlier run recorded."""
@@ -266,20 +286,33 @@ class Objective:
         approach = getattr(self.rollout, "approach", None)
         if approach is not None:
             near = approach(strikes, position, t_stay=self.t_stay)
-            return [self._outcome(near, i) for i in range(len(strikes))]
+            beyond = self._beyond(near, strikes)
+            return [self._outcome(near, i, float(beyond[i])) for i in range(len(strikes))]
         paths = (self.rollout.trajectory(Strike.from_vector(s), t_stay=self.t_stay) for s in strikes)
         return [self.judge(path) for path in paths]
 
     def judge(self, trajectory: Trajectory) -> Outcome:
         """Outcome of a trajectory that is there already; it is no trial."""
-        return self._outcome(trajectory.approach(np.array(self.target.position)), 0)
+        beyond = 0.0 if self.limits is None else self.limits.violation(trajectory)
+        return self._outcome(trajectory.approach(np.array(self.target.position)), 0, beyond)
 
-    def _outcome(self, near: Approach, i: int) -> Outcome:
+    def _beyond(self, near: Approach, strikes: np.ndarray) -> np.ndarray:
+        """How far each strike is beyond the motors' line, (B,); <= 0: within. Peaks acquit, whole strikes convict."""
+        if self.limits is None:
+            return np.zeros(len(strikes))
+        beyond = self.limits.violation_of_peaks(near)
+        for i in np.flatnonzero((beyond > 0) & np.isfinite(beyond)):
+            strike = Strike.from_vector(strikes[i])
+            beyond[i] = self.limits.violation(self.rollout.trajectory(strike, t_stay=self.t_stay))
+        return beyond
+
+    def _outcome(self, near: Approach, i: int, beyond: float) -> Outcome:
         diverged = bool(near.diverged[i]) or not np.isfinite(near.distance[i])
-        distance = self.penalty if diverged else float(near.distance[i])
+        lost = diverged or beyond > 0
+        distance = self.penalty * (2 - 1 / (1 + beyond)) if lost else float(near.distance[i])
         return Outcome(
             miss_distance=distance,
-            hit=distance <= self.target.hit_radius,
+            hit=not lost and distance <= self.target.hit_radius,
             time=float(near.time[i]),
             tip=tuple(map(float, near.tip[i])),
             tip_velocity=tuple(map(float, near.velocity[i])),

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ class OptimizeOptions(cli.SimulationOptions):
     """No more trials than these."""
     max_time: float | None = None
     """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
+    limits: str | None = None
+    """Strikes beyond this motor's speed-torque line are refused, and count as misses: xm430."""
     stop_at_hit: bool = True
     """End with the first hit; otherwise go on to come closer."""
     seed: int = 0
@@ -65,11 +68,13 @@ class _Run:
         from whiptool.models.files import model_to_table
         from whiptool.objective import Objective
         from whiptool.optimizers import find_method
+        from whiptool.rig.limits import limits_preset
         from whiptool.runs import TRIALS, RunFolder, TrialLog, code_version, default_folder
         from whiptool.strike import StrikeBounds, default_bounds
 
         self.options = options
         find_method(options.method)
+        limits = None if options.limits is None else limits_preset(options.limits)
         if not 0 <= options.seed < 2**31:
             raise InputError("--seed", options.seed, "a whole number from 0 to 2147483647")
         self.model, self.controller = options.build_model(), options.build_controller()
@@ -90,6 +95,7 @@ class _Run:
             max_trials=options.max_trials,
             max_time=options.max_time,
             stop_at_hit=options.stop_at_hit,
+            limits=limits,
         )
         self.version = code_version()
         config = {
@@ -148,6 +154,9 @@ class _Run:
         replayed = self._replay(result)
         summary = self._summary(result, reference=replayed)
         trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
+        if self.objective.limits is not None:
+            usage = self.objective.limits.violation(trajectory) + 1
+            summary |= {"n_refused": self.objective.n_refused, "motor_usage": usage if isfinite(usage) else None}
         self.folder.write_result(summary)
         files = save_strike(
             self.folder.path,
@@ -160,7 +169,8 @@ class _Run:
         )
         from whiptool.plots import save_convergence
 
-        misses = [float("nan") if t.outcome.diverged else t.outcome.miss_distance for t in result.trace]
+        lost = [t.outcome.diverged or self.objective.refuses(t.outcome) for t in result.trace]
+        misses = [float("nan") if gone else t.outcome.miss_distance for t, gone in zip(result.trace, lost, strict=True)]
         label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
@@ -172,7 +182,7 @@ class _Run:
 
         from whiptool.models.reference import AGREEMENT, replay
 
-        if result.outcome.diverged:
+        if result.outcome.diverged or self.objective.refuses(result.outcome):
             return {"miss_distance": None, "difference": None}
         expected = result.outcome.miss_distance
         target = np.array(self.target.position)
@@ -214,13 +224,23 @@ class _Run:
         }
 
     def _text(self, result, summary: dict, files: list[str]) -> str:
-        bounds = self.objective.bounds
+        bounds, limits = self.objective.bounds, self.objective.limits
+        refused = self.objective.refuses(result.outcome)
         lines = [
             f"{result.method}: {result.message}, after {result.n_trials} trials in {result.wall_time:.2f} s"
             f" ({result.n_diverged} diverged)",
             *strike_lines(summary["strike"], zip(bounds.lower, bounds.upper, strict=True)),
-            *outcome_lines(result.outcome, self.target),
+            *(
+                ["  outcome        refused, as was every strike tried: beyond the motors' limits"]
+                if refused
+                else outcome_lines(result.outcome, self.target)
+            ),
         ]
+        if limits is not None and summary["motor_usage"] is not None:
+            lines.append(
+                f"  motors         {summary['motor_usage']:.0%} of the {limits.name}'s speed-torque line at the worst "
+                f"instant; {summary['n_refused']} strikes beyond it were refused"
+            )
         reference = summary["reference"]
         if reference["miss_distance"] is None:
             lines.append("  reference      not confirmed: no result in MuJoCo")

@@ -22,7 +22,7 @@ class ReproduceOptions(ComparisonOptions):
     """The paper's figures and tables beside ours, in one HTML file."""
 
     what: tyro.conf.Positional[str] = "all"
-    """fig5, fig6, fig7, table4 (with Fig. 8), or all."""
+    """fig5, fig6, fig7, table4 (with Fig. 8), hard (1 cm, everywhere), sim2real (Figs. 9, 10), or all."""
 
 
 _EXAMPLE = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from whiptool.report import Section
-from whiptool.reproduction import fig5, fig6, fig7, hard, table4
+from whiptool.reproduction import fig5, fig6, fig7, hard, sim2real, table4
 from whiptool.reproduction.context import Context
 
 __all__ = ["PARTS", "Context"]
@@ -19,4 +19,5 @@ PARTS: dict[str, Callable[[Context], list[Section]]] = {
     "fig7": fig7.sections,
     "table4": table4.sections,
     "hard": hard.sections,
+    "sim2real": sim2real.sections,
 }

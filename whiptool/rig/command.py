@@ -142,9 +142,10 @@ def _camera(name: str):
     if name == "none":
         return None
     if name == "realsense" or name.endswith(".db3"):
-        from whiptool.rig.camera.realsense import RealSense
+        from whiptool.rig.camera.model import camera_preset
+        from whiptool.rig.camera.realsense import RealSenseCamera
 
-        return RealSense() if name == "realsense" else RealSense(Path(name))
+        return RealSenseCamera(camera_preset("d435-infrared"), file=None if name == "realsense" else Path(name))
     raise InputError("--camera", name, "realsense, a .db3 recording, none", "the twin's cameras need --port twin")
 
 
