@@ -19,7 +19,8 @@ class OptimizeOptions(cli.SimulationOptions):
     """Find a strike with which the tip of the whip hits a target."""
 
     method: str = "directl"
-    """directl, gradient, cmaes, random, or nlopt:NAME of any of NLopt's global algorithms, such as nlopt:GN_CRS2_LM."""
+    """directl, gradient, cmaes, ga, random; the learners sac, td3, ddpg, ppo; or nlopt:NAME of any of NLopt's global
+    algorithms, such as nlopt:GN_CRS2_LM."""
     lower: tuple[float, ...] | None = None
     """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
     upper: tuple[float, ...] | None = None

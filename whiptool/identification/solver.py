@@ -147,9 +147,12 @@ def solve(
         accepted, ready, attempt = False, False, 0
         trial, trial_own, new_blocks, new_cost, new_weights = z, own, blocks, cost, weights
         while damping < _MOST_DAMPING:
-            step, own_step = _step(
-                weighted, damping, scale, own_scale, np.where(held, z, lower) - z, np.where(held, z, upper) - z
-            )
+            room = np.where(held, z, lower) - z, np.where(held, z, upper) - z
+            try:
+                step, own_step = _step(weighted, damping, scale, own_scale, *room)
+            except np.linalg.LinAlgError:  # singular to machine precision: more damping mends it
+                damping, growth = damping * growth, growth * 2
+                continue
             trial = np.clip(z + step, lower, upper)
             trial_own = [x + d for x, d in zip(own, own_step, strict=True)]
             foreseen = _foreseen(weighted, trial - z, own_step)

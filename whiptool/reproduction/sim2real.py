@@ -99,8 +99,8 @@ def sections(context: Context) -> list[Section]:
         "they were measured, which gives its stiffness, damping and drag over its mass (there is no force in this to "
         "weigh it by: the mass stays the model's); then the arm, driven by the command. The arm's model knows viscous "
         "friction only, which here stands for the motors' dry friction, too, and the controller's model carries the "
-        "weight of the whip that it believes in: these errors remain under the command, and are not there with "
-        "the arm as it was measured. "
+        "weight of the whip that it believes in: these errors remain under the command; taking the arm as it was "
+        "measured leaves them out, though not what the whip still did when the strike began. "
         + (
             "The twin stands at the start at once. "
             if quick

@@ -54,7 +54,7 @@ class LoopOptions:
     rehearse: bool = True
     delay: float = 0.001
     margin: float = 0.05
-    stiffness: float = 10.0
+    stiffness: float = 25.0
     damping: float = 0.7
 
     def __post_init__(self) -> None:
