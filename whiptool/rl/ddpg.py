@@ -17,7 +17,6 @@ from whiptool.rl.settings import DDPGSettings
 class DDPG(OffPolicyLearner):
     """One critic, one deterministic actor, slow targets of both, Gaussian exploration."""
 
-
     def __init__(self, settings: DDPGSettings, *, n_critics: int = 1, **sizes) -> None:
         super().__init__(settings, n_critics=n_critics, **sizes)
         shape = (self.n_obs, self.n_act, settings.hidden, self.generator)

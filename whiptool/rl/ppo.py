@@ -18,7 +18,6 @@ class PPO(Learner):
     batch holds one strike per lane, so the advantage of Eq. 11 is the one-step residual r + gamma V(s') - V(s).
     """
 
-
     def __init__(self, settings: PPOSettings, **sizes) -> None:
         super().__init__(settings, **sizes)
         self.actor = GaussianActor(self.n_obs, self.n_act, settings.hidden, self.generator, spread=settings.spread)

@@ -14,7 +14,6 @@ from whiptool.rl.settings import SACSettings
 class SAC(OffPolicyLearner):
     """Maximises reward plus alpha times the policy's entropy."""
 
-
     def __init__(self, settings: SACSettings, **sizes) -> None:
         super().__init__(settings, n_critics=2, **sizes)
         self.actor = SquashedGaussianActor(self.n_obs, self.n_act, settings.hidden, self.generator)

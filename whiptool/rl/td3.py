@@ -15,7 +15,6 @@ from whiptool.rl.settings import TD3Settings
 class TD3(DDPG):
     """DDPG with the three changes of TD3."""
 
-
     def __init__(self, settings: TD3Settings, **sizes) -> None:
         super().__init__(settings, n_critics=2, **sizes)
         self._counter = _Counter()
