@@ -216,6 +216,7 @@ def run(command: Callable[[], int]) -> int:
 COMMANDS = {
     "optimize": "find a strike that hits a target",
     "identify": "fit a whip's parameters to recorded strikes",
+    "adapt": "learn an unknown whip, strike by strike",
     "train": "train a policy over a zone of targets",
     "compare": "trials to hit, method by method",
     "reproduce": "the paper's figures and tables as one report",

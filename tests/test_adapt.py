@@ -1,0 +1,311 @@
+"""Learning an unknown whip: the belief narrows and covers, strikes hit, bad recordings do no harm, a run resumes."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from whiptool import adapt
+from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
+from whiptool.adaptation.planner import Effort, plan
+from whiptool.adaptation.ports import Seen, TipPort
+from whiptool.adaptation.posterior import update, usable
+from whiptool.adaptation.prior import Belief, default_prior, read_belief
+from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
+from whiptool.adaptation.wiggle import FASTEST, choose_wiggle, information
+from whiptool.comparison import Scene, Store
+from whiptool.errors import InputError
+from whiptool.identification.recording import StrikeRecording
+from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
+from whiptool.models.compiled import CompiledRollout
+from whiptool.models.presets import preset
+from whiptool.models.trajectory import joint_points
+from whiptool.objective import Target
+from whiptool.report import Table
+from whiptool.reproduction import adapt as reproduction
+from whiptool.rig.limits import XM430
+from whiptool.strike import Strike
+from whiptool.zone import Disc
+
+MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
+TARGET = (1.2, 0.1)
+STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
+QUICK = Effort(pool=96, polished=4, steps=4, whips=12, population=6, rounds=2)
+
+
+@pytest.fixture(scope="module")
+def prior() -> Belief:
+    return default_prior(MODEL, CONTROLLER, whip="uniform")
+
+
+@pytest.fixture(scope="module")
+def first(prior):
+    """A strike that is robust to the prior."""
+    return plan(prior, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK)
+
+
+def port_of(seed: int, family: str = "kin") -> TipPort:
+    return TipPort(draw_twin(family, seed, MODEL, CONTROLLER), TARGET)
+
+
+def filmed(port: TipPort, strike: Strike, number: int = 1) -> StrikeRecording:
+    recording = port.strike(strike, number, None).recording
+    assert recording is not None
+    return recording
+
+
+def test_twins_are_drawn_by_seed():
+    for family in FAMILIES:
+        one, same, other = (draw_twin(family, seed, MODEL, CONTROLLER) for seed in (3, 3, 4))
+        assert one == same
+        assert one.model.whip != other.model.whip
+        assert one.truth().model == one.model
+    kin, strange = (draw_twin(family, 0, MODEL, CONTROLLER) for family in ("kin", "strange"))
+    for name in ("k", "b", "m", "l"):
+        assert 0.7 <= getattr(kin.model.whip, name) / getattr(MODEL.whip, name) <= 1.3
+    assert strange.model.whip.N == NODES
+    for name in ("m", "k", "b", "dry_friction", "drag"):
+        assert len(set(np.round(strange.model.whip.per_node(name)[1:], 12))) >= 1 + (name not in ("drag",))
+        assert (strange.model.whip.per_node(name)[1:] > 0).all()
+    assert strange.controller != CONTROLLER
+    assert draw_twin("strange", 1, MODEL, Controller(ConstantImpedance())).controller.law != ConstantImpedance()
+
+
+def test_stranger_deviates_twice_as_much():
+    for seed in range(5):
+        strange, stranger = (draw_twin(family, seed, MODEL, CONTROLLER) for family in ("strange", "stranger"))
+        one, two = (np.log(x.model.whip.length / MODEL.whip.length) for x in (strange, stranger))
+        assert two == pytest.approx(2 * one)
+        assert stranger.clock_offset == pytest.approx(2 * strange.clock_offset)
+        assert abs(strange.clock_offset) <= 0.008
+
+
+def test_belief_in_and_out_of_a_table_and_a_file(prior, tmp_path):
+    again = Belief.from_table(prior.plant, json.loads(json.dumps(prior.to_table())))
+    assert again.names == prior.names
+    np.testing.assert_array_equal(again.z, prior.z)
+    file = tmp_path / "prior.toml"
+    file.write_text('"profile.length" = {value = 0.9, error = 0.05}\n"profile.drag" = {value = 0.002, error = 0}\n')
+    given = read_belief(str(file), MODEL, CONTROLLER)
+    assert given.values()["profile.length"] == pytest.approx(0.9)
+    assert given.errors()["profile.length"] == pytest.approx(0.05)
+    assert "profile.drag" not in given.names
+    assert given.plant.values()["profile.drag"] == 0.002
+    lengths = [np.log(p.model.whip.length) for p in given.sample(np.random.default_rng(0), 200)]
+    assert np.std(lengths) == pytest.approx(0.05, rel=0.2)
+    assert np.mean(lengths) == pytest.approx(np.log(0.9), abs=1e-6)
+
+
+def test_belief_narrows_and_covers(prior, first):
+    """Errors of what was learned, in standard errors: no larger than they should be."""
+    strikes = (Strike.from_vector(first.strike), STRIKE)
+    squares = []
+    for seed in range(4):
+        port = port_of(seed)
+        found = [filmed(port, strike, number) for number, strike in enumerate(strikes, 1)]
+        learned = update(prior, found, starts=2)
+        truth = port.twin.model.parameters() | {"delay": 0.0}
+        belief = learned.belief
+        assert not learned.refused
+        assert np.linalg.slogdet(belief.covariance)[1] < np.linalg.slogdet(prior.covariance)[1] - 5
+        before, after = prior.errors(), belief.errors()
+        assert all(after[name] <= 1.01 * before[name] for name in belief.names)
+        assert after["whip.l"] < 0.01
+        z = np.array([v.z(max(truth[v.name], 1e-12)) for v in belief.variables])
+        off = z - belief.z
+        squares.append(off @ np.linalg.solve(belief.covariance, off) / len(off))
+    assert np.mean(squares) < 2.5
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 5])
+def test_a_kin_whip_is_hit(prior, first, seed):
+    options = Options(max_strikes=3, starts=2, first=QUICK, later=QUICK)
+    steps = Adaptation(prior, port_of(seed), Target(TARGET), options).run()
+    assert steps[-1].hit
+    assert all(0 <= step.plan.probability <= 1 for step in steps)
+
+
+def handle_path(recording, twin):
+    path = CompiledRollout(twin.model, twin.controller).trajectory(recording.strike, t_stay=0.3)
+    at = joint_points(twin.model, path.q)[:, twin.model.arm.n]
+    return np.stack([np.interp(recording.t, path.t, at[:, i]) for i in range(2)], axis=1)
+
+
+def spoilt(recording, twin, how: str):
+    points = recording.points.copy()
+    if how == "lost":
+        points[::2] = points[1::4] = np.nan
+    elif how == "marker":
+        points[:, 0] = handle_path(recording, twin)
+    else:
+        c, s = np.cos(0.2), np.sin(0.2)
+        points = points @ np.array([[c, s], [-s, c]]) + [0.05, -0.1]
+    return dataclasses.replace(recording, points=points, source="spoilt")
+
+
+@pytest.mark.parametrize(("how", "said"), [("lost", "lost in"), ("marker", "marker"), ("pose", "camera was turned")])
+def test_bad_recordings_do_not_send_the_next_strike_astray(prior, first, how, said):
+    port = port_of(1)
+    good = filmed(port, Strike.from_vector(first.strike))
+    bad = spoilt(filmed(port, STRIKE, 2), port.twin, how)
+    alone, both = update(prior, [bad], starts=2), update(prior, [good, bad], starts=2)
+    assert said in alone.refused["spoilt"]
+    np.testing.assert_array_equal(alone.belief.z, prior.z)
+    assert set(both.refused) == {"spoilt"}
+    chosen = plan(both.belief, Target(TARGET), rng=np.random.default_rng(1), effort=QUICK)
+    miss = port.strike(Strike.from_vector(chosen.strike), 3, None).miss
+    assert miss is not None
+    assert miss < 0.06
+
+
+def test_only_the_tip_until_shortly_after_the_closest_approach_is_used(first):
+    recording = filmed(port_of(0), Strike.from_vector(first.strike))
+    cut, reason = usable(recording)
+    assert cut is not None
+    assert not reason
+    last = recording.t[np.flatnonzero(cut.seen[:, 0])[-1]]
+    nearest = recording.t[np.hypot(*(recording.points[:, 0] - TARGET).T).argmin()]
+    assert nearest <= last <= nearest + 0.1
+    with pytest.raises(InputError, match="tip"):
+        usable(dataclasses.replace(recording, markers=("handle",)))
+
+
+def test_limits_are_kept_where_they_can_be(prior):
+    """Slow strikes only: the motors are weak."""
+    kinder = dataclasses.replace(XM430, stall_torque=12.0, no_load_speed=30.0)
+    rng = np.random.default_rng(0)
+    chosen = plan(prior, Target(TARGET), rng=rng, effort=QUICK, limits=kinder)
+    near = CompiledRollout(MODEL, CONTROLLER).approach(np.array([chosen.strike]), np.array(TARGET), t_stay=0.3)
+    assert chosen.usage is not None
+    assert chosen.usage <= 1
+    assert kinder.violation_of_peaks(near)[0] < 0.1  # of the nominal whip, nearly the mean
+    assert "motors give" in chosen.reason
+
+
+def test_the_wiggle_is_slow_and_tells_much(prior):
+    rng = np.random.default_rng(0)
+    chosen, told = choose_wiggle(prior, rng=rng, candidates=16)
+    some, fastest = information(prior, np.array([chosen.vector, [-1.0, 1.0, -0.9, 1.0, 0.8]]))
+    assert fastest[0] <= FASTEST
+    assert told == pytest.approx(some[0])
+    assert some[0] > some[1] > 0
+
+
+class Struck(Exception):
+    """The run is killed here."""
+
+
+class Killed:
+    """A port that is killed before its second strike."""
+
+    def __init__(self, port: TipPort) -> None:
+        self.port = port
+
+    def strike(self, strike: Strike, number: int, folder) -> Seen:
+        if number == 2:
+            raise Struck
+        return self.port.strike(strike, number, folder)
+
+
+def test_a_killed_run_goes_on_as_if_it_had_not_been(prior, tmp_path):
+    options = Options(max_strikes=2, stop_at_hit=False, starts=1, first=QUICK, later=QUICK)
+    target, port = Target(TARGET), port_of(6)
+    whole = Adaptation(prior, port, target, options, tmp_path / "whole").run()
+    with pytest.raises(Struck):
+        Adaptation(prior, Killed(port), target, options, tmp_path / "killed").run()
+    resumed = Adaptation(prior, port, target, options, tmp_path / "killed").run()
+    assert [s.plan.strike for s in resumed] == [s.plan.strike for s in whole]
+    assert [s.outcome.miss for s in resumed] == [s.outcome.miss for s in whole]
+    one, two = resumed[-1].learned, whole[-1].learned
+    assert one is not None
+    assert two is not None
+    np.testing.assert_array_equal(one.belief.z, two.belief.z)
+    for name in (PLAN, OUTCOME, POSTERIOR, "recording.npz"):
+        assert (tmp_path / "killed/strike-0002" / name).exists()
+    (tmp_path / "killed/strike-0001" / PLAN).write_text("{")
+    with pytest.raises(InputError, match=PLAN.replace(".", r"\.")):
+        Adaptation(prior, port, target, options, tmp_path / "killed").run()
+
+
+def test_repeating_the_first_strike_is_the_baseline(prior):
+    options = Options(max_strikes=2, stop_at_hit=False, adapt=False, first=QUICK)
+    steps = Adaptation(prior, port_of(1), Target(TARGET), options).run()
+    assert steps[0].plan.strike == steps[1].plan.strike
+    assert steps[1].learned is None
+
+
+def test_command_line_hits_and_resumes(tmp_path, capsys):
+    out = tmp_path / "run"
+    words = ["--target", "1.2", "0.1", "--camera", "tip", "--family", "kin", "--seed", "5", "--whip", "uniform"]
+    assert adapt.main([*words, "--preset", "table4", "--json", "--out", str(out)]) == 0
+    said = capsys.readouterr()
+    result = json.loads(said.out)
+    assert result["hit"]
+    assert result["miss_distance"][-1] <= 0.06
+    assert "stated probability" in said.err
+    shutil.rmtree(out / f"strike-{result['strikes']:04d}")
+    assert adapt.main(["--resume", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["miss_distance"] == result["miss_distance"]
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--target", "5", "0"], "target"),
+        (["--family", "odd"], "family"),
+        (["--camera", "odd"], "--camera"),
+        (["--camera", "none"], "--camera"),
+        (["--max-strikes", "0"], "max strikes"),
+        (["--starts", "0"], "starts"),
+        (["--whip", "odd"], "whip"),
+        (["--limits", "odd"], "limits"),
+        (["--seed", "-1"], "seed"),
+        (["--prior", "/nowhere.toml"], "nowhere"),
+        (["--known", "/nowhere.npz"], "nowhere"),
+        (["--true-model", "lemon2024"], "--true-model"),
+        (["--port", "/dev/null"], "--camera"),
+    ],
+)
+def test_bad_input_is_one_line(words, named, tmp_path, capsys):
+    assert adapt.main([*words, "--out", str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert named in said
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "line",
+    ['"odd" = {value = 1, error = 1}', '"whip.k" = 3', '"whip.k" = {value = 1, error = -1}', "odd"],
+)
+def test_a_bad_prior_is_refused(line, tmp_path):
+    file = tmp_path / "prior.toml"
+    file.write_text(line)
+    with pytest.raises(InputError):
+        read_belief(str(file), MODEL, CONTROLLER, whip="uniform")
+
+
+def test_tables_of_unknown_whips(tmp_path):
+    scene = Scene(model=MODEL, controller=CONTROLLER, zone=Disc((1.1, 0.0)))
+    work = [
+        reproduction.AdaptUnit(scene=scene, family="kin", seed=1, target=0, method=method, strikes=2, thorough=False)
+        for method in ("nominal", "adapt")
+    ]
+    results = Store(tmp_path).results(work)
+    table = next(part for part in reproduction.summarise(work, results).parts if isinstance(part, Table))
+    assert [row[:3] for row in table.rows[1:]] == [["kin", "nominal", "1"], ["kin", "adapt", "1"]]
+    assert all(len(row) == len(table.rows[0]) for row in table.rows)
+    assert results[work[1].name]["miss"][-1] < 0.06
+    assert len(reproduction.units(scene, whips=2, targets=3)) == 3 * 4 * 2 * 3
+    far = dataclasses.replace(work[0], scene=dataclasses.replace(scene, zone=Disc((3.0, 0.0))))
+    assert far.run(None, 1) == {"excluded": True}
+
+
+def test_reliability():
+    rows, error = reproduction.reliability(np.array([0.9, 0.95, 0.1]), np.array([True, True, False]))
+    assert [row[3] for row in rows[1:]] == ["1", "2"]
+    assert error == pytest.approx((0.1 + 2 * 0.075) / 3)

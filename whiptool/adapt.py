@@ -1,0 +1,211 @@
+"""Learn an unknown whip, strike by strike: `python -m whiptool.adapt --target X Y --port twin --camera twin`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from whiptool import cli
+from whiptool.errors import InputError
+from whiptool.rig.command import RigOptions
+
+CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
+SLOW = 0.9  # [s], shortest movement within a motor's limits
+SHOWN = 6  # numbers that are told after each strike: those that narrowed most
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptOptions(RigOptions):
+    """Strike, film, identify again and plan again, until an unknown whip hits."""
+
+    camera: str = "points"
+    """With the twin: points (the tip with the error of tracked images), twin (rendered and tracked images), tip (60
+    frames a second, 5 mm noise, no servos); with a real arm: realsense or a RealSense recording (.db3)."""
+    family: str = "strange"
+    """Of the twin's whip: kin, strange, stranger."""
+    max_strikes: int = 6
+    """No more strikes than these."""
+    whip: str = "profile"
+    """What is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
+    prior: str | None = None
+    """TOML file of lines such as "profile.length" = {value = 0.9, error = 0.05}, in place of the wide default."""
+    known: tuple[str, ...] = ()
+    """Recordings (.npz) of earlier strikes with the same whip."""
+    limits: str | None = None
+    """Plan within a motor's limits: xm430, the default but for --camera tip, which has no motors."""
+    wiggle: bool = False
+    """A short, slow movement first, chosen for what it tells about the whip."""
+    starts: int = 3
+    """Starts of every identification."""
+    seed: int = 0
+    """Of the twin's whip and of everything random."""
+    resume: Path | None = None
+    """Go on with the run in this folder: its strikes are not struck again."""
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "yes": False}
+_ABOUT = (
+    "Learn an unknown whip, strike by strike, until it hits. "
+    "Example: python -m whiptool.adapt --target 1.2 0.1 --port twin --camera points --family strange --seed 3"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0 after a hit, 1 without one, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _adapt(list(sys.argv[1:] if args is None else args)))
+
+
+def _adapt(words: list[str]) -> int:
+    from whiptool.adaptation.loop import Adaptation, Options
+    from whiptool.adaptation.planner import FIRST, NEXT
+    from whiptool.adaptation.prior import read_belief
+    from whiptool.identification.recording import StrikeRecording
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
+    from whiptool.rig.limits import limits_preset
+    from whiptool.runs import RunFolder, code_version, default_folder
+    from whiptool.strike import StrikeBounds, default_bounds
+
+    options = cli.parse_resumable(
+        AdaptOptions, command="adapt", description=_ABOUT, args=words, not_configuration=_NOT_CONFIGURATION
+    )
+    model, controller, target = options.build_model(), _controller(options), options.build_target()
+    target.check_reach(model)
+    tip = options.port == "twin" and options.camera == "tip"
+    limits = options.limits or (None if tip else "xm430")
+    usual = default_bounds(model.arm)
+    slow = StrikeBounds((*usual.lower[:-1], SLOW), usual.upper)
+    loop = Options(
+        max_strikes=options.max_strikes,
+        starts=options.starts,
+        seed=options.seed,
+        t_stay=options.t_stay,
+        limits=None if limits is None else limits_preset(limits),
+        bounds=usual if limits is None else slow,
+        check=None if tip else lambda strike: _refusal(options, model, controller, strike),
+        first=FIRST if limits is None else replace(FIRST, pool=1024),
+        later=NEXT if limits is None else replace(NEXT, pool=512),
+        wiggle=options.wiggle,
+    )
+    motor = None if tip else HARDWARE if options.friction else Motor()
+    prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor)
+    port = _port(options, model, controller)
+    known = [StrikeRecording.load(path) for path in options.known]
+    config = {"command": "adapt", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
+    if options.resume is None:
+        folder = RunFolder.create(options.out or default_folder("adapt"), {"version": code_version(), **config})
+    else:
+        folder = RunFolder.open(options.resume)
+        cli.check_same_run(folder, config)
+    adaptation = Adaptation(prior, port, target, loop, folder.path, recordings=known)
+    steps = adaptation.run(lambda step: print("\n".join(_lines(step, prior)), file=sys.stderr))
+    summary = _summary(steps)
+    folder.write_result(summary)
+    print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
+    return 0 if summary["hit"] else 1
+
+
+def _controller(options: AdaptOptions):
+    """The controller; a rig holds the torque for a cycle."""
+    controller = options.build_controller()
+    return controller if options.camera == "tip" else replace(controller, control_period=1 / options.rate)
+
+
+def _refusal(options: AdaptOptions, model, controller, strike) -> str | None:
+    """Why the loop would not strike so."""
+    from whiptool.rig.rehearsal import rehearse
+
+    rate, delay = options.rate, options.latency
+    return rehearse(model, controller, strike, rate=rate, delay=delay, t_stay=options.t_stay).refused
+
+
+def _port(options: AdaptOptions, model, controller):
+    """What strikes and films."""
+    from whiptool.adaptation.ports import RigPort, TipPort
+    from whiptool.adaptation.twins import draw_twin
+    from whiptool.rig.command import _make_rig
+    from whiptool.rig.loop import LoopOptions
+    from whiptool.rig.session import TwinRig
+
+    if options.true_model is not None:
+        raise InputError("--true-model", options.true_model, "nothing: the twin's whip is drawn, see --family")
+    target = options.build_target().position
+    if options.port != "twin":
+        if options.camera in CAMERAS or options.camera == "none":
+            raise InputError("--camera", options.camera, "realsense or a .db3 recording, with a real arm")
+        rig = _make_rig(options, model, controller)
+        return RigPort(lambda number: rig, target)
+    if options.camera not in CAMERAS:
+        raise InputError("--camera", options.camera, ", ".join(CAMERAS) + " with --port twin")
+    twin = draw_twin(options.family, options.seed, model, controller)
+    if options.camera == "tip":
+        return TipPort(twin, target, t_stay=options.t_stay)
+    camera = "d435-infrared" if options.camera == "twin" else options.camera
+    loop = LoopOptions(rate=options.rate, t_stay=options.t_stay, settle=options.settle, delay=twin.latency)
+
+    def make(number: int) -> TwinRig:
+        seed = 1000 * options.seed + number
+        return TwinRig(
+            model,
+            twin.controller,
+            truth=twin.truth(),
+            camera=camera,
+            target=target,
+            options=loop,
+            at_once=True,
+            seed=seed,
+        )
+
+    return RigPort(make, target)
+
+
+def _lines(step, prior) -> list[str]:
+    """What is told after a strike."""
+    o, p = step.outcome, step.plan
+    name = f"strike {step.number}" if step.number else "wiggle"
+    lines = [f"{name}: {p.reason}"]
+    if o.fault:
+        lines.append(f"  fault          {o.fault}")
+    if step.number and o.miss is not None:
+        said = "hit" if step.hit else "missed"
+        whose = "in truth (the twin knows)" if o.true_miss is not None else "as the camera saw it"
+        lines.append(f"  outcome        {said}, {100 * o.miss:.2f} cm {whose}; stated probability {p.probability:.0%}")
+    if step.learned is None:
+        return lines
+    before, after, values = prior.errors(), step.learned.belief.errors(), step.learned.belief.values()
+    narrowed = sorted(after, key=lambda name: after[name] / before[name])
+    for name in narrowed[:SHOWN]:
+        lines.append(f"  {name:28s} {values[name]:+.4g}, error {before[name]:.2g} -> {after[name]:.2g}")
+    for source, reason in step.learned.refused.items():
+        lines.append(f"  not used       {source}: {reason}")
+    spent = p.wall_time + step.learned.wall_time
+    lines.append(
+        f"  model error    {100 * step.learned.belief.model_error:.2f} cm; planned and learned in {spent:.1f} s"
+    )
+    return lines
+
+
+def _summary(steps) -> dict[str, Any]:
+    strikes = [step for step in steps if step.number]
+    return {
+        "hit": bool(strikes and strikes[-1].hit),
+        "strikes": len(strikes),
+        "miss_distance": [s.outcome.miss for s in strikes],
+        "stated_probability": [s.plan.probability for s in strikes],
+        "faults": [s.outcome.fault for s in strikes],
+        "refused": strikes[-1].learned.refused if strikes and strikes[-1].learned else {},
+        "values": strikes[-1].learned.belief.values() if strikes and strikes[-1].learned else {},
+    }
+
+
+def _conclusion(summary: dict[str, Any], folder: Path) -> str:
+    said = "hit at" if summary["hit"] else "no hit up to"
+    misses = ", ".join("not seen" if x is None else f"{100 * x:.2f}" for x in summary["miss_distance"])
+    return f"{said} strike {summary['strikes']}; misses [cm]: {misses}; run folder {folder}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

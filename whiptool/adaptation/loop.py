@@ -1,0 +1,209 @@
+"""Strike, film, identify again, plan again, until it hits; every step is kept, so that a killed run goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
+from whiptool.adaptation.ports import Port, Seen
+from whiptool.adaptation.posterior import Learned, update
+from whiptool.adaptation.prior import Belief
+from whiptool.adaptation.wiggle import choose_wiggle
+from whiptool.errors import InputError
+from whiptool.identification.recording import StrikeRecording
+from whiptool.objective import Target
+from whiptool.rig.limits import MotorLimits
+from whiptool.runs import write_whole
+from whiptool.strike import Strike, StrikeBounds
+
+PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.json", "recording.npz"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to adapt.
+
+    Args:
+        max_strikes: No more than these.
+        stop_at_hit: End with the first hit.
+        wiggle: A short, slow movement first, number 0.
+        adapt: False: never learn; plan once from the prior, and repeat.
+        starts: Of every identification.
+        seed: Of candidates, samples and starts.
+        t_stay: A strike is watched so long after the movement ended [s].
+        bounds, limits, check: Of the strikes, see `whiptool.adaptation.planner.plan`.
+        first, later: Effort of the first plan and of the others.
+    """
+
+    max_strikes: int = 6
+    stop_at_hit: bool = True
+    wiggle: bool = False
+    adapt: bool = True
+    starts: int = 3
+    seed: int = 0
+    t_stay: float = 0.3
+    bounds: StrikeBounds | None = None
+    limits: MotorLimits | None = None
+    check: Callable[[Strike], str | None] | None = None
+    first: Effort = FIRST
+    later: Effort = NEXT
+
+    def __post_init__(self) -> None:
+        for name in ("max_strikes", "starts"):
+            if getattr(self, name) < 1:
+                raise InputError(name.replace("_", " "), getattr(self, name), "a whole number >= 1")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One strike: what was expected, what came, what it taught.
+
+    Args:
+        number: From 1; 0 is the wiggle.
+        plan: Of the strike.
+        outcome: What came of it.
+        learned: Afterwards; None where nothing is learned.
+        hit: Whether it hit; None: nobody saw.
+    """
+
+    number: int
+    plan: Plan
+    outcome: Seen
+    learned: Learned | None
+    hit: bool | None
+
+
+@dataclass
+class Adaptation:
+    """A whip that is being learned.
+
+    Args:
+        prior: Before the first strike.
+        port: What strikes.
+        target: What is to be hit.
+        options: See `Options`.
+        folder: Run folder; None: nothing is kept.
+        recordings: Earlier ones of the same whip, which the first plan knows already.
+    """
+
+    prior: Belief
+    port: Port
+    target: Target
+    options: Options = field(default_factory=Options)
+    folder: Path | None = None
+    recordings: list[StrikeRecording] = field(default_factory=list)
+
+    def run(self, on_step: Callable[[Step], None] = lambda step: None) -> list[Step]:
+        """Strike until it hits, or to the last strike.
+
+        What the folder holds of an earlier run is read, not struck again. A strike that was killed before its outcome
+        was written is struck again.
+
+        Args:
+            on_step: Called with every step.
+
+        Raises:
+            InputError: The folder is damaged.
+        """
+        o, belief, steps = self.options, self.prior, []
+        recordings, past = list(self.recordings), []
+        if recordings and o.adapt:
+            belief = update(self.prior, recordings, starts=o.starts, seed=o.seed).belief
+        for number in range(0 if o.wiggle else 1, o.max_strikes + 1):
+            chosen = self._planned(number, belief, past, steps)
+            if number:
+                past.append(chosen.strike)
+            outcome = self._struck(number, chosen)
+            if outcome.recording is not None:
+                recordings.append(outcome.recording)
+            learned = None
+            if o.adapt and recordings:
+                learned = self._learned(number, recordings, belief)
+                belief = learned.belief
+            hit = None if outcome.miss is None else outcome.miss <= self.target.hit_radius
+            steps.append(Step(number, chosen, outcome, learned, hit))
+            on_step(steps[-1])
+            if hit and number and o.stop_at_hit:
+                break
+        return steps
+
+    def _planned(self, number: int, belief: Belief, past: list, steps: list[Step]) -> Plan:
+        stored = self._read(number, PLAN)
+        if stored is not None:
+            return Plan(**{**stored, "strike": tuple(stored["strike"])})
+        o, rng = self.options, np.random.default_rng([self.options.seed, number])
+        if number == 0:
+            strike, told = choose_wiggle(belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay)
+            reason = f"a movement that tells {told:.1f} nat about the whip"
+            chosen = Plan(tuple(map(float, strike.vector)), 0.0, 0.0, 0.0, None, reason, 0.0)
+        elif number > 1 and not o.adapt:
+            chosen = steps[-1].plan
+        else:
+            chosen = plan(
+                belief,
+                self.target,
+                rng=rng,
+                past=past,
+                bounds=o.bounds,
+                limits=o.limits,
+                check=o.check,
+                t_stay=o.t_stay,
+                effort=o.first if number == 1 else o.later,
+            )
+        self._write(number, PLAN, asdict(chosen))
+        return chosen
+
+    def _struck(self, number: int, chosen: Plan) -> Seen:
+        stored, folder = self._read(number, OUTCOME), self._place(number)
+        if stored is not None:
+            assert folder is not None
+            filmed = stored.pop("filmed")
+            recording = None
+            if filmed is not None:
+                recording = StrikeRecording.load(folder / RECORDING)
+                recording = replace(recording, source=filmed)  # its name from before it was a file
+            return Seen(recording, **stored)
+        seen = self.port.strike(Strike.from_vector(chosen.strike), number, folder)
+        if folder is not None and seen.recording is not None:
+            seen.recording.save(folder / RECORDING)
+        told: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault")}
+        self._write(number, OUTCOME, told | {"filmed": None if seen.recording is None else seen.recording.source})
+        return seen
+
+    def _learned(self, number: int, recordings: list[StrikeRecording], belief: Belief) -> Learned:
+        stored = self._read(number, POSTERIOR)
+        if stored is not None:
+            rest = {name: stored[name] for name in ("rmse", "refused", "wall_time")}
+            return Learned(Belief.from_table(self.prior.plant, stored), **rest)
+        o = self.options
+        learned = update(self.prior, recordings, guess=belief, starts=o.starts, seed=o.seed)
+        told = {"rmse": learned.rmse, "refused": learned.refused, "wall_time": learned.wall_time}
+        self._write(number, POSTERIOR, learned.belief.to_table() | told)
+        return learned
+
+    def _place(self, number: int) -> Path | None:
+        if self.folder is None:
+            return None
+        place = self.folder / f"strike-{number:04d}"
+        place.mkdir(parents=True, exist_ok=True)
+        return place
+
+    def _read(self, number: int, name: str) -> dict[str, Any] | None:
+        place = None if self.folder is None else self.folder / f"strike-{number:04d}" / name
+        if place is None or not place.exists():
+            return None
+        try:
+            return json.loads(place.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(str(place), str(error)[:80], "what whiptool wrote", "delete it") from None
+
+    def _write(self, number: int, name: str, table: dict[str, Any]) -> None:
+        place = self._place(number)
+        if place is not None:
+            write_whole(place / name, json.dumps(table, indent=1) + "\n")

@@ -1,0 +1,256 @@
+"""The strike that most probably hits, over whips that are all still possible."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.errors import InputError
+from whiptool.identification.plant import Plant
+from whiptool.models.compiled import CompiledRollout
+from whiptool.models.trajectory import Approach
+from whiptool.objective import Target
+from whiptool.rig.limits import MotorLimits
+from whiptool.strike import Strike, StrikeBounds, default_bounds
+
+TIMESTEP = 5e-4  # [s]
+MARGIN = 0.1  # part of the motors' line that is kept free
+CHECKED = 8  # strikes that are asked about before the best of all is taken all the same
+_FLOOR = 0.005  # [m] of the tip's own scatter, at least
+_PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits
+_FAR = 0.5  # [m] beyond which a miss is as good as any other
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard the planner looks.
+
+    Args:
+        pool: Random candidates, tried on the mean of the belief.
+        polished: Of them, improved on the mean with its exact derivatives, in so many `steps`.
+        whips: Samples of the belief.
+        population, rounds: Of the refinement over all samples.
+    """
+
+    pool: int = 160
+    polished: int = 8
+    steps: int = 5
+    whips: int = 16
+    population: int = 8
+    rounds: int = 4
+
+    def __post_init__(self) -> None:
+        for name in ("pool", "polished", "whips"):
+            if getattr(self, name) < 1:
+                raise InputError(name, getattr(self, name), "a whole number >= 1")
+
+
+FIRST = Effort(pool=256, polished=16, whips=32, population=12, rounds=6)  # there is time before the first strike
+NEXT = Effort()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The strike that was chosen.
+
+    Args:
+        strike: Its vector.
+        probability: Of a hit, as believed.
+        expected_miss: Mean over the samples [m].
+        mean_miss: On the mean of the belief [m].
+        usage: Largest part of the motors' line that it uses on the mean; None: no limits were given.
+        reason: For people.
+        wall_time: [s]
+    """
+
+    strike: tuple[float, ...]
+    probability: float
+    expected_miss: float
+    mean_miss: float
+    usage: float | None
+    reason: str
+    wall_time: float
+
+
+def plan(
+    belief: Belief,
+    target: Target,
+    *,
+    rng: np.random.Generator,
+    past: Sequence[Sequence[float]] = (),
+    bounds: StrikeBounds | None = None,
+    limits: MotorLimits | None = None,
+    check: Callable[[Strike], str | None] | None = None,
+    t_stay: float = 0.3,
+    effort: Effort = NEXT,
+    timestep: float = TIMESTEP,
+) -> Plan:
+    """The strike of the largest probability of a hit over samples of a belief.
+
+    Random candidates and past strikes with their neighbours are tried on the belief's mean; the best are improved
+    there by Gauss-Newton steps along exact derivatives; all that are left are tried on every sample, and a search with
+    a shrinking normal distribution (cross-entropy, Rubinstein 1999) refines the best. Each sample's miss distance d is
+    smoothed by the belief's model error s: it hits with `Phi((r - d) / s) - Phi((-r - d) / s)`.
+
+    Args:
+        belief: About the whip.
+        target: Point and hit radius.
+        rng: Of candidates and samples.
+        past: Strikes that were tried before.
+        bounds: Box of strikes; default: `default_bounds`.
+        limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
+        check: Says why a strike must not be struck, None where it may; asked of the best, one after the other.
+        t_stay: A strike is watched so long after the movement ended [s].
+        effort: How hard to look.
+        timestep: Of the integrator [s].
+
+    Raises:
+        InputError: A past strike is none of this arm, or the arm has no default bounds.
+    """
+    began = time.perf_counter()
+    search = _Search(belief, target, bounds, limits, t_stay, timestep)
+    lower, upper = search.box
+    candidates = rng.uniform(lower, upper, (effort.pool, len(lower)))
+    if len(past):
+        known = np.array(past, float)
+        around = np.repeat(known, 8, axis=0)
+        around = around + 0.05 * (upper - lower) * rng.standard_normal(around.shape)
+        candidates = np.vstack([np.clip(np.vstack([known, around]), lower, upper), candidates])
+    on_mean = search.mean(candidates)
+    best = candidates[np.argsort(search.rank(on_mean))[: effort.polished]]
+    polished = search.polish(best, effort.steps)
+    whips = belief.sample(rng, effort.whips)
+    tried = np.vstack([best, polished])
+    scores = search.score(tried, whips)
+    centre, top = tried[int(scores.argmax())], float(scores.max())
+    ranked = [(tried, scores)]
+    spread = np.full(len(lower), 0.04)
+    for _ in range(effort.rounds):
+        draws = centre + spread * (upper - lower) * rng.standard_normal((effort.population, len(lower)))
+        draws = np.clip(draws, lower, upper)
+        values = search.score(draws, whips)
+        ranked.append((draws, values))
+        elite = draws[np.argsort(-values)[: max(2, effort.population // 4)]]
+        if values.max() > top:
+            centre, top = draws[int(values.argmax())], float(values.max())
+            spread = 0.5 * spread + 0.5 * np.abs(elite - centre).mean(axis=0) / (upper - lower)
+        else:
+            spread = 0.6 * spread
+    if check is not None:
+        centre = _allowed(np.vstack([x for x, _ in ranked]), np.concatenate([x for _, x in ranked]), check)
+    return search.report(centre, whips, time.perf_counter() - began, len(candidates))
+
+
+def _allowed(strikes: np.ndarray, scores: np.ndarray, check: Callable[[Strike], str | None]) -> np.ndarray:
+    """The best strike that nothing forbids; the best of all where the first few are all forbidden."""
+    order = np.argsort(-scores)
+    for i in order[:CHECKED]:
+        if check(Strike.from_vector(strikes[i])) is None:
+            return strikes[i]
+    return strikes[order[0]]
+
+
+class _Search:
+    """Rollouts and what they are worth."""
+
+    def __init__(
+        self,
+        belief: Belief,
+        target: Target,
+        bounds: StrikeBounds | None,
+        limits: MotorLimits | None,
+        t_stay: float,
+        timestep: float,
+    ) -> None:
+        plant = belief.at()
+        assert plant.controller is not None
+        self.target, self.limits, self.t_stay = target, limits, t_stay
+        self.box = (bounds or default_bounds(plant.model.arm)).box
+        self.rollout = CompiledRollout(plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief))
+        self.scatter = float(np.hypot(belief.model_error, _FLOOR))
+        self._at = np.array(target.position)
+
+    def mean(self, strikes: np.ndarray) -> Approach:
+        """On the belief's mean."""
+        return self.rollout.approach(strikes, self._at, t_stay=self.t_stay)
+
+    def excess(self, near: Approach) -> np.ndarray:
+        """How far beyond the motors' line, 0 within it, (B,)."""
+        if self.limits is None:
+            return np.zeros(len(near.distance))
+        return np.clip(self.limits.violation_of_peaks(near, margin=MARGIN), 0.0, 10.0)
+
+    def rank(self, near: Approach) -> np.ndarray:
+        """Miss distance, with what the motors cannot do behind all others, (B,)."""
+        excess = self.excess(near)
+        distance = np.where(near.diverged | ~np.isfinite(near.distance), 1e3, near.distance)
+        return distance + np.where(excess > 0, 10 + excess, 0)
+
+    def polish(self, strikes: np.ndarray, steps: int) -> np.ndarray:
+        """Gauss-Newton steps towards no miss on the mean, by the strike's scaled numbers; the best of each path."""
+        lower, upper = self.box
+        width, x, best, value = upper - lower, strikes.copy(), strikes.copy(), np.full(len(strikes), np.inf)
+        for step in range(steps + 1):
+            near, slope = self.rollout.gradient(x, self._at, t_stay=self.t_stay)
+            rank = self.rank(near)
+            better = rank < value
+            best[better], value[better] = x[better], rank[better]
+            if step == steps:
+                break
+            g = slope * width  # by the numbers in units of their range
+            move = -near.distance[:, None] * g / np.maximum((g**2).sum(axis=1, keepdims=True), 1e-6)
+            length = np.linalg.norm(move, axis=1, keepdims=True)
+            move = np.nan_to_num(move * np.minimum(1.0, 0.1 / np.maximum(length, 1e-9)))
+            x = np.clip(x + move * width, lower, upper)
+        return best
+
+    def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
+        """Miss distance of every strike with every whip, (strikes, whips) [m]; infinite where it diverged."""
+        B, S = len(strikes), len(whips)
+        order = [whip for _ in range(B) for whip in whips]
+        controllers = [whip.controller for whip in order if whip.controller is not None]
+        near = self.rollout.approach(
+            np.repeat(strikes, S, axis=0),
+            self._at,
+            t_stay=self.t_stay,
+            models=[whip.model for whip in order],
+            controllers=controllers,
+        )
+        return np.where(near.diverged, np.inf, near.distance).reshape(B, S)
+
+    def probability(self, miss: np.ndarray) -> np.ndarray:
+        """Of a hit, per strike, from (strikes, whips) miss distances."""
+        r, s = self.target.hit_radius, self.scatter
+        return np.mean(ndtr((r - miss) / s) - ndtr((-r - miss) / s), axis=1)
+
+    def score(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
+        """Probability of a hit less a little of the expected miss; what the motors cannot do is behind all else."""
+        miss = self.each(strikes, whips)
+        score = self.probability(miss) - _PULL * np.minimum(miss, _FAR).mean(axis=1)
+        if self.limits is None:
+            return score
+        excess = self.excess(self.mean(strikes))
+        return score - np.where(excess > 0, 10 + excess, 0)
+
+    def report(self, strike: np.ndarray, whips: Sequence[Plant], spent: float, tried: int) -> Plan:
+        """The choice in words and numbers."""
+        miss, near = self.each(strike[None], whips), self.mean(strike[None])
+        probability, expected = float(self.probability(miss)[0]), float(np.minimum(miss, 10.0).mean())
+        usage = None if self.limits is None else float(self.limits.violation_of_peaks(near)[0]) + 1
+        reason = (
+            f"of {tried} candidates the one that hits most probably: {probability:.0%} over {len(whips)} whips that "
+            f"are still possible, {100 * expected:.1f} cm expected miss, the tip at {float(near.speed[0]):.1f} m/s"
+        )
+        if usage is not None:
+            reason += (
+                f", within {usage:.0%} of what the motors give"
+                if usage <= 1
+                else (f"; no strike was found within the motors' limits, this one asks for {usage:.0%} of them")
+            )
+        vector = tuple(map(float, Strike.from_vector(strike).vector))
+        return Plan(vector, probability, expected, float(near.distance[0]), usage, reason, spent)

@@ -1,0 +1,126 @@
+"""What strikes and films: a simulated whip whose tip is seen at a camera's rate, or a rig."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from whiptool.adaptation.twins import Twin
+from whiptool.errors import InputError
+from whiptool.identification.recording import StrikeRecording
+from whiptool.models.compiled import TIMESTEP, CompiledRollout
+from whiptool.rig.session import Rig
+from whiptool.strike import Strike
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is known of a strike after it.
+
+    Args:
+        recording: The tip as it was filmed; None: nothing was seen.
+        seen_miss: Closest approach as the camera saw it [m]; None: unknown.
+        true_miss: The same as a twin knows it [m]; None: not a twin.
+        fault: Why there was no strike, or no whole one; empty: there was.
+    """
+
+    recording: StrikeRecording | None
+    seen_miss: float | None
+    true_miss: float | None = None
+    fault: str = ""
+
+    @property
+    def miss(self) -> float | None:
+        """The best that is known of the miss distance [m]."""
+        return self.seen_miss if self.true_miss is None else self.true_miss
+
+
+class Port(Protocol):
+    """Strikes once; `number` counts from 1, and the same number gives the same noise."""
+
+    def strike(self, strike: Strike, number: int, folder: Path | None) -> Seen:
+        """Strike and film."""
+        ...
+
+
+class TipPort:
+    """A twin without servos and images: its tip is seen `fps` times a second, with a standard error.
+
+    Args:
+        twin: The whip.
+        target: For the miss distance [m].
+        fps: [1/s]
+        t_stay: The strike is watched so long after the movement ended [s].
+        timestep: Of the integrator [s].
+    """
+
+    def __init__(
+        self,
+        twin: Twin,
+        target: tuple[float, ...],
+        *,
+        fps: float = 60.0,
+        t_stay: float = 0.3,
+        timestep: float = TIMESTEP,
+    ) -> None:
+        self.twin, self.target, self.fps, self.t_stay = twin, target, fps, t_stay
+        self._rollout = CompiledRollout(twin.model, twin.controller, timestep=timestep)
+
+    def strike(self, strike: Strike, number: int, folder: Path | None) -> Seen:
+        """As `Port.strike`."""
+        vector = strike.vector[None]
+        near = self._rollout.approach(vector, np.array(self.target), t_stay=self.t_stay)
+        if near.diverged[0]:
+            return Seen(None, None, fault="the simulated whip diverged")
+        fine, paths, _ = self._rollout.tip_path(vector, t_stay=self.t_stay, rate=1000.0)
+        whole = np.isfinite(paths[0]).all(axis=1)
+        t = np.arange(int(fine[whole][-1] * self.fps) + 1) / self.fps
+        rng = np.random.default_rng([self.twin.seed, number])
+        points = np.stack([np.interp(t, fine[whole], paths[0, whole, i]) for i in range(2)], axis=1)
+        points += self.twin.noise * rng.standard_normal(points.shape)
+        recording = StrikeRecording(
+            t=t + self.twin.clock_offset,
+            points=points[:, None],
+            markers=("tip",),
+            sigma=np.full((1, 1), self.twin.noise),
+            strike=strike,
+            target=self.target,
+            t_stay=self.t_stay,
+            source=f"{self.twin.family}-{self.twin.seed}, strike {number}",
+        )
+        seen = float(np.hypot(*(points - self.target).T).min())
+        return Seen(recording, seen, float(near.distance[0]))
+
+
+class RigPort:
+    """A rig, hardware or twin.
+
+    Args:
+        make: The rig for a strike's number: a twin's noise depends on it, lest a resumed run see another.
+        target: [m]
+    """
+
+    def __init__(self, make: Callable[[int], Rig], target: tuple[float, ...]) -> None:
+        self._make, self._target = make, np.array(target)
+
+    def strike(self, strike: Strike, number: int, folder: Path | None) -> Seen:
+        """As `Port.strike`; a strike that the rig refuses is a fault, and no strike."""
+        try:
+            struck = self._make(number).strike(strike, folder=folder)
+        except InputError as error:
+            return Seen(None, None, fault=str(error))
+        near = struck.approach(self._target)
+        seen = float(near.distance[0]) if np.isfinite(near.distance[0]) else None
+        true = None if struck.truth is None else float(struck.truth.approach(self._target).distance[0])
+        fault = "" if struck.run.fault is None else str(struck.run.fault)
+        recording = struck.recording
+        if recording is not None and "tip" not in recording.markers:
+            recording = None
+        if recording is not None:
+            recording = dataclasses.replace(recording, source=f"{recording.source}, strike {number}")
+        return Seen(recording, seen, true, fault)

@@ -1,0 +1,224 @@
+"""From recordings to a belief: the most probable whip, how sure that is, and which recordings to leave out."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.adaptation.prior import Belief
+from whiptool.errors import InputError
+from whiptool.identification.fit import Fit, Options, fit
+from whiptool.identification.plant import Plant
+from whiptool.identification.predict import Predictor
+from whiptool.identification.recording import StrikeRecording
+
+UNMODELLED = 0.003  # [m], error of any model's tip that a better camera does not remove
+AFTER = 0.1  # [s] that a recording is used beyond the closest approach
+SHARE_SEEN = 0.5  # of the frames before that, in which the tip has to be seen
+TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every whip that is believed possible
+EXPLAINED = 1.3  # standard errors, RMSE up to which no other start is tried
+IMPLAUSIBLE = 4.0  # standard errors of the prior, root mean square over its numbers: no whip is like this
+OUTLYING = 3.0  # or this many times that of the other recordings, if more than half of `TOO_FAR`
+_POSE = ("rotation", "shift_x", "shift_y")
+_LEAST = 6  # frames
+TIMESTEP = 5e-4  # [s]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What recordings taught.
+
+    Args:
+        belief: Afterwards.
+        rmse: Of the recordings that were used, by their source [m].
+        refused: Why the others were not, by their source.
+        wall_time: [s]
+    """
+
+    belief: Belief
+    rmse: dict[str, float]
+    refused: dict[str, str]
+    wall_time: float
+
+
+def update(
+    prior: Belief,
+    recordings: Sequence[StrikeRecording],
+    *,
+    guess: Belief | None = None,
+    starts: int = 3,
+    screened: int = 24,
+    seed: int = 0,
+    timestep: float = TIMESTEP,
+) -> Learned:
+    """The belief after all recordings, by maximum a posteriori from several starts.
+
+    The starts are the last belief and, unless that explains all frames, the samples of the prior that fit best. The
+    covariance is that of the linearised fit, its data weighted down by the variance of the residuals and by their
+    correlation: what a model cannot explain comes in long runs of one sign, and so many frames are worth few.
+
+    Args:
+        prior: Before any recording.
+        recordings: All so far, of different sources, each with its command and the marker `tip`.
+        guess: After all but the last; None: the prior.
+        starts: How many.
+        screened: Samples of the prior among which the other starts are sought.
+        seed: Of the samples.
+        timestep: Of the integrator [s].
+
+    Raises:
+        InputError: A recording lacks its command or its tip.
+    """
+    began = time.perf_counter()
+    guess = guess or prior
+    refused: dict[str, str] = {}
+    used: list[StrikeRecording] = []
+    for recording in recordings:
+        cut, reason = usable(recording)
+        if cut is None:
+            refused[recording.source] = reason
+        else:
+            used.append(cut)
+    found = None
+    while used:
+        options = Options(drive="command", prior=prior.as_prior(), timestep=timestep, replicates=8, max_iterations=25)
+        found = _best(prior, guess, used, options, starts, screened, seed)
+        if found is None:
+            refused[used.pop().source] = "no whip that is believed possible could be fitted to it"
+            continue
+        worst = _inconsistent(prior, found)
+        if worst is None:
+            break
+        bad = used.pop(worst)
+        refused[bad.source] = _why(prior, bad, found.recordings[worst].rmse, options)
+        guess, found = prior, None
+    if found is None:
+        return Learned(prior, {}, refused, time.perf_counter() - began)
+    belief = _belief(prior, found)
+    rmse = {r.source: r.rmse for r in found.recordings}
+    return Learned(belief, rmse, refused, time.perf_counter() - began)
+
+
+def usable(recording: StrikeRecording) -> tuple[StrikeRecording | None, str]:
+    """The frames of the tip up to shortly after its closest approach to the target, or None and the reason.
+
+    Their standard errors contain what no model explains, lest a sharp camera drive the fit to odd numbers.
+
+    Raises:
+        InputError: The recording lacks its command or its tip.
+    """
+    if "tip" not in recording.markers or recording.strike is None:
+        raise InputError("recording", recording.source or "a recording", "one of the tip, with its strike's command")
+    i = recording.markers.index("tip")
+    seen, t, points = recording.seen[:, i], recording.t, recording.points[:, i, :2]
+    end = recording.strike.D + recording.t_stay
+    within = t <= end
+    if recording.target is not None and (seen & within).any():
+        distance = np.where(seen & within, np.hypot(*(points - np.array(recording.target[:2])).T), np.inf)
+        within &= t <= t[int(distance.argmin())] + AFTER
+    lost = 1 - float(np.mean(seen[recording.t <= end])) if (recording.t <= end).any() else 1.0
+    if lost > 1 - SHARE_SEEN or (seen & within).sum() < _LEAST:
+        return None, f"the tip was lost in {lost:.0%} of the frames"
+    others = [m for m in range(len(recording.markers)) if m != i]
+    mask = ~(within[:, None] & recording.seen)
+    mask[:, others] = True  # the tip alone: other markers are the tracker's own
+    sigma = np.hypot(recording.sigma, UNMODELLED)
+    return dataclasses.replace(recording.without(mask), sigma=sigma), ""
+
+
+def _best(
+    prior: Belief,
+    guess: Belief,
+    recordings: list[StrikeRecording],
+    options: Options,
+    starts: int,
+    screened: int,
+    seed: int,
+) -> Fit | None:
+    """The first fit that explains all frames, or the best from several starts; None where none came to an end."""
+    first = _fit(recordings, guess.at(), prior.names, options)
+    if first is not None and _plausible(prior, first) and all(r.chi <= EXPLAINED for r in first.recordings):
+        return first
+    plants = []
+    if starts > 1:
+        samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
+        predictor = Predictor(
+            recordings, prior.plant, drive="command", shared=_of_plant(prior), timestep=options.timestep
+        )
+        scores = [_score(predictor, plant) for plant in samples]
+        plants = [samples[i] for i in np.argsort(scores)[: starts - 1]]
+    fits = [first, *(_fit(recordings, plant, prior.names, options) for plant in plants)]
+    return min(
+        (found for found in fits if found is not None), key=lambda found: found.runs[0].solution.cost, default=None
+    )
+
+
+def _fit(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:
+    """A fit, or None where the model leaves what can be computed: nonsense drives it there."""
+    try:
+        found = fit(recordings, plant, names, options=options)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    return found if np.isfinite(found.runs[0].solution.cost) else None
+
+
+def _of_plant(belief: Belief) -> tuple[str, ...]:
+    return tuple(name for name in belief.names if name != "delay")
+
+
+def _score(predictor: Predictor, plant: Plant) -> float:
+    """Mean distance between recorded and predicted tip [m]."""
+    own = [np.zeros(0)] * len(predictor.recordings)
+    r = [p.value - y for p, y in zip(predictor(plant, {}, own, derivatives=False), predictor.measured, strict=True)]
+    mean = float(np.mean(np.abs(np.concatenate(r))))
+    return mean if np.isfinite(mean) else np.inf
+
+
+def _inconsistent(prior: Belief, found: Fit) -> int | None:
+    """Which recording does not go with the others, or with any whip that is believed possible."""
+    rmse = np.array([r.rmse for r in found.recordings])
+    worst = int(rmse.argmax())
+    others = np.delete(rmse, worst)
+    limit = TOO_FAR if not len(others) else min(TOO_FAR, max(TOO_FAR / 2, OUTLYING * float(np.median(others))))
+    return None if rmse[worst] <= limit and _plausible(prior, found) else worst
+
+
+def _plausible(prior: Belief, found: Fit) -> bool:
+    """Whether the prior allows what was fitted."""
+    off = found.uncertainty.z - prior.z
+    return bool(off @ np.linalg.solve(prior.covariance, off) <= IMPLAUSIBLE**2 * len(off))
+
+
+def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> str:
+    """What would explain a recording that no whip explains."""
+    said = f"no whip that is believed possible moves like this ({100 * rmse:.1f} cm RMSE)"
+    posed = _fit([bad], prior.at(), prior.names, dataclasses.replace(options, per_recording=_POSE))
+    if posed is None:
+        return said
+    own = posed.recordings[0].own
+    if posed.recordings[0].rmse > TOO_FAR / 2 or abs(own["rotation"]) > np.pi / 4 or not _plausible(prior, posed):
+        return said + ": is the marker that was tracked the tip?"
+    turned, x, y = np.degrees(own["rotation"]), own["shift_x"], own["shift_y"]
+    return said + f", unless the camera was turned by {turned:+.1f} deg and moved by ({x:+.3f}, {y:+.3f}) m"
+
+
+def _belief(prior: Belief, found: Fit) -> Belief:
+    """The fit as a belief: its covariance inflated by what the residuals show."""
+    U = found.uncertainty
+    root = U.directions * U.singular_values[:, None] / U.units
+    information = root.T @ root  # of data, weighted by their residual variance, and prior
+    W = np.linalg.inv(prior.covariance)
+    correlation = float(np.clip(U.whiteness, 0.0, 0.95))
+    few = (1 + correlation) / (1 - correlation)  # readings that are worth one
+    if U.residual_variance < 1:  # better than the stated errors allow: chance
+        few = max(few, 1.0)
+    covariance = np.linalg.inv((information - W) / few + W)
+    covariance = (covariance + covariance.T) / 2
+    noise = np.concatenate([r.sigma for r in found.recordings])
+    residuals = np.concatenate([r.residuals for r in found.recordings])
+    excess = float(np.mean(residuals**2) - np.mean(noise**2))
+    return Belief(prior.plant, prior.names, np.array(U.z), covariance, float(np.sqrt(max(excess, 0.0))))

@@ -1,0 +1,163 @@
+"""Unknown whips, drawn by seed: what a twin hides from those who strike with it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.impedance import OIAC, Controller
+from whiptool.models.parameters import Model, WhipParameters
+from whiptool.rig.emulator.motor import HARDWARE
+from whiptool.rig.session import TwinTruth
+
+FAMILIES = ("kin", "strange", "stranger")
+NODES = 36  # of a strange whip
+_KIN = 0.3  # largest relative change of k, b, m, l
+_SMOOTH = 3  # waves along a strange whip
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A whip, an arm and a camera that are not the model.
+
+    Args:
+        family, seed: What it was drawn from.
+        model: The true arm and whip.
+        controller: What really acts on the arm.
+        latency: Of the servos' line, there and back [s].
+        clock_offset: The camera's clock is late by this [s].
+        noise: Standard error of the tip as a plain camera sees it [m].
+    """
+
+    family: str
+    seed: int
+    model: Model
+    controller: Controller
+    latency: float
+    clock_offset: float
+    noise: float
+
+    def truth(self) -> TwinTruth:
+        """What the rig's emulator needs to know."""
+        return TwinTruth(
+            self.model,
+            HARDWARE,
+            command_delay=self.latency / 2,
+            sample_delay=self.latency / 2,
+            clock_offset=self.clock_offset,
+        )
+
+
+def draw_twin(family: str, seed: int, model: Model, controller: Controller) -> Twin:
+    """An unknown whip.
+
+    `kin`: k, b, m and l of the model, each changed by up to 30 %, a little friction in the arm.
+    `strange`: 36 nodes; mass and stiffness run as powers along the whip, with smooth random deviations; a bead; one
+    soft joint; rest curvature; drag; dry friction in every joint; arm mass, controller gain and arm friction are not
+    the model's; the camera's clock is off by up to 8 ms. Stiffening with the bending angle (a cubic spring) and drag
+    that differs along and across the whip are not in it: neither simulator has them.
+    `stranger`: the same, every deviation doubled.
+
+    Args:
+        family: One of `FAMILIES`.
+        seed: A whole number >= 0; the same seed of `strange` and `stranger` deviates in the same directions.
+        model, controller: What the owner believes.
+
+    Raises:
+        InputError: The family or seed is not allowed, or the model has values per node.
+    """
+    if family not in FAMILIES:
+        raise InputError("family", family, ", ".join(FAMILIES))
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError("seed", seed, "a whole number >= 0")
+    whip = model.whip
+    for name in ("l", "m", "k", "b"):
+        if isinstance(getattr(whip, name), tuple):
+            raise InputError(f"whip.{name}", "a value per node", "one number for all, where twins are drawn around it")
+    rng = np.random.default_rng([FAMILIES.index("strange") if family == "stranger" else FAMILIES.index(family), seed])
+    latency, noise = float(rng.uniform(0.0005, 0.0015)), 0.005
+    name = f"{family}-{seed}"
+    if family == "kin":
+        changed = {n: getattr(whip, n) * float(rng.uniform(1 - _KIN, 1 + _KIN)) for n in ("k", "b", "m", "l")}
+        arm = _with_friction(model, rng.uniform(0.0, 0.01, model.arm.n))
+        kin = Model(dataclasses.replace(whip, **changed), arm, model.gravity, name)
+        return Twin(family, int(seed), kin, controller, latency, 0.0, noise)
+    size = 2.0 if family == "stranger" else 1.0
+    strange = _strange_whip(whip, rng, size)
+    links = tuple(
+        dataclasses.replace(link, mass=link.mass * f, inertia=link.inertia * f, friction=link.friction + mu)  # type: ignore[operator]
+        for link, f, mu in zip(
+            model.arm.links,
+            np.exp(size * rng.uniform(-0.08, 0.08, model.arm.n)).tolist(),
+            (size * rng.uniform(0.0, 0.01, model.arm.n)).tolist(),
+            strict=True,
+        )
+    )
+    gain = float(np.exp(size * rng.uniform(-0.08, 0.08)))
+    offset = float(size * rng.uniform(-0.008, 0.008))
+    true = Model(strange, dataclasses.replace(model.arm, links=links), model.gravity, name)
+    return Twin(family, int(seed), true, _with_gain(controller, gain), latency, offset, noise)
+
+
+def _strange_whip(whip: WhipParameters, rng: np.random.Generator, size: float) -> WhipParameters:
+    """36 nodes around a uniform whip; `size` 1 is strange."""
+    x = (np.arange(NODES) + 0.5) / NODES  # place along the whip
+    total, bending = whip.length, whip.k * whip.l  # type: ignore[operator]
+    length = total * np.exp(size * rng.uniform(-0.15, 0.15))
+    width = 1 - min(size * rng.uniform(0.2, 0.45), 0.8) * x  # that of a cone
+    powers = rng.uniform((0.5, 1.0, 1.0), (1.5, 3.0, 3.0))
+    density, stiffness, damping = (
+        at_handle * np.exp(size * rng.uniform(-spread, spread)) * width**power * _waves(x, rng, 0.12 * size)
+        for at_handle, spread, power in zip(
+            (whip.mass / total, bending, whip.b * whip.l),  # type: ignore[operator]
+            (0.2, 0.3, 0.3),
+            powers,
+            strict=True,
+        )
+    )
+    l = length / NODES
+    m, k, b = density * l, stiffness / l, damping / l
+    m[rng.integers(NODES // 4, NODES - 2)] += size * rng.uniform(0.001, 0.004)  # the bead
+    k[rng.integers(2, NODES - 4)] *= 0.4**size  # the soft joint
+    rest = np.full(NODES, size * rng.uniform(-0.2, 0.2) * l)
+    friction = size * rng.uniform(0.5, 1.5, NODES) * rng.uniform(0.0, 3e-4)
+    drag = np.full(NODES, size * rng.uniform(0.0, 1.5e-3) * l)
+    for joint in (k, b, rest, friction):
+        joint[0] = 0.0  # the free hinge
+    return WhipParameters(
+        N=NODES,
+        l=float(l),
+        m=tuple(m.tolist()),
+        k=tuple(k.tolist()),
+        b=tuple(b.tolist()),
+        rest_angle=tuple(rest.tolist()),
+        dry_friction=tuple(friction.tolist()),
+        drag=tuple(drag.tolist()),
+    )
+
+
+def _waves(x: np.ndarray, rng: np.random.Generator, size: float) -> np.ndarray:
+    """A smooth positive factor along the whip, its logarithm of this standard deviation."""
+    log = np.zeros_like(x)
+    for i in range(1, _SMOOTH + 1):
+        log += rng.normal() * np.cos(i * np.pi * x + rng.uniform(0, 2 * np.pi))
+    return np.exp(size * log * np.sqrt(2 / _SMOOTH))
+
+
+def _with_friction(model: Model, friction: np.ndarray):
+    links = zip(model.arm.links, friction.tolist(), strict=True)
+    return dataclasses.replace(
+        model.arm, links=tuple(dataclasses.replace(link, friction=link.friction + mu) for link, mu in links)
+    )
+
+
+def _with_gain(controller: Controller, gain: float) -> Controller:
+    """The same law, its torque multiplied."""
+    law = controller.law
+    if isinstance(law, OIAC):
+        return dataclasses.replace(controller, law=dataclasses.replace(law, a=law.a / gain))
+    scaled = {n: tuple(tuple(gain * x for x in row) for row in getattr(law, n)) for n in ("K", "B")}
+    return dataclasses.replace(controller, law=dataclasses.replace(law, **scaled))

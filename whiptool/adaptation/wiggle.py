@@ -1,0 +1,80 @@
+"""A first look: a short, slow movement, chosen for what it tells about the whip."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from whiptool.adaptation.prior import Belief
+from whiptool.errors import InputError
+from whiptool.identification.predict import Predictor
+from whiptool.identification.recording import StrikeRecording
+from whiptool.strike import Strike, StrikeBounds, default_bounds
+
+SWING = 0.7  # [rad] that a joint turns at most
+DURATION = (0.4, 0.8)  # [s]
+FASTEST = 8.0  # [m/s] of the tip: a strike has it at 10 to 40
+FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
+
+
+def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
+    """What a recording of each strike would tell about the belief's numbers, linearised around its mean.
+
+    Args:
+        belief: Beforehand.
+        strikes: Strike vectors, (B, 2 a + 1).
+        t_stay: A strike is watched so long after the movement ended [s].
+
+    Returns:
+        Half the logarithm of the determinant of prior over posterior covariance [nat], (B,); largest speed of the tip
+        between two frames [m/s], (B,).
+    """
+    recordings = []
+    for vector in strikes:
+        t = np.arange(int((vector[-1] + t_stay) * FPS) + 1) / FPS
+        nothing = np.zeros((len(t), 1, 2))
+        recordings.append(StrikeRecording(t, nothing, ("tip",), np.array(NOISE), strike=Strike.from_vector(vector)))
+    predictor = Predictor(recordings, belief.plant, drive="command", shared=belief.names, timestep=5e-4)
+    own = [np.zeros(0)] * len(recordings)
+    nuisance = {"delay": belief.values().get("delay", 0.0)} if "delay" in belief.names else {}
+    units = np.array([v.slope(x) for v, x in zip(belief.variables, belief.z, strict=True)])
+    root = np.linalg.cholesky(belief.covariance)
+    told, fastest = np.empty(len(strikes)), np.empty(len(strikes))
+    for i, p in enumerate(predictor(belief.at(), nuisance, own, derivatives=True)):
+        J = p.by_shared * units / NOISE @ root  # by the whitened numbers
+        told[i] = np.linalg.slogdet(np.eye(J.shape[1]) + J.T @ J)[1] / 2 if np.isfinite(J).all() else -np.inf
+        fastest[i] = np.hypot(*np.diff(p.value.reshape(-1, 2), axis=0).T).max() * FPS
+    return told, np.where(np.isfinite(fastest), fastest, np.inf)
+
+
+def choose_wiggle(
+    belief: Belief,
+    *,
+    rng: np.random.Generator,
+    bounds: StrikeBounds | None = None,
+    t_stay: float = 0.3,
+    candidates: int = 32,
+) -> tuple[Strike, float]:
+    """The movement that tells most (D-optimal), among short ones in which the tip stays slow, and how much [nat].
+
+    Args:
+        belief: Beforehand.
+        rng: Of the candidates.
+        bounds: Box of strikes, that the arm starts in and stays in; default: `default_bounds`.
+        t_stay: As in `information`.
+        candidates: How many are compared.
+
+    Raises:
+        InputError: None of them is slow enough.
+    """
+    lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
+    a = belief.plant.model.arm.n
+    q_i = rng.uniform(lower[:a], upper[:a], (candidates, a))
+    reach = np.minimum(lower[:a], lower[a:-1]), np.maximum(upper[:a], upper[a:-1])
+    q_f = np.clip(q_i + rng.uniform(-SWING, SWING, q_i.shape), *reach)
+    strikes = np.hstack([q_i, q_f, rng.uniform(*DURATION, (candidates, 1))])
+    told, fastest = information(belief, strikes, t_stay=t_stay)
+    told = np.where(fastest <= FASTEST, told, -np.inf)
+    best = int(told.argmax())
+    if not np.isfinite(told[best]):
+        raise InputError("wiggle", f"{fastest.min():.1f} m/s at the tip", f"{FASTEST:g} m/s", "strike without it")
+    return Strike.from_vector(strikes[best]), float(told[best])
