@@ -34,6 +34,8 @@ CAMERA = camera_preset("d435-infrared").replace(width=424, cx=211.5)  # all that
 TRUE = {"whip.k": 0.242, "whip.b": 0.092, "whip.m": 0.012}
 START, T_STAY = -0.03, 0.1  # [s], of the films
 KEYS = {
+    "misfit",
+    "warning",
     "status", "message", "drive", "parameters", "intervals_from", "correlation", "singular_values", "condition_number",
     "flat_directions", "ratios", "residual_variance", "residual_correlation", "nuisance", "rmse", "held_out_rmse",
     "recordings", "starts", "fit_time", "model", "N", "nodes", "controller", "controller_assumed", "plane", "synthetic",
@@ -254,12 +256,28 @@ def test_csv_gives_the_whip_back_and_text_for_people(files, capsys, tmp_path):
     words = [*names, "--free", "k", "whip.b", "m", "--model", str(files / "start.toml"), "--starts", "1"]
     assert identify.main([*words, "--out", str(tmp_path / "run")]) == 0
     said = capsys.readouterr().out
-    assert len(said.splitlines()) <= 8
+    assert len(said.splitlines()) <= 9
     for part in ("whip.k", "N m/rad", "pinned", "held out", "identified.toml"):
         assert part in said
     result = json.loads((tmp_path / "run" / "result.json").read_text())
     assert_recovered(result)
     assert [r["held_out"] for r in result["recordings"]] == [False] * 4 + [True]
+
+
+def test_what_the_model_does_not_explain_comes_with_a_warning(tracks, capsys, tmp_path):
+    """Coordinates swapped: the fit ends somewhere, and must not be believed."""
+    names = []
+    for i, track in enumerate(tracks[:2]):
+        names.append(tmp_path / f"swapped{i}.npz")
+        dataclasses.replace(track, points=track.points[..., ::-1]).save(names[-1])
+    words = [*map(str, names), "--free", "k", "b", "--starts", "1", "--json", "--out", str(tmp_path / "run")]
+    assert identify.main(words) == 0
+    said = capsys.readouterr()
+    result = json.loads(said.out)
+    assert result["misfit"] > 10
+    assert "not to be trusted" in result["warning"]
+    assert result["warning"] in said.err
+    assert "not to be trusted" in (tmp_path / "run" / "report.html").read_text()
 
 
 def test_markers_in_space_are_projected_on_their_plane(tracks, capsys, tmp_path):

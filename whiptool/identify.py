@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import re
 import sys
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
 
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"
+MISFIT = 3.0  # errors over what the recordings state, from which a fit comes with a warning
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,6 +218,20 @@ class _Run:
                 self.tried.append((N, inside, outside))
         self.N = min(self.tried, key=lambda row: row[2])[0] if self.tried else next(iter(fits))
         self.found = fits[self.N]
+        self.misfit = math.sqrt(sum(r.chi**2 for r in self.found.recordings) / len(self.found.recordings))
+
+    @property
+    def warning(self) -> str | None:
+        """What to know before anything is believed, if the model does not explain the recordings."""
+        if self.misfit <= MISFIT:
+            return None
+        joints = all(recording.joints_q is not None for recording in self.recordings)
+        cure = "try --drive joints, which needs no model of arm and friction" if joints else "check the recordings"
+        return (
+            f"the model does not explain the recordings: their errors are {self.misfit:.1f} times what they state. "
+            "Values, intervals and classes are not to be trusted; free what is missing, or "
+            + (cure if self.options.drive == "command" else "check the recordings")
+        )
 
     def report(self) -> int:
         """Write everything, tell people or programs."""
@@ -235,6 +251,8 @@ class _Run:
         (path / REPORT).write_text(html, encoding="utf-8")
         if self.found.status is not Status.CONVERGED:
             self._say(f"not converged: {self.found.status.value}; more --starts or a nearer --model may help")
+        if self.warning is not None:
+            self._say(self.warning)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary))
         return 0
 
@@ -256,6 +274,8 @@ class _Run:
             }
         return {
             **fit_table(self.found, self.recordings, self.held_out),
+            "misfit": self.misfit,
+            "warning": self.warning,
             "model": self.model.name,
             "N": self.N,
             "nodes": [{"N": n, "rmse": a, "held_out_rmse": b} for n, a, b in self.tried],
@@ -272,6 +292,7 @@ class _Run:
     def _subtitle(self) -> str:
         said = f"{', '.join(self.free)} of {self.model.name} with {self.N} nodes, fitted to {len(self.recordings)} "
         said += f"recorded strikes, driven by {_DRIVEN[self.options.drive]}. {self.found.status.value.capitalize()}."
+        said += "" if self.warning is None else f" Warning: {self.warning}."
         return said + (" Some of the recordings are synthetic: no real camera took them." if self.synthetic else "")
 
     def _facts(self) -> dict[str, str]:
@@ -308,6 +329,9 @@ class _Run:
         lines.append(f"  error RMS   {1e3 * summary['rmse']:.3g} mm fitted, {said}")
         if self.plane is not None:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
+        lines.append(
+            f"  misfit      {self.misfit:.2f} (errors over what the recordings state; about 1 if all is right)"
+        )
         if self.assumed:
             lines.append(f"  controller  {self.options.controller} {self.options.preset}, assumed: no recording says")
         lines.append(f"  run folder  {self.folder.path} ({REPORT}, {IDENTIFIED}, {RECORDINGS})")

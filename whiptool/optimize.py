@@ -32,7 +32,7 @@ class OptimizeOptions(cli.SimulationOptions):
     limits: str | None = None
     """Strikes beyond this motor's speed-torque line are refused, and count as misses: xm430."""
     stop_at_hit: bool = True
-    """End with the first hit; otherwise go on to come closer."""
+    """End with the first hit, or the batch that holds it; otherwise go on to come closer."""
     seed: int = 0
     """Seed of what is random in the method."""
     out: Path | None = None
@@ -227,8 +227,10 @@ class _Run:
     def _text(self, result, summary: dict, files: list[str]) -> str:
         bounds, limits = self.objective.bounds, self.objective.limits
         refused = self.objective.refuses(result.outcome)
+        batch = result.status.value == "hit" and result.first_hit != result.n_trials
+        first = f" (number {result.first_hit} was the first hit; batches are struck whole)" if batch else ""
         lines = [
-            f"{result.method}: {result.message}, after {result.n_trials} trials in {result.wall_time:.2f} s"
+            f"{result.method}: {result.message}, after {result.n_trials} trials{first} in {result.wall_time:.2f} s"
             f" ({result.n_diverged} diverged)",
             *strike_lines(summary["strike"], zip(bounds.lower, bounds.upper, strict=True)),
             *(

@@ -25,7 +25,7 @@ SPREAD, SHRINK = (
 )  # standard deviation around the last strike, in parts of the box; from iteration to iteration
 MARGIN = 0.1  # of the motors' line that is kept free
 SCALES, DRAG = {"whip.k": 1.25, "whip.b": 0.75, "whip.m": 1.2}, 5e-4  # of the twin's whip
-RATE, SETTLE = 500.0, 5.0  # [1/s], [s]
+RATE, SETTLE = 500.0, 2.0  # [1/s], [s]
 LATENCY, CLOCK_OFFSET = 0.002, 0.003  # [s], there and back; of the camera
 
 

@@ -29,8 +29,10 @@ class RigOptions(cli.SimulationOptions):
     (the tip's position with the error of tracked images, no images), none."""
     rate: float = 500.0
     """Control cycles per second."""
-    settle: float = 5.0
-    """Wait for the whip to hang still before the strike [s]."""
+    approach_speed: float = 0.2
+    """Largest joint speed on the way to the strike's start [rad/s]; slow, for the whip must not swing there."""
+    settle: float = 2.0
+    """Wait at the start [s]; the whip's hinge is free, so waiting alone does not end a swing."""
     cap: bool = False
     """Cap stiffness and damping at what the sampled loop can carry, instead of refusing what it cannot."""
     friction: bool = True
@@ -110,7 +112,12 @@ def _make_rig(options: RigOptions, model, controller):
     if options.cap:
         caps = default_caps(model, period=1 / options.rate, delay=options.latency)
     loop = LoopOptions(
-        rate=options.rate, t_stay=options.t_stay, settle=options.settle, caps=caps, delay=options.latency
+        rate=options.rate,
+        t_stay=options.t_stay,
+        settle=options.settle,
+        approach_speed=options.approach_speed,
+        caps=caps,
+        delay=options.latency,
     )
     target = options.build_target().position
     if twin:

@@ -33,8 +33,8 @@ class LoopOptions:
         rate: Cycles per second [Hz].
         t_stay: The controller stays on after the movement ended [s].
         approach_speed: Largest speed of the reference on the way to the start posture and back [rad/s].
-        settle: Wait at the start posture for the whip to hang still [s]. Its hinge has no damping: the slower the
-            approach, the less there is to wait for.
+        settle: Wait at the start posture [s]. The whip's hinge has no damping, so that no waiting ends a swing: what
+            keeps the whip still is an approach that lasts several of its periods (about 1.7 s each).
         go_back: Return to where the arm was armed, before torque goes off.
         caps: Largest stiffness and damping of the strike's controller; `default_caps` gives some.
         rehearse: Play every strike through in simulation before the arm is armed, and refuse what is beyond the motors
@@ -47,8 +47,8 @@ class LoopOptions:
 
     rate: float = 500.0
     t_stay: float = 0.3
-    approach_speed: float = 0.6
-    settle: float = 5.0
+    approach_speed: float = 0.2
+    settle: float = 2.0
     go_back: bool = True
     caps: Caps | None = None
     rehearse: bool = True

@@ -1,4 +1,8 @@
-"""Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker."""
+"""Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker.
+
+How each format looks stands in its module: `tracks` (CSV), `npz`, `deeplabcut`, `mat`, `c3d`, `lerobot`, `rosbag`,
+`video`; what the TOML file beside any of them may hold, in `sidecar`.
+"""
 
 from __future__ import annotations
 
