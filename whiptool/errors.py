@@ -25,7 +25,3 @@ class InputError(WhiptoolError, ValueError):
     def within(self, place: str) -> InputError:
         """The same error, its name prefixed with where it stands (`whip.` or `model.toml: `)."""
         return InputError(place + self.name, self.given, self.allowed, self.fix)
-
-
-class BudgetExhausted(WhiptoolError):
-    """The objective's budget of trials or time is used up."""

@@ -133,7 +133,7 @@ class _Run:
             raise InputError(
                 "whiptool train", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]"
             ) from None
-        torch.set_num_threads(1)  # as fast for networks of this size, and the same result on any number of cores
+        torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
 
         from whiptool.models.files import model_to_table
         from whiptool.optimize import controller_table

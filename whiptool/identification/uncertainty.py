@@ -17,7 +17,6 @@ _SHARE = 0.05  # part of a flat direction from which a number belongs to it
 TRADED = 0.9  # correlation from which two numbers trade off
 _SMALL = 0.05  # of its usual size, below which a number that may be zero counts as this
 _BLOCK = 0.1  # [s], of residuals that are drawn together
-CLASSES = ("pinned", "weak", "traded", "flat", "at bound")
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ class LoopOptions:
         t_stay: The controller stays on after the movement ended [s].
         approach_speed: Largest speed of the reference on the way to the start posture and back [rad/s].
         settle: Wait at the start posture [s]. The whip's hinge has no damping, so that no waiting ends a swing: what
-            keeps the whip still is an approach that lasts several of its periods (about 1.7 s each).
+            keeps the whip still is an approach that lasts several of its periods (1.6 s for `lemon2024`; see
+            `whiptool.models.modes`).
         go_back: Return to where the arm was armed, before torque goes off.
         caps: Largest stiffness and damping of the strike's controller; `default_caps` gives some.
         rehearse: Play every strike through in simulation before the arm is armed, and refuse what is beyond the motors

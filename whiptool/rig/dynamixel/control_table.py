@@ -32,7 +32,6 @@ BAUD_RATES = {
 }
 
 # Status packet: number in the low 7 bits of the error byte; bit 7 is the alert
-ALERT = 0x80
 STATUS_ERRORS = {
     1: "result fail",
     2: "undefined instruction",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -49,10 +49,6 @@ class Fault:
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise InputError("fault", self.kind, ", ".join(get_args(Kind)))
-
-    def as_dict(self) -> dict:
-        """For the emulator's control line."""
-        return asdict(self)
 
 
 def random_faults(rng: np.random.Generator, *, duration: float, servos: int, most: int = 3) -> list[Fault]:
