@@ -287,3 +287,17 @@ def test_bad_input_gets_one_line(words, named, tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith(f"whiptool: {named}")
     assert done.stderr.count("\n") == 1
+
+
+def test_other_observations_train_shorter_in_proportion(scene):
+    """500 episodes, 50 random, become 100 and 10; never more than the first."""
+    plan = Comparison(scene=scene, further_episodes=100)
+    assert plan.training("paper") == (500, 100, 50)
+    assert plan.training("goal") == plan.training("relative") == (100, 100, 10)
+    assert Comparison(scene=scene, episodes=20, random_episodes=4, further_episodes=100).training("goal") == (
+        20,
+        100,
+        4,
+    )
+    with pytest.raises(InputError, match="episodes"):
+        Comparison(scene=scene, further_episodes=0)

@@ -25,6 +25,7 @@ QUICK: dict[str, Any] = {
     "episodes": 10,
     "trials": 40,
     "random_episodes": 4,
+    "further_episodes": None,
 }
 
 
@@ -50,6 +51,8 @@ class ComparisonOptions(cli.SimulationOptions):
     """Strikes per episode."""
     random_episodes: int = 50
     """Episodes at the start with random strikes."""
+    further_episodes: int | None = None
+    """Episodes under observations other than paper; default: as --episodes."""
     hindsight: int = 0
     """Relabelled copies of every strike (sac, td3, ddpg under observation goal)."""
     workers: int = min(os.cpu_count() or 1, 8)
@@ -116,6 +119,7 @@ class ComparisonOptions(cli.SimulationOptions):
             trials=self.trials,
             random_episodes=self.random_episodes,
             hindsight=self.hindsight,
+            further_episodes=self.further_episodes,
         )
 
 

@@ -23,6 +23,8 @@ class ReproduceOptions(ComparisonOptions):
 
     what: tyro.conf.Positional[str] = "all"
     """fig5, fig6, fig7, table4 (with Fig. 8), hard (1 cm, everywhere), sim2real (Figs. 9, 10), or all."""
+    further_episodes: int | None = 100
+    """Episodes under observations other than paper, which show what they can much earlier."""
 
 
 _EXAMPLE = (
@@ -92,7 +94,7 @@ def _facts(options: ReproduceOptions, comparison) -> dict[str, str]:
     from whiptool.runs import code_version
     from whiptool.strike import default_bounds, strike_names
 
-    scene = comparison.scene
+    scene, further = comparison.scene, comparison.further_episodes
     bounds = default_bounds(scene.model.arm)
     limits = ", ".join(
         f"{name} {low:.3f} to {high:.3f} {'s' if name == 'D' else 'rad'}"
@@ -108,7 +110,8 @@ def _facts(options: ReproduceOptions, comparison) -> dict[str, str]:
         + ", ".join(f"{radius:g}" for radius in scene.radii)
         + " m",
         "training": f"{comparison.episodes} episodes of {comparison.trials} strikes, "
-        f"{comparison.random_episodes} random; {comparison.seeds} seeds",
+        f"{comparison.random_episodes} random; {comparison.seeds} seeds"
+        + (f"; observations other than paper {further} episodes" if further is not None else ""),
     }
 
 

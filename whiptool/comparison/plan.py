@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from whiptool.comparison.units import LearnerUnit, Scene, SearchUnit
@@ -23,6 +24,8 @@ class Comparison:
         observations: Of the learners.
         seeds: Number of seeds, 0, 1, ...; one for what is deterministic.
         episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.Plan`.
+        further_episodes: Episodes under observations other than `paper`; None for as many, which is the most.
+            Fewer have fewer random ones in proportion.
 
     Raises:
         InputError: A name or a number is not allowed, or PyTorch is missing.
@@ -36,6 +39,7 @@ class Comparison:
     trials: int = 100
     random_episodes: int = 50
     hindsight: int = 0
+    further_episodes: int | None = None
 
     def __post_init__(self) -> None:
         from whiptool.optimizers import find_method
@@ -62,7 +66,8 @@ class Comparison:
                 raise InputError(
                     "methods", self.methods, "without PyTorch no learner", "pip install whiptool[rl]"
                 ) from None
-            Plan(self.episodes, self.trials, self.random_episodes, self.hindsight)
+            for observation in ("paper", "goal"):
+                Plan(*self.training(observation), hindsight=self.hindsight)
             if not self.observations:
                 raise InputError("observation", (), ", ".join(OBSERVATIONS))
 
@@ -88,19 +93,27 @@ class Comparison:
 
     def learner_units(self, method: str, observation: str) -> list[LearnerUnit]:
         """One for each seed."""
+        episodes, trials, random_episodes = self.training(observation)
         return [
             LearnerUnit(
                 scene=self.scene,
                 method=method,
                 observation=observation,
                 seed=seed,
-                episodes=self.episodes,
-                trials=self.trials,
-                random_episodes=self.random_episodes,
+                episodes=episodes,
+                trials=trials,
+                random_episodes=random_episodes,
                 hindsight=self.hindsight,
             )
             for seed in range(self.seeds)
         ]
+
+    def training(self, observation: str) -> tuple[int, int, int]:
+        """Episodes, trials in each, and how many episodes are random, under an observation."""
+        if observation == "paper" or self.further_episodes is None or self.further_episodes >= self.episodes:
+            return self.episodes, self.trials, self.random_episodes
+        share = self.further_episodes / self.episodes
+        return self.further_episodes, self.trials, math.ceil(self.random_episodes * share)
 
 
 def deterministic(method: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -49,11 +50,12 @@ def sections(context: Context) -> list[Section]:
     figures = comparison_figures(series)
     main = [one for one in series if one.main and one.hit_radius == scene.radii[0]]
     standings = {o: Standings(main, o) for o in comparison.observations}
-    training = comparison.episodes * comparison.trials
+    strikes = [math.prod(comparison.training(o)[:2]) for o in comparison.observations]
+    training = " and ".join(f"{n:,}" for n in dict.fromkeys(strikes))
     about = (
         f"Mean trials until {scene.targets} random targets are hit (Eq. 21), at most {scene.cap} each; a target that "
         f"is never hit counts {scene.cap}, and lowers the share of hits. Searches start from scratch at every target. "
-        f"Learners are trained once per seed, with {training:,} strikes, and then strike with their policy: the column "
+        f"Learners are trained once per seed, with {training} strikes, and then strike with their policy: the column "
         "of training trials is the price of their few trials afterwards. Intervals resample seeds and targets. "
         "DIRECT-L is deterministic and has one seed. A search goes on to the tightest hit radius, its time is of that."
     )

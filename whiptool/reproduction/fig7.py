@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from whiptool.comparison import Comparison
 from whiptool.comparison.plan import LEARNERS
 from whiptool.comparison.series import NAMES
 from whiptool.comparison_plots import plot_rewards
@@ -37,7 +38,7 @@ def sections(context: Context) -> list[Section]:
         axes = figure.subplots(1, len(curves), sharey=True, squeeze=False)[0]
         for ax, (o, rewards) in zip(axes, curves.items(), strict=True):
             plot_rewards(
-                ax, rewards, random_episodes=comparison.random_episodes, window=window, title=f"observation {o}"
+                ax, rewards, random_episodes=comparison.training(o)[2], window=window, title=f"observation {o}"
             )
             ax.label_outer()
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=4)
@@ -46,9 +47,12 @@ def sections(context: Context) -> list[Section]:
     for method in LEARNERS:
         cells = [f"{f[method].mean():.1f} ({f[method].min():.1f} to {f[method].max():.1f})" for f in final.values()]
         table.append([NAMES[method], *cells])
+    lengths = "; ".join(
+        f"{n} episodes of {trials} strikes, the first {random} random (observation {', '.join(seen)})"
+        for (n, trials, random), seen in _together(comparison).items()
+    )
     about = (
-        f"{comparison.episodes} episodes of {comparison.trials} strikes (Algorithm 1), the first "
-        f"{comparison.random_episodes} random; {comparison.seeds} seeds. A strike's reward is 50 for a hit (Eq. 17). "
+        f"Algorithm 1: {lengths}; {comparison.seeds} seeds. A strike's reward is 50 for a hit (Eq. 17). "
         "The learners' own exploring strikes are counted, as in the paper: this is what training yields, not what the "
         "trained policy's mean action would."
     )
@@ -62,6 +66,14 @@ def sections(context: Context) -> list[Section]:
             [Text(about), Picture(figure, caption), Table(table), Claims(claims(final)), *_settings()],
         )
     ]
+
+
+def _together(comparison: Comparison) -> dict[tuple[int, int, int], list[str]]:
+    """Observations by the length of their training."""
+    lengths: dict[tuple[int, int, int], list[str]] = {}
+    for o in comparison.observations:
+        lengths.setdefault(comparison.training(o), []).append(o)
+    return lengths
 
 
 def _final(rewards: np.ndarray) -> np.ndarray:
