@@ -19,6 +19,7 @@ from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Seri
 from whiptool.comparison.plan import deterministic
 from whiptool.comparison.policy_trials import trials_within
 from whiptool.comparison.units import Checkpoint, one_torch_thread
+from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.objective import Objective, Target
