@@ -212,7 +212,7 @@ class Killed:
 
 
 def test_a_killed_run_goes_on_as_if_it_had_not_been(prior, tmp_path):
-    options = Options(max_strikes=2, stop_at_hit=False, starts=1, first=QUICK, later=QUICK)
+    options = Options(max_strikes=2, stop_at=0.0, starts=1, first=QUICK, later=QUICK)
     target, port = Target(TARGET), port_of(6)
     whole = Adaptation(prior, port, target, options, tmp_path / "whole").run()
     with pytest.raises(Struck):
@@ -232,7 +232,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(prior, tmp_path):
 
 
 def test_repeating_the_first_strike_is_the_baseline(prior):
-    options = Options(max_strikes=2, stop_at_hit=False, adapt=False, first=QUICK)
+    options = Options(max_strikes=2, stop_at=0.0, adapt=False, first=QUICK)
     steps = Adaptation(prior, port_of(1), Target(TARGET), options).run()
     assert steps[0].plan.strike == steps[1].plan.strike
     assert steps[1].learned is None

@@ -7,11 +7,14 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from whiptool import cli
 from whiptool.errors import InputError
 from whiptool.rig.command import RigOptions
+
+if TYPE_CHECKING:
+    from whiptool.adaptation.loop import Adaptation
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
@@ -59,19 +62,24 @@ def main(args: Sequence[str] | None = None) -> int:
     return cli.run(lambda: _adapt(list(sys.argv[1:] if args is None else args)))
 
 
-def _adapt(words: list[str]) -> int:
+def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
+    """The adaptation that options describe, ready to run.
+
+    Args:
+        options: See there; `out`, `resume` and `json` are not looked at.
+        folder: Run folder; None: nothing is kept.
+
+    Raises:
+        InputError: An option breaks its rule.
+    """
     from whiptool.adaptation.loop import Adaptation, Options
     from whiptool.adaptation.planner import FIRST, NEXT
     from whiptool.adaptation.prior import read_belief
     from whiptool.identification.recording import StrikeRecording
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.limits import limits_preset
-    from whiptool.runs import RunFolder, code_version, default_folder
     from whiptool.strike import StrikeBounds, default_bounds
 
-    options = cli.parse_resumable(
-        AdaptOptions, command="adapt", description=_ABOUT, args=words, not_configuration=_NOT_CONFIGURATION
-    )
     model, controller, target = options.build_model(), _controller(options), options.build_target()
     target.check_reach(model)
     tip = options.port == "twin" and options.camera == "tip"
@@ -94,14 +102,24 @@ def _adapt(words: list[str]) -> int:
     prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor)
     port = _port(options, model, controller)
     known = [StrikeRecording.load(path) for path in options.known]
+    return Adaptation(prior, port, target, loop, folder, recordings=known)
+
+
+def _adapt(words: list[str]) -> int:
+    from whiptool.runs import RunFolder, code_version, default_folder
+
+    options = cli.parse_resumable(
+        AdaptOptions, command="adapt", description=_ABOUT, args=words, not_configuration=_NOT_CONFIGURATION
+    )
+    adaptation = prepare(options)
     config = {"command": "adapt", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
     if options.resume is None:
         folder = RunFolder.create(options.out or default_folder("adapt"), {"version": code_version(), **config})
     else:
         folder = RunFolder.open(options.resume)
         cli.check_same_run(folder, config)
-    adaptation = Adaptation(prior, port, target, loop, folder.path, recordings=known)
-    steps = adaptation.run(lambda step: print("\n".join(_lines(step, prior)), file=sys.stderr))
+    adaptation.folder = folder.path
+    steps = adaptation.run(lambda step: print("\n".join(_lines(step, adaptation.prior)), file=sys.stderr))
     summary = _summary(steps)
     folder.write_result(summary)
     print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))

@@ -22,7 +22,10 @@ class ReproduceOptions(ComparisonOptions):
     """The paper's figures and tables beside ours, in one HTML file."""
 
     what: tyro.conf.Positional[str] = "all"
-    """fig5, fig6, fig7, table4 (with Fig. 8), hard (1 cm, everywhere), sim2real (Figs. 9, 10), or all."""
+    """fig5, fig6, fig7, table4 (with Fig. 8), hard (1 cm, everywhere), sim2real (Figs. 9, 10), adapt (unknown whips;
+    hours of its own), or all but adapt."""
+    whips: int = 100
+    """Unknown whips of each family, in adapt."""
     further_episodes: int | None = 100
     """Episodes under observations other than paper, which show what they can much earlier."""
 
@@ -46,16 +49,18 @@ def _main(args: Sequence[str] | None) -> int:
     from whiptool.comparison import Store
     from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
     from whiptool.report import to_html
-    from whiptool.reproduction import PARTS, Context
+    from whiptool.reproduction import ALL, PARTS, Context
 
     if options.what not in (*PARTS, "all"):
         raise InputError("what to reproduce", options.what, ", ".join((*PARTS, "all")))
+    if options.whips < 1:
+        raise InputError("--whips", options.whips, "a whole number >= 1")
     comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
     folder = open_folder("reproduce", given, comparison)
     store = Store(folder.path, workers=options.workers, cluster=options.cluster)
-    context = Context(comparison, store, options.quick)
+    context = Context(comparison, store, options.quick, options.whips)
     sections, start = [], time.monotonic()
-    for name in PARTS if options.what == "all" else [options.what]:
+    for name in ALL if options.what == "all" else [options.what]:
         print(f"whiptool: {name}", file=sys.stderr)
         sections += PARTS[name](context)
         text = to_html(

@@ -31,18 +31,18 @@ class Options:
 
     Args:
         max_strikes: No more than these.
-        stop_at_hit: End with the first hit.
+        stop_at: End with the first strike that misses by no more [m]; None: the target's hit radius. 0: never.
         wiggle: A short, slow movement first, number 0.
         adapt: False: never learn; plan once from the prior, and repeat.
         starts: Of every identification.
         seed: Of candidates, samples and starts.
         t_stay: A strike is watched so long after the movement ended [s].
         bounds, limits, check: Of the strikes, see `whiptool.adaptation.planner.plan`.
-        first, later: Effort of the first plan and of the others.
+        first, later: Effort of a plan from the prior, and of one that knows a recording.
     """
 
     max_strikes: int = 6
-    stop_at_hit: bool = True
+    stop_at: float | None = None
     wiggle: bool = False
     adapt: bool = True
     starts: int = 3
@@ -90,6 +90,8 @@ class Adaptation:
         options: See `Options`.
         folder: Run folder; None: nothing is kept.
         recordings: Earlier ones of the same whip, which the first plan knows already.
+        known: What they taught; None: they are identified first.
+        opening: The first plan, where it was made before; None: it is made.
     """
 
     prior: Belief
@@ -98,6 +100,8 @@ class Adaptation:
     options: Options = field(default_factory=Options)
     folder: Path | None = None
     recordings: list[StrikeRecording] = field(default_factory=list)
+    known: Belief | None = None
+    opening: Plan | None = None
 
     def run(self, on_step: Callable[[Step], None] = lambda step: None) -> list[Step]:
         """Strike until it hits, or to the last strike.
@@ -111,12 +115,15 @@ class Adaptation:
         Raises:
             InputError: The folder is damaged.
         """
-        o, belief, steps = self.options, self.prior, []
+        o, belief, steps = self.options, self.known or self.prior, []
         recordings, past = list(self.recordings), []
-        if recordings and o.adapt:
-            belief = update(self.prior, recordings, starts=o.starts, seed=o.seed).belief
+        enough = self.target.hit_radius if o.stop_at is None else o.stop_at
+        taught = self.known is not None
+        if recordings and o.adapt and not taught:
+            learned = update(self.prior, recordings, starts=o.starts, seed=o.seed)
+            belief, taught = learned.belief, bool(learned.rmse)
         for number in range(0 if o.wiggle else 1, o.max_strikes + 1):
-            chosen = self._planned(number, belief, past, steps)
+            chosen = self._planned(number, belief, past, steps, o.later if taught else o.first)
             if number:
                 past.append(chosen.strike)
             outcome = self._struck(number, chosen)
@@ -125,15 +132,15 @@ class Adaptation:
             learned = None
             if o.adapt and recordings:
                 learned = self._learned(number, recordings, belief)
-                belief = learned.belief
+                belief, taught = learned.belief, taught or bool(learned.rmse)
             hit = None if outcome.miss is None else outcome.miss <= self.target.hit_radius
             steps.append(Step(number, chosen, outcome, learned, hit))
             on_step(steps[-1])
-            if hit and number and o.stop_at_hit:
+            if number and outcome.miss is not None and outcome.miss <= enough:
                 break
         return steps
 
-    def _planned(self, number: int, belief: Belief, past: list, steps: list[Step]) -> Plan:
+    def _planned(self, number: int, belief: Belief, past: list, steps: list[Step], effort: Effort) -> Plan:
         stored = self._read(number, PLAN)
         if stored is not None:
             return Plan(**{**stored, "strike": tuple(stored["strike"])})
@@ -144,6 +151,8 @@ class Adaptation:
             chosen = Plan(tuple(map(float, strike.vector)), 0.0, 0.0, 0.0, None, reason, 0.0)
         elif number > 1 and not o.adapt:
             chosen = steps[-1].plan
+        elif number == 1 and self.opening is not None:
+            chosen = self.opening
         else:
             chosen = plan(
                 belief,
@@ -154,7 +163,7 @@ class Adaptation:
                 limits=o.limits,
                 check=o.check,
                 t_stay=o.t_stay,
-                effort=o.first if number == 1 else o.later,
+                effort=effort,
             )
         self._write(number, PLAN, asdict(chosen))
         return chosen

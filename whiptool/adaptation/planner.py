@@ -20,7 +20,9 @@ from whiptool.strike import Strike, StrikeBounds, default_bounds
 
 TIMESTEP = 5e-4  # [s]
 MARGIN = 0.1  # part of the motors' line that is kept free
+SURE = 0.97  # probability of a hit from which no better strike is sought
 CHECKED = 8  # strikes that are asked about before the best of all is taken all the same
+JUDGED = 64  # whips over which the probability is stated
 _FLOOR = 0.005  # [m] of the tip's own scatter, at least
 _PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits
 _FAR = 0.5  # [m] beyond which a miss is as good as any other
@@ -131,6 +133,8 @@ def plan(
     ranked = [(tried, scores)]
     spread = np.full(len(lower), 0.04)
     for _ in range(effort.rounds):
+        if search.sure(top):
+            break
         draws = centre + spread * (upper - lower) * rng.standard_normal((effort.population, len(lower)))
         draws = np.clip(draws, lower, upper)
         values = search.score(draws, whips)
@@ -143,7 +147,8 @@ def plan(
             spread = 0.6 * spread
     if check is not None:
         centre = _allowed(np.vstack([x for x, _ in ranked]), np.concatenate([x for _, x in ranked]), check)
-    return search.report(centre, whips, time.perf_counter() - began, len(candidates))
+    fresh = belief.sample(rng, JUDGED)  # the strike was chosen for the others, and does better there
+    return search.report(centre, fresh, time.perf_counter() - began, len(candidates))
 
 
 def _allowed(strikes: np.ndarray, scores: np.ndarray, check: Callable[[Strike], str | None]) -> np.ndarray:
@@ -236,6 +241,10 @@ class _Search:
             return score
         excess = self.excess(self.mean(strikes))
         return score - np.where(excess > 0, 10 + excess, 0)
+
+    def sure(self, score: float) -> bool:
+        """Whether no other strike could be much more probable to hit."""
+        return score > SURE - _PULL * self.target.hit_radius
 
     def report(self, strike: np.ndarray, whips: Sequence[Plant], spent: float, tried: int) -> Plan:
         """The choice in words and numbers."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,14 +18,16 @@ from whiptool.identification.predict import Predictor
 from whiptool.identification.recording import StrikeRecording
 
 UNMODELLED = 0.003  # [m], error of any model's tip that a better camera does not remove
-AFTER = 0.1  # [s] that a recording is used beyond the closest approach
+AFTER = 0.04  # [s] that a recording is used beyond the closest approach
 SHARE_SEEN = 0.5  # of the frames before that, in which the tip has to be seen
 TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every whip that is believed possible
 EXPLAINED = 1.3  # standard errors, RMSE up to which no other start is tried
 IMPLAUSIBLE = 4.0  # standard errors of the prior, root mean square over its numbers: no whip is like this
 OUTLYING = 3.0  # or this many times that of the other recordings, if more than half of `TOO_FAR`
+_HORIZONS = (0.5, 0.75)  # of a recording's frames, before all of them
 _POSE = ("rotation", "shift_x", "shift_y")
 _LEAST = 6  # frames
+_SHARPEST = 1e8  # information over the prior's, at most: rounding errors spoil the covariance beyond
 TIMESTEP = 5e-4  # [s]
 
 
@@ -140,21 +143,47 @@ def _best(
     seed: int,
 ) -> Fit | None:
     """The first fit that explains all frames, or the best from several starts; None where none came to an end."""
-    first = _fit(recordings, guess.at(), prior.names, options)
-    if first is not None and _plausible(prior, first) and all(r.chi <= EXPLAINED for r in first.recordings):
-        return first
-    plants = []
-    if starts > 1:
-        samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
-        predictor = Predictor(
-            recordings, prior.plant, drive="command", shared=_of_plant(prior), timestep=options.timestep
-        )
-        scores = [_score(predictor, plant) for plant in samples]
-        plants = [samples[i] for i in np.argsort(scores)[: starts - 1]]
-    fits = [first, *(_fit(recordings, plant, prior.names, options) for plant in plants)]
-    return min(
-        (found for found in fits if found is not None), key=lambda found: found.runs[0].solution.cost, default=None
-    )
+    found = []
+    for way in (_fit, _grown):
+        found.append(way(recordings, guess.at(), prior.names, options))
+        if _explains(prior, found[-1]):
+            return found[-1]
+    samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
+    early = [_until(r, _HORIZONS[0]) for r in recordings]
+    predictor = Predictor(early, prior.plant, drive="command", shared=_of_plant(prior), timestep=options.timestep)
+    scores = [_score(predictor, plant) for plant in samples]
+    for i in np.argsort(scores)[: starts - 1]:
+        found.append(_grown(recordings, samples[i], prior.names, options))
+        if _explains(prior, found[-1]):
+            break
+    return min((f for f in found if f is not None), key=lambda f: f.runs[0].solution.cost, default=None)
+
+
+def _explains(prior: Belief, found: Fit | None) -> bool:
+    return found is not None and _plausible(prior, found) and all(r.chi <= EXPLAINED for r in found.recordings)
+
+
+def _grown(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:
+    """A fit of all frames; where the start is far from them, by way of fits of the first frames only.
+
+    Late in a strike the tip depends wildly on the whip, and a fit from afar ends in one of many valleys. Early on it
+    does not.
+    """
+    for share in _HORIZONS:
+        found = _fit([_until(r, share) for r in recordings], plant, names, options)
+        if found is None:
+            return None
+        assert isinstance(found.plant, Plant)
+        plant = found.plant
+    return _fit(recordings, plant, names, options)
+
+
+def _until(recording: StrikeRecording, share: float) -> StrikeRecording:
+    """Its first frames: a share of those in which the tip is seen, and no fewer than are needed."""
+    seen = np.flatnonzero(recording.seen.any(axis=1))
+    last = seen[max(math.ceil(share * len(seen)), min(_LEAST, len(seen))) - 1]
+    late = np.arange(len(recording.t)) > last
+    return recording.without(late[:, None] & recording.seen)
 
 
 def _fit(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:
@@ -210,14 +239,15 @@ def _belief(prior: Belief, found: Fit) -> Belief:
     """The fit as a belief: its covariance inflated by what the residuals show."""
     U = found.uncertainty
     root = U.directions * U.singular_values[:, None] / U.units
-    information = root.T @ root  # of data, weighted by their residual variance, and prior
-    W = np.linalg.inv(prior.covariance)
+    L = np.linalg.cholesky(prior.covariance)
+    # Data against prior along independent directions: what the data say is told in units of the prior's errors
+    told, V = np.linalg.eigh((root @ L).T @ (root @ L) - np.eye(len(L)))
     correlation = float(np.clip(U.whiteness, 0.0, 0.95))
     few = (1 + correlation) / (1 - correlation)  # readings that are worth one
     if U.residual_variance < 1:  # better than the stated errors allow: chance
         few = max(few, 1.0)
-    covariance = np.linalg.inv((information - W) / few + W)
-    covariance = (covariance + covariance.T) / 2
+    wide = L @ V / np.sqrt(1 + np.clip(told / few, 0.0, _SHARPEST))
+    covariance = wide @ wide.T
     noise = np.concatenate([r.sigma for r in found.recordings])
     residuals = np.concatenate([r.residuals for r in found.recordings])
     excess = float(np.mean(residuals**2) - np.mean(noise**2))

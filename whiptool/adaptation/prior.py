@@ -158,6 +158,8 @@ def default_prior(model: Model, controller: Controller, *, whip: str = "profile"
         profile = profile_of(model, "")
         plant = Plant(model, controller, profile)
         entries = dict(_PROFILE) | arm
+        half = profile.linear_density * profile.length / model.whip.N / 2  # what point masses have beyond half a hat
+        entries["profile.tip_mass"] = (half, half)
         entries["profile.bending_damping"] = (None, _DAMPING * max(profile.bending_damping, 1e-4))
         entries |= {f"arm.mass[{i}]": (None, _ARM_MASS) for i in range(model.arm.n)}
         if isinstance(controller.law, OIAC):

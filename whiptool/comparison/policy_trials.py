@@ -49,3 +49,18 @@ def trials_within(
             trials[new], hit[new] = number, True
         left = left[distance > task.hit_radius]
     return found
+
+
+def misses_of(
+    learner: Learner, task: RecordedTask, targets: np.ndarray, *, cap: int, convention: str
+) -> list[list[float]]:
+    """Miss distances of each target's strikes [m], up to the first within the task's hit radius; arguments as above."""
+    task.distances.clear()
+    trials_to_hit(learner, task, targets, cap=cap, convention=convention)
+    misses: list[list[float]] = [[] for _ in targets]
+    left = np.arange(len(targets))
+    for distance in task.distances:
+        for i, miss in zip(left, distance.tolist(), strict=True):
+            misses[i].append(miss)
+        left = left[distance > task.hit_radius]
+    return misses

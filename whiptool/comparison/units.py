@@ -78,8 +78,8 @@ class Unit(Protocol):
             threads: Of the simulator; the result does not depend on it.
 
         Returns:
-            Plain data, with `outcomes`: for conventions and hit radii the trials to the first hit of each target,
-            `cap` where there was none, and whether there was one.
+            Plain data. Of a search or a learner, with `outcomes`: for conventions and hit radii the trials to the
+            first hit of each target, `cap` where there was none, and whether there was one.
         """
         ...
 
@@ -207,7 +207,7 @@ class LearnerUnit:
 
         scene = self.scene
         with one_torch_thread():
-            training, history, note = self._trained(folder, threads)
+            training, history, note = self.trained(folder, threads)
             task, points = self._task(scene.radii[0], threads), scene.points()
             seen = _tensor(task.normalise(task.reset(points)))
             strikes = task.to_strikes(training.learner.act(seen, deterministic=True).numpy().astype(float))
@@ -268,7 +268,7 @@ class LearnerUnit:
         plan = Plan(self.episodes, self.trials, self.random_episodes, self.hindsight if relabels else 0)
         return Training(learner, task, plan)
 
-    def _trained(self, folder: Path | None, threads: int | None) -> tuple[Any, dict[str, Any], str]:
+    def trained(self, folder: Path | None, threads: int | None) -> tuple[Any, dict[str, Any], str]:
         """The training at its end, its mean rewards and seconds, and what there is to say about it."""
         from whiptool.rl.learner import Diverged
 

@@ -167,12 +167,14 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
         InputError: A name is unknown.
     """
     base, known = plant.quantities(), plant.values()
+    profile = plant.profile if isinstance(plant, Plant) else None
+    by_profile = {} if profile is None else _profile_slopes(profile, base["whip.m"].size)
     found = []
     for name in names:
         if name not in known:
             raise InputError("parameter", name, "one of " + ", ".join(known))
-        if name.startswith("profile.") and isinstance(plant, Plant) and plant.profile is not None:
-            found.append(_profile_slopes(plant.profile, plant.model.whip.N)[name])
+        if name in by_profile:
+            found.append(by_profile[name])
             continue
         moved = plant.changed({name: known[name] + 1}).quantities()
         found.append({block: np.round(moved[block] - x, 12) for block, x in base.items()})
@@ -180,9 +182,9 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
 
 
 def _profile_slopes(profile: WhipProfile, N: int) -> dict[str, Quantities]:
-    jacobians = lumping(N)[1](np.array([getattr(profile, name) for name in PROFILE]))
+    jacobians = [J.full() for J in lumping(N)[1](np.array([getattr(profile, name) for name in PROFILE]))]
     return {
-        f"profile.{name}": {f"whip.{block}": J.full()[:, i] for block, J in zip(_LUMPED, jacobians, strict=True)}
+        f"profile.{name}": {f"whip.{block}": J[:, i] for block, J in zip(_LUMPED, jacobians, strict=True)}
         for i, name in enumerate(PROFILE)
     }
 
@@ -208,6 +210,7 @@ def lumping(N: int) -> tuple[ca.Function, ca.Function]:
 
     EI = lambda s: P["bending_stiffness"] * P["stiffness_taper"] ** s  # noqa: E731
     mass = hats(lambda s: P["linear_density"] * P["density_taper"] ** s)
+    mass[-1] += P["tip_mass"]
     k = [1 / c for c in hats(lambda s: 1 / EI(s))[:N]]
     losses = hats(lambda s: P["bending_damping"] * P["damping_taper"] ** s / EI(s) ** 2)
     b = [stiff**2 * loss for stiff, loss in zip(k, losses, strict=False)]

@@ -24,7 +24,7 @@ _UNITS = {
     "arm": {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"},
     "profile": {
         "length": "m", "linear_density": "kg/m", "bending_stiffness": "N m^2", "bending_damping": "N m^2 s",
-        "rest_curvature": "1/m", "drag": "N s^2/m^3",
+        "rest_curvature": "1/m", "drag": "N s^2/m^3", "tip_mass": "kg",
     },
     "law": {"beta": "s", "K": "N m/rad", "B": "N m s/rad"},
     "": {

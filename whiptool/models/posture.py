@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from whiptool.models.closed_loop import Structure, closed_loop
 from whiptool.models.parameters import Model
+
+_AT_ONCE = 24  # postures in one call
 
 
 def hangs_straight(model: Model) -> bool:
@@ -51,12 +55,20 @@ def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.nd
     hinge = structure.columns("whip.k").start  # a spring at the hinge would bend the whip
     if hangs_straight(model) and "rest_angle" not in structure.optional and not dp[:, hinge].any():
         return dq
-    balance = closed_loop(structure).whip_balance
     dq[:, a:] = 0
-    for row, drow, parameters, direction in zip(q, dq, p, dp, strict=True):
-        _, hessian, change = (x.full() for x in balance(row, parameters, drow, direction))
-        drow[a:] = -np.linalg.solve(hessian, change[:, 0])
+    balance, n = _at_once(structure), structure.n - a
+    for i in range(0, len(q), _AT_ONCE):
+        some = slice(i, i + _AT_ONCE)
+        columns = [np.pad(x[some], ((0, _AT_ONCE - len(q[some])), (0, 0)), "edge").T for x in (q, p, dq, dp)]
+        _, hessian, change = (x.full() for x in balance(*columns))
+        hessians = hessian.reshape(n, _AT_ONCE, n).transpose(1, 0, 2)
+        dq[some, a:] = -np.linalg.solve(hessians, change.T[..., None])[: len(q[some]), :, 0]
     return dq
+
+
+@lru_cache(maxsize=8)
+def _at_once(structure: Structure):
+    return closed_loop(structure).whip_balance.map(_AT_ONCE)
 
 
 def _balance(model: Model):

@@ -27,6 +27,7 @@ class WhipProfile:
         density_taper, stiffness_taper, damping_taper: Tip over handle.
         rest_curvature: Curvature of the slack whip [1/m].
         drag: Quadratic drag per length [N s^2/m^3].
+        tip_mass: At the tip, such as a cracker or a marker [kg].
 
     Raises:
         InputError: A value is not finite or out of range.
@@ -41,13 +42,14 @@ class WhipProfile:
     damping_taper: float = 1.0
     rest_curvature: float = 0.0
     drag: float = 0.0
+    tip_mass: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("length", "linear_density", "bending_stiffness"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
         for name in ("density_taper", "stiffness_taper", "damping_taper"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=1e-6, high=1e6))
-        for name in ("bending_damping", "drag"):
+        for name in ("bending_damping", "drag", "tip_mass"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
         object.__setattr__(self, "rest_curvature", number("rest_curvature", self.rest_curvature))
 
@@ -75,6 +77,7 @@ class WhipProfile:
 
         along = s / self.length
         mass = hats(self.linear_density * self.density_taper**along)
+        mass[-1] += self.tip_mass
         EI = self.bending_stiffness * self.stiffness_taper**along
         eta = self.bending_damping * self.damping_taper**along
         k = 1 / hats(1 / EI)[:N]  # the tip's half hat carries no moment

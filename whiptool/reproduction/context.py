@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from whiptool.comparison import Comparison, LearnerUnit, SearchUnit, Series, Store, collect
+from whiptool.comparison import Comparison, Series, Store, collect
+from whiptool.comparison.units import Unit
 
 
 @dataclass(frozen=True)
@@ -17,13 +18,15 @@ class Context:
         comparison: Methods, observations, seeds, targets, training.
         store: Results of its units: what one part of the report worked out, the others find there.
         quick: Take the short form of whatever takes long.
+        whips: Unknown whips of each family, in `adapt`.
     """
 
     comparison: Comparison
     store: Store
     quick: bool = False
+    whips: int = 100
 
-    def results(self, units: Sequence[SearchUnit | LearnerUnit], desc: str) -> dict[str, dict[str, Any]]:
+    def results(self, units: Sequence[Unit], desc: str) -> dict[str, dict[str, Any]]:
         """Results of units by name, worked on if they are not there yet."""
         return self.store.results(units, desc=desc)
 

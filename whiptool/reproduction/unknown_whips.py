@@ -1,0 +1,351 @@
+"""Trials with whips that are not the model: the units of work of `whiptool.reproduction.adapt`.
+
+Targets come from one pool, and a plan made from the prior alone depends on the target only: it is made once, and struck
+with every whip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.adaptation.correction import correct
+from whiptool.adaptation.loop import Adaptation, Options, Step
+from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
+from whiptool.adaptation.ports import TipPort
+from whiptool.adaptation.posterior import Learned, update
+from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.adaptation.twins import FAMILIES, Twin, draw_twin
+from whiptool.adaptation.wiggle import choose_wiggle
+from whiptool.comparison import LearnerUnit, Scene
+from whiptool.models.compiled import CompiledRollout
+from whiptool.objective import HIT_RADIUS, Target
+from whiptool.strike import Strike
+
+METHODS = {
+    "nominal": "the model's own best strike, repeated",
+    "robust": "the strike that hits most of the whips that the prior allows, repeated",
+    "correction": "the model's best strike, corrected along the model's Jacobian (iterative learning control)",
+    "sac": "SAC, trained on the model with observation `relative`",
+    "adapt": "the robust strike; then identified and planned again after every strike",
+    "wiggle": "the same, after one slow movement chosen for what it tells",
+}
+FINEST = 0.01  # [m], a strike that misses by no more is the last
+BRIEF = Effort(pool=96, polished=4, steps=4, whips=8, population=6, rounds=2)
+_SLOW_POOL = 512  # candidates of a brief plan, most of which ask too much of motors
+_CLEAR = 0.05  # [m] by which a target has to be within a whip's reach
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """What all trials share.
+
+    Args:
+        scene: The model that is believed, its controller, and a pool of targets, of which every whip gets some.
+        strikes: With one whip at one target, at most.
+        thorough: Plan with the usual effort; False: with little, to see that all works.
+    """
+
+    scene: Scene
+    strikes: int = 6
+    thorough: bool = True
+
+    @property
+    def prior(self) -> Belief:
+        """Of every whip."""
+        return default_prior(self.scene.model, self.scene.controller)
+
+    def twin(self, family: str, seed: int) -> Twin:
+        """An unknown whip."""
+        return draw_twin(family, seed, self.scene.model, self.scene.controller)
+
+    def within(self, twin: Twin) -> np.ndarray:
+        """Numbers of the pool's targets that a whip can reach, in an order of its own."""
+        near = np.flatnonzero(np.hypot(*self.scene.points().T) <= twin.model.reach - _CLEAR)
+        return np.random.default_rng([self.scene.target_seed, FAMILIES.index(twin.family), twin.seed]).permutation(near)
+
+    def target(self, number: int) -> Target:
+        """Of the pool."""
+        x, y = self.scene.points()[number]
+        return Target((float(x), float(y)), HIT_RADIUS)
+
+    def options(self, **changes: Any) -> Options:
+        """Of an adaptation."""
+        options = Options(max_strikes=self.strikes, stop_at=FINEST, t_stay=self.scene.t_stay)
+        return replace(options, **self.efforts, **changes)
+
+    @property
+    def efforts(self) -> dict[str, Effort]:
+        """Of plans, where they are not the usual ones."""
+        return {} if self.thorough else {"first": BRIEF, "later": BRIEF}
+
+    def named(self, *parts: object) -> str:
+        """Of a unit."""
+        return "-".join(map(str, ["adapt", *parts, self.strikes, *([] if self.thorough else ["brief"])]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpeningUnit:
+    """A first plan, from the model alone (`nominal`) or from the prior (`robust`)."""
+
+    study: Study
+    kind: str
+    target: int
+
+    @property
+    def name(self) -> str:
+        """Kind and target."""
+        return self.study.named("opening", self.kind, self.target)
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Plan."""
+        s = self.study
+        belief = s.prior if self.kind == "robust" else certain(s.scene)
+        rng = np.random.default_rng([s.scene.target_seed, self.target])
+        found = plan(
+            belief, s.target(self.target), rng=rng, t_stay=s.scene.t_stay, effort=FIRST if s.thorough else BRIEF
+        )
+        return asdict(found)
+
+
+def certain(scene: Scene) -> Belief:
+    """That the whip is the model."""
+    prior = default_prior(scene.model, scene.controller, whip="uniform")
+    return replace(prior, covariance=1e-8 * prior.covariance)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LookUnit:
+    """The slow movement, chosen once."""
+
+    study: Study
+
+    @property
+    def name(self) -> str:
+        """There is one."""
+        return self.study.named("look")
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Choose it."""
+        rng = np.random.default_rng(self.study.scene.target_seed)
+        candidates = 64 if self.study.thorough else 8
+        strike, told = choose_wiggle(self.study.prior, rng=rng, t_stay=self.study.scene.t_stay, candidates=candidates)
+        return {"strike": strike.vector.tolist(), "told": told}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WhipUnit:
+    """Strikes with one unknown whip at some targets, its tip seen 60 times a second with 5 mm noise.
+
+    Args:
+        study: See there.
+        family, seed: Of the whip.
+        method: One of `METHODS`, not `sac`.
+        targets: Their numbers.
+        openings: First plans, by target.
+        look: The slow movement; empty: none.
+        transfer: Numbers of further targets, each struck at once with what was learned at the first.
+    """
+
+    study: Study
+    family: str
+    seed: int
+    method: str
+    targets: tuple[int, ...]
+    openings: Mapping[int, Mapping[str, Any]]
+    look: tuple[float, ...] = ()
+    transfer: tuple[int, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Whip and method."""
+        return self.study.named(self.family, self.seed, self.method)
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Strike."""
+        looked = self._look() if self.method == "wiggle" else None
+        trials, transferred = [], []
+        for i, number in enumerate(self.targets):
+            if self.method == "correction":
+                trials.append(self._corrected(number))
+                continue
+            steps = self._adapted(number, looked)
+            trials.append(self._told(number, steps, looked))
+            if i == 0 and self.transfer and steps[-1].learned is not None:
+                transferred = [self._transferred(steps[-1].learned.belief, n) for n in self.transfer]
+        return {"trials": trials, "transferred": transferred}
+
+    def _port(self, number: int) -> TipPort:
+        s = self.study
+        return TipPort(s.twin(self.family, self.seed), s.target(number).position, t_stay=s.scene.t_stay)
+
+    def _look(self) -> tuple[Any, Learned]:
+        """The slow movement with this whip, and what it taught."""
+        seen = self._port(self.targets[0]).strike(Strike.from_vector(self.look), 0, None)
+        assert seen.recording is not None
+        return seen.recording, update(self.study.prior, [seen.recording], seed=self.seed)
+
+    def _adapted(self, number: int, looked: tuple[Any, Learned] | None) -> list[Step]:
+        s = self.study
+        adaptation = Adaptation(
+            s.prior,
+            self._port(number),
+            s.target(number),
+            s.options(adapt=self.method in ("adapt", "wiggle"), seed=self.seed),
+            recordings=[] if looked is None else [looked[0]],
+            known=None if looked is None else looked[1].belief,
+            opening=None if looked is not None else as_plan(self.openings[number]),
+        )
+        return adaptation.run()
+
+    def _corrected(self, number: int) -> dict[str, Any]:
+        s, port = self.study, self._port(number)
+        model = CompiledRollout(s.scene.model, s.scene.controller, timestep=5e-4)
+        strike, misses = Strike.from_vector(as_plan(self.openings[number]).strike), []
+        for k in range(1, s.strikes + 1):
+            seen = port.strike(strike, k, None)
+            misses.append(seen.miss)
+            if seen.recording is None or (seen.miss or 0.0) <= FINEST:
+                break
+            strike = correct(strike, seen.recording, model, s.target(number).position, t_stay=s.scene.t_stay)
+        return {"target": number, "miss": padded(misses, s.strikes)}
+
+    def _told(self, number: int, steps: list[Step], looked: tuple[Any, Learned] | None) -> dict[str, Any]:
+        seconds = [0.0 if looked is None else looked[1].wall_time]  # before the first strike; then after each
+        seconds += [step.learned.wall_time if step.learned else 0.0 for step in steps]
+        seconds = [a + step.plan.wall_time for a, step in zip(seconds, steps, strict=False)]
+        return {
+            "target": number,
+            "miss": padded([step.outcome.miss for step in steps], self.study.strikes),
+            "probability": [step.plan.probability for step in steps],
+            "seconds": seconds,
+            "refused": sum(len(step.learned.refused) for step in steps if step.learned),
+        }
+
+    def _transferred(self, belief: Belief, number: int) -> dict[str, Any]:
+        """One strike at another target."""
+        s, rng = self.study, np.random.default_rng([self.seed, number])
+        effort = NEXT if s.thorough else BRIEF
+        chosen = plan(belief, s.target(number), rng=rng, t_stay=s.scene.t_stay, effort=effort)
+        seen = self._port(number).strike(Strike.from_vector(chosen.strike), 1, None)
+        return {"target": number, "miss": seen.miss, "probability": chosen.probability}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyUnit:
+    """SAC, trained on the model, strikes with every whip, seeing where its tip came nearest.
+
+    Args:
+        study: See there.
+        whips: Family, seed, and numbers of the targets of each.
+        episodes: Of training, of 100 strikes.
+    """
+
+    study: Study
+    whips: tuple[tuple[str, int, tuple[int, ...]], ...]
+    episodes: int = 100
+
+    @property
+    def name(self) -> str:
+        """Its whips are counted, not named."""
+        return self.study.named("sac", len(self.whips), self.episodes)
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Train, and strike."""
+        from whiptool.comparison.policy_trials import RecordedTask, misses_of
+        from whiptool.comparison.units import MAIN_CONVENTION, one_torch_thread
+
+        s = self.study
+        unit = LearnerUnit(
+            scene=s.scene,
+            method="sac",
+            observation="relative",
+            seed=0,
+            episodes=self.episodes,
+            random_episodes=max(1, self.episodes // 10),
+            task="adapt-",
+        )
+        with one_torch_thread():
+            learner = unit.trained(folder, threads)[0].learner
+            found: dict[str, list] = {}
+            for family, seed, targets in self.whips:
+                twin = s.twin(family, seed)
+                rollout = CompiledRollout(twin.model, twin.controller, threads=threads)
+                task = RecordedTask(
+                    rollout, s.scene.zone, observation="relative", hit_radius=FINEST, t_stay=s.scene.t_stay
+                )
+                learner.generator.manual_seed(seed)
+                points = s.scene.points()[list(targets)]
+                misses = misses_of(learner, task, points, cap=s.strikes, convention=MAIN_CONVENTION)
+                found[f"{family}-{seed}"] = [
+                    {"target": number, "miss": padded(row, s.strikes)}
+                    for number, row in zip(targets, misses, strict=True)
+                ]
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigUnit:
+    """Strikes through the whole chain: servos, rendered images, tracker, within the motors' limits.
+
+    Args:
+        study: See there.
+        family, seed: Of the whip.
+        target: Its number.
+        wiggle: A slow movement first.
+    """
+
+    study: Study
+    family: str
+    seed: int
+    target: int
+    wiggle: bool = False
+
+    @property
+    def name(self) -> str:
+        """Whip, target."""
+        wiggle = ["wiggle"] if self.wiggle else []
+        return self.study.named("rig", self.family, self.seed, self.target, *wiggle)
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Strike."""
+        from whiptool.adapt import AdaptOptions, prepare
+
+        s = self.study
+        options = AdaptOptions(
+            target=s.target(self.target).position,
+            port="twin",
+            camera="twin",
+            family=self.family,
+            seed=self.seed,
+            max_strikes=s.strikes,
+            wiggle=self.wiggle,
+        )
+        adaptation = prepare(options)
+        efforts = {name: replace(effort, pool=_SLOW_POOL) for name, effort in s.efforts.items()}
+        adaptation.options = replace(adaptation.options, stop_at=FINEST, **efforts)
+        steps = adaptation.run()
+        spent = [step.learned.wall_time if step.learned else 0.0 for step in steps]
+        strikes = [step for step in steps if step.number]
+        return {
+            "target": self.target,
+            "miss": padded([step.outcome.miss for step in strikes], s.strikes),
+            "probability": [step.plan.probability for step in strikes],
+            "seconds": [a + step.plan.wall_time for a, step in zip([0.0, *spent], steps, strict=False)],
+            "faults": [step.outcome.fault for step in strikes],
+        }
+
+
+def as_plan(table: Mapping[str, Any]) -> Plan:
+    """What `OpeningUnit` found."""
+    return Plan(**{**table, "strike": tuple(table["strike"])})
+
+
+def padded(misses: Iterable[float | None], strikes: int) -> list[float | None]:
+    """Miss distances by strike; whoever stopped would strike the same again."""
+    known = list(misses)
+    return known + known[-1:] * (strikes - len(known))
