@@ -221,6 +221,7 @@ COMMANDS = {
     "compare": "trials to hit, method by method",
     "reproduce": "the paper's figures and tables as one report",
     "simulate": "play one strike, or export the model",
+    "view": "look at a run: viewer, video, interactive page",
     "rig": "strike with a rig, or with its twin",
     "doctor": "check the installation and this machine",
 }

@@ -299,12 +299,18 @@ def outcome_lines(outcome, target) -> list[str]:
 
 
 def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float, video: bool) -> list[str]:
-    """Save trajectory, figures and video of one strike; the files' kinds, for people."""
+    """Save trajectory, figures, interactive page and video of one strike; the files' kinds, for people."""
+    import numpy as np
+
+    from whiptool.page import strike_page
     from whiptool.plots import save_strike_figures
+    from whiptool.runs import write_whole
 
     trajectory.save(folder / "trajectory.npz")
     save_strike_figures(folder, trajectory, model, target.position, target.hit_radius, label)
-    kinds = ["trajectory", "figures"]
+    page = strike_page(model, trajectory, np.array(target.position), target.hit_radius, label=label)
+    write_whole(folder / "strike.html", page)
+    kinds = ["trajectory", "figures", "page"]
     if video:
         from whiptool.video import render_video
 
