@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from whiptool import adapt
+from whiptool.adaptation.correction import correct
 from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
 from whiptool.adaptation.planner import Effort, plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import Belief, default_prior, read_belief
-from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
+from whiptool.adaptation.twins import FAMILIES, NODES, Twin, draw_twin
 from whiptool.adaptation.wiggle import FASTEST, choose_wiggle, information
-from whiptool.comparison import Scene, Store
+from whiptool.comparison import Comparison, Scene
 from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
@@ -27,6 +28,16 @@ from whiptool.models.trajectory import joint_points
 from whiptool.objective import Target
 from whiptool.report import Table
 from whiptool.reproduction import adapt as reproduction
+from whiptool.reproduction.context import Context
+from whiptool.reproduction.unknown_whips import (
+    LookUnit,
+    OpeningUnit,
+    PolicyUnit,
+    RigUnit,
+    Study,
+    WhipUnit,
+    certain,
+)
 from whiptool.rig.limits import XM430
 from whiptool.strike import Strike
 from whiptool.zone import Disc
@@ -289,23 +300,112 @@ def test_a_bad_prior_is_refused(line, tmp_path):
         read_belief(str(file), MODEL, CONTROLLER, whip="uniform")
 
 
-def test_tables_of_unknown_whips(tmp_path):
-    scene = Scene(model=MODEL, controller=CONTROLLER, zone=Disc((1.1, 0.0)))
-    work = [
-        reproduction.AdaptUnit(scene=scene, family="kin", seed=1, target=0, method=method, strikes=2, thorough=False)
-        for method in ("nominal", "adapt")
-    ]
-    results = Store(tmp_path).results(work)
-    table = next(part for part in reproduction.summarise(work, results).parts if isinstance(part, Table))
-    assert [row[:3] for row in table.rows[1:]] == [["kin", "nominal", "1"], ["kin", "adapt", "1"]]
-    assert all(len(row) == len(table.rows[0]) for row in table.rows)
-    assert results[work[1].name]["miss"][-1] < 0.06
-    assert len(reproduction.units(scene, whips=2, targets=3)) == 3 * 4 * 2 * 3
-    far = dataclasses.replace(work[0], scene=dataclasses.replace(scene, zone=Disc((3.0, 0.0))))
-    assert far.run(None, 1) == {"excluded": True}
+def study_of(**changes) -> Study:
+    scene = Scene(model=MODEL, controller=CONTROLLER, zone=Disc((1.1, 0.0)), targets=8)
+    return dataclasses.replace(Study(scene=scene, strikes=2, thorough=False), **changes)
+
+
+def test_an_unknown_whip_is_tried_with_every_method():
+    """What is learned after one strike is better than the first; what nothing is learned from is the same again."""
+    study = study_of()
+    target = int(study.within(study.twin("kin", 5))[0])
+    opening = OpeningUnit(study=study, kind="robust", target=target).run(None, 1)
+    found = {}
+    for method in ("robust", "correction", "adapt"):
+        unit = WhipUnit(
+            study=study,
+            family="kin",
+            seed=5,
+            method=method,
+            targets=(target,),
+            openings={target: opening},
+            transfer=(1,),
+        )
+        found[method] = unit.run(None, 1)
+        assert found[method] == unit.run(None, 1) or method == "adapt"  # its seconds differ
+    first, second = found["robust"]["trials"][0]["miss"]
+    assert first == second
+    for method in ("correction", "adapt"):
+        assert found[method]["trials"][0]["miss"][0] == first
+    assert found["adapt"]["trials"][0]["miss"][1] < 0.02
+    assert [row["target"] for row in found["adapt"]["transferred"]] == [1]
+    assert found["adapt"]["transferred"][0]["miss"] < 0.06
+
+
+def test_targets_are_within_the_whips_reach():
+    study = study_of()
+    far = study_of(scene=dataclasses.replace(study.scene, zone=Disc((3.0, 0.0))))
+    twin = study.twin("stranger", 2)
+    assert len(far.within(twin)) == 0
+    own = study.scene.points()[study.within(twin)]
+    assert (np.hypot(*own.T) < twin.model.reach).all()
+
+
+def test_a_correction_along_the_jacobian_brings_the_tip_nearer():
+    """On the model itself, from a strike that nearly hits: what Newton's method would do."""
+    rollout = CompiledRollout(MODEL, CONTROLLER, timestep=5e-4)
+    near = plan(certain(study_of().scene), Target(TARGET), rng=np.random.default_rng(0), effort=QUICK).strike
+    off = Strike.from_vector(np.add(near, (0.02, 0.0, -0.02, 0.01, 0.0)))
+    port = TipPort(Twin("model", 0, MODEL, CONTROLLER, 0.0, 0.0, 1e-6), TARGET, fps=500.0)
+    misses = []
+    for number in range(3):
+        seen = port.strike(off, number, None)
+        misses.append(seen.miss)
+        off = correct(off, seen.recording, rollout, TARGET)
+    assert misses[1] < 0.3 * misses[0]
+    assert misses[2] < 0.5 * misses[1]
+
+
+class Told:
+    """A store that knows every result: the nominal strike misses by 8 cm, what learns misses by 4, then 0.5 cm."""
+
+    def results(self, units, *, desc: str = "") -> dict:
+        return {unit.name: self.of(unit) for unit in units}
+
+    def of(self, unit) -> dict:
+        if isinstance(unit, LookUnit):
+            return {"strike": list(STRIKE.vector), "told": 1.0}
+        if isinstance(unit, OpeningUnit):
+            return {}
+        learns = {"miss": [0.04, 0.005], "probability": [0.5, 1.0], "seconds": [3.0, 1.0]}
+        if isinstance(unit, RigUnit):
+            return {"target": unit.target, **learns, "faults": ["", ""]}
+        if isinstance(unit, PolicyUnit):
+            return {f"{f}-{s}": [{"target": t, "miss": [None, 0.07]} for t in own] for f, s, own in unit.whips}
+        missed = {"miss": [0.08, 0.08], "probability": [1.0, 1.0], "seconds": [3.0, 3.0]}
+        row = learns if unit.method in ("adapt", "wiggle") else missed
+        further = [{"target": t, "miss": 0.01, "probability": 0.9} for t in unit.transfer]
+        return {"trials": [{"target": t, **row} for t in unit.targets], "transferred": further}
+
+
+def test_the_report_of_unknown_whips():
+    scene = Scene(model=MODEL, controller=CONTROLLER)
+    context = Context(Comparison(scene=scene), Told(), whips=5)  # type: ignore[arg-type]
+    sections = {section.title: section for section in reproduction.sections(context)}
+    hits, trials = (p.rows for p in sections["Unknown whips, strike by strike"].parts if isinstance(p, Table))
+    assert len(hits) == len(trials) == 1 + 3 * 6
+    by_name = {tuple(row[:2]): row for row in hits}
+    assert by_name["kin", "nominal"][2:] == ["15", "0 %", "0 %", "8.00", "8.00"]
+    assert by_name["stranger", "adapt"][2:] == ["15", "100 %", "100 %", "4.00", "0.50"]
+    assert by_name["strange", "sac"][5:] == ["inf", "7.00"]
+    row = {tuple(row[:2]): row for row in trials}["kin", "wiggle"]
+    assert row[2:] == ["1.00 (1.00 to 1.00), 100 %", "2.00 (2.00 to 2.00), 100 %", "2.00 (2.00 to 2.00), 100 %"]
+    goals = {row[0]: row for row in sections["Goals"].parts[0].rows}
+    assert goals["kin: mean trials within 6 cm"][1:] == ["<= 1.1", "1", "1", "yes"]
+    assert goals["kin: mean trials within 3 cm"][-1] == "no"
+    assert goals["kin: calibration error"][-1] == "no"  # half of the strikes were said to hit half the time
+    assert goals["kin: first hits at other targets"][2] == "1"
+
+
+def test_intervals_resample_whips_not_trials():
+    """Ten whips, each the same in all its hundred trials, tell as much as ten numbers."""
+    values = np.repeat(np.arange(10.0), 100)
+    low, high = reproduction.Trials(values[:, None], np.repeat(np.arange(10), 100)).interval(values)
+    error = np.std(np.arange(10)) / np.sqrt(10)
+    assert (high - low) / 2 == pytest.approx(1.96 * error, rel=0.1)
 
 
 def test_reliability():
-    rows, error = reproduction.reliability(np.array([0.9, 0.95, 0.1]), np.array([True, True, False]))
-    assert [row[3] for row in rows[1:]] == ["1", "2"]
+    bins, error = reproduction.reliability(np.array([0.9, 0.95, 0.1]), np.array([True, True, False]))
+    np.testing.assert_allclose(bins, [[0.1, 0.0, 1.0], [0.925, 1.0, 2.0]])
     assert error == pytest.approx((0.1 + 2 * 0.075) / 3)

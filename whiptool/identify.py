@@ -196,7 +196,7 @@ class _Run:
 
     def fit(self) -> None:
         """Fit, for every number of nodes that is to be tried."""
-        from whiptool.identification.fit import fit
+        from whiptool.identification.fit import best_nodes, fit
         from whiptool.identification.summary import root_mean_square
 
         self.tried: list[tuple[int, float, float]] = []
@@ -216,7 +216,7 @@ class _Run:
             if self.options.nodes:
                 assert outside is not None
                 self.tried.append((N, inside, outside))
-        self.N = min(self.tried, key=lambda row: row[2])[0] if self.tried else next(iter(fits))
+        self.N = best_nodes(fits) if self.tried else next(iter(fits))
         self.found = fits[self.N]
         self.misfit = math.sqrt(sum(r.chi**2 for r in self.found.recordings) / len(self.found.recordings))
 

@@ -83,6 +83,8 @@ def _main(args: Sequence[str] | None) -> int:
         print(json.dumps(summary, allow_nan=False))
     else:
         print("\n".join(f"{claim['verdict']}: {claim['claim']}\n    {claim['ours']}" for claim in claims))
+        if options.quick:
+            print(_QUICK.strip())
         print(f"report {folder.path / REPORT}")
     return 0
 

@@ -274,8 +274,13 @@ def choose_nodes(
             "nodes", (list(nodes), f"{len(held_out)} held out"), "one or more numbers, and recordings held out"
         )
     fits = {N: fit(recordings, plant.with_nodes(N), free, held_out=held_out, options=options) for N in nodes}
+    return best_nodes(fits), fits
+
+
+def best_nodes(fits: Mapping[int, Fit]) -> int:
+    """The number of nodes, of several fits, that predicts the held-out recordings best."""
     error = {N: float(np.mean([r.chi**2 for r in found.held_out])) for N, found in fits.items()}
-    return min(error, key=error.__getitem__), fits
+    return min(error, key=error.__getitem__)
 
 
 class _Problem:

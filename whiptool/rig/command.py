@@ -7,10 +7,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from whiptool import cli
 from whiptool.errors import InputError
+
+if TYPE_CHECKING:
+    from whiptool.optimizers import Result
 
 WORDS = ("strike", "learn")
 TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
@@ -274,5 +277,14 @@ def _learn(words: list[str]) -> int:
         "strike": None if result.strike is None else result.strike.vector.tolist(),
     }
     folder.write_result(summary)
-    print(json.dumps(summary) if options.json else f"{result.method}: {result.message}; {summary}")
+    print(json.dumps(summary) if options.json else "\n".join(_learned_lines(result, folder.path)))
     return 130 if result.status.value == "interrupted" else 0
+
+
+def _learned_lines(result: Result, folder: Path) -> list[str]:
+    """What a search on the rig came to."""
+    lines = [f"{result.method}: {result.message}; {result.n_trials} strikes, {result.n_diverged} refused or lost"]
+    if result.outcome is not None and result.strike is not None:
+        strike = " ".join(f"{x:.4f}" for x in result.strike.vector)
+        lines += [f"  miss distance  {result.outcome.miss_distance:.4f} m", f"  strike         {strike}"]
+    return [*lines, f"  run folder     {folder}"]

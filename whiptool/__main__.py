@@ -1,0 +1,8 @@
+"""`python -m whiptool COMMAND` is `whiptool COMMAND`."""
+
+import sys
+
+from whiptool.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
