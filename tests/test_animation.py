@@ -1,0 +1,78 @@
+"""The film of a strike: as long as it says, small enough for a notebook, its target green once hit."""
+
+from __future__ import annotations
+
+import base64
+import re
+
+import imageio_ffmpeg
+import matplotlib
+import numpy as np
+import pytest
+
+from whiptool.animation import FPS, animate
+from whiptool.errors import InputError
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.models import CompiledRollout, preset
+from whiptool.plots import STYLE
+from whiptool.strike import Strike
+
+LEMON = preset("lemon2024")
+STRIKE = Strike.from_vector([-1.36, 0.47, 1.73, 1.41, 0.95])
+
+
+@pytest.fixture(scope="module")
+def trajectory():
+    return CompiledRollout(LEMON, Controller(), timestep=1e-3).trajectory(STRIKE, t_stay=0.0)
+
+
+def film(html, folder):
+    """Frames of the embedded film, (F, height, width, 3) of uint8, and its size [bytes]."""
+    data = base64.b64decode(re.search(r'data:video/mp4;base64,([^"]+)"', html).group(1))
+    file = folder / "film.mp4"
+    file.write_bytes(data)
+    frames = imageio_ffmpeg.read_frames(str(file))
+    width, height = next(frames)["size"]
+    return np.array([np.frombuffer(f, np.uint8).reshape(height, width, 3) for f in frames]), len(data)
+
+
+def looks_green(frames):
+    """Whether the target is green, of the pixels that are more green than red, or more red than blue, by far."""
+    r, g, b = np.moveaxis(frames.astype(int), -1, 0)
+    green = ((g > r + 60) & (g > b + 10)).sum(axis=(1, 2))
+    orange = ((r > b + 60) & (g > b + 40)).sum(axis=(1, 2))
+    return green > orange
+
+
+def test_a_film_in_slow_motion_whose_target_turns_green(trajectory, tmp_path):
+    target, radius = np.array([1.3, 0.0]), 0.1
+    near = trajectory.approach(target)
+    assert near.distance[0] < radius
+    with matplotlib.rc_context(STYLE):  # whose figures are saved finer
+        shown = animate(trajectory, LEMON, target, radius, speed=0.5, dpi=60)._repr_html_()
+    frames, size = film(shown, tmp_path)
+    assert size < 1e6
+    assert frames.shape[2] == pytest.approx(5.6 * 60, abs=1)
+    assert len(frames) == pytest.approx(0.95 / 0.5 * FPS, abs=1.5)
+    green = looks_green(frames)
+    first = np.flatnonzero(green)[0]
+    assert green[first:].all()
+    assert first * 0.5 / FPS == pytest.approx(near.time[0], abs=0.5 / FPS)
+
+
+def test_a_target_that_is_missed_stays_as_it_was(trajectory, tmp_path):
+    frames, _ = film(animate(trajectory, LEMON, (1.3, -1.3), 0.1, speed=2.0, dpi=60).to_html(), tmp_path)
+    assert not looks_green(frames).any()
+
+
+def test_a_diverged_strike_is_shown_too():
+    wild = Controller(ConstantImpedance(K=((-1e7, 0), (0, -1e7)), B=((0, 0), (0, 0))))
+    path = CompiledRollout(LEMON, wild).trajectory(STRIKE, t_stay=0.3)
+    assert path.diverged
+    assert "<video" in animate(path, LEMON, (1.3, 0.0), 0.06, dpi=40).to_html()
+
+
+def test_bad_input_is_refused(trajectory):
+    for wrong in ({"speed": 0.0}, {"width": float("nan")}, {"dpi": -1.0}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            animate(trajectory, LEMON, (1.3, 0.0), 0.06, **wrong)

@@ -1,0 +1,80 @@
+"""Energies of a strike against CasADi's expressions, and against the work of the motors less what is lost."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.models import ArmLink, ArmParameters, CompiledRollout, Model, ReferenceRollout, WhipParameters, preset
+from whiptool.models.chain import chain_of, kinetic_energy, potential_energy
+from whiptool.models.energy import energies, joint_velocities
+from whiptool.models.trajectory import joint_points
+from whiptool.strike import Strike
+
+STRIKE = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
+LEMON = preset("lemon2024")
+EVERYTHING = Model(  # every term that a model can have
+    whip=WhipParameters(
+        N=4,
+        l=(0.2, 0.15, 0.1, 0.12),
+        m=(0.05, 0.03, 0.02, 0.01),
+        k=(0.1, 0.4, 0.3, 0.2),
+        b=(0.01, 0.03, 0.02, 0.01),
+        rest_angle=(0.1, 0.2, -0.1, 0.0),
+        dry_friction=(0.01, 0.005, 0.0, 0.002),
+        drag=(0.0, 0.01, 0.02, 0.03),
+        hinge_mass=0.03,
+    ),
+    arm=ArmParameters(
+        (ArmLink(mass=0.3, length=0.3, com=0.1, friction=0.02), ArmLink(mass=0.2, length=0.25, inertia=0.002))
+    ),
+)
+MODELS = pytest.mark.parametrize("model", [LEMON, EVERYTHING], ids=["lemon2024", "every term"])
+
+
+def path_of(model, timestep):
+    return CompiledRollout(model, Controller(ConstantImpedance()), timestep=timestep).trajectory(STRIKE, t_stay=0.3)
+
+
+@MODELS
+def test_energies_are_those_of_the_symbolic_chain(model):
+    path = path_of(model, 1e-3)
+    e = energies(model, path)
+    q, v = ca.SX.sym("q", model.n), ca.SX.sym("v", model.n)
+    chain = chain_of(model)
+    both = ca.Function("both", [q, v], [kinetic_energy(chain, q, v), potential_energy(chain, q)])
+    T, V = (x.full()[0] for x in both.map(len(path.t))(path.q.T, path.v.T))
+    np.testing.assert_allclose(e.kinetic.sum(axis=1), T, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose((e.weight + e.springs).sum(axis=1), V, rtol=1e-12, atol=1e-13)
+
+
+@MODELS
+def test_what_is_stored_is_the_work_less_the_losses(model):
+    coarse, fine = (energies(model, path_of(model, h)) for h in (5e-4, 2.5e-4))
+    assert fine.work.max() > 0.5  # [J]: there is something to balance
+    assert fine.lost[-1] > 0.1
+    errors = [np.abs(e.imbalance).max() for e in (coarse, fine)]
+    assert errors[1] < 1e-4
+    assert errors[1] < 0.35 * errors[0]  # of second order
+
+
+def test_the_balance_holds_in_the_other_simulator():
+    path = ReferenceRollout(EVERYTHING, Controller(ConstantImpedance()), timestep=1e-4).trajectory(STRIKE, t_stay=0.05)
+    assert np.abs(energies(EVERYTHING, path).imbalance).max() < 1e-5
+
+
+def test_velocities_are_the_rates_of_the_points():
+    path = path_of(EVERYTHING, 1e-3)
+    q, v, h = path.q[300:400], path.v[300:400], 1e-6
+    rate = (joint_points(EVERYTHING, q + h * v) - joint_points(EVERYTHING, q - h * v)) / (2 * h)
+    velocities = joint_velocities(EVERYTHING, q, v)
+    np.testing.assert_allclose(velocities, rate, atol=1e-7)
+    np.testing.assert_allclose(velocities[:, -1], path.tip_velocity[300:400], atol=1e-12)
+
+
+def test_a_trajectory_of_another_model_is_refused():
+    with pytest.raises(InputError, match="14"):
+        energies(LEMON, path_of(EVERYTHING, 1e-3))
