@@ -2,19 +2,24 @@
 PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin/python
+# two at a time; the threads of one test would spin beside those of the other
+TEST := OMP_NUM_THREADS=1 $(RUN) -m pytest --numprocesses 2 --dist loadfile
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint requirements.lock
 
-.PHONY: demo test test-fast check clean
+.PHONY: demo test test-fast check docs clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.core
 	$(RUN) -m whiptool.optimize --method directl
 
 test: check
-	$(RUN) -m pytest
+	$(TEST)
 
 test-fast: $(VENV)/.dev
-	$(RUN) -m pytest -m "not slow"
+	$(TEST) -m "not slow"
+
+docs: $(VENV)/.dev
+	$(RUN) -m sphinx -W --keep-going -b html docs docs/_build/html
 
 check: $(VENV)/.dev
 	$(RUN) -m ruff check .
@@ -38,4 +43,4 @@ $(VENV)/.dev: $(VENV)/.core
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis docs/_build docs/api docs/notebooks
