@@ -1,0 +1,274 @@
+"""Does a strike meet a moving target? A known whip, targets that are seen by a camera, three kinds of motion.
+
+The whip is lemon2024 under OIAC (`table4`). A camera (60 frames a second, 5 mm noise in each coordinate) watches a
+target for 0.5 s, then the strike is planned: what it is and when it starts. It starts no sooner than 20 ms of latency
+and the time for computing (250 ms for a plan, 100 ms for a refreshed one) after the frame that it is computed from, and
+the tip must meet the target within 2.5 s of the decision. The strike is rolled out on the true model at half the
+planner's timestep, against the target's true motion, and counts as a hit if tip and target come within the hit radius.
+
+Targets: `straight`, 0.5 m/s in a random direction through a random point of the disc of 0.3 m around (1.2, 0.0) m;
+`ballistic`, thrown from 2.5 to 4 m away, through such a point after 1.1 to 1.6 s of flight; `pendulum`, a bob whose
+lowest point is such a point, strings of 0.5 to 1.5 m, amplitudes of 0.2 to 1 rad, pivot not told to the planner.
+Targets that no strike can meet in time are not asked about: those that none of 4,000 other random strikes, from any
+posture and started at the best time, comes within 6 cm of. Their number is printed.
+
+Rows: `last seen`: the strike at where the target was last seen; `once`: planned at the decision; `time`: later frames
+shift the start of the same strike; `aim`: later frames move the strike, too; `oracle`: the true motion is told.
+`any q_i`: the arm is wherever the strike begins; `waiting`: it waits at one posture, and all strikes begin there.
+
+    python benchmarks/moving.py [--quick] [--json] [--targets 100] [--seeds 0]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.stats import binomtest
+from tqdm import tqdm
+
+from whiptool.impedance import Controller
+from whiptool.models import CompiledRollout, preset
+from whiptool.targets.aiming import Camera, Interception, closest
+from whiptool.targets.interception import HORIZON, LATENCY, PLAN_TIME, intercept, plan
+from whiptool.targets.library import Library
+from whiptool.targets.motions import GRAVITY, Motion, Pendulum, find_motion
+from whiptool.targets.tracks import Track, fit_track
+from whiptool.zone import Disc, sample
+
+MODEL, CONTROLLER = preset("lemon2024"), Controller()
+ZONE = Disc((1.2, 0.0), 0.3)
+CAMERA = Camera(60.0, 0.005)
+SEEN = 0.5  # [s] of track before the decision
+RADII = (0.06, 0.03, 0.01)  # [m]
+WAITING = (-1.4, 0.1)  # [rad], of 30 postures the one from which most thrown balls could be met
+OTHERS, OTHER_SEED = 4000, 99  # strikes that say what can be met
+PLANNER, TRUTH = 5e-4, 2.5e-4  # [s], timesteps
+UPDATES = {"none": "once", "time": "time", "aim": "aim"}
+
+
+@dataclass(frozen=True)
+class MovingTarget:
+    """The truth, with the decision at time 0."""
+
+    motion: Motion
+    numbers: np.ndarray
+
+    def positions(self, t: np.ndarray) -> np.ndarray:
+        """[m], (T, 2)"""
+        return self.motion.positions(self.numbers, t)
+
+    def frames(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Times and noisy positions of all frames."""
+        t = np.arange(-round(SEEN * CAMERA.rate), round(HORIZON * CAMERA.rate)) / CAMERA.rate
+        return t, self.positions(t) + CAMERA.sigma * rng.standard_normal((len(t), 2))
+
+    def reachable(self, others: Library) -> bool:
+        """Whether one of the strikes, if it starts at the right time, comes within the largest hit radius."""
+        t = np.arange(PLAN_TIME + LATENCY, HORIZON, 0.01)
+        near = others.tree.query_ball_point(self.positions(t), RADII[0])
+        return any(bool((others.tau[x] <= now - PLAN_TIME - LATENCY).any()) for now, x in zip(t, near, strict=True))
+
+
+def straight(rng: np.random.Generator) -> MovingTarget:
+    """0.5 m/s through the zone, 0.5 to 1.5 s after the decision."""
+    angle, passes = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 1.5)
+    velocity = 0.5 * np.array([np.cos(angle), np.sin(angle)])
+    return MovingTarget(find_motion("straight"), np.r_[sample(ZONE, 1, rng)[0] - passes * velocity, velocity])
+
+
+def ballistic(rng: np.random.Generator) -> MovingTarget:
+    """Released 50 ms before the camera sees it."""
+    released, flight = -SEEN - 0.05, rng.uniform(1.1, 1.6)
+    hand = np.array([rng.uniform(2.5, 4.0), rng.uniform(-0.5, 0.3)])
+    g = np.array([0.0, -GRAVITY])
+    velocity = (sample(ZONE, 1, rng)[0] - hand) / flight - g * flight / 2
+    at = hand - velocity * released + g * released**2 / 2  # at time 0
+    return MovingTarget(find_motion("ballistic"), np.r_[at, velocity - g * released])
+
+
+def pendulum(rng: np.random.Generator) -> MovingTarget:
+    """A random instant of a swing."""
+    L, amplitude, lowest = rng.uniform(0.5, 1.5), rng.uniform(0.2, 1.0), sample(ZONE, 1, rng)[0]
+    theta = amplitude * np.sin(rng.uniform(-np.pi / 2, np.pi / 2))
+    energy = np.sin(amplitude / 2) ** 2 - np.sin(theta / 2) ** 2
+    rate = rng.choice([-1, 1]) * 2 * np.sqrt(GRAVITY / L * max(energy, 0.0))
+    return MovingTarget(Pendulum(), np.r_[lowest + np.array([0, L]), np.log(L), theta, rate])
+
+
+KINDS: dict[str, Callable[[np.random.Generator], MovingTarget]] = {
+    "straight": straight, "ballistic": ballistic, "pendulum": pendulum
+}  # fmt: skip
+
+
+def draw(kind: str, count: int, others: Library, rng: np.random.Generator) -> tuple[list[MovingTarget], int]:
+    """Reachable targets, and how many others were drawn on the way."""
+    targets, excluded = [], 0
+    while len(targets) < count:
+        target = KINDS[kind](rng)
+        if target.reachable(others):
+            targets.append(target)
+        else:
+            excluded += 1
+    return targets, excluded
+
+
+@dataclass(frozen=True)
+class Sent:
+    """The strike as it is sent, and the times that computing took: the first plan, and each refresh [s]."""
+
+    strike: Interception | None
+    plan_time: float
+    refresh_times: tuple[float, ...] = ()
+
+
+def follow(library: Library, update: str, target: MovingTarget, seed: int) -> Sent:
+    """Planned at the decision; what later frames change is `update`."""
+    t, points = target.frames(np.random.default_rng([seed, 1]))
+    rng, plans, times, began = np.random.default_rng([seed, 2]), [], [], time.perf_counter()
+    for chosen in intercept(zip(t, points, strict=True), library, decide=0.0, rng=rng, camera=CAMERA, update=update):
+        plans.append(chosen)
+        times.append(time.perf_counter() - began)
+        began = time.perf_counter()
+    return Sent(plans[-1], times[0], tuple(times[1:]) if plans[0] else ())
+
+
+def last_seen(library: Library, target: MovingTarget, seed: int) -> Sent:
+    """The strike at the last frame before the decision, which does not know that the target moves."""
+    t, points = target.frames(np.random.default_rng([seed, 1]))
+    frame = int(np.searchsorted(t, 0.0, side="right")) - 1
+    still = fit_track(t[frame : frame + 1], points[frame : frame + 1], sigma=CAMERA.sigma, motion="still")
+    return planned(still, library, seed)
+
+
+def oracle(library: Library, target: MovingTarget, seed: int) -> Sent:
+    """The strike with the true motion."""
+    return planned(Track.known(target.motion, target.numbers), library, seed)
+
+
+def planned(track: Track, library: Library, seed: int) -> Sent:
+    """A plan with a given track."""
+    chosen = plan(track, library, now=0.0, latency=PLAN_TIME + LATENCY, rng=np.random.default_rng([seed, 2]))
+    return Sent(chosen, chosen.wall_time if chosen else 0.0)
+
+
+def misses(truth: CompiledRollout, targets: list[MovingTarget], strikes: list[Interception | None]) -> np.ndarray:
+    """What came of it, (B,) [m]; infinite where there was no plan."""
+    out = np.full(len(targets), np.inf)
+    planned = [i for i, x in enumerate(strikes) if x is not None]
+    if planned:
+        vectors = np.array([x.strike for x in strikes if x is not None])
+        t, paths, _ = truth.tip_path(vectors, t_stay=0.3, rate=1 / TRUTH)
+        for i, path in zip(planned, paths, strict=True):
+            chosen = strikes[i]
+            assert chosen is not None
+            out[i] = closest(path - targets[i].positions(chosen.start + t))
+    return out
+
+
+def row(miss: np.ndarray, sent: list[Sent]) -> dict:
+    """One line of the table; None where nothing was planned."""
+    taken = [x.strike for x in sent if x.strike is not None]
+    refreshes = [t for x in sent for t in x.refresh_times]
+    hits = {}
+    for radius in RADII:
+        test = binomtest(int((miss <= radius).sum()), len(miss))
+        interval = test.proportion_ci(method="wilson")
+        hits[str(radius)] = {"share": float(test.statistic), "low": float(interval.low), "high": float(interval.high)}
+
+    def quantile(values: Sequence[float] | np.ndarray, q: float) -> float | None:
+        value = float(np.quantile(values, q, method="higher")) if len(values) else np.inf
+        return value if np.isfinite(value) else None
+
+    return {
+        "hits": hits,
+        "median_miss": quantile(miss, 0.5),
+        "p90_miss": quantile(miss, 0.9),
+        "no_plan": len(sent) - len(taken),
+        "believed": float(np.mean([x.probability for x in taken])) if taken else None,
+        "tip_speed": quantile([x.tip_speed for x in taken], 0.5),
+        "start": quantile([x.start for x in taken], 0.5),
+        "contact": quantile([x.contact for x in taken], 0.5),
+        "plan_time": {
+            "median": quantile([x.plan_time for x in sent], 0.5),
+            "p90": quantile([x.plan_time for x in sent], 0.9),
+        },
+        "refresh_time": {"median": quantile(refreshes, 0.5), "p90": quantile(refreshes, 0.9)},
+    }
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="20 targets of each kind")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    parser.add_argument("--targets", type=int, default=100, help="of each kind and seed (default: 100)")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="of targets and noise (default: 0)")
+    arguments = parser.parse_args()
+    count = 20 if arguments.quick else arguments.targets
+    rollout = CompiledRollout(MODEL, CONTROLLER, timestep=PLANNER)
+    truth = CompiledRollout(MODEL, CONTROLLER, timestep=TRUTH)
+    began = time.perf_counter()
+    libraries = {"any q_i": Library.build(rollout), "waiting": Library.build(rollout, q_i=WAITING)}
+    building = (time.perf_counter() - began) / len(libraries)
+    others = Library.build(rollout, size=OTHERS, seed=OTHER_SEED)
+    ways: dict[str, Callable[[MovingTarget, int], Sent]] = {}
+    for name, library in libraries.items():
+        updates = UPDATES if name == "waiting" else {"none": UPDATES["none"]}
+        ways[f"last seen, {name}"] = partial(last_seen, library)
+        for update, word in updates.items():
+            ways[f"{word}, {name}"] = partial(follow, library, update)
+        ways[f"oracle, {name}"] = partial(oracle, library)
+    report = {}
+    with tqdm(total=len(KINDS) * len(ways) * count * len(arguments.seeds), leave=False, unit=" strikes") as bar:
+        for number, kind in enumerate(KINDS):
+            targets, excluded, seeds = [], 0, []
+            for seed in arguments.seeds:
+                drawn, unreached = draw(kind, count, others, np.random.default_rng([seed, number]))
+                targets, excluded = targets + drawn, excluded + unreached
+                seeds += [1000 * seed + i for i in range(count)]
+            rows = {}
+            for name, way in ways.items():
+                sent = []
+                for target, seed in zip(targets, seeds, strict=True):
+                    sent.append(way(target, seed))
+                    bar.update()
+                rows[name] = row(misses(truth, targets, [x.strike for x in sent]), sent)
+            report[kind] = {"targets": len(targets), "excluded": excluded, "rows": rows}
+    headline = {kind: report[kind]["rows"]["aim, waiting"]["hits"]["0.06"]["share"] for kind in report}
+    if arguments.json:
+        print(json.dumps({"hits_at_0.06": headline, "library_seconds": building, "kinds": report}))
+        return
+    print(f"a library of {len(libraries['any q_i'].strikes)} strikes is rolled out in {building:.1f} s")
+    for kind, entry in report.items():
+        print(f"{kind}: {entry['targets']} targets; {entry['excluded']} that nothing could meet were not asked about")
+        for name, e in entry["rows"].items():
+            hits = "  ".join(
+                f"{100 * float(r):.0f} cm {h['share']:4.0%} [{h['low']:.0%}, {h['high']:.0%}]"
+                for r, h in e["hits"].items()
+            )
+            print(
+                f"  {name:20s} {hits}  miss {shown(e['median_miss'], 1e3)} mm, 90 % {shown(e['p90_miss'], 1e3)} mm; "
+                f"believed {shown(e['believed'], 100)} %; tip {shown(e['tip_speed'])} m/s; starts after "
+                f"{shown(e['start'])} s, meets after {shown(e['contact'])} s; computing {times(e['plan_time'])} ms, "
+                f"refresh {times(e['refresh_time'])} ms; no plan: {e['no_plan']}"
+            )
+
+
+def shown(value: float | None, scale: float = 1.0) -> str:
+    """To three digits."""
+    return "-" if value is None else f"{scale * value:.3g}"
+
+
+def times(entry: dict) -> str:
+    """Median and 90 % [ms]."""
+    return f"{shown(entry['median'], 1e3)} (90 %: {shown(entry['p90'], 1e3)})"
+
+
+if __name__ == "__main__":
+    main()
