@@ -205,16 +205,16 @@ def test_snippets_of_the_how_to_run(tmp_path):
 def tutorial(tmp_path_factory) -> Path:
     """The folder in which the whole tutorial was done, snippets and commands in their order.
 
-    A snippet goes on where the one before it ended, so each is run after all before it.
+    A snippet goes on where the one before it ended, as in an interpreter that stays open.
     """
     for module in ("torch", "cv2", "pyarrow"):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"the tutorial needs {module}")
-    folder, before = tmp_path_factory.mktemp("tutorial"), ""
+    folder, names = tmp_path_factory.mktemp("tutorial"), {"__name__": "tutorial"}
     for language, body in FENCE.findall(TUTORIAL):
         if language == "python":
-            before += body
-            _done([sys.executable, "-c", before], folder, body)
+            with contextlib.chdir(folder):
+                exec(compile(body, "tutorial.md", "exec"), names)
         elif language == "sh":
             for line in body.splitlines():
                 if line.startswith("python -m whiptool"):
