@@ -91,7 +91,7 @@ class Trials:
         for _ in range(_RESAMPLES):
             drawn = np.concatenate([rows[i] for i in rng.integers(len(rows), size=len(rows))])
             found.append(statistic(values[drawn]))
-        low, high = np.percentile(found, (2.5, 97.5))
+        low, high = np.percentile(found, (2.5, 97.5), method="nearest")  # some may be infinite
         return float(low), float(high)
 
 
