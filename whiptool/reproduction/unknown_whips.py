@@ -30,7 +30,7 @@ METHODS = {
     "nominal": "the model's own best strike, repeated",
     "robust": "the strike that hits most of the whips that the prior allows, repeated",
     "correction": "the model's best strike, corrected along the model's Jacobian (iterative learning control)",
-    "sac": "SAC, trained on the model with observation `relative`",
+    "sac": "SAC, trained on the model with observation relative",
     "adapt": "the robust strike; then identified and planned again after every strike",
     "wiggle": "the same, after one slow movement chosen for what it tells",
 }
