@@ -287,10 +287,13 @@ def test_doctor_reports(tmp_path):
     assert_one_line(wrong, "WHIPTOOL_ENGINE")
 
 
-def test_the_readme_example_runs():
+def test_the_readme_examples_run():
     readme = (Path(__file__).parent.parent / "README.md").read_text()
-    (example,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    moving, example = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
     names: dict = {}
+    exec(moving, names)
+    assert names["aim"].probability > 0.9
+    assert names["t"][-1] < names["aim"].start < names["aim"].contact
     exec(example, names)
     assert names["result"].outcome.hit
     assert names["path"].approach((1.2, 0.1)).distance[0] == pytest.approx(

@@ -159,5 +159,5 @@ def _with_gain(controller: Controller, gain: float) -> Controller:
     law = controller.law
     if isinstance(law, OIAC):
         return dataclasses.replace(controller, law=dataclasses.replace(law, a=law.a / gain))
-    scaled = {n: tuple(tuple(gain * x for x in row) for row in getattr(law, n)) for n in ("K", "B")}
-    return dataclasses.replace(controller, law=dataclasses.replace(law, **scaled))
+    scaled = {name: gain * x if name in ("K", "B") else x for name, x in law.parameters().items()}
+    return dataclasses.replace(controller, law=law.changed(scaled))

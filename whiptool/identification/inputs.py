@@ -14,14 +14,13 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.variables import Prior
-from whiptool.impedance import OIAC, ConstantImpedance, Controller
+from whiptool.impedance import LAWS, Controller
 from whiptool.models.files import read_toml
 from whiptool.models.parameters import Model, number
 from whiptool.models.profile import WhipProfile
 from whiptool.rig.markers import Marker
 
 _GROUPS = ("whip", "profile", "law")  # that a short name is looked up in
-_LAWS = {"oiac": OIAC, "constant": ConstantImpedance}
 _OPTIONS = ("feedforward", "torque_limit", "control_period")
 
 
@@ -151,15 +150,15 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
     """
     numbers = dict(table)
     law = numbers.pop("law", None)
-    if law not in _LAWS:
-        raise InputError("controller.law", law, ", ".join(_LAWS))
+    if law not in LAWS:
+        raise InputError("controller.law", law, ", ".join(LAWS))
     options = {key: numbers.pop(key) for key in _OPTIONS if key in numbers}
-    known = [f.name for f in dataclasses.fields(_LAWS[law])]
+    known = [f.name for f in dataclasses.fields(LAWS[law])]  # type: ignore[arg-type]
     for key in numbers:
         if key not in known:
             raise InputError(f"controller.{key}", numbers[key], "one of " + ", ".join(("law", *known, *_OPTIONS)))
     try:
-        return Controller(law=_LAWS[law](**numbers), **options)
+        return Controller(law=LAWS[law](**numbers), **options)
     except InputError as error:
         raise error.within("controller.") from None
     except (TypeError, ValueError) as error:

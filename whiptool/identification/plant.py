@@ -149,12 +149,7 @@ def _with_law(controller: Controller, changes: Mapping[str, float]) -> Controlle
             continue
         index = int(name[name.index("[") + 1 : -1]) if "[" in name else 0
         law[_quantity(name)][index] = value
-    if controller.law.kind == "oiac":
-        new = {name: float(x[0]) for name, x in law.items()}
-    else:
-        n = len(controller.law.K)  # type: ignore[union-attr]
-        new = {name: tuple(map(tuple, x.reshape(n, n))) for name, x in law.items()}
-    return dataclasses.replace(controller, law=dataclasses.replace(controller.law, **new), **fields)  # type: ignore[arg-type]
+    return dataclasses.replace(controller, law=controller.law.changed(law), **fields)
 
 
 def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:

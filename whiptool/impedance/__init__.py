@@ -3,15 +3,19 @@
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.impedance.cost import Cost, impedance_cost
+from whiptool.impedance.law import LAWS, Law, register
 from whiptool.impedance.oiac import OIAC, OIAC_PRESETS, oiac_preset
 
 __all__ = [
+    "LAWS",
     "OIAC",
     "OIAC_PRESETS",
     "ConstantImpedance",
     "ControlLoop",
     "Controller",
     "Cost",
+    "Law",
     "impedance_cost",
     "oiac_preset",
+    "register",
 ]

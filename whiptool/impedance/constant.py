@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.impedance.law import register
 
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -19,6 +22,7 @@ def _matrix(name: str, value: object) -> Matrix:
     return tuple(tuple(float(x) for x in row) for row in array)
 
 
+@register
 @dataclass(frozen=True)
 class ConstantImpedance:
     """`tau = K e + B de`, with the paper's matrices (Eq. 22, from Nah et al. 2020) by default.
@@ -31,7 +35,7 @@ class ConstantImpedance:
     K: Matrix = ((29.5, 14.3), (14.3, 39.3))
     B: Matrix = ((2.95, 1.43), (1.43, 3.93))
 
-    kind = "constant"
+    kind: ClassVar[str] = "constant"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "K", _matrix("K", self.K))
@@ -43,6 +47,16 @@ class ConstantImpedance:
         """K and B for tracking errors `e` [rad] and `de` [rad/s] of shape (..., n): each (..., n, n)."""
         shape = (*np.shape(e), np.shape(e)[-1])
         return np.broadcast_to(self.K, shape), np.broadcast_to(self.B, shape)
+
+    @staticmethod
+    def sizes(n: int) -> dict[str, int]:
+        """Names and lengths of `parameters()` for an arm of n joints."""
+        return {"K": n * n, "B": n * n}
+
+    def changed(self, numbers: Mapping[str, np.ndarray]) -> ConstantImpedance:
+        """The same law with other numbers, as `parameters` gives them."""
+        n = len(self.K)
+        return ConstantImpedance(*(np.reshape(numbers[name], (n, n)) for name in ("K", "B")))  # type: ignore[arg-type]
 
     def parameters(self) -> dict[str, np.ndarray]:
         """The law's numbers by name, flat; what `expression` takes."""

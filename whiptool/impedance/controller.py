@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.impedance.constant import ConstantImpedance
-from whiptool.impedance.oiac import OIAC, oiac_preset
+from whiptool.impedance.law import Law
+from whiptool.impedance.oiac import oiac_preset
 from whiptool.models.parameters import ArmParameters, number
 
 if TYPE_CHECKING:
     from whiptool.models.arm import Arm
     from whiptool.strike import Strike
-
-Law = ConstantImpedance | OIAC
 
 
 @dataclass(frozen=True)
@@ -45,17 +43,18 @@ class Controller:
         """Refuse a law whose matrices are of another arm.
 
         Raises:
-            InputError: The constant law has not as many rows as the arm has joints.
+            InputError: The law's matrices have not as many rows as the arm has joints.
         """
-        if isinstance(self.law, ConstantImpedance) and len(self.law.K) != arm.n:
-            given = f"constant impedance of {len(self.law.K)} joints (Eq. 22 is for two)"
+        sizes = {name: len(x) for name, x in self.law.parameters().items()}
+        if sizes != self.law.sizes(arm.n):
+            given = f"{self.law.kind} impedance of another number of joints (Eq. 22 is for two)"
             raise InputError("controller", given, f"matrices of {arm.n} rows, one per arm joint", "or take oiac")
 
     def parameters(self) -> dict[str, float]:
         """Every number under its name: `law.a`, or `law.K[0]` to `law.K[3]`, row by row; `torque_limit`."""
         named: dict[str, float] = {}
         for name, values in self.law.parameters().items():
-            single = self.law.kind == "oiac"
+            single = self.law.sizes(2)[name] == 1  # not one for each joint
             named.update({f"law.{name}" + ("" if single else f"[{i}]"): float(x) for i, x in enumerate(values)})
         if self.torque_limit is not None:
             named["torque_limit"] = self.torque_limit

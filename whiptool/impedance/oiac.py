@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.impedance.law import register
 from whiptool.models.parameters import number
 
 
+@register
 @dataclass(frozen=True)
 class OIAC:
     """Stiffness and damping that grow with the tracking error.
@@ -29,7 +33,7 @@ class OIAC:
     beta: float = 0.6
     C: float = 5.0
 
-    kind = "oiac"
+    kind: ClassVar[str] = "oiac"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "a", number("a", self.a, low=0, strict=True))
@@ -42,6 +46,15 @@ class OIAC:
         gamma = self.a / (1 + self.C * np.vecdot(epsilon, epsilon))  # Eq. 10
         F = (epsilon / gamma[..., None])[..., :, None]  # Eq. 9
         return F * e[..., None, :], F * de[..., None, :]
+
+    @staticmethod
+    def sizes(n: int) -> dict[str, int]:
+        """Names and lengths of `parameters()`, whatever the arm."""
+        return {"a": 1, "beta": 1, "C": 1}
+
+    def changed(self, numbers: Mapping[str, np.ndarray]) -> OIAC:
+        """The same law with other numbers, as `parameters` gives them."""
+        return OIAC(**{name: float(x[0]) for name, x in numbers.items()})
 
     def parameters(self) -> dict[str, np.ndarray]:
         """The law's numbers by name; what `expression` takes."""

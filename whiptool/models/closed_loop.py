@@ -12,9 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
-from whiptool.impedance.oiac import OIAC
+from whiptool.impedance.law import LAWS
 from whiptool.models.chain import (
     Chain,
     forward_dynamics,
@@ -27,7 +26,6 @@ from whiptool.models.chain import (
 from whiptool.models.parameters import ArmParameters, Model
 
 _OPTIONAL = ("rest_angle", "dry_friction", "drag")  # per node, generated only where used
-_LAWS = {law.kind: law for law in (ConstantImpedance, OIAC)}
 GAMMA = 1 - 1 / math.sqrt(2)  # of the Rosenbrock method: L-stable
 
 
@@ -77,11 +75,7 @@ class Structure:
         if "dry_friction" in self.optional:
             blocks["whip.friction_velocity"] = 1
         blocks["gravity"] = 1
-        blocks |= (
-            {"law.K": a * a, "law.B": a * a}
-            if self.law == "constant"
-            else dict.fromkeys(("law.a", "law.beta", "law.C"), 1)
-        )
+        blocks |= {f"law.{name}": size for name, size in LAWS[self.law].sizes(a).items()}
         if self.limited:
             blocks["torque_limit"] = 1
         return blocks
@@ -197,7 +191,7 @@ class ClosedLoop:
         """The controller's torques (n_arm, 1) for the arm's `q` and `v` (n_arm, 1); Eq. 2."""
         q_d, v_d, a_d = self.reference(t)
         law = {name.removeprefix("law."): x for name, x in self.parameters.items() if name.startswith("law.")}
-        tau = _LAWS[self.structure.law].expression(law, q_d - q, v_d - v)
+        tau = LAWS[self.structure.law].expression(law, q_d - q, v_d - v)
         whip_mass = ca.sum1(self.parameters["whip.m"]) + self.parameters.get("whip.hinge_mass", 0)
         loaded = self._arm(load=whip_mass, gravity=self.parameters["gravity"])
         a = self.structure.n_arm

@@ -1,0 +1,52 @@
+"""What an impedance law is, and where laws are found by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+
+class Law(Protocol):
+    """From tracking errors to stiffness and damping: `tau = K e + B de` (Eq. 2). A frozen dataclass of numbers."""
+
+    kind: ClassVar[str]
+
+    def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """K [N m/rad] and B [N m s/rad] for errors `e` [rad], `de` [rad/s] of shape (..., n): each (..., n, n).
+
+        For the reference rollout, and for a rig.
+        """
+        ...
+
+    @staticmethod
+    def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
+        """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors: for the compiled rollout."""
+        ...
+
+    @staticmethod
+    def sizes(n: int) -> dict[str, int]:
+        """Names and lengths of `parameters()` for an arm of n joints."""
+        ...
+
+    def parameters(self) -> dict[str, np.ndarray]:
+        """The law's numbers by name, flat; matrices row by row."""
+        ...
+
+    def changed(self, numbers: Mapping[str, np.ndarray]) -> Law:
+        """The same law with other numbers, as `parameters` gives them."""
+        ...
+
+
+LAWS: dict[str, type[Law]] = {}
+L = TypeVar("L", bound=type[Law])
+
+
+def register(law: L) -> L:
+    """Make a law known by its `kind`: to compiled rollouts, identification, and files. A decorator of classes."""
+    LAWS[law.kind] = law
+    return law
