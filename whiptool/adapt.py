@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +26,9 @@ class AdaptOptions(RigOptions):
     """Strike, film, identify again and plan again, until an unknown whip hits."""
 
     camera: str = "points"
-    """With the twin: points (the tip with the error of tracked images), twin (rendered and tracked images), tip (60
-    frames a second, 5 mm noise, no servos); with a real arm: realsense or a RealSense recording (.db3)."""
+    """With the twin: points (the tip with the error of tracked images), twin or d435-infrared (rendered and tracked
+    images), d435-color (the same in colour), tip (60 frames a second, 5 mm noise, no servos); with a real arm:
+    realsense or a RealSense recording (.db3)."""
     family: str = "strange"
     """Of the twin's whip: kin, strange, stranger."""
     max_strikes: int = 6
@@ -44,6 +45,10 @@ class AdaptOptions(RigOptions):
     """A short, slow movement first, chosen for what it tells about the whip."""
     starts: int = 3
     """Starts of every identification."""
+    least_speed: float = 0.0
+    """The tip is at least this fast at the closest approach, on the whip that is believed [m/s]."""
+    out: Path | None = None
+    """Run folder; default: runs/adapt-DATE-TIME."""
     seed: int = 0
     """Of the twin's whip and of everything random."""
     resume: Path | None = None
@@ -76,13 +81,16 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.adaptation.planner import FIRST, NEXT
     from whiptool.adaptation.prior import read_belief
     from whiptool.identification.recording import StrikeRecording
+    from whiptool.models.parameters import number
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.limits import limits_preset
     from whiptool.strike import StrikeBounds, default_bounds
 
+    tip = options.port == "twin" and options.camera == "tip"
+    _refuse_idle(options, tip=tip)
     model, controller, target = options.build_model(), _controller(options), options.build_target()
     target.check_reach(model)
-    tip = options.port == "twin" and options.camera == "tip"
+    speed = number("--least-speed", options.least_speed, low=0)
     limits = options.limits or (None if tip else "xm430")
     usual = default_bounds(model.arm)
     slow = StrikeBounds((*usual.lower[:-1], SLOW), usual.upper)
@@ -92,6 +100,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         seed=options.seed,
         t_stay=options.t_stay,
         limits=None if limits is None else limits_preset(limits),
+        speed=speed,
         bounds=usual if limits is None else slow,
         check=None if tip else lambda strike: _refusal(options, model, controller, strike),
         first=FIRST if limits is None else replace(FIRST, pool=1024),
@@ -124,6 +133,18 @@ def _adapt(words: list[str]) -> int:
     folder.write_result(summary)
     print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
     return 0 if summary["hit"] else 1
+
+
+def _refuse_idle(options: AdaptOptions, *, tip: bool) -> None:
+    """Options that would change nothing are not taken for ones that did."""
+    usual = {f.name: f.default for f in fields(options)}
+    for name in ("simulator", "timestep", "integrator"):
+        if getattr(options, name) != usual[name]:
+            raise InputError(f"--{name}", getattr(options, name), "nothing: plans and fits are compiled, at 0.5 ms")
+    for name in ("rate", "approach_speed", "settle", "cap", "friction", "latency") if tip else ():
+        if getattr(options, name) != usual[name]:
+            flag = "--" + name.replace("_", "-")
+            raise InputError(flag, getattr(options, name), "nothing with --camera tip, which has no servos")
 
 
 def _controller(options: AdaptOptions):
@@ -187,10 +208,12 @@ def _lines(step, prior) -> list[str]:
     lines = [f"{name}: {p.reason}"]
     if o.fault:
         lines.append(f"  fault          {o.fault}")
-    if step.number and o.miss is not None:
+    if step.number and step.judged is not None:
         said = "hit" if step.hit else "missed"
-        whose = "in truth (the twin knows)" if o.true_miss is not None else "as the camera saw it"
-        lines.append(f"  outcome        {said}, {100 * o.miss:.2f} cm {whose}; stated probability {p.probability:.0%}")
+        truth = "" if o.true_miss is None else f" ({100 * o.true_miss:.2f} cm in truth, which only the twin knows)"
+        lines.append(
+            f"  outcome        {said} by {100 * step.judged:.2f} cm{truth}; stated probability {p.probability:.0%}"
+        )
     if step.learned is None:
         return lines
     before, after, values = prior.errors(), step.learned.belief.errors(), step.learned.belief.values()
@@ -211,7 +234,8 @@ def _summary(steps) -> dict[str, Any]:
     return {
         "hit": bool(strikes and strikes[-1].hit),
         "strikes": len(strikes),
-        "miss_distance": [s.outcome.miss for s in strikes],
+        "miss_distance": [s.judged if s.outcome.true_miss is None else s.outcome.true_miss for s in strikes],
+        "judged_miss": [s.judged for s in strikes],
         "stated_probability": [s.plan.probability for s in strikes],
         "faults": [s.outcome.fault for s in strikes],
         "refused": strikes[-1].learned.refused if strikes and strikes[-1].learned else {},
@@ -221,8 +245,8 @@ def _summary(steps) -> dict[str, Any]:
 
 def _conclusion(summary: dict[str, Any], folder: Path) -> str:
     said = "hit at" if summary["hit"] else "no hit up to"
-    misses = ", ".join("not seen" if x is None else f"{100 * x:.2f}" for x in summary["miss_distance"])
-    return f"{said} strike {summary['strikes']}; misses [cm]: {misses}; run folder {folder}"
+    misses = ", ".join("unknown" if x is None else f"{100 * x:.2f}" for x in summary["judged_miss"])
+    return f"{said} strike {summary['strikes']}; misses, as judged [cm]: {misses}; run folder {folder}"
 
 
 if __name__ == "__main__":

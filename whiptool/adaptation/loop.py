@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
+from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, miss_of, plan
 from whiptool.adaptation.ports import Port, Seen
 from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief
@@ -31,13 +32,13 @@ class Options:
 
     Args:
         max_strikes: No more than these.
-        stop_at: End with the first strike that misses by no more [m]; None: the target's hit radius. 0: never.
+        stop_at: End with the first strike that is judged to miss by no more [m]; None: the hit radius. 0: never.
         wiggle: A short, slow movement first, number 0.
         adapt: False: never learn; plan once from the prior, and repeat.
         starts: Of every identification.
         seed: Of candidates, samples and starts.
         t_stay: A strike is watched so long after the movement ended [s].
-        bounds, limits, check: Of the strikes, see `whiptool.adaptation.planner.plan`.
+        bounds, limits, speed, check: Of the strikes, see `whiptool.adaptation.planner.plan`.
         first, later: Effort of a plan from the prior, and of one that knows a recording.
     """
 
@@ -50,6 +51,7 @@ class Options:
     t_stay: float = 0.3
     bounds: StrikeBounds | None = None
     limits: MotorLimits | None = None
+    speed: float = 0.0
     check: Callable[[Strike], str | None] | None = None
     first: Effort = FIRST
     later: Effort = NEXT
@@ -69,13 +71,17 @@ class Step:
         plan: Of the strike.
         outcome: What came of it.
         learned: Afterwards; None where nothing is learned.
-        hit: Whether it hit; None: nobody saw.
+        judged: Miss distance from what was seen [m]: of the whip as it is believed now, struck so, if the recording
+            taught something (frames are far apart where the tip is fast); else as the camera saw it. Never a twin's
+            truth. None: nobody saw.
+        hit: Whether that is a hit; None: nobody saw.
     """
 
     number: int
     plan: Plan
     outcome: Seen
     learned: Learned | None
+    judged: float | None
     hit: bool | None
 
 
@@ -133,10 +139,11 @@ class Adaptation:
             if o.adapt and recordings:
                 learned = self._learned(number, recordings, belief)
                 belief, taught = learned.belief, taught or bool(learned.rmse)
-            hit = None if outcome.miss is None else outcome.miss <= self.target.hit_radius
-            steps.append(Step(number, chosen, outcome, learned, hit))
+            judged = self._judged(chosen, outcome, learned)
+            hit = None if judged is None else judged <= self.target.hit_radius
+            steps.append(Step(number, chosen, outcome, learned, judged, hit))
             on_step(steps[-1])
-            if number and outcome.miss is not None and outcome.miss <= enough:
+            if number and judged is not None and judged <= enough:
                 break
         return steps
 
@@ -144,11 +151,11 @@ class Adaptation:
         stored = self._read(number, PLAN)
         if stored is not None:
             return Plan(**{**stored, "strike": tuple(stored["strike"])})
-        o, rng = self.options, np.random.default_rng([self.options.seed, number])
+        o, rng, began = self.options, np.random.default_rng([self.options.seed, number]), time.perf_counter()
         if number == 0:
             strike, told = choose_wiggle(belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay)
             reason = f"a movement that tells {told:.1f} nat about the whip"
-            chosen = Plan(tuple(map(float, strike.vector)), 0.0, 0.0, 0.0, None, reason, 0.0)
+            chosen = Plan(tuple(map(float, strike.vector)), None, None, None, None, reason, time.perf_counter() - began)
         elif number > 1 and not o.adapt:
             chosen = steps[-1].plan
         elif number == 1 and self.opening is not None:
@@ -161,6 +168,7 @@ class Adaptation:
                 past=past,
                 bounds=o.bounds,
                 limits=o.limits,
+                speed=o.speed,
                 check=o.check,
                 t_stay=o.t_stay,
                 effort=effort,
@@ -184,6 +192,12 @@ class Adaptation:
         told: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault")}
         self._write(number, OUTCOME, told | {"filmed": None if seen.recording is None else seen.recording.source})
         return seen
+
+    def _judged(self, chosen: Plan, outcome: Seen, learned: Learned | None) -> float | None:
+        recording = outcome.recording
+        if learned is None or recording is None or recording.source not in learned.rmse:
+            return outcome.seen_miss
+        return miss_of(learned.belief, chosen.strike, self.target, t_stay=self.options.t_stay)
 
     def _learned(self, number: int, recordings: list[StrikeRecording], belief: Belief) -> Learned:
         stored = self._read(number, POSTERIOR)
@@ -210,7 +224,7 @@ class Adaptation:
         try:
             return json.loads(place.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise InputError(str(place), str(error)[:80], "what whiptool wrote", "delete it") from None
+            raise InputError(str(place), str(error)[:80], "what whiptool wrote", f"delete {place.parent}") from None
 
     def _write(self, number: int, name: str, table: dict[str, Any]) -> None:
         place = self._place(number)

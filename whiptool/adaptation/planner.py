@@ -62,8 +62,8 @@ class Plan:
 
     Args:
         strike: Its vector.
-        probability: Of a hit, as believed.
-        expected_miss: Mean over the samples [m].
+        probability: Of a hit, as believed; None here and below: of a movement that is not meant to hit.
+        expected_miss: Mean over the samples that do not diverge [m]; None, too, if all do.
         mean_miss: On the mean of the belief [m].
         usage: Largest part of the motors' line that it uses on the mean; None: no limits were given.
         reason: For people.
@@ -71,9 +71,9 @@ class Plan:
     """
 
     strike: tuple[float, ...]
-    probability: float
-    expected_miss: float
-    mean_miss: float
+    probability: float | None
+    expected_miss: float | None
+    mean_miss: float | None
     usage: float | None
     reason: str
     wall_time: float
@@ -87,6 +87,7 @@ def plan(
     past: Sequence[Sequence[float]] = (),
     bounds: StrikeBounds | None = None,
     limits: MotorLimits | None = None,
+    speed: float = 0.0,
     check: Callable[[Strike], str | None] | None = None,
     t_stay: float = 0.3,
     effort: Effort = NEXT,
@@ -106,6 +107,8 @@ def plan(
         past: Strikes that were tried before.
         bounds: Box of strikes; default: `default_bounds`.
         limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
+        speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
+            if there is no other.
         check: Says why a strike must not be struck, None where it may; asked of the best, one after the other.
         t_stay: A strike is watched so long after the movement ended [s].
         effort: How hard to look.
@@ -115,7 +118,7 @@ def plan(
         InputError: A past strike is none of this arm, or the arm has no default bounds.
     """
     began = time.perf_counter()
-    search = _Search(belief, target, bounds, limits, t_stay, timestep)
+    search = _Search(belief, target, bounds, limits, speed, t_stay, timestep)
     lower, upper = search.box
     candidates = rng.uniform(lower, upper, (effort.pool, len(lower)))
     if len(past):
@@ -151,6 +154,14 @@ def plan(
     return search.report(centre, fresh, time.perf_counter() - began, len(candidates))
 
 
+def miss_of(
+    belief: Belief, strike: Sequence[float], target: Target, *, t_stay: float, timestep: float = TIMESTEP
+) -> float:
+    """Miss distance of a strike with the mean of a belief [m]; arguments as for `plan`."""
+    near = _Search(belief, target, None, None, 0.0, t_stay, timestep).mean(np.array([strike]))
+    return np.inf if near.diverged[0] else float(near.distance[0])
+
+
 def _allowed(strikes: np.ndarray, scores: np.ndarray, check: Callable[[Strike], str | None]) -> np.ndarray:
     """The best strike that nothing forbids; the best of all where the first few are all forbidden."""
     order = np.argsort(-scores)
@@ -169,12 +180,13 @@ class _Search:
         target: Target,
         bounds: StrikeBounds | None,
         limits: MotorLimits | None,
+        speed: float,
         t_stay: float,
         timestep: float,
     ) -> None:
         plant = belief.at()
         assert plant.controller is not None
-        self.target, self.limits, self.t_stay = target, limits, t_stay
+        self.target, self.limits, self.speed, self.t_stay = target, limits, speed, t_stay
         self.box = (bounds or default_bounds(plant.model.arm)).box
         self.rollout = CompiledRollout(plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief))
         self.scatter = float(np.hypot(belief.model_error, _FLOOR))
@@ -185,13 +197,14 @@ class _Search:
         return self.rollout.approach(strikes, self._at, t_stay=self.t_stay)
 
     def excess(self, near: Approach) -> np.ndarray:
-        """How far beyond the motors' line, 0 within it, (B,)."""
-        if self.limits is None:
-            return np.zeros(len(near.distance))
-        return np.clip(self.limits.violation_of_peaks(near, margin=MARGIN), 0.0, 10.0)
+        """How far beyond the motors' line and below the least speed, 0 where neither, (B,)."""
+        excess = np.clip(np.nan_to_num(1 - near.speed / self.speed, nan=1.0), 0.0, 1.0) if self.speed else 0.0
+        if self.limits is not None:
+            excess = excess + np.clip(self.limits.violation_of_peaks(near, margin=MARGIN), 0.0, 10.0)
+        return excess + np.zeros(len(near.distance))
 
     def rank(self, near: Approach) -> np.ndarray:
-        """Miss distance, with what the motors cannot do behind all others, (B,)."""
+        """Miss distance, with what the motors cannot do and what is too slow behind all others, (B,)."""
         excess = self.excess(near)
         distance = np.where(near.diverged | ~np.isfinite(near.distance), 1e3, near.distance)
         return distance + np.where(excess > 0, 10 + excess, 0)
@@ -237,7 +250,7 @@ class _Search:
         """Probability of a hit less a little of the expected miss; what the motors cannot do is behind all else."""
         miss = self.each(strikes, whips)
         score = self.probability(miss) - _PULL * np.minimum(miss, _FAR).mean(axis=1)
-        if self.limits is None:
+        if self.limits is None and not self.speed:
             return score
         excess = self.excess(self.mean(strikes))
         return score - np.where(excess > 0, 10 + excess, 0)
@@ -249,12 +262,18 @@ class _Search:
     def report(self, strike: np.ndarray, whips: Sequence[Plant], spent: float, tried: int) -> Plan:
         """The choice in words and numbers."""
         miss, near = self.each(strike[None], whips), self.mean(strike[None])
-        probability, expected = float(self.probability(miss)[0]), float(np.minimum(miss, 10.0).mean())
+        probability, steady = float(self.probability(miss)[0]), miss[np.isfinite(miss)]
+        expected = float(steady.mean()) if len(steady) else None
+        told = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"
+        if 0 < len(steady) < miss.size:
+            told += f" where it does not diverge, as {1 - len(steady) / miss.size:.0%} do"
         usage = None if self.limits is None else float(self.limits.violation_of_peaks(near)[0]) + 1
         reason = (
             f"of {tried} candidates the one that hits most probably: {probability:.0%} over {len(whips)} whips that "
-            f"are still possible, {100 * expected:.1f} cm expected miss, the tip at {float(near.speed[0]):.1f} m/s"
+            f"are still possible, {told}, the tip at {float(near.speed[0]):.1f} m/s"
         )
+        if near.speed[0] < self.speed:
+            reason += f"; no faster one was found, though {self.speed:g} m/s were asked for"
         if usage is not None:
             reason += (
                 f", within {usage:.0%} of what the motors give"

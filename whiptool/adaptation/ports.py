@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError
@@ -24,7 +25,7 @@ class Seen:
 
     Args:
         recording: The tip as it was filmed; None: nothing was seen.
-        seen_miss: Closest approach as the camera saw it [m]; None: unknown.
+        seen_miss: Closest approach as the camera saw it, frames joined smoothly [m]; None: unknown.
         true_miss: The same as a twin knows it [m]; None: not a twin.
         fault: Why there was no strike, or no whole one; empty: there was.
     """
@@ -33,11 +34,6 @@ class Seen:
     seen_miss: float | None
     true_miss: float | None = None
     fault: str = ""
-
-    @property
-    def miss(self) -> float | None:
-        """The best that is known of the miss distance [m]."""
-        return self.seen_miss if self.true_miss is None else self.true_miss
 
 
 class Port(Protocol):
@@ -93,7 +89,8 @@ class TipPort:
             t_stay=self.t_stay,
             source=f"{self.twin.family}-{self.twin.seed}, strike {number}",
         )
-        seen = float(np.hypot(*(points - self.target).T).min())
+        fine = np.linspace(t[0], t[-1], 20 * len(t))  # between frames the tip moves on
+        seen = float(np.hypot(*(PchipInterpolator(t, points)(fine) - self.target).T).min())
         return Seen(recording, seen, float(near.distance[0]))
 
 

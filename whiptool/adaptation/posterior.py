@@ -26,6 +26,7 @@ IMPLAUSIBLE = 4.0  # standard errors of the prior, root mean square over its num
 OUTLYING = 3.0  # or this many times that of the other recordings, if more than half of `TOO_FAR`
 _HORIZONS = (0.5, 0.75)  # of a recording's frames, before all of them
 _POSE = ("rotation", "shift_x", "shift_y")
+_UNMOVED = 0.02  # [rad], [m]: a camera that stood where it should
 _LEAST = 6  # frames
 _SHARPEST = 1e8  # information over the prior's, at most: rounding errors spoil the covariance beyond
 TIMESTEP = 5e-4  # [s]
@@ -231,6 +232,8 @@ def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> 
     own = posed.recordings[0].own
     if posed.recordings[0].rmse > TOO_FAR / 2 or abs(own["rotation"]) > np.pi / 4 or not _plausible(prior, posed):
         return said + ": is the marker that was tracked the tip?"
+    if abs(own["rotation"]) < _UNMOVED and np.hypot(own["shift_x"], own["shift_y"]) < _UNMOVED:
+        return said + "; alone it would fit: a whip other than that of the other recordings?"
     turned, x, y = np.degrees(own["rotation"]), own["shift_x"], own["shift_y"]
     return said + f", unless the camera was turned by {turned:+.1f} deg and moved by ({x:+.3f}, {y:+.3f}) m"
 

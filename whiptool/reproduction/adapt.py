@@ -195,8 +195,8 @@ def _about(study: Study, size: Size, excluded: int) -> str:
         f"{ZONE.radius:g} m around {ZONE.centre} m, those within the whip's own reach"
         + (f"; {excluded} whips reach none of them and are left out. " if excluded else ". ")
         + "The tip is seen 60 times a second with 5 mm noise, more than images give; there are no servos. At most "
-        f"{study.strikes} strikes; a strike within 1 cm is repeated. "
-        + " ".join(f"{name}: {what}." for name, what in METHODS.items())
+        f"{study.strikes} strikes; one that is judged to be within 1 cm, from what was seen, is repeated. Misses are "
+        "the twin's own. " + " ".join(f"{name}: {what}." for name, what in METHODS.items())
     )
 
 

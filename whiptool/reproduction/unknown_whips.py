@@ -34,7 +34,7 @@ METHODS = {
     "adapt": "the robust strike; then identified and planned again after every strike",
     "wiggle": "the same, after one slow movement chosen for what it tells",
 }
-FINEST = 0.01  # [m], a strike that misses by no more is the last
+FINEST = 0.01  # [m], a strike that is judged to miss by no more is the last
 BRIEF = Effort(pool=96, polished=4, steps=4, whips=8, population=6, rounds=2)
 _SLOW_POOL = 512  # candidates of a brief plan, most of which ask too much of motors
 _CLEAR = 0.05  # [m] by which a target has to be within a whip's reach
@@ -208,8 +208,8 @@ class WhipUnit:
         strike, misses = Strike.from_vector(as_plan(self.openings[number]).strike), []
         for k in range(1, s.strikes + 1):
             seen = port.strike(strike, k, None)
-            misses.append(seen.miss)
-            if seen.recording is None or (seen.miss or 0.0) <= FINEST:
+            misses.append(seen.true_miss)
+            if seen.recording is None or (seen.seen_miss or 0.0) <= FINEST:
                 break
             strike = correct(strike, seen.recording, model, s.target(number).position, t_stay=s.scene.t_stay)
         return {"target": number, "miss": padded(misses, s.strikes)}
@@ -220,7 +220,7 @@ class WhipUnit:
         seconds = [a + step.plan.wall_time for a, step in zip(seconds, steps, strict=False)]
         return {
             "target": number,
-            "miss": padded([step.outcome.miss for step in steps], self.study.strikes),
+            "miss": padded([step.outcome.true_miss for step in steps], self.study.strikes),
             "probability": [step.plan.probability for step in steps],
             "seconds": seconds,
             "refused": sum(len(step.learned.refused) for step in steps if step.learned),
@@ -232,7 +232,7 @@ class WhipUnit:
         effort = NEXT if s.thorough else BRIEF
         chosen = plan(belief, s.target(number), rng=rng, t_stay=s.scene.t_stay, effort=effort)
         seen = self._port(number).strike(Strike.from_vector(chosen.strike), 1, None)
-        return {"target": number, "miss": seen.miss, "probability": chosen.probability}
+        return {"target": number, "miss": seen.true_miss, "probability": chosen.probability}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -333,7 +333,7 @@ class RigUnit:
         strikes = [step for step in steps if step.number]
         return {
             "target": self.target,
-            "miss": padded([step.outcome.miss for step in strikes], s.strikes),
+            "miss": padded([step.outcome.true_miss for step in strikes], s.strikes),
             "probability": [step.plan.probability for step in strikes],
             "seconds": [a + step.plan.wall_time for a, step in zip([0.0, *spent], steps, strict=False)],
             "faults": [step.outcome.fault for step in strikes],
