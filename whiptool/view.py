@@ -134,8 +134,8 @@ def read_strike(folder: Path) -> StrikeRun:
         raise error.within(f"{folder / CONFIG}: ") from None
     try:
         trajectory = Trajectory.load(folder / TRAJECTORY)
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(str(folder / TRAJECTORY), f"{error}", "a trajectory as whiptool writes it") from None
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        raise InputError(str(folder / TRAJECTORY), "a damaged file", "a trajectory as whiptool writes it") from None
     if trajectory.q.shape[1:] != (model.n,):
         raise InputError(str(folder / TRAJECTORY), f"{trajectory.q.shape[1]} joints", f"the model's {model.n}")
     return StrikeRun(trajectory, model, target, options.controller_label())
