@@ -14,11 +14,12 @@ from whiptool.errors import InputError
 from whiptool.rig.command import RigOptions
 
 if TYPE_CHECKING:
-    from whiptool.adaptation.loop import Adaptation
+    from whiptool.adaptation.loop import Adaptation, Step
+    from whiptool.adaptation.prior import Belief
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
-SHOWN = 6  # numbers that are told after each strike: those that narrowed most
+REPORT = "report.html"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +116,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
 
 
 def _adapt(words: list[str]) -> int:
-    from whiptool.runs import RunFolder, code_version, default_folder
+    from whiptool.runs import RunFolder, code_version, default_folder, write_whole
 
     options = cli.parse_resumable(
         AdaptOptions, command="adapt", description=_ABOUT, args=words, not_configuration=_NOT_CONFIGURATION
@@ -128,8 +129,10 @@ def _adapt(words: list[str]) -> int:
         folder = RunFolder.open(options.resume)
         cli.check_same_run(folder, config)
     adaptation.folder = folder.path
-    steps = adaptation.run(lambda step: print("\n".join(_lines(step, adaptation.prior)), file=sys.stderr))
+    steps: list[Step] = []
+    adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
     summary = _summary(steps)
+    write_whole(folder.path / REPORT, _page(adaptation, steps, options))
     folder.write_result(summary)
     print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
     return 0 if summary["hit"] else 1
@@ -201,32 +204,33 @@ def _port(options: AdaptOptions, model, controller):
     return RigPort(make, target)
 
 
-def _lines(step, prior) -> list[str]:
-    """What is told after a strike."""
-    o, p = step.outcome, step.plan
-    name = f"strike {step.number}" if step.number else "wiggle"
-    lines = [f"{name}: {p.reason}"]
-    if o.fault:
-        lines.append(f"  fault          {o.fault}")
-    if step.number and step.judged is not None:
-        said = "hit" if step.hit else "missed"
-        truth = "" if o.true_miss is None else f" ({100 * o.true_miss:.2f} cm in truth, which only the twin knows)"
-        lines.append(
-            f"  outcome        {said} by {100 * step.judged:.2f} cm{truth}; stated probability {p.probability:.0%}"
-        )
-    if step.learned is None:
-        return lines
-    before, after, values = prior.errors(), step.learned.belief.errors(), step.learned.belief.values()
-    narrowed = sorted(after, key=lambda name: after[name] / before[name])
-    for name in narrowed[:SHOWN]:
-        lines.append(f"  {name:28s} {values[name]:+.4g}, error {before[name]:.2g} -> {after[name]:.2g}")
-    for source, reason in step.learned.refused.items():
-        lines.append(f"  not used       {source}: {reason}")
-    spent = p.wall_time + step.learned.wall_time
-    lines.append(
-        f"  model error    {100 * step.learned.belief.model_error:.2f} cm; planned and learned in {spent:.1f} s"
-    )
-    return lines
+def _tell(steps: list[Step], step: Step, prior: Belief) -> None:
+    """What came of a strike, as it comes."""
+    from whiptool.adaptation.report import lines
+
+    before = next((s.learned.belief for s in reversed(steps) if s.learned), None)
+    print("\n".join(lines(step, prior, before)), file=sys.stderr)
+    steps.append(step)
+
+
+def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> str:
+    """The report."""
+    from whiptool.adaptation.report import sections
+    from whiptool.report import to_html
+    from whiptool.runs import code_version
+
+    x, y = adaptation.target.position[:2]
+    facts = {
+        "code": f"whiptool {code_version()}",
+        "believed": f"{options.model}, {options.controller_label()}; prior: {options.prior or options.whip}",
+        "struck with": f"twin, family {options.family}, seed {options.seed}"
+        if options.port == "twin"
+        else options.port,
+        "camera": options.camera,
+        "target": f"({x:g}, {y:g}) m, hit radius {adaptation.target.hit_radius:g} m",
+    }
+    subtitle = "Strike, film, identify, plan again: what each strike taught of the whip."
+    return to_html("An unknown whip", subtitle, facts, sections(steps, adaptation.prior, adaptation.target))
 
 
 def _summary(steps) -> dict[str, Any]:

@@ -1,0 +1,199 @@
+"""What is told of an adaptation: on the terminal after each strike, and in the report."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from whiptool.adaptation.loop import Adaptation, Options, Step
+from whiptool.adaptation.planner import Effort, Plan
+from whiptool.adaptation.ports import Seen, TipPort
+from whiptool.adaptation.posterior import Learned
+from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
+from whiptool.adaptation.report import PANELS, SHOWN, lines, sections
+from whiptool.adaptation.twins import draw_twin
+from whiptool.identification.recording import StrikeRecording
+from whiptool.impedance import Controller, oiac_preset
+from whiptool.models.compiled import CompiledRollout
+from whiptool.models.presets import preset
+from whiptool.objective import Target
+from whiptool.report import Picture, Section, Table, Text, to_html
+from whiptool.strike import Strike
+
+MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
+TARGET = Target((1.2, 0.1), 0.06)
+STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
+PLAN = Plan(tuple(map(float, STRIKE.vector)), 0.42, 0.05, 0.03, None, "the one that was chosen", 2.0)
+WIGGLE = dataclasses.replace(PLAN, probability=None, expected_miss=None, mean_miss=None, reason="it tells much")
+
+
+@pytest.fixture(scope="module")
+def prior() -> Belief:
+    return default_prior(MODEL, CONTROLLER)
+
+
+def filmed(source: str) -> StrikeRecording:
+    """The tip of the nominal whip, at 60 frames a second."""
+    t, path, _ = CompiledRollout(MODEL, CONTROLLER).tip_path(STRIKE.vector[None], t_stay=0.3, rate=60.0)
+    return StrikeRecording(t, path[0][:, None], ("tip",), strike=STRIKE, target=TARGET.position, source=source)
+
+
+def narrowed(prior: Belief, factors: dict[str, float], moves: dict[str, float] | None = None) -> Belief:
+    """The prior with some errors multiplied, and some means moved by so many of its standard errors."""
+    size = np.array([factors.get(name, 1.0) for name in prior.names])
+    move = np.array([(moves or {}).get(name, 0.0) for name in prior.names]) * np.sqrt(np.diag(prior.covariance))
+    return Belief(prior.plant, prior.names, prior.z + move, prior.covariance * np.outer(size, size), 0.0123)
+
+
+def step_of(number: int, belief: Belief | None = None, *, refused=None, fault: str = "", seen=True) -> Step:
+    recording = filmed(f"camera, strike {number}") if seen else None
+    used = {} if recording is None or refused else {recording.source: 0.004}
+    learned = None if belief is None else Learned(belief, used, refused or {}, 3.5)
+    outcome = Seen(recording, 0.071 if seen else None, 0.0345 if seen else None, fault)
+    judged = 0.0333 if learned and used else outcome.seen_miss
+    return Step(number, PLAN if number else WIGGLE, outcome, learned, judged, None if judged is None else judged < 0.06)
+
+
+def parts(found: list[Section], kind: type) -> list:
+    return [part for section in found for part in section.parts if isinstance(part, kind)]
+
+
+def words(found: list[Section]) -> str:
+    return to_html("Adaptation", "", {}, found)
+
+
+def test_lines_tell_the_outcome_and_where_each_number_comes_from(prior):
+    said = "\n".join(lines(step_of(2, narrowed(prior, {"profile.length": 0.02})), prior))
+    assert said.startswith("strike 2: the one that was chosen\n")
+    assert "hit: 3.33 cm with the learned whip; 7.10 cm as the camera saw it; 3.45 cm in truth" in said
+    assert "only the twin knows; stated probability 42%" in said
+    assert "model error    1.23 cm" in said
+    assert "2.0 s planned, 3.5 s learned" in said
+    refused = "\n".join(lines(step_of(1, prior, refused={"camera, strike 1": "the tip was lost"}), prior))
+    assert "missed: 7.10 cm as the camera saw it" in refused
+    assert "learned whip" not in refused
+    assert "not used       camera, strike 1: the tip was lost" in refused
+    assert "learned        nothing" in refused
+
+
+def test_numbers_that_narrowed_most_come_first_with_their_units(prior):
+    belief = narrowed(prior, {"profile.length": 0.02, "delay": 0.1, "profile.drag": 0.5})
+    shown = [x for x in lines(step_of(1, belief), prior) if x.startswith("    ")]
+    assert f"{SHOWN} of {len(prior.names)} numbers, those that narrowed most" in lines(step_of(1, belief), prior)[2]
+    assert len(shown) == SHOWN
+    assert [x.split()[0] for x in shown[:3]] == ["profile.length", "delay", "profile.drag"]
+    assert "error 15 % -> 0.3 %" in shown[0]  # relative
+    assert "error 0.006 s -> 0.0006 s" in shown[1]
+    assert "error 0.001 N s^2/m^3 -> 0.0005 N s^2/m^3" in shown[2]
+    assert re.search(r"profile\.length +0?\.\d+ m|profile\.length +1\.?\d* m", shown[0])
+
+
+def test_bounds_and_contradictions_are_marked(prior):
+    """The prior's drag is one standard error above zero."""
+    at = {"profile.drag": -1.0, "profile.length": 2.9, "delay": -3.1}
+    said = {x.split()[0]: x for x in lines(step_of(1, narrowed(prior, {}, at)), prior) if x.startswith("    ")}
+    assert "at its bound" in said["profile.drag"]
+    assert "contradicts what was believed before" in said["delay"]
+    assert "contradicts" not in said.get("profile.length", "")
+    sharp = narrowed(prior, {"profile.length": 0.1})
+    second = "\n".join(lines(step_of(2, narrowed(prior, {}, {"profile.length": 0.4})), prior, sharp))
+    assert re.search(r"profile\.length .*contradicts", second)  # 4 standard errors of the belief before
+    rows = parts(sections([step_of(1, narrowed(prior, {}, at))], prior, TARGET), Table)[1].rows
+    assert {row[0]: row[-1] for row in rows}["profile.drag"] == "at its bound"
+
+
+def test_a_wiggle_is_no_strike(prior):
+    steps = [step_of(0, narrowed(prior, {"delay": 0.5})), step_of(1, narrowed(prior, {"delay": 0.2}))]
+    assert lines(steps[0], prior)[0] == "wiggle: it tells much"
+    assert "outcome" not in "\n".join(lines(steps[0], prior))
+    table = parts(sections(steps, prior, TARGET), Table)[0]
+    assert list(table.rows[1][:6]) == ["0, wiggle", "–", "–", "–", "–", "not to hit"]
+    assert list(table.rows[2][:6]) == ["1", "42%", "3.33", "7.10", "3.45", "hit"]
+    assert "First hit: strike 1" in words(sections(steps, prior, TARGET))
+
+
+def test_what_the_pictures_show(prior):
+    steps = [step_of(n, narrowed(prior, {"delay": 0.5**n, "profile.length": 0.3**n})) for n in range(1, 9)]
+    plane, sizes = parts(sections(steps, prior, TARGET), Picture)
+    panels = plane.figure.axes
+    assert len(panels) == PANELS
+    assert [ax.get_title(loc="left").split(":")[0] for ax in panels] == [f"strike {n}" for n in (1, 4, 5, 6, 7, 8)]
+    drawn = {line.get_label(): line.get_xydata() for line in panels[0].get_lines()}
+    tip = filmed("").points[:, 0]
+    nearest = int(np.hypot(*(tip - TARGET.position).T).argmin())
+    used = drawn["recorded tip, learned from"]
+    assert len(used) + len(drawn["recorded tip, not learned from"]) == len(tip)
+    assert nearest < len(used) < len(tip)
+    np.testing.assert_allclose(used, tip[: len(used)])
+    np.testing.assert_allclose(panels[0].patches[0].center, TARGET.position)
+    assert panels[0].patches[0].radius == TARGET.hit_radius
+    curves = [line.get_ydata() for line in sizes.figure.axes[0].get_lines()]
+    assert len(curves) == len(prior.names)
+    assert sum(np.allclose(y, 0.3 ** np.arange(9)) for y in curves) == 1
+    assert {"profile.length", "delay"} < {text.get_text() for text in sizes.figure.axes[0].texts}
+
+
+def test_the_speed_is_the_learned_whips_or_about_that_between_frames(prior):
+    seen = parts(sections([step_of(1)], prior, TARGET), Table)[0].rows[1][6]
+    tip = filmed("").points[:, 0]
+    k = int(np.hypot(*(tip - TARGET.position).T).argmin())
+    expected = np.hypot(*(tip[k + 1] - tip[k - 1])) * 30
+    assert float(seen.removeprefix("about ")) == pytest.approx(expected, abs=0.06)
+    model = parts(sections([step_of(1, prior)], prior, TARGET), Table)[0].rows[1][6]
+    plant = prior.at()
+    assert plant.controller is not None
+    rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(prior))
+    _, path, _ = rollout.tip_path(STRIKE.vector[None], t_stay=0.3, rate=2000.0)
+    k = int(np.hypot(*(path[0] - TARGET.position).T).argmin())
+    assert float(model) == pytest.approx(np.hypot(*(path[0, k + 1] - path[0, k - 1])) * 1000, rel=0.03)
+
+
+def test_nothing_learned_nothing_seen(prior):
+    assert "no strike" in words(sections([], prior, TARGET))
+    unseen = step_of(1, seen=False, fault="motor 2 is hot")
+    told = lines(unseen, prior)
+    assert "  fault          motor 2 is hot" in told
+    assert "  outcome        not seen: stated probability 42%" in told
+    refused = {"camera, strike 2": "the tip was lost"}
+    steps = [unseen, step_of(2, prior, refused=refused), step_of(3, prior, refused=refused)]
+    found = sections(steps, prior, TARGET)
+    assert len(parts(found, Picture)) == 1
+    assert [t.get_text() for t in parts(found, Picture)[0].figure.axes[0].texts] == ["nothing recorded"]
+    said = words(found)
+    assert "Strike 1, fault: motor 2 is hot" in said
+    assert "Nothing was learned" in said
+    assert "No recording of the tip: strike 1." in said
+    last = parts(found, Table)[-1].rows
+    assert list(last[1]) == ["camera, strike 2", "the tip was lost", "strike 2, strike 3"]
+    assert parts(found, Table)[0].rows[1][5] == "fault, not seen"
+    off = sections([step_of(1), step_of(2)], prior, TARGET)
+    assert "No recording was learned from." in [part.text for part in parts(off, Text)]
+
+
+def test_a_whip_that_diverges_has_no_path(prior):
+    """Steps of a strike so fast that no integrator follows."""
+    far = Strike((-40.0, 40.0), (40.0, -40.0), 0.01)
+    wild = dataclasses.replace(PLAN, strike=tuple(map(float, far.vector)))
+    step = dataclasses.replace(step_of(1, prior, seen=False), plan=wild, judged=float("inf"), hit=False)
+    found = sections([step], prior, TARGET)
+    assert "diverges" in parts(found, Picture)[0].figure.axes[0].texts[0].get_text()
+    assert parts(found, Table)[0].rows[1][2] == "diverged"
+
+
+def test_a_real_adaptation(prior):
+    quick = Effort(pool=32, polished=2, steps=2, whips=4, population=4, rounds=1)
+    port = TipPort(draw_twin("kin", 0, MODEL, CONTROLLER), TARGET.position)
+    uniform = default_prior(MODEL, CONTROLLER, whip="uniform")
+    told: list[str] = []
+    options = Options(max_strikes=1, starts=1, first=quick, later=quick)
+    steps = Adaptation(uniform, port, TARGET, options).run(lambda step: told.extend(lines(step, uniform)))
+    found = sections(steps, uniform, TARGET)
+    assert f"{SHOWN} of {len(uniform.names)}" in "\n".join(told)
+    assert len(parts(found, Picture)) == 2
+    assert "every recording was used" in words(found)
+    judged = float(parts(found, Table)[0].rows[1][2])
+    assert steps[0].judged is not None
+    assert judged == pytest.approx(100 * steps[0].judged, abs=0.006)

@@ -1,0 +1,367 @@
+"""What is told of an adaptation: lines after each strike, and the sections of its report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
+
+from whiptool.adaptation.loop import Step
+from whiptool.adaptation.planner import TIMESTEP
+from whiptool.adaptation.posterior import AFTER, usable
+from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.summary import unit_of
+from whiptool.models.compiled import CompiledRollout
+from whiptool.objective import T_STAY, Target
+from whiptool.plots import COLORS, STYLE
+from whiptool.report import Picture, Section, Table, Text
+
+SHOWN = 6  # numbers that are told after each strike, and that have a colour: those that narrowed most
+PANELS = 6  # strikes that are drawn
+CONTRADICTS = 3.0  # standard errors of the belief before, from which a new value contradicts it
+_AT_BOUND = 1e-6  # of the solver's variable
+_RATE = 1000.0  # [1/s] of a drawn path
+_NONE = "–"
+
+
+@dataclass(frozen=True)
+class _Number:
+    """One number of a belief, beside the prior's; errors as in `Belief.errors`."""
+
+    name: str
+    relative: bool
+    prior: float
+    before: float
+    value: float
+    after: float
+    moved: float  # in standard errors of the prior
+    marks: tuple[str, ...]
+
+    def error(self, size: float) -> str:
+        """An error with its unit."""
+        return f"{100 * size:.2g} %" if self.relative else f"{size:.2g} {unit_of(self.name)}".strip()
+
+
+def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str]:
+    """What is told on a terminal after a strike.
+
+    Args:
+        step: The strike.
+        prior: Before any recording; errors are compared with its own.
+        previous: The belief before this strike; None: the prior.
+    """
+    o, p, learned = step.outcome, step.plan, step.learned
+    said = [f"{_name(step)}: {p.reason}"]
+    if o.fault:
+        said.append(f"  fault          {o.fault}")
+    if step.number:
+        said.append(f"  outcome        {_outcome(step)}")
+    if learned is None:
+        return said
+    if learned.rmse:
+        numbers = _numbers(learned.belief, prior, previous or prior)
+        shown = [n for i, n in enumerate(numbers) if i < SHOWN or n.marks]
+        few = len(numbers) > SHOWN
+        said.append(f"  {SHOWN} of {len(numbers)} numbers, those that narrowed most" if few else "  all numbers")
+        for i, n in enumerate(shown):
+            if i == SHOWN:
+                said.append("  of the others")
+            value = f"{n.value:.4g} {unit_of(n.name)}".strip()
+            marks = "".join(f"; {mark}" for mark in n.marks)
+            said.append(f"    {n.name:26s} {value:18s} error {n.error(n.before)} -> {n.error(n.after)}{marks}")
+    else:
+        said.append("  learned        nothing: no recording was used")
+    said += [f"  not used       {source}: {reason}" for source, reason in learned.refused.items()]
+    if learned.rmse:
+        said.append(f"  model error    {100 * learned.belief.model_error:.2f} cm")
+    return [*said, f"  time           {p.wall_time:.1f} s planned, {learned.wall_time:.1f} s learned"]
+
+
+def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Section]:
+    """The report's sections, for `whiptool.report.to_html`.
+
+    Args:
+        steps: All strikes, in order; the wiggle, if any, first.
+        prior: Before any recording.
+        target: What was to be hit.
+    """
+    if not steps:
+        return [Section("Strikes", [Text("There was no strike.")])]
+    beliefs = [prior]
+    for step in steps:
+        beliefs.append(beliefs[-1] if step.learned is None else step.learned.belief)
+    paths = [_Path.of(step, belief, target) for step, belief in zip(steps, beliefs[1:], strict=True)]
+    with matplotlib.rc_context(STYLE):
+        found = [_strikes(steps, paths, target), Section("Paths of the tip", [_plane(steps, paths, target)])]
+        if any(step.learned is not None and step.learned.rmse for step in steps):
+            numbers = _numbers(beliefs[-1], prior, beliefs[-2])
+            found.append(Section("How the numbers narrowed", [_narrowed(steps, beliefs, numbers)]))
+            found.append(_values(numbers, beliefs[-1]))
+        else:
+            found.append(Section("The whip", [Text("Nothing was learned: the whip is as unknown as before.")]))
+    return [*found, _unused(steps)]
+
+
+def _numbers(belief: Belief, prior: Belief, previous: Belief) -> list[_Number]:
+    """All numbers, those first that narrowed most."""
+    before, after, was, now = prior.errors(), belief.errors(), prior.values(), belief.values()
+    jump = np.abs(belief.z - previous.z) / np.sqrt(np.diag(previous.covariance))
+    moved = (belief.z - prior.z) / np.sqrt(np.diag(prior.covariance))
+    found = []
+    for i, v in enumerate(belief.variables):
+        marks = []
+        if not v.lower + _AT_BOUND < belief.z[i] < v.upper - _AT_BOUND:
+            marks.append("at its bound")
+        if jump[i] > CONTRADICTS:
+            marks.append("contradicts what was believed before")
+        x = v.name
+        found.append(_Number(x, v.log, was[x], before[x], now[x], after[x], float(moved[i]), tuple(marks)))
+    return sorted(found, key=lambda n: n.after / n.before)
+
+
+def _name(step: Step) -> str:
+    return f"strike {step.number}" if step.number else "wiggle"
+
+
+def _used(step: Step) -> bool:
+    """Whether the strike's own recording taught something."""
+    r = step.outcome.recording
+    return r is not None and step.learned is not None and r.source in step.learned.rmse
+
+
+def _verdict(step: Step) -> str:
+    return "not seen" if step.hit is None else "hit" if step.hit else "missed"
+
+
+def _centimetres(miss: float | None) -> str:
+    return _NONE if miss is None else f"{100 * miss:.2f}" if np.isfinite(miss) else "diverged"
+
+
+def _outcome(step: Step) -> str:
+    seen, true, judged = step.outcome.seen_miss, step.outcome.true_miss, step.judged
+    parts = []
+    if judged is not None and _used(step):
+        parts.append(f"{_length(judged)} with the learned whip")
+    if seen is not None:
+        parts.append(f"{_length(seen)} as the camera saw it")
+    if true is not None:
+        parts.append(f"{_length(true)} in truth, which only the twin knows")
+    if step.plan.probability is not None:
+        parts.append(f"stated probability {step.plan.probability:.0%}")
+    return f"{_verdict(step)}: {'; '.join(parts)}" if parts else _verdict(step)
+
+
+def _length(miss: float) -> str:
+    return f"{100 * miss:.2f} cm" if np.isfinite(miss) else "out of all bounds"
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """The tip of the whip as it is believed after a strike, struck so."""
+
+    t: np.ndarray
+    points: np.ndarray  # (S, 2) [m]
+    nearest: float  # [s]
+    speed: str  # [m/s]
+
+    @classmethod
+    def of(cls, step: Step, belief: Belief, target: Target) -> _Path:
+        plant, recording = belief.at(), step.outcome.recording
+        assert plant.controller is not None
+        rollout = CompiledRollout(plant.model, plant.controller, timestep=TIMESTEP, free=fresh_terms(belief))
+        vector, t_stay = np.array([step.plan.strike]), T_STAY if recording is None else recording.t_stay
+        near = rollout.approach(vector, np.array(target.position), t_stay=t_stay)
+        t, points, _ = rollout.tip_path(vector, t_stay=t_stay, rate=_RATE)
+        if near.diverged[0]:  # its path leaves all bounds
+            points[:] = np.nan
+        speed = _NONE
+        if _used(step) and not near.diverged[0]:
+            speed = f"{near.speed[0]:.1f}"
+        elif recording is not None:
+            speed = _filmed_speed(recording, target)
+        return cls(t, points[0], float(near.time[0]), speed)
+
+
+def _filmed_speed(recording: StrikeRecording, target: Target) -> str:
+    """Of the tip between the frames on both sides of its closest approach [m/s]."""
+    if "tip" not in recording.markers:
+        return _NONE
+    points = recording.marker("tip")[:, :2]
+    seen = np.flatnonzero(np.isfinite(points).all(axis=1))
+    if len(seen) < 3:
+        return _NONE
+    k = int(np.clip(np.hypot(*(points[seen] - target.position).T).argmin(), 1, len(seen) - 2))
+    a, b = seen[k - 1], seen[k + 1]
+    return f"about {np.hypot(*(points[b] - points[a])) / (recording.t[b] - recording.t[a]):.1f}"
+
+
+def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Section:
+    head = ["strike", "stated probability", "judged miss [cm]", "camera [cm]", "truth [cm]", "outcome"]
+    rows = [[*head, "tip speed [m/s]", "model error [cm]", "planned [s]", "learned [s]"]]
+    for step, path in zip(steps, paths, strict=True):
+        p, o, learned = step.plan, step.outcome, step.learned
+        misses = [_centimetres(x) for x in (step.judged, o.seen_miss, o.true_miss)] if step.number else [_NONE] * 3
+        number = str(step.number) if step.number else "0, wiggle"
+        stated = _NONE if p.probability is None else f"{p.probability:.0%}"
+        verdict = ("fault, " if o.fault else "") + (_verdict(step) if step.number else "not to hit")
+        error = f"{100 * learned.belief.model_error:.2f}" if learned is not None and learned.rmse else _NONE
+        spent = _NONE if learned is None else f"{learned.wall_time:.1f}"
+        rows.append([number, stated, *misses, verdict, path.speed, error, f"{p.wall_time:.1f}", spent])
+    caption = (
+        "Judged: miss distance with the learned whip if the strike's recording was used, else as the camera saw it. "
+        "Truth: known to a twin only, and not used. Tip speed: of the learned whip at its closest approach; “about”: "
+        "between the frames around it. Model error: how far the tip may be from where the learned whip has it."
+    )
+    (x, y), r = target.position, target.hit_radius
+    said = f"Target at ({x:g}, {y:g}) m, hit radius {100 * r:g} cm. "
+    strikes = [step for step in steps if step.number]
+    hit = next((step for step in strikes if step.hit), None)
+    said += f"First hit: strike {hit.number}." if hit else f"No hit in {len(strikes)} strikes."
+    plans = [Text(f"{_name(step).capitalize()}: {step.plan.reason}.") for step in steps]
+    return Section("Strikes", [Text(said), Table(rows, caption), *plans])
+
+
+def _plane(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Picture:
+    pairs = list(zip(steps, paths, strict=True))
+    chosen = pairs if len(pairs) <= PANELS else [pairs[0], *pairs[1 - PANELS :]]
+    columns = min(3, len(chosen))
+    rows = -(-len(chosen) // columns)
+    figure = Figure(figsize=(max(3.5 * columns, 6.0), 3.7 * rows + 0.6), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for ax in grid.ravel()[len(chosen) :]:
+        ax.remove()
+    for ax, (step, path) in zip(grid.ravel(), chosen, strict=False):
+        _panel(ax, step, path, target)
+    for i, ax in enumerate(grid.ravel()[: len(chosen)]):
+        if i + columns >= len(chosen):
+            ax.tick_params(labelbottom=True)
+            ax.set_xlabel("x, forward [m]")
+    for ax in grid[:, 0]:
+        ax.set_ylabel("y, up [m]")
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+    caption = (
+        f"The tip in the strike plane, as recorded and as the whip that is believed in after the strike has it; solid "
+        f"until {AFTER:g} s after its closest approach to the target, where recordings are cut, too."
+    )
+    if len(chosen) < len(pairs):
+        caption += f" The first and the last {PANELS - 1} of {len(pairs)} strikes."
+    return Picture(figure, caption)
+
+
+def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
+    points, used, notes = np.zeros((0, 2)), np.zeros(0, bool), []
+    recording = step.outcome.recording
+    if recording is not None and "tip" in recording.markers:
+        points = recording.marker("tip")[:, :2]
+        used = np.zeros(len(points), bool)
+        if _used(step):
+            cut, _ = usable(recording)
+            used = used if cut is None else cut.seen[:, cut.markers.index("tip")]
+    else:
+        notes.append("nothing recorded")
+    if np.isnan(path.points).all():
+        notes.append("the believed whip diverges")
+    ax.text(0.03, 0.03, "\n".join(notes), transform=ax.transAxes, color="0.4", fontsize=10)
+    dots = {"linestyle": "none", "marker": "o", "markeredgewidth": 0}
+    ax.plot(*points[used].T, color=COLORS["blue"], markersize=4.5, label="recorded tip, learned from", **dots)
+    ax.plot(*points[~used].T, color="0.65", markersize=3, label="recorded tip, not learned from", **dots)
+    late, line = path.t > path.nearest + AFTER, {"color": COLORS["vermilion"], "zorder": 3}
+    ax.plot(*path.points[~late].T, linewidth=1.2, label="tip of the believed whip", **line)
+    ax.plot(*path.points[late].T, linewidth=0.8, linestyle=":", **line)
+    nearest = path.points[np.abs(path.t - path.nearest).argmin()]
+    edge = {"markeredgecolor": "white", "markersize": 5}
+    ax.plot(*nearest, "o", color=COLORS["vermilion"], zorder=5, label="its closest approach", **edge)
+    place, r = (target.position[0], target.position[1]), target.hit_radius
+    ax.add_patch(Circle(place, r, facecolor="#F8E1B0", edgecolor=COLORS["orange"], linewidth=1.6, zorder=1))
+    ring = {"color": "#F8E1B0", "markeredgecolor": COLORS["orange"], "markersize": 9}
+    ax.plot([], [], "o", label=f"target, hit radius {r:g} m", **ring)
+    ax.plot(0, 0, "+", color=COLORS["black"], markersize=11, markeredgewidth=2, zorder=4, label="shoulder")
+    title = _name(step)
+    if step.number:
+        title += f": {_verdict(step)}" + ("" if step.judged is None else f", {_length(step.judged)}")
+    ax.set(aspect="equal", title=title)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MultipleLocator(0.5))
+
+
+def _narrowed(steps: Sequence[Step], beliefs: Sequence[Belief], numbers: Sequence[_Number]) -> Picture:
+    prior = beliefs[0].errors()
+    ratios = {n.name: np.array([b.errors()[n.name] / prior[n.name] for b in beliefs]) for n in numbers}
+    figure = Figure(figsize=(9, 4.6), layout="constrained")
+    ax = figure.subplots()
+    for n in numbers[SHOWN:]:
+        ax.plot(ratios[n.name], color="0.75", linewidth=1)
+    top = numbers[:SHOWN]
+    for n, color, mark in zip(top, list(COLORS.values())[:SHOWN], "os^Dvh", strict=False):
+        ax.plot(ratios[n.name], mark, linestyle="-", color=color, markersize=5, clip_on=False)
+    ax.set(yscale="log", ylabel="standard error / that of the prior", xlim=(-0.1, len(steps)))
+    ax.set_xticks(range(len(beliefs)), ["prior", *(_name(step) for step in steps)])
+    ax.grid(visible=False, axis="x")
+    low, high = ax.get_ylim()
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 100 else (1.0,)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    ends = np.log10([ratios[n.name][-1] for n in top])
+    places = 10 ** _spread(ends, 0.06 * np.log10(high / low))
+    for n, place, color in zip(top, places, COLORS.values(), strict=False):
+        at = (len(steps), float(ratios[n.name][-1]))
+        line = {"arrowstyle": "-", "color": color, "linewidth": 0.8}
+        beside, about = (len(steps) * 1.06, float(place)), {"color": color, "va": "center"}
+        ax.annotate(n.name, at, beside, annotation_clip=False, arrowprops=line, **about)
+    caption = (
+        "Standard error of each number, in parts of the prior's, after each strike; those in colour narrowed most."
+    )
+    if len(numbers) > SHOWN:
+        caption += f" Grey: the other {len(numbers) - SHOWN}."
+    return Picture(figure, caption)
+
+
+def _spread(places: np.ndarray, gap: float) -> np.ndarray:
+    """Places in rising order moved up, so that no two are nearer than a gap."""
+    moved = places.copy()
+    order = np.argsort(places, kind="stable")
+    for below, above in pairwise(order):
+        moved[above] = max(moved[above], moved[below] + gap)
+    return moved
+
+
+def _values(numbers: Sequence[_Number], belief: Belief) -> Section:
+    rows = [["number", "unit", "prior", "error", "now", "error", "narrowed by", "moved", ""]]
+    for n in numbers:
+        was, now = [f"{n.prior:.4g}", n.error(n.before)], [f"{n.value:.4g}", n.error(n.after)]
+        moved = [f"{n.before / n.after:.3g}", f"{n.moved:+.1f}", ", ".join(n.marks)]
+        rows.append([n.name, unit_of(n.name), *was, *now, *moved])
+    caption = (
+        "One standard error each: relative where a number is positive, else in its unit. “Moved”: from the prior's "
+        "value, in the prior's standard errors. Those that narrowed most come first."
+    )
+    text = f"The tip may be {100 * belief.model_error:.2f} cm (one standard error) from where this whip has it."
+    return Section("The whip as it is believed now", [Table(rows, caption), Text(text)])
+
+
+def _unused(steps: Sequence[Step]) -> Section:
+    rows: dict[tuple[str, str], list[str]] = {}
+    for step in steps:
+        for source, reason in {} if step.learned is None else step.learned.refused.items():
+            rows.setdefault((source, reason), []).append(_name(step))
+    parts: list[Text | Table] = []
+    if rows:
+        table = [["recording", "why it was not used", "when learning after"]]
+        table += [[*key, ", ".join(after)] for key, after in rows.items()]
+        caption = "Every recording is looked at again after each strike: one that was not used may be used later."
+        parts.append(Table(table, caption))
+    parts += [Text(f"{_name(step).capitalize()}, fault: {step.outcome.fault}") for step in steps if step.outcome.fault]
+    unseen = [_name(step) for step in steps if step.outcome.recording is None]
+    if unseen:
+        parts.append(Text(f"No recording of the tip: {', '.join(unseen)}."))
+    if all(step.learned is None for step in steps):
+        parts.append(Text("No recording was learned from."))
+    return Section("Recordings that were not used", parts or [Text("None: every recording was used.")])
