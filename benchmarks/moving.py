@@ -162,7 +162,7 @@ def misses(truth: CompiledRollout, targets: list[MovingTarget], strikes: list[In
     out = np.full(len(targets), np.inf)
     planned = [i for i, x in enumerate(strikes) if x is not None]
     if planned:
-        vectors = np.array([x.strike for x in strikes if x is not None])
+        vectors = np.array([x.strike.vector for x in strikes if x is not None])
         t, paths, _ = truth.tip_path(vectors, t_stay=0.3, rate=1 / TRUTH)
         for i, path in zip(planned, paths, strict=True):
             chosen = strikes[i]
@@ -174,6 +174,7 @@ def misses(truth: CompiledRollout, targets: list[MovingTarget], strikes: list[In
 def row(miss: np.ndarray, sent: list[Sent]) -> dict:
     """One line of the table; None where nothing was planned."""
     taken = [x.strike for x in sent if x.strike is not None]
+    plan_times = [x.plan_time for x in sent if x.strike is not None]
     refreshes = [t for x in sent for t in x.refresh_times]
     hits = {}
     for radius in RADII:
@@ -195,8 +196,8 @@ def row(miss: np.ndarray, sent: list[Sent]) -> dict:
         "start": quantile([x.start for x in taken], 0.5),
         "contact": quantile([x.contact for x in taken], 0.5),
         "plan_time": {
-            "median": quantile([x.plan_time for x in sent], 0.5),
-            "p90": quantile([x.plan_time for x in sent], 0.9),
+            "median": quantile(plan_times, 0.5),
+            "p90": quantile(plan_times, 0.9),
         },
         "refresh_time": {"median": quantile(refreshes, 0.5), "p90": quantile(refreshes, 0.9)},
     }
@@ -248,26 +249,35 @@ def main() -> None:
     for kind, entry in report.items():
         print(f"{kind}: {entry['targets']} targets; {entry['excluded']} that nothing could meet were not asked about")
         for name, e in entry["rows"].items():
-            hits = "  ".join(
-                f"{100 * float(r):.0f} cm {h['share']:4.0%} [{h['low']:.0%}, {h['high']:.0%}]"
-                for r, h in e["hits"].items()
-            )
-            print(
-                f"  {name:20s} {hits}  miss {shown(e['median_miss'], 1e3)} mm, 90 % {shown(e['p90_miss'], 1e3)} mm; "
-                f"believed {shown(e['believed'], 100)} %; tip {shown(e['tip_speed'])} m/s; starts after "
-                f"{shown(e['start'])} s, meets after {shown(e['contact'])} s; computing {times(e['plan_time'])} ms, "
-                f"refresh {times(e['refresh_time'])} ms; no plan: {e['no_plan']}"
-            )
+            print("\n".join(lines(name, e)))
 
 
-def shown(value: float | None, scale: float = 1.0) -> str:
-    """To three digits."""
-    return "-" if value is None else f"{scale * value:.3g}"
-
-
-def times(entry: dict) -> str:
-    """Median and 90 % [ms]."""
-    return f"{shown(entry['median'], 1e3)} (90 %: {shown(entry['p90'], 1e3)})"
+def lines(name: str, entry: dict) -> list[str]:
+    """A row of the table, at most 120 columns wide; what there is no number for is left out."""
+    hits = "  ".join(
+        f"{100 * float(r):.0f} cm {h['share']:4.0%} [{h['low']:.0%}, {h['high']:.0%}]" for r, h in entry["hits"].items()
+    )
+    plan_time, refresh_time = entry["plan_time"], entry["refresh_time"]
+    behaviour = [
+        ("miss", entry["median_miss"], 1e3, "mm", entry["p90_miss"]),
+        ("believed", entry["believed"], 100, "%", None),
+        ("tip", entry["tip_speed"], 1, "m/s", None),
+        ("starts", entry["start"], 1, "s", None),
+        ("meets", entry["contact"], 1, "s", None),
+    ]
+    computing = [
+        ("plan", plan_time["median"], 1e3, "ms", plan_time["p90"]),
+        ("refresh", refresh_time["median"], 1e3, "ms", refresh_time["p90"]),
+    ]
+    told = [
+        ", ".join(
+            f"{word} {scale * value:.3g}" + (f" (90 %: {scale * p90:.3g})" if p90 is not None else "") + f" {unit}"
+            for word, value, scale, unit, p90 in parts
+            if value is not None
+        )
+        for parts in (behaviour, computing)
+    ]
+    return [f"  {name:20s} {hits}  no plan: {entry['no_plan']}", *(f"{'':6s}{x}" for x in told if x)]
 
 
 if __name__ == "__main__":

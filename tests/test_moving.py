@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -35,16 +39,21 @@ def test_linear_motions_are_a_fitted_line(name, acceleration):
     points[8:15] = points[20] = np.nan
     seen = np.isfinite(points[:, 0])
     track = fit_track(FRAMES, points, sigma=SIGMA, motion=name)
-    later = np.array([0.0, 0.7])
+    later, chi2_of_axes, unscaled = np.array([0.0, 0.7]), [], []
     for axis in range(2):
         reduced = points[seen, axis] - 0.5 * FRAMES[seen] ** 2 * acceleration[axis]
         w = np.full(seen.sum(), 1 / SIGMA)
         line, covariance = np.polyfit(FRAMES[seen], reduced, 1, w=w, cov="unscaled")
+        residuals = (reduced - np.polyval(line, FRAMES[seen])) / SIGMA
+        chi2_of_axes.append(residuals @ residuals)
+        unscaled.append(np.array([np.array([t, 1]) @ covariance @ np.array([t, 1]) for t in later]))
         expected = np.polyval(line, later) + 0.5 * later**2 * acceleration[axis]
         np.testing.assert_allclose(track.position(later)[:, axis], expected, atol=1e-9)
-        variance = [np.array([t, 1]) @ covariance @ np.array([t, 1]) for t in later]
-        np.testing.assert_allclose(track.covariance_at(later)[:, axis, axis], variance, rtol=1e-6)
         np.testing.assert_allclose(track.velocity(0.7)[0, axis], line[0] + 0.7 * acceleration[axis], atol=1e-6)
+    misfit = max(1.0, sum(chi2_of_axes) / (2 * seen.sum() - 4))
+    for axis in range(2):
+        expected = misfit * unscaled[axis]
+        np.testing.assert_allclose(track.covariance_at(later)[:, axis, axis], expected, rtol=1e-6)
     np.testing.assert_allclose(track.covariance_at(later)[:, 0, 1], 0, atol=1e-12)
 
 
@@ -62,7 +71,7 @@ def test_a_ballistic_track_is_what_a_kalman_filter_ends_with():
     track = fit_track(FRAMES, points, sigma=SIGMA, motion="ballistic")
     np.testing.assert_allclose(track.position(0.0)[0], x[:2], atol=1e-6)
     np.testing.assert_allclose(track.velocity(0.0)[0], x[2:], atol=1e-5)
-    np.testing.assert_allclose(track.covariance_at(0.0)[0], P[:2, :2], rtol=1e-3, atol=1e-12)
+    np.testing.assert_allclose(track.covariance_at(0.0)[0], track.misfit * P[:2, :2], rtol=1e-3, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -124,14 +133,32 @@ def test_the_covariance_covers(motion, numbers, pivot):
     np.testing.assert_allclose(samples, 1, atol=0.1)
 
 
-def test_frames_to_come_are_foreseen():
-    """To first order, what a track of 60 frames knows is what one of 30 knows about 30 more."""
+@pytest.mark.parametrize("stated", [SIGMA, SIGMA / 5])
+def test_frames_to_come_are_foreseen(stated):
+    """To first order, what a track of 60 frames knows is what one of 30 knows about 30 more, of the same quality."""
     t = np.arange(60) / 60
     points = noisy(t[:, None] * [0.5, 0.1], 3)
-    half, whole = (fit_track(t[:n], points[:n], sigma=SIGMA, motion="straight") for n in (30, 60))
+    half, whole = (fit_track(t[:n], points[:n], sigma=stated, motion="straight") for n in (30, 60))
     np.testing.assert_allclose(
-        half.after(t[30:], SIGMA).covariance_at(1.5), whole.covariance_at(1.5), rtol=1e-5, atol=1e-12
+        half.after(t[30:], stated).covariance_at(1.5) / half.misfit,
+        whole.covariance_at(1.5) / whole.misfit,
+        rtol=1e-5,
+        atol=1e-12,
     )
+
+
+def test_understated_noise_still_covers():
+    """Noise of ten times sigma: the 95 % ellipse holds the truth as often as with the right one, and it is told."""
+    motion, numbers = TRUTHS["straight"]
+    truth, held = motion.positions(np.array(numbers), np.array([0.8]))[0], 0
+    for seed in range(200):
+        points = noisy(motion.positions(np.array(numbers), FRAMES), seed)
+        track = fit_track(FRAMES, points, sigma=SIGMA / 10, motion="straight")
+        error = track.position(0.8)[0] - truth
+        held += error @ np.linalg.solve(track.covariance_at(0.8)[0], error) < chi2.ppf(0.95, 2)
+        assert "times as far from a straight motion" in track.warning
+    assert 0.95 - 0.046 < held / 200 < 0.95 + 0.046
+    assert fit_track(FRAMES, points, sigma=SIGMA, motion="straight").warning == ""
 
 
 def test_bad_tracks_are_refused():
@@ -174,7 +201,7 @@ def truth():
 
 def miss(truth, chosen: Interception, motion, numbers) -> float:
     """What comes of it, at half the planner's timestep."""
-    t, path, _ = truth.tip_path(np.array([chosen.strike]), t_stay=0.3, rate=4000)
+    t, path, _ = truth.tip_path(chosen.strike.vector[None], t_stay=0.3, rate=4000)
     return float(closest(path[0] - motion.positions(np.array(numbers), chosen.start + t)))
 
 
@@ -183,7 +210,7 @@ def test_a_target_at_rest_is_an_ordinary_plan(library, rollout):
     chosen = plan(track, library, now=3.0, rng=np.random.default_rng(0))
     assert chosen is not None
     assert chosen.probability == 1
-    near = rollout.approach(np.array([chosen.strike]), np.array([1.2, 0.1]), t_stay=0.3)
+    near = rollout.approach(chosen.strike.vector[None], np.array([1.2, 0.1]), t_stay=0.3)
     assert near.distance[0] < 1e-3  # what searches for targets at rest reach with exact derivatives
     assert near.time[0] == pytest.approx(chosen.contact - chosen.start, abs=2e-3)
     assert 3.02 <= chosen.start < chosen.contact < 5.5
@@ -196,8 +223,28 @@ def test_the_tip_is_where_the_target_will_be(library, name):
     motion, numbers = TRUTHS[name] if name != "ballistic" else (find_motion("ballistic"), [3.5, 0.6, -2.6, 3.2])
     chosen = plan(Track.known(motion, np.array(numbers)), library, now=0.0, rng=np.random.default_rng(0))
     assert chosen is not None
-    path = ReferenceRollout(MODEL, Controller()).trajectory(Strike.from_vector(chosen.strike), t_stay=0.3)
+    path = ReferenceRollout(MODEL, Controller()).trajectory(chosen.strike, t_stay=0.3)
     assert closest(path.tip - motion.positions(np.array(numbers), chosen.start + path.t)) < 3e-3
+
+
+@pytest.mark.parametrize("case", ["50 mm of noise", "no motion of these"])
+def test_a_misfit_lowers_the_stated_probability_and_is_told(library, case):
+    rng = np.random.default_rng(0)
+    if case == "50 mm of noise":
+        truth = np.array([1.15, -0.1]) + FRAMES[:, None] * [0.0, 0.3]
+        points = truth + 0.05 * rng.standard_normal(truth.shape)
+    else:
+        points = np.stack([1.0 + 0.15 * np.sin(8 * FRAMES), np.zeros(len(FRAMES))], axis=1)
+        points += SIGMA * rng.standard_normal(points.shape)
+    track = fit_track(FRAMES, points, sigma=SIGMA)
+    chosen = plan(track, library, now=0.0, rng=np.random.default_rng(0))
+    assert chosen is not None
+    assert chosen.warning == track.warning != ""
+    assert chosen.probability < 0.97
+    frames = zip(FRAMES, points, strict=True)
+    (followed,) = intercept(frames, library, decide=0.0, rng=np.random.default_rng(0))
+    assert followed is not None
+    assert followed.warning == track.warning
 
 
 def test_a_plan_is_repeatable_and_keeps_its_bounds(library, rollout):
@@ -208,9 +255,10 @@ def test_a_plan_is_repeatable_and_keeps_its_bounds(library, rollout):
     assert first == again
     assert first is not None
     lower, upper = library.box
-    assert (np.array(first.strike) >= lower).all()
-    assert (np.array(first.strike) <= upper).all()
-    assert first.strike[:2] == (-1.4, 0.1)
+    assert first.warning == ""
+    assert (first.strike.vector >= lower).all()
+    assert (first.strike.vector <= upper).all()
+    assert first.strike.q_i == (-1.4, 0.1)
     slow = Library.build(
         rollout, size=300, bounds=StrikeBounds((-1.5, 0.0, 0.3, 0.0, 1.2), (-0.3, 2.8, 3.1, 2.8, 2.5)), limits=XM430
     )
@@ -228,16 +276,31 @@ def test_what_cannot_be_met_has_no_plan(library):
 
 def test_bad_plans_are_refused(library, rollout):
     track = Track.known(find_motion("still"), np.array([1.2, 0.1]))
-    with pytest.raises(InputError, match="horizon"):
-        plan(track, library, now=0.0, rng=np.random.default_rng(0), horizon=0.0)
-    with pytest.raises(InputError, match="q_i"):
-        Library.build(rollout, q_i=(0.1,))
+    for horizon in (0.0, np.nan, np.inf, 1e6):
+        with pytest.raises(InputError, match=r"horizon.*> 0 and <= 60"):
+            plan(track, library, now=0.0, rng=np.random.default_rng(0), horizon=horizon)
+    assert plan(track, library, now=0.0, rng=np.random.default_rng(0), horizon=0.01) is None  # less than the latency
+    for now in (np.nan, np.inf):
+        with pytest.raises(InputError, match=r"now.*finite"):
+            plan(track, library, now=now, rng=np.random.default_rng(0))
+    seen = fit_track(FRAMES + 5.0, np.tile([1.2, 0.1], (len(FRAMES), 1)), sigma=SIGMA)
+    with pytest.raises(InputError, match=r"now: got 4.9; .* last frame on, 5 s"):
+        plan(seen, library, now=4.9, rng=np.random.default_rng(0))
+    for bad in ((0.1,), (-1.4, 3.5), (-1.4, np.nan)):
+        with pytest.raises(InputError, match="q_i"):
+            Library.build(rollout, size=50, q_i=bad)
+    with pytest.raises(InputError, match=r"speed: got 1000.0; allowed: at most [0-9.]+ m/s"):
+        Library.build(rollout, size=50, speed=1000.0)
     with pytest.raises(InputError, match="update"):
         next(intercept([], library, decide=0.0, rng=np.random.default_rng(0), update="always"))
     chosen = plan(track, library, now=0.0, rng=np.random.default_rng(0))
     assert chosen is not None
     with pytest.raises(InputError, match="has started"):
         refresh(chosen, track, library, now=chosen.start, rng=np.random.default_rng(0))
+    with pytest.raises(InputError, match=r"now.*finite"):
+        refresh(chosen, track, library, now=np.nan, rng=np.random.default_rng(0))
+    with pytest.raises(InputError, match="last frame"):
+        refresh(chosen, seen, library, now=0.0, rng=np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(("true", "enough"), [([1.2, -0.4, 0.0, 0.4], True), ([1.24, -0.4, 0.0, 0.4], False)])
@@ -255,7 +318,7 @@ def test_a_newer_track_moves_the_strike_and_its_start(library, truth, true, enou
     assert timed.strike == chosen.strike
     assert (miss(truth, timed, motion, true) < 3e-3) is enough
     assert miss(truth, aimed, motion, true) < 3e-3
-    assert aimed.strike[:2] == chosen.strike[:2]
+    assert aimed.strike.q_i == chosen.strike.q_i
     assert min(timed.start, aimed.start) >= 0.12
 
 
@@ -313,3 +376,26 @@ def test_no_strike_starts_before_it_is_computed(library):
     assert times[1] >= 0.3 - 1e-9
     assert (np.diff(times[1:]) >= 0.1 - 1e-9).all()
     assert all(x.start >= now + 0.1 + 0.02 - 1e-9 for x, now in zip(plans[1:], times[1:], strict=True))
+
+
+def test_the_table_of_the_benchmark_fits_a_terminal():
+    """Lines of at most 120 columns; of what was never planned nothing is said."""
+    spec = importlib.util.spec_from_file_location("moving", Path(__file__).parents[1] / "benchmarks" / "moving.py")
+    assert spec is not None
+    assert spec.loader is not None
+    moving = importlib.util.module_from_spec(spec)
+    sys.modules["moving"] = moving
+    spec.loader.exec_module(moving)
+    chosen = Interception(
+        Strike((0.1, 0.2), (0.3, 0.4), 1.0), 0.2701, 1.2345, (1.2, 0.1), 12.345, 1.0, 0.1, 0.1, "", 0.1
+    )
+    some = moving.row(
+        np.array([0.012345] * 19 + [np.inf]), [moving.Sent(chosen, 0.25, (0.1,))] * 19 + [moving.Sent(None, 0.0)]
+    )
+    lines = moving.lines("last seen, waiting", some)
+    assert max(map(len, lines)) <= 120
+    assert "100 (90 %: 100)" in " ".join(lines)
+    assert "no plan: 1" in " ".join(lines)
+    none = moving.lines("last seen, waiting", moving.row(np.full(3, np.inf), [moving.Sent(None, 0.0)] * 3))
+    assert not any(word in " ".join(none) for word in ("miss", "plan ", "refresh", "believed"))
+    assert "no plan: 3" in " ".join(none)

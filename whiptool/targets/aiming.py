@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from whiptool.models.parameters import number
-from whiptool.strike import strike_names
+from whiptool.strike import Strike, strike_names
 from whiptool.targets.library import Library
 from whiptool.targets.tracks import Track
 
@@ -44,7 +44,7 @@ class Interception:
     """A strike and when to start it.
 
     Args:
-        strike: Its vector.
+        strike: Which.
         start: t0 [s], on the clock of the track.
         contact: When the tip meets the target [s], on the same clock.
         point: Where (x, y) [m].
@@ -52,10 +52,11 @@ class Interception:
         probability: Of a hit, as believed.
         expected_miss: Mean over tracks that are still possible [m].
         mean_miss: On the most probable track [m].
+        warning: Of the track that it is planned on (`Track.warning`); empty: none.
         wall_time: That planning took [s].
     """
 
-    strike: tuple[float, ...]
+    strike: Strike
     start: float
     contact: float
     point: tuple[float, float]
@@ -63,6 +64,7 @@ class Interception:
     probability: float
     expected_miss: float
     mean_miss: float
+    warning: str
     wall_time: float = field(compare=False)
 
 
@@ -188,7 +190,7 @@ class Aim:
         tip, v, _ = _between(path[i : i + 1], np.empty((1, path.shape[1], 2, 0)), tau[i : i + 1])
         hit, expected, mean = kept[i]
         return Interception(
-            strike=tuple(map(float, x[i])),
+            strike=Strike.from_vector(x[i]),
             start=float(start[i]),
             contact=float(start[i] + tau[i]),
             point=(float(tip[0, 0]), float(tip[0, 1])),
@@ -196,6 +198,7 @@ class Aim:
             probability=hit,
             expected_miss=expected,
             mean_miss=mean,
+            warning=self.track.warning,
             wall_time=time.perf_counter() - began,
         )
 

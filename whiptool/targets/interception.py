@@ -17,6 +17,7 @@ from whiptool.targets.tracks import Track, fit_track
 LATENCY = 0.02  # [s] from a decision to the arm's first motion
 PLAN_TIME, REFRESH_TIME = 0.25, 0.1  # [s] that computing takes, benchmarks/moving.py measures them
 HORIZON = 2.5  # [s] from the decision to the latest contact
+LONGEST = 60.0  # [s] of a horizon
 _SHIFTS = 12  # such steps of t0 alone: they need no new rollout
 
 
@@ -45,11 +46,11 @@ def plan(
     Args:
         track: Of the target.
         library: Strikes of the whip.
-        now: Time of the decision [s], on the track's clock.
+        now: Time of the decision [s], on the track's clock, no sooner than its last frame.
         rng: Of the tracks that are still possible.
         hit_radius: [m]
         latency: The strike starts no sooner than `now + latency` [s].
-        horizon: It hits no later than `now + horizon` [s].
+        horizon: It hits no later than `now + horizon` [s], at most `LONGEST`.
         camera: It goes on seeing the target, and the strike will be aimed again (`refresh`) until it starts: doubt is
             counted as it will be then. Default: as it is now.
         polished: Crossings that are looked into.
@@ -63,9 +64,10 @@ def plan(
         InputError: A number is out of range.
     """
     began = time.perf_counter()
-    for name, value in (("hit radius", hit_radius), ("horizon", horizon), ("polished", polished), ("samples", samples)):
+    for name, value in (("polished", polished), ("samples", samples)):
         number(name, value, low=0, strict=True)
-    number("latency", latency, low=0)
+    number("horizon", horizon, low=0, high=LONGEST, strict=True)
+    _check(track, now, hit_radius, latency)
     aim = Aim(track, library, now + latency, now + horizon, hit_radius, now, camera)
     which, start, tau = aim.crossings(polished)
     if not len(which):
@@ -101,15 +103,16 @@ def refresh(
         aim: Whether the strike may change, or t0 alone.
 
     Raises:
-        InputError: The strike has started.
+        InputError: The strike has started, or a number is out of range.
     """
     began = time.perf_counter()
+    _check(track, now, hit_radius, latency)
     if interception.start < now + latency - 1e-9:
         raise InputError("now", now, f"before {interception.start - latency:.3f} s", "this strike has started")
     slack = interception.contact + 0.5  # the contact does not move far
     judge = Aim(track, library, now + latency, slack, hit_radius, now, camera)
     as_is = (
-        np.array([interception.strike]),
+        interception.strike.vector[None],
         np.array([interception.start]),
         np.array([interception.contact - interception.start]),
     )
@@ -162,6 +165,7 @@ def intercept(
     """
     if update not in ("aim", "time", "none"):
         raise InputError("update", update, "aim, time, none")
+    number("decide", decide)
     number("plan_time", plan_time, low=0)
     number("refresh_time", refresh_time, low=0)
     camera = camera or Camera()
@@ -184,3 +188,12 @@ def intercept(
             chosen = refresh(chosen, track, library, now=t, latency=late, aim=update == "aim", **common)
             free = t + refresh_time
         yield chosen
+
+
+def _check(track: Track, now: float, hit_radius: float, latency: float) -> None:
+    """What a plan and a refreshed one have in common."""
+    number("hit radius", hit_radius, low=0, strict=True)
+    number("latency", latency, low=0)
+    number("now", now)
+    if now < track.last - 1e-9:
+        raise InputError("now", now, f"a time [s] from the track's last frame on, {track.last:g} s")

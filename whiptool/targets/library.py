@@ -75,7 +75,8 @@ class Library:
             t_stay, speed: As above.
 
         Raises:
-            InputError: A number is out of range, or no strike is left.
+            InputError: A number is out of range, `q_i` is beyond the bounds, the motors can do none of the strikes, or
+                their tips are all slower than `speed`.
         """
         arm = rollout.model.arm
         number("size", size, low=1)
@@ -86,14 +87,21 @@ class Library:
         if q_i is not None:
             if len(q_i) != arm.n:
                 raise InputError("q_i", q_i, f"{arm.n} angles, one per joint")
+            ends = list(zip(box[0][: arm.n], box[1][: arm.n], strict=True))
+            if not all(low <= x <= high for x, (low, high) in zip(q_i, ends, strict=True)):
+                allowed = ", ".join(f"{low:.3g} to {high:.3g}" for low, high in ends)
+                raise InputError("q_i", q_i, f"angles within the bounds, {allowed} rad", "give other bounds")
             strikes[:, : arm.n], free[: arm.n] = q_i, False
         strikes = strikes[possible(rollout, strikes, limits, t_stay)]
         if not len(strikes):
             raise InputError("limits", limits and limits.name, "a motor that some strike fits", "slow them: raise D")
         t, path, _ = rollout.tip_path(strikes, t_stay=t_stay, rate=RATE)
         velocity = np.gradient(path, 1 / RATE, axis=1)
+        fast = np.hypot(velocity[..., 0], velocity[..., 1])
         with np.errstate(invalid="ignore"):
-            owner, at = np.nonzero(np.hypot(velocity[..., 0], velocity[..., 1]) >= speed)  # NaN does not pass
+            owner, at = np.nonzero(fast >= speed)  # NaN does not pass
+        if not len(owner):
+            raise InputError("speed", speed, f"at most {np.nanmax(fast):.3g} m/s, the fastest tip of these strikes")
         points = path[owner, at]
         return cls(
             rollout,

@@ -13,6 +13,7 @@ from whiptool.models.parameters import number
 from whiptool.targets.motions import GRAVITY, MOTIONS, Motion, find_motion
 
 LEAST = 3  # frames that a motion is chosen from
+DOUBTFUL = 4.0  # times the stated variance, from which a track warns
 STEPS = 40  # of a fit, at most
 
 
@@ -23,11 +24,12 @@ class Track:
     Args:
         motion: Which.
         numbers: Of the motion, (p,), with its time 0 at `epoch`.
-        covariance: Of the numbers, (p, p).
+        covariance: Of the numbers, (p, p), the misfit included.
         epoch: [s]
         chi2: Sum of squared residuals in units of the measurement error.
         dof: Measured coordinates less p.
         bic: chi2 + p log(measured coordinates); the motion of the smallest is the most plausible (Schwarz 1978).
+        last: Time of the last frame that it was seen in [s]; -inf: it was told, not seen.
     """
 
     motion: Motion
@@ -37,6 +39,7 @@ class Track:
     chi2: float = 0.0
     dof: int = 0
     bic: float = 0.0
+    last: float = -np.inf
 
     @classmethod
     def known(cls, motion: Motion, numbers: np.ndarray, *, epoch: float = 0.0) -> Track:
@@ -48,6 +51,21 @@ class Track:
     def p_value(self) -> float:
         """Probability of residuals so large, if it moves like that; small: it does not."""
         return float(chi2_distribution.sf(self.chi2, self.dof)) if self.dof > 0 else 1.0
+
+    @property
+    def misfit(self) -> float:
+        """max(1, chi2 / dof): by how much the variance of a frame is larger than stated, for all that is known."""
+        return _misfit(self.chi2, self.dof)
+
+    @property
+    def warning(self) -> str:
+        """A sentence where the frames spread much wider than stated; else empty."""
+        if self.misfit <= DOUBTFUL:
+            return ""
+        return (
+            f"The frames lie {self.misfit**0.5:.1f} times as far from a {self.motion.name} motion as sigma states: "
+            "sigma is too small, or the target moves otherwise; what is said of the future is a guess."
+        )
 
     def position(self, t: np.ndarray | float) -> np.ndarray:
         """Most probable position at times (T,) [s], (T, 2) [m]."""
@@ -78,9 +96,9 @@ class Track:
     def after(self, t: np.ndarray, sigma: float) -> Track:
         """The same motion with the certainty that it will have once frames at times t (T,) are seen, too.
 
-        To first order it does not depend on what they show.
+        To first order it does not depend on what they show. They are taken to be as wrong as those so far (`misfit`).
         """
-        J = self.derivatives(t).reshape(-1, len(self.numbers)) / sigma
+        J = self.derivatives(t).reshape(-1, len(self.numbers)) / (sigma * self.misfit**0.5)
         return replace(self, covariance=_inverse(_inverse(self.covariance) + J.T @ J))
 
 
@@ -105,6 +123,11 @@ def fit_track(
 
     For the linear motions this is what a Kalman filter without process noise ends with; a pendulum is searched from
     several lengths of its string.
+
+    Where the residuals are larger than `sigma` says, because it is understated or because the target moves otherwise,
+    the covariance is that of the variance which they show: `sigma` squared, times chi2 / dof if that is above 1
+    (Birge 1932). So predictions, samples and stated probabilities know of the misfit. An error of the motion itself
+    grows differently from noise, so that this is a remedy for small ones; see `Track.warning`.
 
     Args:
         t: Times of the frames [s], (T,), increasing. Gaps do no harm.
@@ -149,9 +172,15 @@ def _fit(motion: Motion, t: np.ndarray, points: np.ndarray, sigma: float) -> Tra
         for x in motion.starts(t - epoch, points)
     ]
     best = min(fits, key=lambda fit: fit.cost)
-    chi2 = float((residuals(best.x)[: 2 * len(t)] ** 2).sum())
+    chi2, dof = float((residuals(best.x)[: 2 * len(t)] ** 2).sum()), 2 * len(t) - p
     J = slopes(best.x)
-    return Track(motion, best.x, _inverse(J.T @ J), epoch, chi2, 2 * len(t) - p, chi2 + p * float(np.log(2 * len(t))))
+    J[: 2 * len(t)] /= _misfit(chi2, dof) ** 0.5  # what is known beforehand is not touched
+    bic = chi2 + p * float(np.log(2 * len(t)))
+    return Track(motion, best.x, _inverse(J.T @ J), epoch, chi2, dof, bic, float(t[-1]))
+
+
+def _misfit(chi2: float, dof: int) -> float:
+    return max(1.0, chi2 / dof) if dof > 0 else 1.0
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
