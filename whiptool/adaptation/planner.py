@@ -23,6 +23,7 @@ MARGIN = 0.1  # part of the motors' line that is kept free
 SURE = 0.97  # probability of a hit from which no better strike is sought
 CHECKED = 8  # strikes that are asked about before the best of all is taken all the same
 JUDGED = 64  # whips over which the probability is stated
+_SQUEEZES, _CHILDREN, _KEPT, _SHRINK = 12, 64, 8, 0.8  # rounds of random steps within limits, strikes in each
 _FLOOR = 0.005  # [m] of the tip's own scatter, at least
 _PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits
 _FAR = 0.5  # [m] beyond which a miss is as good as any other
@@ -129,6 +130,8 @@ def plan(
     on_mean = search.mean(candidates)
     best = candidates[np.argsort(search.rank(on_mean))[: effort.polished]]
     polished = search.polish(best, effort.steps)
+    if limits is not None or speed:  # what is allowed is a thin part of the box
+        polished = np.vstack([polished, search.squeeze(np.vstack([best, polished]), rng)])
     whips = belief.sample(rng, effort.whips)
     tried = np.vstack([best, polished])
     scores = search.score(tried, whips)
@@ -226,6 +229,18 @@ class _Search:
             move = np.nan_to_num(move * np.minimum(1.0, 0.1 / np.maximum(length, 1e-9)))
             x = np.clip(x + move * width, lower, upper)
         return best
+
+    def squeeze(self, strikes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Strikes that rank better on the mean, by random steps that shrink; derivatives do not see the limits."""
+        lower, upper = self.box
+        kept, spread = strikes, 0.1
+        for _ in range(_SQUEEZES):
+            parents = kept[rng.integers(len(kept), size=_CHILDREN)]
+            children = parents + spread * (upper - lower) * rng.standard_normal(parents.shape)
+            kept = np.vstack([kept, np.clip(children, lower, upper)])
+            kept = kept[np.argsort(self.rank(self.mean(kept)))[:_KEPT]]
+            spread *= _SHRINK
+        return kept
 
     def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Miss distance of every strike with every whip, (strikes, whips) [m]; infinite where it diverged."""
