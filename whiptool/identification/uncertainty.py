@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
+from whiptool.errors import InputError
 from whiptool.identification.solver import Block, reduce
 from whiptool.identification.variables import Variable
 
@@ -129,6 +130,9 @@ def assess(
         prior: Rows of the prior on z, (m, G).
         rng: For the bootstrap.
         replicates: Of the bootstrap.
+
+    Raises:
+        InputError: The fit ended where the model diverges.
     """
     G = len(z)
     projected = [_projected(block) for block in blocks]
@@ -143,6 +147,10 @@ def assess(
     root = np.sqrt(max(variance, 1e-300))
     rows = J / root if prior is None else np.vstack([J / root, prior])
     rows = rows * units
+    if not np.isfinite(rows).all():
+        raise InputError(
+            "fit", "an end where the model diverges", "finite derivatives", "start nearer, or bound what is free"
+        )
     _, s, directions = np.linalg.svd(rows, full_matrices=False)
     s = np.concatenate([s, np.zeros(G - len(s))])
     if len(directions) < G:
