@@ -43,6 +43,8 @@ from whiptool.rig.limits import XM430
 from whiptool.strike import Strike
 from whiptool.zone import Disc
 
+pytestmark = pytest.mark.slow
+
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 TARGET = (1.2, 0.1)
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)

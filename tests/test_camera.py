@@ -14,6 +14,8 @@ from whiptool.rig.camera.model import CAMERAS, apply_homography, camera_preset, 
 from whiptool.rig.camera.source import Frame, FrameSource, frames_of
 from whiptool.strike import Strike, default_bounds
 
+pytestmark = pytest.mark.slow
+
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])

@@ -19,6 +19,8 @@ from whiptool.models import preset, read_model, write_model
 from whiptool.models.trajectory import Trajectory
 from whiptool.runs import TrialLog
 
+pytestmark = pytest.mark.slow
+
 KEYS = {
     "method",
     "status",

@@ -26,6 +26,8 @@ from whiptool.objective import Objective, Target
 from whiptool.optimizers import search
 from whiptool.rl.policy import trials_to_hit
 
+pytestmark = pytest.mark.slow
+
 TIMES = ("wall_time",)
 SMALL = ("--targets", 6, "--seeds", 1, "--cap", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)
 FEW = (*SMALL, "--methods", "ga", "sac", "--observation", "goal", "--tighter", 0.03)

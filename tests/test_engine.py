@@ -156,6 +156,7 @@ def shifted_parameter(rollout, name, by):
     return model, dataclasses.replace(controller, law=dataclasses.replace(law, **{block: matrix}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", LAWS)
 def test_derivatives_against_central_differences(case):
     """Every named parameter of strike, model and controller, on random strikes.

@@ -19,6 +19,8 @@ from whiptool.objective import Objective, Target
 from whiptool.rl.task import OBSERVATIONS
 from whiptool.zone import Disc
 
+pytestmark = pytest.mark.slow
+
 ID = environment.ID
 
 

@@ -28,6 +28,8 @@ from whiptool.optimize import controller_table
 from whiptool.rig.camera.model import camera_preset, expose, measurement_sigma
 from whiptool.strike import Strike, default_bounds
 
+pytestmark = pytest.mark.slow
+
 LEMON, TARGET = preset("lemon2024"), (1.3, 0.0)
 CONTROLLER = Controller()
 CAMERA = camera_preset("d435-infrared").replace(width=424, cx=211.5)  # all that the tip can reach

@@ -22,6 +22,8 @@ from whiptool.targets.library import Library
 from whiptool.targets.motions import Pendulum, find_motion
 from whiptool.targets.tracks import Track, fit_track
 
+pytestmark = pytest.mark.slow
+
 SIGMA = 0.005
 FRAMES = np.arange(31) / 60 - 0.5
 G = np.array([0.0, -9.81])

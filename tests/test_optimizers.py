@@ -18,6 +18,8 @@ from whiptool.optimizers.library import StrikeLibrary, warm_search
 from whiptool.optimizers.nlopt_search import nlopt_names
 from whiptool.strike import Strike, StrikeBounds, default_bounds
 
+pytestmark = pytest.mark.slow
+
 LEMON = preset("lemon2024")
 UNIT = StrikeBounds((0.0, 0.0, 0.0, 0.0, 0.5), (1.0, 1.0, 1.0, 1.0, 1.5))
 MINIMUM = np.array([0.3, 0.6, 0.2, 0.7, 1.1])

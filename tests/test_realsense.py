@@ -15,6 +15,8 @@ from whiptool.rig.camera.model import CameraSettings, camera_preset
 from whiptool.rig.camera.realsense import RealSenseCamera
 from whiptool.rig.camera.source import frames_of
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = camera_preset("d435-infrared")
 FRAMES = 10
 

@@ -40,6 +40,7 @@ def test_compiled_against_mujoco(law):
     assert np.abs(fine - reference).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "controller",
     [
@@ -78,6 +79,7 @@ def test_arms_of_any_number_of_joints_against_mujoco(joints):
     assert path.approach(point).distance[0] == pytest.approx(near.distance[0], abs=2e-6)
 
 
+@pytest.mark.slow
 def test_a_replay_is_repeated_until_it_agrees_or_cannot():
     strike, controller = Strike.from_vector(STRIKES[0]), Controller(ConstantImpedance())
     expected = CompiledRollout(LEMON, controller).approach(STRIKES[:1], TARGET, t_stay=0.3).distance[0]

@@ -17,6 +17,8 @@ from whiptool.report import Claim, Claims, Picture, Section, Table, Text, to_htm
 from whiptool.reproduction import PARTS, fig6, fig7, table4
 from whiptool.tracking import TABLE4_CONSTANT, TABLE4_OIAC, TrackingErrors
 
+pytestmark = pytest.mark.slow
+
 
 def series(method: str, mean: float, *, observation: str = "") -> Series:
     """A method that needs about `mean` trials at each of 300 targets."""

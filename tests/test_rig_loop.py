@@ -22,6 +22,8 @@ from whiptool.rig.emulator import Emulator, Motor, TwinOptions
 from whiptool.rig.loop import LoopOptions, RigLoop, StepClock, WallClock, move
 from whiptool.rig.safety import Guards
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("dynamixel_sdk")
 
 PERIOD, FINE = 0.002, 2**14

@@ -26,6 +26,8 @@ from whiptool.rig.camera.model import camera_preset
 from whiptool.rig.camera.source import Frame
 from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
 
+pytestmark = pytest.mark.slow
+
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])  # within the XM430's line, hits (1.2, 0.1)
 WORDS = ["--strike", *map(str, STRIKE.vector), "--target", "1.2", "0.1"]
 MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())

@@ -27,6 +27,8 @@ from whiptool.rl.training import LEARNERS, Plan, Training, load_checkpoint, make
 from whiptool.strike import StrikeBounds
 from whiptool.zone import Disc, sample
 
+pytestmark = pytest.mark.slow
+
 OFF_POLICY = ("sac", "td3", "ddpg")
 SMALL: dict[str, dict[str, Any]] = {name: {"hidden": (16, 16), "batch_size": 32} for name in OFF_POLICY}
 SMALL["ppo"] = {"hidden": (16, 16)}

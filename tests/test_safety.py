@@ -24,6 +24,8 @@ from whiptool.rig.loop import LoopOptions, RigLoop, StepClock
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.safety import Guards, Safety, SafetyError, State, Watch
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("dynamixel_sdk")
 
 PERIOD = 0.002

@@ -18,6 +18,8 @@ from whiptool.reproduction import sim2real
 from whiptool.reproduction.twin_strikes import PlanUnit, TwinUnit, controller, recording, true_model
 from whiptool.rig.limits import XM430
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("dynamixel_sdk")
 
 MODEL = wt.preset("lemon2024")

@@ -25,6 +25,8 @@ from whiptool.rig.motion import MotionFilter
 from whiptool.rig.tracking import SURE, Tracker, median_image, track
 from whiptool.strike import default_bounds
 
+pytestmark = pytest.mark.slow
+
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])

@@ -18,6 +18,8 @@ torch = pytest.importorskip("torch")
 from whiptool import train  # noqa: E402
 from whiptool.rl.training import load_checkpoint  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 SHORT = ["--episodes", "12", "--random-episodes", "2", "--trials", "16", "--tests", "5", "--checkpoint-every", "2"]
 
 

@@ -25,6 +25,8 @@ from whiptool.models.trajectory import joint_points
 from whiptool.page import strike_data, strike_page
 from whiptool.strike import Strike
 
+pytestmark = pytest.mark.slow
+
 LEMON, TARGET, RADIUS = preset("lemon2024"), np.array([1.3, 0.0]), 0.06
 STRIKE = [-1.361356816555577, 0.471238898038469, 1.7278759594743862, 1.413716694115407, 0.95]  # hits
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
