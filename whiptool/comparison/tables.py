@@ -85,6 +85,7 @@ def as_markdown(table: Sequence[Sequence[str]]) -> str:
 
 def figure(value: float) -> str:
     """A mean number of trials for people; 1 only where every target was hit at the first strike."""
+    value = round(value, 9)  # a mean of ones may not be one
     return f"{value:.4f}" if 1 < value < 1.01 else f"{value:.3g}" if value < 10 else f"{value:.1f}"
 
 

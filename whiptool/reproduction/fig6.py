@@ -96,7 +96,7 @@ def claims(standings: dict[str, Standings]) -> list[Claim]:
         def reason(s: Standings) -> str:
             level = [NAMES[m] for m in rivals if not s.fewer(one, m)]
             if not level:
-                return f"{NAMES[one]} needs fewer than each, beyond the intervals"
+                return "fewer than each, beyond the intervals"
             return f"not fewer than {', '.join(level)} beyond the intervals"
 
         return reason
