@@ -82,7 +82,8 @@ def test_twins_are_drawn_by_seed():
     for name in ("k", "b", "m", "l"):
         assert 0.7 <= getattr(kin.model.whip, name) / getattr(MODEL.whip, name) <= 1.3
     assert strange.model.whip.N == NODES
-    for name in ("m", "k", "b", "dry_friction", "drag"):
+    assert 0.5 <= strange.model.whip.drag_ratio <= 0.8
+    for name in ("m", "k", "b", "dry_friction", "drag", "cubic_stiffness"):
         assert len(set(np.round(strange.model.whip.per_node(name)[1:], 12))) >= 1 + (name not in ("drag",))
         assert (strange.model.whip.per_node(name)[1:] > 0).all()
     assert strange.controller != CONTROLLER

@@ -56,6 +56,7 @@ def chain_with_load(model: Model, load: float, gravity: float) -> Chain:
         rest_angle=zeros,
         dry_friction=zeros,
         drag=zeros,
+        cubic_stiffness=zeros,
         gravity=gravity,
     )
 
@@ -132,7 +133,7 @@ def test_feedforward_is_what_lagrange_asks_for(model: Model):
     n, arm, rng = model.arm.n, Arm(model), np.random.default_rng(1)
     q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
     loaded = chain_with_load(model, 0.0, 0.0)
-    bare = Chain(**{name: getattr(loaded, name)[:n] for name in list(Chain.__dataclass_fields__)[:9]}, gravity=0.0)
+    bare = Chain(**{name: getattr(loaded, name)[:n] for name in list(Chain.__dataclass_fields__)[:10]}, gravity=0.0)
     M, r = lagrangian_dynamics(bare, ca.SX.zeros(n), q, v)
     f = ca.Function("f", [q, v], [M, r])
     moved_by_velocity = 0.0

@@ -32,7 +32,8 @@ from whiptool.models.lagrangian import lagrangian, lagrangian_dynamics
 from whiptool.models.mujoco_model import build_spec
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 
-VECTORS = [f.name for f in fields(Chain)][:9]
+VECTORS = [f.name for f in fields(Chain)][:10]
+SCALARS = ("drag_ratio", "friction_velocity", "gravity")
 POINT_INERTIA = 1e-9  # [kg m^2] of point masses wherever MuJoCo takes part; it refuses zero
 EPS = np.finfo(float).eps
 Key = tuple[int, str, bool, bool]  # links, pattern of point masses, drag, inertia of point masses
@@ -103,7 +104,7 @@ class Numbers:
     @property
     def p(self) -> np.ndarray:
         c = self.chain
-        return np.concatenate([*(getattr(c, name) for name in VECTORS), [c.friction_velocity, c.gravity]])
+        return np.concatenate([*(getattr(c, name) for name in VECTORS), [getattr(c, name) for name in SCALARS]])
 
 
 def numbers(case: Case, point_inertia: float = 0.0) -> Numbers:
@@ -111,8 +112,8 @@ def numbers(case: Case, point_inertia: float = 0.0) -> Numbers:
 
     Uniform: length 0.05..0.4 m; mass 0.01..0.5 kg; rods' centre of mass at 0.2..0.8 of the length, their radius of
     gyration 0.1..0.4 of it; stiffness 0..1 N m/rad; rest angle -0.5..0.5 rad; damping 0..0.1 N m s/rad; dry friction
-    0..0.05 N m at 0.05..1 rad/s; drag 0..0.02 N s^2/m^2; gravity 0..15 m/s^2; q -pi..pi rad; v -5..5 rad/s or 0;
-    torque -1..1 N m.
+    0..0.05 N m at 0.05..1 rad/s; drag 0..0.02 N s^2/m^2, along the link 0..1.5 of that; cubic stiffness 0..0.3
+    N m/rad^3; gravity 0..15 m/s^2; q -pi..pi rad; v -5..5 rad/s or 0; torque -1..1 N m.
     """
     rng, n = np.random.default_rng(case.seed), case.n
     points = np.array([is_point(case.points, i) for i in range(n)])
@@ -127,6 +128,8 @@ def numbers(case: Case, point_inertia: float = 0.0) -> Numbers:
         damping=rng.uniform(0, 0.1, n),
         dry_friction=rng.uniform(0, 0.05, n) * case.friction,
         drag=rng.uniform(0, 0.02, n) * case.drag,
+        cubic_stiffness=rng.uniform(0, 0.3, n),
+        drag_ratio=rng.uniform(0, 1.5),
         friction_velocity=rng.uniform(0.05, 1),
         gravity=rng.uniform(0, 15),
     )
@@ -151,15 +154,15 @@ def symbols(key: Key) -> Symbols:
     """A symbolic chain whose point masses, missing drag and missing inertia are known to the code that derives."""
     n, points, drag, point_inertia = key
     s = {name: ca.SX.sym(name, n) for name in VECTORS}
-    friction_velocity, gravity = ca.SX.sym("friction_velocity"), ca.SX.sym("gravity")
-    p = ca.vertcat(*s.values(), friction_velocity, gravity)
+    scalars = {name: ca.SX.sym(name) for name in SCALARS}
+    p = ca.vertcat(*s.values(), *scalars.values())
     for i in range(n):
         if is_point(points, i):
             s["com"][i] = s["length"][i]
             s["inertia"][i] = s["inertia"][i] if point_inertia else 0
     if not drag:
         s["drag"] = ca.SX.zeros(n)
-    chain = Chain(**s, friction_velocity=friction_velocity, gravity=gravity)
+    chain = Chain(**s, **scalars)
     return Symbols(chain, p, ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("tau", n))
 
 
@@ -244,7 +247,10 @@ def end_jacobians(length: np.ndarray, q: np.ndarray) -> np.ndarray:
 def drag_torque(x: Numbers) -> np.ndarray:
     J = end_jacobians(x.chain.length, x.q)
     u = J @ x.v  # (n, 2)
-    force = -x.chain.drag[:, None] * np.linalg.norm(u, axis=1, keepdims=True) * u
+    links = np.diff(end_positions(x.chain.length, x.q), axis=0, prepend=0.0) / x.chain.length[:, None]
+    along = (u * links).sum(axis=1, keepdims=True) * links
+    braked = (u - along) + x.chain.drag_ratio * along
+    force = -x.chain.drag[:, None] * np.linalg.norm(u, axis=1, keepdims=True) * braked
     return np.einsum("ikj,ik->j", J, force)
 
 
@@ -252,13 +258,18 @@ def friction_torque(x: Numbers) -> np.ndarray:
     return -x.chain.dry_friction * x.v / np.hypot(x.v, x.chain.friction_velocity)
 
 
+def spring_torque(x: Numbers) -> np.ndarray:
+    bent = x.q - x.chain.rest_angle
+    return -x.chain.stiffness * bent - x.chain.cubic_stiffness * bent**3
+
+
 def mujoco_chain(chain: Chain) -> mujoco.MjModel:
     opening = "".join(
         f'<body pos="0 0 {-chain.length[i - 1] if i else 0!r}">'
         f'<inertial pos="0 0 {-chain.com[i]!r}" mass="{chain.mass[i]!r}"'
         f' diaginertia="{chain.inertia[i]!r} {chain.inertia[i]!r} {chain.inertia[i]!r}"/>'
-        f'<joint type="hinge" axis="0 -1 0" stiffness="{chain.stiffness[i]!r}" springref="{chain.rest_angle[i]!r}"'
-        f' damping="{chain.damping[i]!r}"/>'
+        f'<joint type="hinge" axis="0 -1 0" stiffness="{chain.stiffness[i]!r} 0 {chain.cubic_stiffness[i]!r}"'
+        f' springref="{chain.rest_angle[i]!r}" damping="{chain.damping[i]!r}"/>'
         for i in range(chain.n)
     )
     xml = f"""<mujoco><compiler angle="radian"/><option gravity="0 0 {-chain.gravity!r}"/>
@@ -276,8 +287,8 @@ def accelerations(case: Case) -> tuple[np.ndarray, dict[str, np.ndarray], float]
     data.qpos[:], data.qvel[:], data.qfrc_applied[:] = x.q, x.v, applied
     mujoco.mj_forward(mj, data)
     model = pinocchio_chain(x.chain)
-    spring = -x.chain.stiffness * (x.q - x.chain.rest_angle) - x.chain.damping * x.v
-    by_pinocchio = pin.aba(model, model.createData(), x.q, x.v, applied + spring)
+    passive = spring_torque(x) - x.chain.damping * x.v
+    by_pinocchio = pin.aba(model, model.createData(), x.q, x.v, applied + passive)
     M = np.empty((case.n, case.n))
     mujoco.mj_fullM(mj, data, M)
     return ours, {"MuJoCo": data.qacc.copy(), "Pinocchio": by_pinocchio}, np.linalg.cond(M)
@@ -381,11 +392,12 @@ def test_terms_agree_with_the_engines(case: Case):
     assert np.abs(bias + drag - state.qfrc_bias).max() < 1e-12 * scale
 
     assert pytest.approx(pin.computeKineticEnergy(model, data, x.q, x.v), rel=1e-12) == T
-    spring = x.chain.stiffness * (x.q - x.chain.rest_angle)
-    springs = 0.5 * spring @ (x.q - x.chain.rest_angle)
+    bent = x.q - x.chain.rest_angle
+    springs = x.chain.stiffness @ bent**2 / 2 + x.chain.cubic_stiffness @ bent**4 / 4
     assert pytest.approx(pin.computePotentialEnergy(model, data, x.q) + springs, rel=1e-12, abs=1e-12 * scale) == V
     weight = pin.computeGeneralizedGravity(model, data, x.q)
-    assert np.abs(gradient - spring - weight).max() < 1e-12 * max(scale, np.abs(spring).max())
+    spring = spring_torque(x)
+    assert np.abs(gradient + spring - weight).max() < 1e-12 * max(scale, np.abs(spring).max())
 
     assert np.abs(ends - end_positions(x.chain.length, x.q)).max() < 1e-13 * n
     assert np.abs(tip - ends[-1]).max() < 1e-13 * n
@@ -395,10 +407,10 @@ def test_terms_agree_with_the_engines(case: Case):
 @examples(60)
 @given(cases(SHORT))
 def test_gradient_of_potential_is_bias_at_rest_plus_springs(case: Case):
-    """Chains of `numbers` with 1..14 links, at rest: dV/dq = bias + k (q - rest), to 1e-12 of the largest."""
+    """Chains of `numbers` with 1..14 links, at rest: dV/dq = bias - springs, to 1e-12 of the largest."""
     x = numbers(replace(case, moving=False))
     _, bias, _, _, gradient, *_ = evaluate(terms(case.key), x)
-    assert worst(bias + x.chain.stiffness * (x.q - x.chain.rest_angle), gradient) < 1e-12
+    assert worst(bias - spring_torque(x), gradient) < 1e-12
 
 
 @examples(60)
@@ -454,7 +466,9 @@ def count(function: ca.Function, operation: int) -> int:
     return sum(function.instruction_id(i) == operation for i in range(function.n_instructions()))
 
 
-@pytest.mark.parametrize("term", ["stiffness", "damping", "dry_friction", "drag", "inertia", "rest_angle"])
+@pytest.mark.parametrize(
+    "term", ["stiffness", "cubic_stiffness", "damping", "dry_friction", "drag", "inertia", "rest_angle"]
+)
 @pytest.mark.parametrize("zero", [ca.SX.zeros(14), np.zeros(14)], ids=["SX", "numpy"])
 def test_a_term_that_is_the_number_zero_generates_nothing(term: str, zero):
     full, without, position = production(), production(**{term: zero}), VECTORS.index(term)

@@ -27,6 +27,8 @@ EVERYTHING = Model(  # every term that a model can have
         dry_friction=(0.01, 0.005, 0.0, 0.002),
         drag=(0.0, 0.01, 0.02, 0.03),
         hinge_mass=0.03,
+        drag_ratio=0.2,
+        cubic_stiffness=(0.05, 0.2, 0.1, 0.15),
     ),
     arm=ArmParameters(
         (ArmLink(mass=0.3, length=0.3, com=0.1, friction=0.02), ArmLink(mass=0.2, length=0.25, inertia=0.002))

@@ -141,6 +141,11 @@ def central(rollout, strikes, targets, name, size) -> tuple[np.ndarray, np.ndarr
     return (4 * narrow - wide) / 3, np.abs(narrow - wide) / 3
 
 
+def differs(slope, difference, own_error, size):
+    """Whether by more than the rounding of the rollout over the step, and the difference's truncation."""
+    return np.abs(slope - difference) > 1e-5 * np.abs(difference) + 1e-12 / size + 3 * own_error
+
+
 def shifted_parameter(rollout, name, by):
     model, controller = rollout.model, rollout.controller
     if name in model.parameters():
@@ -162,7 +167,7 @@ def test_derivatives_against_central_differences(case):
     """Every named parameter of strike, model and controller, on random strikes.
 
     A strike is left out for a parameter where the difference itself does not hold still: at a kink (two approaches
-    equally near, a torque at its limit, a step more) its two widths disagree. They are few.
+    equally near, a torque at its limit, a step more) its two widths disagree, or a narrower one. They are few.
     """
     controller = LAWS[case]
     model = everything().with_parameters({"arm.friction[0]": 0.05, "arm.friction[1]": 0.03})
@@ -178,13 +183,15 @@ def test_derivatives_against_central_differences(case):
         value = 1.0 if name in STRIKE_NAMES else {**model.parameters(), **controller.parameters()}[name]
         size = 1e-5 * max(abs(value), 1e-3)
         difference, own_error = central(rollout, strikes, targets, name, size)
-        floor = 1e-9 / size * 1e-3 + 3 * own_error  # rounding of the rollout over the step, and truncation
         smooth = own_error <= 1e-3 * np.abs(difference) + 1e-6 / size * 1e-4
         if name == "D":  # the number of steps is whole: where it changes, the discrete path jumps by its own error
             ends = strikes[:, -1, None] + 0.3 + 2 * size * np.array([-1, 1])
             smooth &= np.ptp(np.ceil(ends / rollout.timestep - 1e-9), axis=1) == 0
-        wrong = np.abs(slope - difference) > 1e-5 * np.abs(difference) + floor
-        assert not (wrong & smooth).any(), (name, slope[wrong & smooth], difference[wrong & smooth])
+        wrong = smooth & differs(slope, difference, own_error, size)
+        for i in np.flatnonzero(wrong):  # a kink inside both widths makes them agree: there a narrower one holds
+            narrow = central(rollout, strikes[i : i + 1], targets[i : i + 1], name, size / 30)
+            wrong[i], smooth[i] = differs(slope[i], *narrow, size / 30).item(), False
+        assert not wrong.any(), (name, slope[wrong], difference[wrong])
         kinks += int((~smooth).sum())
         compared += len(smooth)
     assert kinks < 0.03 * compared, (kinks, compared)

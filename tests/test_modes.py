@@ -186,7 +186,10 @@ def test_count_is_checked(count):
 
 def test_linearise_at_a_moving_posture_against_finite_differences():
     """Every term in use: springs, dampers, friction, drag; the torque that holds the posture is constant."""
-    whip = WhipParameters(N=4, l=0.1, m=0.05, k=0.2, b=0.01, rest_angle=0.1, dry_friction=0.02, drag=0.01)
+    whip = WhipParameters(
+        N=4, l=0.1, m=0.05, k=0.2, b=0.01, rest_angle=0.1, dry_friction=0.02, drag=0.01, drag_ratio=0.3,
+        cubic_stiffness=0.5,
+    )  # fmt: skip
     model = Model(whip, ArmParameters((ArmLink(mass=0.5, length=0.3, friction=0.1), ArmLink(mass=0.4, length=0.2))))
     chain, n = chain_of(model), model.n
     rng = np.random.default_rng(5)

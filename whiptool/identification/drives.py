@@ -163,6 +163,7 @@ class SwingDrive(Drive):
     _NAMES: ClassVar = {
         "length": "whip.l", "mass": "whip.m", "stiffness": "whip.k", "damping": "whip.b", "gravity": "gravity",
         "rest_angle": "whip.rest_angle", "dry_friction": "whip.dry_friction", "drag": "whip.drag",
+        "cubic_stiffness": "whip.cubic_stiffness", "drag_ratio": "whip.drag_ratio",
         "friction_velocity": "whip.friction_velocity",
     }  # fmt: skip
 
@@ -186,8 +187,10 @@ class SwingDrive(Drive):
                     "a number of the whip, where the base's motion is prescribed",
                     "drive by command",
                 )
-        used = {name for name in ("rest_angle", "dry_friction", "drag") if whip.per_node(name).any()} | {"stiffness"}
-        used |= {name for name in ("rest_angle", "dry_friction", "drag") if any(name in f for f in free)}
+        terms = ("rest_angle", "dry_friction", "drag", "cubic_stiffness")
+        used = {name for name in terms if whip.per_node(name).any()} | {"stiffness"}
+        used |= {name for name in terms if any(name in f for f in free)}
+        used |= {"drag_ratio"} if whip.drag_ratio != 1 or "whip.drag_ratio" in free else set()
         used |= {"dry_friction"} if "whip.friction_velocity" in free else set()
         if plant.profile is not None:
             used |= {name for name, f in (("rest_angle", "rest_curvature"), ("drag", "drag")) if f"profile.{f}" in free}

@@ -19,7 +19,7 @@ from whiptool.models.closed_loop import Structure, closed_loop
 
 GAMMA = 1 - 1 / math.sqrt(2)  # of the Rosenbrock method: L-stable
 BASE = 7  # numbers that describe the base at one instant, in the order of `Base`
-_OPTIONAL = ("stiffness", "rest_angle", "dry_friction", "drag")
+_OPTIONAL = ("stiffness", "rest_angle", "dry_friction", "drag", "cubic_stiffness", "drag_ratio")
 
 
 def _observation(chain: Chain, q: ca.SX, angle: ca.SX | float) -> ca.SX:
@@ -69,7 +69,7 @@ class SwingStructure:
         n: Links.
         moving: The base moves; its motion is the input.
         point_masses: Every link is a point mass at its far end: com is the length, and there is no inertia.
-        optional: Which of stiffness, rest_angle, dry_friction, drag there are.
+        optional: Which of `_OPTIONAL` there are.
     """
 
     n: int
@@ -84,6 +84,8 @@ class SwingStructure:
         sizes = dict.fromkeys(blocks, self.n)
         if "dry_friction" in self.optional:
             sizes["friction_velocity"] = 1
+        if "drag_ratio" in self.optional:
+            sizes["drag_ratio"] = 1
         return sizes | {"gravity": 1}
 
     @property
@@ -131,6 +133,8 @@ class Swing:
             rest_angle=P.get("rest_angle", zeros),
             dry_friction=P.get("dry_friction", zeros),
             drag=P.get("drag", zeros),
+            cubic_stiffness=P.get("cubic_stiffness", zeros),
+            drag_ratio=P.get("drag_ratio", 1.0),
             friction_velocity=P.get("friction_velocity", 1.0),
             gravity=P["gravity"],
         )

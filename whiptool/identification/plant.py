@@ -18,8 +18,8 @@ from whiptool.models.profile import _QUADRATURE, WhipProfile
 
 PROFILE = tuple(f.name for f in dataclasses.fields(WhipProfile))
 _LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
-_OF_WHIP = (*_LUMPED, "dry_friction", "friction_velocity")
-_BESIDE_PROFILE = ("dry_friction", "friction_velocity")  # of the whip, and not of its profile
+_BESIDE_PROFILE = ("dry_friction", "friction_velocity", "drag_ratio", "cubic_stiffness")  # of the whip, not its profile
+_OF_WHIP = (*_LUMPED, *_BESIDE_PROFILE)
 
 Quantities = dict[str, np.ndarray]  # numbers of the chain by block, as the generated code takes them
 
@@ -101,7 +101,7 @@ class Plant:
         """The same whip with another number of nodes.
 
         A profile is lumped anew; free numbers keep length, mass, and the whip's bending as a whole: `l` and `m` go
-        with 1/N, `k` and `b` with N, `drag` with 1/N.
+        with 1/N, `k` and `b` with N, `cubic_stiffness` with N^3, `drag` with 1/N.
 
         Raises:
             InputError: The whip has values per node and no profile.
@@ -115,7 +115,7 @@ class Plant:
             if per_node:
                 raise InputError(f"whip.{per_node[0]}", "a value per node", "one number for all", "or give a profile")
             finer = N / whip.N
-            powers = {"l": -1, "m": -1, "k": 1, "b": 1, "rest_angle": -1, "drag": -1}
+            powers = {"l": -1, "m": -1, "k": 1, "b": 1, "rest_angle": -1, "drag": -1, "cubic_stiffness": 3}
             scaled = {name: numbers[name] * finer**power for name, power in powers.items()}
             whip = dataclasses.replace(whip, N=N, **scaled)
         return Plant(dataclasses.replace(self.model, whip=whip), self.controller, self.profile)
@@ -125,7 +125,7 @@ class Plant:
         model, blocks = self.model, {}
         blocks |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
         for name in _OF_WHIP:
-            single = name in ("hinge_mass", "friction_velocity")
+            single = name in ("hinge_mass", "friction_velocity", "drag_ratio")
             blocks[f"whip.{name}"] = np.array([getattr(model.whip, name)]) if single else model.whip.per_node(name)
         blocks["gravity"] = np.array([model.gravity])
         if self.controller is not None:

@@ -20,6 +20,7 @@ _UNITS = {
     "whip": {
         "l": "m", "m": "kg", "k": "N m/rad", "b": "N m s/rad", "rest_angle": "rad", "dry_friction": "N m",
         "friction_velocity": "rad/s", "drag": "N s^2/m^2", "hinge_mass": "kg",
+        "cubic_stiffness": "N m/rad^3",
     },
     "arm": {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"},
     "profile": {

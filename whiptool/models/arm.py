@@ -49,6 +49,7 @@ class Arm:
             rest_angle=np.zeros(n),
             dry_friction=np.zeros(n),
             drag=np.zeros(n),
+            cubic_stiffness=np.zeros(n),
             gravity=whole.gravity,
         )
         self.n = n

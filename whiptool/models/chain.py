@@ -23,8 +23,8 @@ class Chain:
     """Parameters of a chain of n links, each a column (n, 1) of symbols or numbers.
 
     `length`, `mass`, `com` (along the link), `inertia` (about the centre of mass) describe links; `stiffness`,
-    `rest_angle`, `damping`, `dry_friction` their joints; `drag` acts at each link's far end. Units as in
-    `WhipParameters` and `ArmLink`.
+    `cubic_stiffness`, `rest_angle`, `damping`, `dry_friction` their joints; `drag` acts at each link's far end,
+    `drag_ratio` is one number for all. Units as in `WhipParameters` and `ArmLink`.
     """
 
     length: Vector
@@ -36,12 +36,14 @@ class Chain:
     rest_angle: Vector
     dry_friction: Vector
     drag: Vector
+    cubic_stiffness: Vector
+    drag_ratio: ca.SX | float = 1.0
     friction_velocity: ca.SX | float = 0.1
     gravity: ca.SX | float = 9.81
 
     def __post_init__(self) -> None:
         sizes = {f.name: ca.SX(getattr(self, f.name)).numel() for f in fields(self)}
-        scalars = ("friction_velocity", "gravity")
+        scalars = ("drag_ratio", "friction_velocity", "gravity")
         assert all(size == (1 if name in scalars else self.n) for name, size in sizes.items()), sizes
 
     @property
@@ -97,6 +99,8 @@ def chain_of(model: Model, *, node_inertia: float = 0.0) -> Chain:
         rest_angle=np.r_[zeros, whip.per_node("rest_angle")],
         dry_friction=np.r_[zeros, whip.per_node("dry_friction")],
         drag=np.r_[zeros, whip.per_node("drag")],
+        cubic_stiffness=np.r_[zeros, whip.per_node("cubic_stiffness")],
+        drag_ratio=whip.drag_ratio,
         friction_velocity=whip.friction_velocity,
         gravity=model.gravity,
     )
@@ -118,17 +122,20 @@ def tip_state(chain: Chain, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 def passive_torque(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
     """Torque of springs, dampers and smoothed dry friction [N m], shape (n, 1)."""
-    spring = -ca.SX(chain.stiffness) * (q - ca.SX(chain.rest_angle))
+    bent = q - ca.SX(chain.rest_angle)
+    spring = -ca.SX(chain.stiffness) * bent - ca.SX(chain.cubic_stiffness) * bent**3
     friction = -ca.SX(chain.dry_friction) * v / ca.sqrt(v**2 + chain.friction_velocity**2)
     return spring - ca.SX(chain.damping) * v + friction
 
 
-def _drag_force(drag: ca.SX, ux: ca.SX, uy: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Quadratic drag on a node of velocity u [N]; the tiny constant keeps the root differentiable at rest."""
+def _drag_force(drag: ca.SX, ratio: Scalar, ux: ca.SX, uy: ca.SX, sin: ca.SX, cos: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Quadratic drag [N] on a node of velocity u, its link along (sin, -cos); the tiny constant keeps the root
+    differentiable at rest."""
     if drag.is_zero():
         return ca.SX(0), ca.SX(0)
     speed = ca.sqrt(ux**2 + uy**2 + 1e-12)
-    return -drag * speed * ux, -drag * speed * uy
+    less = (1 - ca.SX(ratio)) * (ux * sin - uy * cos)  # of the velocity along the link, this much is not braked
+    return -drag * speed * (ux - less * sin), -drag * speed * (uy + less * cos)
 
 
 def _point_mass(com: ca.SX, length: ca.SX) -> bool:
@@ -178,7 +185,7 @@ def forward_dynamics(
     ux, uy = ca.SX(at.vx), ca.SX(at.vy)
     for i in range(n):
         ux, uy = ux - omega[i] * ry[i], uy + omega[i] * rx[i]
-        fx[i], fy[i] = _drag_force(drag[i], ux, uy)
+        fx[i], fy[i] = _drag_force(drag[i], chain.drag_ratio, ux, uy, sin[i], cos[i])
 
     # inward: articulated inertia and bias of link i about joint i; gravity enters as the base's acceleration
     zero = ca.SX(0)
@@ -276,7 +283,8 @@ def inverse_dynamics(chain: Chain, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         x, y, cx, cy = length[i] * s, -length[i] * c, com[i] * s, -com[i] * c
         Fx, Fy = mass[i] * (ax - alpha[i] * cy - w2 * cx), mass[i] * (ay + alpha[i] * cx - w2 * cy)
         ux, uy = ux - omega[i] * y, uy + omega[i] * x
-        links.append((x, y, cx, cy, Fx, Fy, inertia[i] * alpha[i], *_drag_force(drag[i], ux, uy)))
+        drags = _drag_force(drag[i], chain.drag_ratio, ux, uy, s, c)
+        links.append((x, y, cx, cy, Fx, Fy, inertia[i] * alpha[i], *drags))
         ax, ay = ax - alpha[i] * y - w2 * x, ay + alpha[i] * x - w2 * y
     fx, fy, moment, torques = ca.SX(0), ca.SX(0), ca.SX(0), []
     for x, y, cx, cy, Fx, Fy, N, dx, dy in reversed(links):
@@ -317,4 +325,5 @@ def potential_energy(chain: Chain, q: ca.SX) -> ca.SX:
     for i in range(chain.n):
         V += mass[i] * chain.gravity * (y - com[i] * ca.cos(theta[i]))
         y = y - length[i] * ca.cos(theta[i])
-    return V + ca.dot(ca.SX(chain.stiffness), (q - ca.SX(chain.rest_angle)) ** 2) / 2
+    bent = q - ca.SX(chain.rest_angle)
+    return V + ca.dot(ca.SX(chain.stiffness), bent**2) / 2 + ca.dot(ca.SX(chain.cubic_stiffness), bent**4) / 4

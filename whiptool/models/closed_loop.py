@@ -25,7 +25,7 @@ from whiptool.models.chain import (
 )
 from whiptool.models.parameters import ArmParameters, Model
 
-_OPTIONAL = ("rest_angle", "dry_friction", "drag")  # per node, generated only where used
+_OPTIONAL = ("rest_angle", "dry_friction", "drag", "cubic_stiffness")  # per node, generated only where used
 GAMMA = 1 - 1 / math.sqrt(2)  # of the Rosenbrock method: L-stable
 
 
@@ -36,7 +36,7 @@ class Structure:
     n_arm: int
     n_whip: int
     law: str
-    optional: tuple[str, ...] = ()  # of rest_angle, dry_friction, drag, hinge_mass
+    optional: tuple[str, ...] = ()  # of _OPTIONAL, drag_ratio, hinge_mass
     feedforward: bool = False
     limited: bool = False
     held: bool = False  # the torque is held for a control period
@@ -46,7 +46,10 @@ class Structure:
         """The smallest structure that holds this model and controller, and the terms of parameters named in `free`."""
         named = {re.sub(r"^whip\.|\[\d+\]$", "", name) for name in free}
         named |= {"dry_friction"} if "friction_velocity" in named else set()
+        named |= {"drag"} if "drag_ratio" in named else set()
         used = tuple(name for name in _OPTIONAL if model.whip.per_node(name).any() or name in named)
+        if "drag" in used and (model.whip.drag_ratio != 1 or "drag_ratio" in named):
+            used += ("drag_ratio",)
         used += ("hinge_mass",) if model.whip.hinge_mass or "hinge_mass" in named else ()
         return cls(
             n_arm=model.arm.n,
@@ -71,7 +74,7 @@ class Structure:
         blocks |= {f"arm.{name}": a for name in ArmParameters.QUANTITIES}
         blocks |= {f"whip.{name}": N for name in ("l", "m", "k", "b")}
         for name in self.optional:
-            blocks[f"whip.{name}"] = 1 if name == "hinge_mass" else N
+            blocks[f"whip.{name}"] = 1 if name in ("drag_ratio", "hinge_mass") else N
         if "dry_friction" in self.optional:
             blocks["whip.friction_velocity"] = 1
         blocks["gravity"] = 1
@@ -107,7 +110,9 @@ class Structure:
         values: dict[str, Any] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
         values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
         values |= {f"whip.{name}": model.whip.per_node(name) for name in ("l", "m", "k", "b", *_OPTIONAL)}
-        values |= {f"whip.{name}": getattr(model.whip, name) for name in ("hinge_mass", "friction_velocity")}
+        values |= {
+            f"whip.{name}": getattr(model.whip, name) for name in ("drag_ratio", "hinge_mass", "friction_velocity")
+        }
         values |= {"gravity": model.gravity, "torque_limit": controller.torque_limit}
         fixed = [np.ravel(values[name]) for name in self.layout if name not in ("q_i", "q_f", "D")]
         same = np.concatenate(fixed)
@@ -156,6 +161,8 @@ class ClosedLoop:
             rest_angle=ca.vertcat(none, whip["rest_angle"]),
             dry_friction=ca.vertcat(none, whip["dry_friction"]),
             drag=ca.vertcat(none, whip["drag"]),
+            cubic_stiffness=ca.vertcat(none, whip["cubic_stiffness"]),
+            drag_ratio=P.get("whip.drag_ratio", 1.0),
             friction_velocity=P.get("whip.friction_velocity", 1.0),
             gravity=P["gravity"],
         )
@@ -174,6 +181,7 @@ class ClosedLoop:
             rest_angle=zeros,
             dry_friction=zeros,
             drag=zeros,
+            cubic_stiffness=zeros,
             gravity=gravity,
         )
 

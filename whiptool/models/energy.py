@@ -81,15 +81,19 @@ def energies(model: Model, trajectory: Trajectory) -> Energies:
     weight = mass * model.gravity * centre[:, :, 1]
     weight[:, a - 1] += whip.hinge_mass * model.gravity * points[:, a, 1]
 
-    k, rest, b, dry = (np.r_[np.zeros(a), whip.per_node(x)] for x in ("k", "rest_angle", "b", "dry_friction"))
+    joints = ("k", "cubic_stiffness", "rest_angle", "b", "dry_friction")
+    k, cubic, rest, b, dry = (np.r_[np.zeros(a), whip.per_node(x)] for x in joints)
     b[:a] = arm.per_link("friction")
     losses = b * v**2 + dry * v**2 / np.sqrt(v**2 + whip.friction_velocity**2)  # (T, n)
-    drag = whip.per_node("drag") * square[:, a + 1 :] ** 1.5  # (T, N)
+    theta = np.cumsum(q, axis=1)[:, a:]
+    along = velocities[:, a + 1 :, 0] * np.sin(theta) - velocities[:, a + 1 :, 1] * np.cos(theta)  # (T, N)
+    braked = square[:, a + 1 :] - (1 - whip.drag_ratio) * along**2
+    drag = whip.per_node("drag") * np.sqrt(square[:, a + 1 :]) * braked  # (T, N)
     return Energies(
         t=t,
         kinetic=kinetic,
         weight=weight,
-        springs=k * (q - rest) ** 2 / 2,
+        springs=k * (q - rest) ** 2 / 2 + cubic * (q - rest) ** 4 / 4,
         work=_integral((trajectory.tau * v[:, :a]).sum(axis=1), t),
         lost=_integral(losses.sum(axis=1) + drag.sum(axis=1), t),
     )

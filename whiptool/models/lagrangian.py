@@ -25,7 +25,9 @@ def lagrangian(chain: Chain, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         velocity = ca.jtimes(centre, q, v)
         T += mass[i] * ca.sumsqr(velocity) / 2 + ca.SX(chain.inertia)[i] * ca.sum1(v[: i + 1]) ** 2 / 2
         V += mass[i] * chain.gravity * centre[1]
-    V += ca.dot(ca.SX(chain.stiffness), (q - ca.SX(chain.rest_angle)) ** 2) / 2
+    for i in range(n):
+        bent = q[i] - ca.SX(chain.rest_angle)[i]
+        V += ca.SX(chain.stiffness)[i] * bent**2 / 2 + ca.SX(chain.cubic_stiffness)[i] * bent**4 / 4
     return T, V
 
 
@@ -50,5 +52,8 @@ def lagrangian_dynamics(chain: Chain, torque: ca.SX, q: ca.SX, v: ca.SX) -> tupl
             -sum((ca.SX(chain.length)[j] * ca.cos(angles[j]) for j in range(i + 1)), ca.SX(0)),
         )
         u = ca.jtimes(end, q, v)
-        Q += ca.jtimes(end, q, -drag[i] * ca.sqrt(ca.sumsqr(u) + 1e-12) * u, True)
+        along = ca.vertcat(ca.sin(angles[i]), -ca.cos(angles[i]))
+        across = ca.vertcat(ca.cos(angles[i]), ca.sin(angles[i]))
+        braked = across * ca.dot(across, u) + chain.drag_ratio * along * ca.dot(along, u)
+        Q += ca.jtimes(end, q, -drag[i] * ca.sqrt(ca.sumsqr(u) + 1e-12) * braked, True)
     return M, Q - ca.jtimes(momentum, q, v) + ca.gradient(T - V, q)

@@ -67,7 +67,7 @@ def build_spec(
             name="grip", pos=at, mass=whip.hinge_mass, ipos=[0, 0, 0], inertia=[node_inertia] * 3, explicitinertial=True
         )
         grip.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.016 * model.reach, 0, 0], material="joint", **_VISUAL)
-    l, m, k, b, rest = (whip.per_node(x) for x in ("l", "m", "k", "b", "rest_angle"))
+    l, m, k, b, rest, cubic = (whip.per_node(x) for x in ("l", "m", "k", "b", "rest_angle", "cubic_stiffness"))
     for i in range(whip.N):
         thickness = (0.011 - 0.005 * i / whip.N) * model.reach
         body = _link(parent, f"whip{i + 1}", at, mass=m[i], com=l[i], inertia=node_inertia, tiny=node_inertia)
@@ -75,7 +75,7 @@ def build_spec(
             name=f"whip{i + 1}",
             type=mujoco.mjtJoint.mjJNT_HINGE,
             axis=[0, -1, 0],
-            stiffness=k[i],
+            stiffness=[k[i], 0, cubic[i]],  # MuJoCo's polynomial
             damping=b[i],
             springref=rest[i],
         )

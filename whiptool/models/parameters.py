@@ -38,8 +38,8 @@ class WhipParameters:
     """Lumped whip (Fig. 2, Table 2): N point masses on massless links, joined by springs and dampers.
 
     Each quantity is one number or one value per node. Joint 1 is the hinge that joins the whip to the hand. It is
-    free (Sect. 2.1): a single number of `k`, `b`, `rest_angle` or `dry_friction` speaks of joints 2..N only; a value
-    per node speaks of all joints, the hinge first.
+    free (Sect. 2.1): a single number of `k`, `cubic_stiffness`, `b`, `rest_angle` or `dry_friction` speaks of joints
+    2..N only; a value per node speaks of all joints, the hinge first.
 
     Args:
         N: Number of nodes.
@@ -54,6 +54,10 @@ class WhipParameters:
         drag: Quadratic air drag of each node [N s^2/m^2]: the force is `-drag |v| v`.
         hinge_mass: Mass that rides on the hinge itself [kg]: the part of the first link that a lumped profile
             gives to the hand.
+        drag_ratio: Drag along a node's link over drag across it: the force is `-drag |v| (v_across + drag_ratio
+            v_along)`. 1: drag is the same in all directions; a smooth thin cord is far below.
+        cubic_stiffness: How a joint stiffens as it bends [N m/rad^3]: the spring's torque is
+            `-k d - cubic_stiffness d^3`, d being the angle less `rest_angle`.
 
     Raises:
         InputError: A value is not finite, out of range, or its length is not N.
@@ -69,6 +73,8 @@ class WhipParameters:
     friction_velocity: float = 0.1
     drag: PerNode = 0.0
     hinge_mass: float = 0.0
+    drag_ratio: float = 1.0
+    cubic_stiffness: PerNode = 0.0
 
     # lowest value of each quantity, and whether it is itself excluded
     _LOW: ClassVar = {
@@ -79,8 +85,15 @@ class WhipParameters:
         "rest_angle": (-math.inf, False),
         "dry_friction": (0.0, False),
         "drag": (0.0, False),
+        "cubic_stiffness": (0.0, False),
     }
-    _JOINT: ClassVar = ("k", "b", "rest_angle", "dry_friction")  # quantities of joints, zero at the free hinge
+    _JOINT: ClassVar = (
+        "k",
+        "b",
+        "rest_angle",
+        "dry_friction",
+        "cubic_stiffness",
+    )  # quantities of joints, zero at the free hinge
 
     def __post_init__(self) -> None:
         if isinstance(self.N, bool) or not isinstance(self.N, (int, np.integer)) or not 1 <= self.N <= 200:
@@ -97,7 +110,8 @@ class WhipParameters:
             object.__setattr__(self, name, checked)
         velocity = number("friction_velocity", self.friction_velocity, low=0, strict=True)
         object.__setattr__(self, "friction_velocity", velocity)
-        object.__setattr__(self, "hinge_mass", number("hinge_mass", self.hinge_mass, low=0))
+        for name in ("hinge_mass", "drag_ratio"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0))
 
     def per_node(self, name: str) -> np.ndarray:
         """Quantity `name` as an array of shape (N,), the hinge's entry being 0 where a single number was given."""

@@ -157,7 +157,13 @@ class ReferenceRollout:
             before = np.arange(self.model.n)[None, :] <= self.model.arm.n + np.arange(self.model.whip.N)[:, None]
             J *= before[:, None, :]
             u = J @ v  # (N, 2)
-            drag = -self._drag[:, None] * np.sqrt((u**2).sum(axis=1, keepdims=True) + 1e-12) * u
+            braked = u
+            if self.model.whip.drag_ratio != 1:
+                # each body's own z axis points from the node to its joint
+                axes = data.xmat[self._nodes].reshape(-1, 3, 3)[:, ::2, 2]  # (N, 2)
+                along = (u * axes).sum(axis=1, keepdims=True)
+                braked = u - (1 - self.model.whip.drag_ratio) * along * axes
+            drag = -self._drag[:, None] * np.sqrt((u**2).sum(axis=1, keepdims=True) + 1e-12) * braked
             force = force + np.einsum("ikj,ik->j", J, drag)
         return force
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from whiptool.rig.dynamixel.control_table import XM430_W350
-from whiptool.rig.emulator.packets import BROADCAST, Packet, fast_status, status
+from whiptool.rig.emulator.packets import BROADCAST, Packet, fast_length, fast_status, status
 from whiptool.rig.emulator.servo import ACCESS_ERROR, LENGTH_ERROR, RESULT_FAIL, Servo
 
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 1, 2, 3, 4, 5, 6, 8, 0x10
@@ -151,7 +151,9 @@ class Chain:
             (id, error, answer if answer else bytes(length))
             for (id, error, answer), (_, _, length) in zip(parts, wanted, strict=True)
         ]
-        pieces = fast_status(whole) if whole else []
+        if not whole or fast_length(whole) > 0xFFFF:  # more than a packet can say: there is no such reply
+            return []
+        pieces = fast_status(whole)
         alive = next((i for i, (_, _, answer) in enumerate(parts) if answer is None), len(parts))
         return pieces[:alive]
 

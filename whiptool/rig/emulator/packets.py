@@ -68,13 +68,17 @@ def status(id: int, error: int, data: bytes = b"") -> bytes:
     return encode(Packet(id, STATUS, bytes([error]) + data))
 
 
+def fast_length(parts: list[tuple[int, int, bytes]]) -> int:
+    """What stands in the length field of `fast_status` [bytes]."""
+    return 1 + sum(len(data) + 4 for _, _, data in parts)
+
+
 def fast_status(parts: list[tuple[int, int, bytes]]) -> list[bytes]:
     """The reply to a fast read, as each of the servos (id, error, data) sends its part.
 
     The first part carries the header; each ends in the CRC of everything sent so far, and nothing is stuffed.
     """
-    length = 1 + sum(len(data) + 4 for _, _, data in parts)
-    piece = HEADER + bytes([BROADCAST]) + length.to_bytes(2, "little") + bytes([STATUS])
+    piece = HEADER + bytes([BROADCAST]) + fast_length(parts).to_bytes(2, "little") + bytes([STATUS])
     pieces, crc = [], 0
     for id, error, data in parts:
         piece += bytes([error, id]) + data
