@@ -189,8 +189,8 @@ def _rigs(study: Study, size: Size) -> list[RigUnit]:
 def _about(study: Study, size: Size, excluded: int) -> str:
     return (
         "Whips that are not the model, drawn by seed. kin: other k, b, m, l, by up to 30 %. strange: 36 nodes, "
-        "tapers with random deviations, a bead, a soft joint, rest curvature, springs that stiffen with the bend, drag "
-        "that differs along and across the whip, friction, a wrong arm and a late camera. stranger: twice these deviations. "
+        "tapers with random deviations, a bead, a soft joint, rest curvature, springs that stiffen with the bend, less "
+        "drag along the whip than across, friction, a wrong arm and a late camera. stranger: twice these deviations. "
         f"{size.whips} whips of each family, {size.targets} targets each, out of {POOL} in a circle of radius "
         f"{ZONE.radius:g} m around {ZONE.centre} m, those within the whip's own reach"
         + (f"; {excluded} whips reach none of them and are left out. " if excluded else ". ")
