@@ -27,7 +27,8 @@ RADII = (0.06, 0.03, 0.01)  # [m]
 GOALS = {"kin": (1.1, 1.05, 1.3, 0.005), "strange": (1.4, 1.15, 1.7, 0.01), "stranger": (1.5, 1.25, 1.9, 0.015)}
 TRANSFER_GOAL, CALIBRATION_GOAL, TIME_GOAL = 0.95, 0.1, 2.0
 _RESAMPLES, _BINS = 2000, 5
-_LINES = dict(zip(METHODS, ("black", "pink", "green", "orange", "blue", "vermilion"), strict=True))
+_OPENING = dict.fromkeys(METHODS, "robust") | {"nominal": "nominal", "correction": "nominal", "uniform": "uniform"}
+_LINES = dict(zip(METHODS, ("black", "pink", "green", "orange", "sky", "blue", "vermilion"), strict=True))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,7 +146,9 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
     used = sorted({t for own in targets.values() for t in own})
     look = LookUnit(study=study)
     openings = {
-        (kind, t): OpeningUnit(study=study, kind=kind, target=t) for kind in ("nominal", "robust") for t in used
+        (kind, t): OpeningUnit(study=study, kind=kind, target=t)
+        for kind in sorted(set(_OPENING.values()))
+        for t in used
     }
     known = context.store.results([look, *openings.values()], desc="first plans")
     work = []
@@ -153,7 +156,6 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
         for method in METHODS:
             if method == "sac":
                 continue
-            kind = "nominal" if method in ("nominal", "correction") else "robust"
             further = method == "adapt" and seed < size.transfers
             work.append(
                 WhipUnit(
@@ -162,7 +164,7 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
                     seed=seed,
                     method=method,
                     targets=own,
-                    openings={t: known[openings[kind, t].name] for t in own},
+                    openings={t: known[openings[_OPENING[method], t].name] for t in own},
                     look=tuple(known[look.name]["strike"]) if method == "wiggle" else (),
                     transfer=tuple(within[family, seed][size.targets :][: size.further]) if further else (),
                 )

@@ -31,6 +31,7 @@ METHODS = {
     "robust": "the strike that hits most of the whips that the prior allows, repeated",
     "correction": "the model's best strike, corrected along the model's Jacobian (iterative learning control)",
     "sac": "SAC, trained on the model with observation relative",
+    "uniform": "the strike that hits most uniform whips; then k, b, m, l identified and planned again, nothing else",
     "adapt": "the robust strike; then identified and planned again after every strike",
     "wiggle": "the same, after one slow movement chosen for what it tells",
 }
@@ -58,6 +59,11 @@ class Study:
     def prior(self) -> Belief:
         """Of every whip."""
         return default_prior(self.scene.model, self.scene.controller)
+
+    @property
+    def uniform(self) -> Belief:
+        """Of whips that are uniform: the family `kin`, but not the others."""
+        return default_prior(self.scene.model, self.scene.controller, whip="uniform")
 
     def twin(self, family: str, seed: int) -> Twin:
         """An unknown whip."""
@@ -90,7 +96,7 @@ class Study:
 
 @dataclass(frozen=True, kw_only=True)
 class OpeningUnit:
-    """A first plan, from the model alone (`nominal`) or from the prior (`robust`)."""
+    """A first plan, from the model alone (`nominal`), from the prior (`robust`) or that of uniform whips."""
 
     study: Study
     kind: str
@@ -104,7 +110,7 @@ class OpeningUnit:
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Plan."""
         s = self.study
-        belief = s.prior if self.kind == "robust" else certain(s.scene)
+        belief = {"nominal": certain(s), "robust": s.prior, "uniform": s.uniform}[self.kind]
         rng = np.random.default_rng([s.scene.target_seed, self.target])
         found = plan(
             belief, s.target(self.target), rng=rng, t_stay=s.scene.t_stay, effort=FIRST if s.thorough else BRIEF
@@ -112,10 +118,9 @@ class OpeningUnit:
         return asdict(found)
 
 
-def certain(scene: Scene) -> Belief:
+def certain(study: Study) -> Belief:
     """That the whip is the model."""
-    prior = default_prior(scene.model, scene.controller, whip="uniform")
-    return replace(prior, covariance=1e-8 * prior.covariance)
+    return replace(study.uniform, covariance=1e-8 * study.uniform.covariance)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,10 +197,10 @@ class WhipUnit:
     def _adapted(self, number: int, looked: tuple[Any, Learned] | None) -> list[Step]:
         s = self.study
         adaptation = Adaptation(
-            s.prior,
+            s.uniform if self.method == "uniform" else s.prior,
             self._port(number),
             s.target(number),
-            s.options(adapt=self.method in ("adapt", "wiggle"), seed=self.seed),
+            s.options(adapt=self.method in ("uniform", "adapt", "wiggle"), seed=self.seed),
             recordings=[] if looked is None else [looked[0]],
             known=None if looked is None else looked[1].belief,
             opening=None if looked is not None else as_plan(self.openings[number]),
