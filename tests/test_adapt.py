@@ -30,6 +30,7 @@ from whiptool.objective import Target
 from whiptool.report import Table
 from whiptool.reproduction import adapt as reproduction
 from whiptool.reproduction.context import Context
+from whiptool.reproduction.trials import Trials, reliability
 from whiptool.reproduction.unknown_whips import (
     LookUnit,
     OpeningUnit,
@@ -401,7 +402,7 @@ def test_targets_are_within_the_whips_reach():
 def test_a_correction_along_the_jacobian_brings_the_tip_nearer():
     """On the model itself, from a strike that nearly hits: what Newton's method would do."""
     rollout = CompiledRollout(MODEL, CONTROLLER, timestep=5e-4)
-    near = plan(certain(study_of().scene), Target(TARGET), rng=np.random.default_rng(0), effort=QUICK).strike
+    near = plan(certain(study_of()), Target(TARGET), rng=np.random.default_rng(0), effort=QUICK).strike
     off = Strike.from_vector(np.add(near, (0.02, 0.0, -0.02, 0.01, 0.0)))
     port = TipPort(Twin("model", 0, MODEL, CONTROLLER, 0.0, 0.0, 1e-6), TARGET, fps=500.0)
     misses = []
@@ -440,7 +441,7 @@ def test_the_report_of_unknown_whips():
     context = Context(Comparison(scene=scene), Told(), whips=5)  # type: ignore[arg-type]
     sections = {section.title: section for section in reproduction.sections(context)}
     hits, trials = (p.rows for p in sections["Unknown whips, strike by strike"].parts if isinstance(p, Table))
-    assert len(hits) == len(trials) == 1 + 3 * 6
+    assert len(hits) == len(trials) == 1 + 3 * 7
     by_name = {tuple(row[:2]): row for row in hits}
     assert by_name["kin", "nominal"][2:] == ["15", "0 %", "0 %", "8.00", "8.00"]
     assert by_name["stranger", "adapt"][2:] == ["15", "100 %", "100 %", "4.00", "0.50"]
@@ -457,12 +458,12 @@ def test_the_report_of_unknown_whips():
 def test_intervals_resample_whips_not_trials():
     """Ten whips, each the same in all its hundred trials, tell as much as ten numbers."""
     values = np.repeat(np.arange(10.0), 100)
-    low, high = reproduction.Trials(values[:, None], np.repeat(np.arange(10), 100)).interval(values)
+    low, high = Trials(values[:, None], np.repeat(np.arange(10), 100)).interval(values)
     error = np.std(np.arange(10)) / np.sqrt(10)
     assert (high - low) / 2 == pytest.approx(1.96 * error, rel=0.1)
 
 
 def test_reliability():
-    bins, error = reproduction.reliability(np.array([0.9, 0.95, 0.1]), np.array([True, True, False]))
+    bins, error = reliability(np.array([0.9, 0.95, 0.1]), np.array([True, True, False]))
     np.testing.assert_allclose(bins, [[0.1, 0.0, 1.0], [0.925, 1.0, 2.0]])
     assert error == pytest.approx((0.1 + 2 * 0.075) / 3)

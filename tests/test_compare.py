@@ -16,9 +16,9 @@ import pytest
 
 from whiptool import workers
 from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
+from whiptool.comparison.learner_unit import Checkpoint, one_torch_thread
 from whiptool.comparison.plan import deterministic
 from whiptool.comparison.policy_trials import trials_within
-from whiptool.comparison.units import Checkpoint, one_torch_thread
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset

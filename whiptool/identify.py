@@ -18,8 +18,8 @@ from whiptool import cli
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
-    from whiptool.identification.fit import Fit
     from whiptool.identification.plant import Plant
+    from whiptool.identification.results import Fit
     from whiptool.impedance import Controller
 
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"
@@ -90,9 +90,9 @@ class _Run:
 
     def __init__(self, options: IdentifyOptions) -> None:
         from whiptool.identification.drives import DRIVES
-        from whiptool.identification.fit import HUBER, Options
         from whiptool.identification.inputs import full_name, profile_of, read_prior, split
         from whiptool.identification.plant import Plant
+        from whiptool.identification.problem import HUBER, Options
         from whiptool.models.files import find_model
         from whiptool.runs import code_version
 
@@ -235,9 +235,9 @@ class _Run:
 
     def report(self) -> int:
         """Write everything, tell people or programs."""
-        from whiptool.identification.fit import Status
         from whiptool.identification.plant import Plant
         from whiptool.identification.report import sections
+        from whiptool.identification.solver import Status
         from whiptool.models.files import write_model
         from whiptool.report import to_html
 

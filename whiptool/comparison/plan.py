@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from whiptool.comparison.units import LearnerUnit, Scene, SearchUnit
+from whiptool.comparison.learner_unit import LearnerUnit
+from whiptool.comparison.units import Scene, SearchUnit
 from whiptool.errors import InputError
 
 PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.comparison.units import MAIN_CONVENTION, LearnerUnit, SearchUnit
+from whiptool.comparison.learner_unit import MAIN_CONVENTION, LearnerUnit
+from whiptool.comparison.units import SearchUnit
 
 NAMES = {
     "directl": "DIRECT-L",

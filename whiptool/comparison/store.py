@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from whiptool.comparison.units import Checkpoint, Unit
+from whiptool.comparison.learner_unit import Checkpoint
+from whiptool.comparison.units import Unit
 from whiptool.errors import InputError
 from whiptool.runs import write_whole
 from whiptool.workers import work_on

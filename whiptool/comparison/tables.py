@@ -6,8 +6,8 @@ import csv
 import io
 from collections.abc import Sequence
 
+from whiptool.comparison.learner_unit import MAIN_CONVENTION
 from whiptool.comparison.series import Series
-from whiptool.comparison.units import MAIN_CONVENTION
 
 
 def as_csv(series: Sequence[Series]) -> str:

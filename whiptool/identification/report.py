@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from whiptool.identification.fit import Fit, RecordingFit
 from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity
 from whiptool.identification.summary import (
     flat_directions,

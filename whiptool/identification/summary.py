@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.fit import Fit, RecordingFit
 from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.uncertainty import Parameter, Uncertainty
 

@@ -17,6 +17,7 @@ from whiptool.objective import HIT_RADIUS
 from whiptool.plots import COLORS, STYLE
 from whiptool.report import Picture, Section, Table, Text
 from whiptool.reproduction.context import Context
+from whiptool.reproduction.trials import Trials, reliability
 from whiptool.reproduction.unknown_whips import METHODS, LookUnit, OpeningUnit, PolicyUnit, RigUnit, Study, WhipUnit
 from whiptool.zone import Disc
 
@@ -26,7 +27,6 @@ RADII = (0.06, 0.03, 0.01)  # [m]
 # mean trials within 6 cm of `adapt` and `wiggle`, within 3 cm of `adapt`; median miss of its second strike [m]
 GOALS = {"kin": (1.1, 1.05, 1.3, 0.005), "strange": (1.4, 1.15, 1.7, 0.01), "stranger": (1.5, 1.25, 1.9, 0.015)}
 TRANSFER_GOAL, CALIBRATION_GOAL, TIME_GOAL = 0.95, 0.1, 2.0
-_RESAMPLES, _BINS = 2000, 5
 _OPENING = dict.fromkeys(METHODS, "robust") | {"nominal": "nominal", "correction": "nominal", "uniform": "uniform"}
 _LINES = dict(zip(METHODS, ("black", "pink", "green", "orange", "sky", "blue", "vermilion"), strict=True))
 
@@ -58,42 +58,6 @@ class Size:
             return cls(whips=1, targets=1, rigs=1, transfers=1, further=2, episodes=4)
         few = max(1, context.whips // 5)
         return cls(whips=context.whips, rigs=min(20, few), transfers=min(10, few))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Trials:
-    """One method with one family.
-
-    Args:
-        miss: Miss distance of every strike [m], (T, strikes); infinite where nothing was seen.
-        whip: Which whip, (T,).
-    """
-
-    miss: np.ndarray
-    whip: np.ndarray
-
-    @classmethod
-    def of(cls, by_whip: Sequence[Sequence[dict[str, Any]]]) -> Trials:
-        """From the trials of each whip."""
-        rows = [(w, trial["miss"]) for w, trials in enumerate(by_whip) for trial in trials]
-        miss = [[np.inf if x is None else x for x in row] for _, row in rows]
-        return cls(np.array(miss), np.array([w for w, _ in rows]))
-
-    def trials(self, radius: float) -> np.ndarray:
-        """To the first hit within a radius, the number of strikes where there was none, (T,)."""
-        hit = self.miss <= radius
-        return np.where(hit.any(axis=1), hit.argmax(axis=1) + 1, self.miss.shape[1])
-
-    def interval(self, values: np.ndarray, statistic=np.mean) -> tuple[float, float]:
-        """Of a statistic of values (T,) or (T, k): 95 %, whips resampled with all their trials."""
-        rng, whips = np.random.default_rng(0), np.unique(self.whip)
-        rows = [np.flatnonzero(self.whip == w) for w in whips]
-        found = []
-        for _ in range(_RESAMPLES):
-            drawn = np.concatenate([rows[i] for i in rng.integers(len(rows), size=len(rows))])
-            found.append(statistic(values[drawn]))
-        low, high = np.percentile(found, (2.5, 97.5), method="nearest")  # some may be infinite
-        return float(low), float(high)
 
 
 def sections(context: Context) -> list[Section]:
@@ -326,20 +290,6 @@ def _calibration(learned: dict[str, list[dict[str, Any]]]) -> list[Text | Table 
             plot_reliability(ax, *_stated(results), title=family)
             ax.label_outer()
     return [*parts, Picture(figure, "Stated against observed; the area of a dot is the number of strikes.")]
-
-
-def reliability(stated: np.ndarray, observed: np.ndarray) -> tuple[np.ndarray, float]:
-    """Mean stated probability, observed share and number of strikes of each occupied bin, (k, 3), and the expected
-    calibration error.
-
-    Args:
-        stated: Probabilities, (T,).
-        observed: Whether it came, (T,).
-    """
-    which = np.minimum((stated * _BINS).astype(int), _BINS - 1)
-    inside = [which == i for i in range(_BINS) if (which == i).any()]
-    bins = np.array([[stated[x].mean(), observed[x].mean(), x.sum()] for x in inside])
-    return bins, float(np.abs(bins[:, 0] - bins[:, 1]) @ bins[:, 2] / len(stated))
 
 
 def plot_reliability(ax: Axes, stated: np.ndarray, observed: np.ndarray, *, title: str = "") -> Axes:

@@ -261,8 +261,8 @@ class PolicyUnit:
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train, and strike."""
+        from whiptool.comparison.learner_unit import MAIN_CONVENTION, one_torch_thread
         from whiptool.comparison.policy_trials import RecordedTask, misses_of
-        from whiptool.comparison.units import MAIN_CONVENTION, one_torch_thread
 
         s = self.study
         unit = LearnerUnit(

@@ -1,0 +1,265 @@
+"""Recordings, a plant and its free numbers as a least-squares problem, and how it is to be solved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.identification.pendulum import AngleRecording
+from whiptool.identification.plant import Identifiable
+from whiptool.identification.predict import NUISANCE, Predictor, Recording
+from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.results import RecordingFit
+from whiptool.identification.solver import Block, Solution, huber, solve
+from whiptool.identification.uncertainty import Uncertainty, assess
+from whiptool.identification.variables import Prior, Variable
+
+HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Huber 1981)
+# usual size of a recording's own unknowns around their first guess: a wide prior that leaves none undetermined
+_OWN = {"delay": 0.1, "scale": 0.3, "rotation": 0.5, "shift_x": 1.0, "shift_y": 1.0}
+_START = (1.0, 30.0)  # [rad], [rad/s]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to fit.
+
+    Args:
+        drive: What drives the whip: `command`, `joints`, `handle`, `free`.
+        per_recording: Nuisance that each recording has its own value of: of `delay`, `scale`, `rotation`, `shift_x`,
+            `shift_y`; `start`, the state at the start (always, in free swing).
+        bounds: Of free numbers, by name.
+        prior: On shared free numbers.
+        loss: Where Huber's loss turns linear, in standard errors; None: least squares.
+        starts: How many; the first is the plant as given.
+        dispersion: The others are drawn within this factor of it.
+        pieces: Lengths of the pieces that a free swing is cut into, one stage after the other [s]; the recordings as
+            they are come last. For swings that forget their start.
+        timestep: Of the integrator [s].
+        knots: Spacing of the spline of a prescribed motion [s].
+        replicates: Of the bootstrap.
+        seed: Of starts and bootstrap.
+    """
+
+    drive: str = "command"
+    per_recording: tuple[str, ...] = ()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    prior: Prior | None = None
+    loss: float | None = HUBER
+    starts: int = 1
+    dispersion: float = 3.0
+    pieces: tuple[float, ...] = ()
+    timestep: float | None = None
+    knots: float | None = None
+    replicates: int = 400
+    seed: int = 0
+    max_iterations: int = 60
+
+    def __post_init__(self) -> None:
+        if self.starts < 1:
+            raise InputError("starts", self.starts, "a whole number >= 1")
+        if not self.dispersion >= 1:
+            raise InputError("dispersion", self.dispersion, "a factor >= 1")
+        if self.pieces and self.drive != "free":
+            raise InputError("pieces", self.pieces, "none, but for free swing")
+
+
+class Problem:
+    """Recordings, plant and variables as the solver's blocks."""
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording],
+        plant: Identifiable,
+        free: Sequence[str],
+        variables: list[Variable],
+        options: Options,
+        *,
+        starting: bool = True,
+    ) -> None:
+        own = tuple(options.per_recording)
+        if options.drive == "free" and starting and "start" not in own:
+            own = (*own, "start")
+        self.plant, self.free, self.variables, self.options = plant, tuple(free), variables, options
+        self._own, self._recordings = own, list(recordings)
+        self.predictor = self._make(recordings)
+        rows = None if options.prior is None else options.prior.rows(variables)
+        self._prior = rows
+        self._limit = options.loss
+
+    def _make(self, recordings: Sequence[Recording]) -> Predictor:
+        o = self.options
+        return Predictor(
+            recordings, self.plant, drive=o.drive, shared=self.free, own=self._own, timestep=o.timestep, knots=o.knots
+        )
+
+    def values(self, z: np.ndarray) -> dict[str, float]:
+        """The shared free numbers by name."""
+        return {v.name: v.value(x) for v, x in zip(self.variables, z, strict=True)}
+
+    def split(self, z: np.ndarray) -> tuple[Identifiable, dict[str, float]]:
+        """The plant with these numbers, and the shared nuisance."""
+        values = self.values(z)
+        plant = self.plant.changed({k: v for k, v in values.items() if k not in NUISANCE})
+        return plant, {k: v for k, v in values.items() if k in NUISANCE}
+
+    def solve(self, z: np.ndarray, *, fixed: bool = False, only: str | None = None) -> Solution:
+        """From this start: pieces first, if any, then the whole recordings; with `fixed`, own unknowns only."""
+        stages = [self.predictor]
+        if self.options.pieces:
+            swings = [r for r in self._recordings if isinstance(r, AngleRecording)]
+            stages = [self._make([p for r in swings for p in r.cut(length)]) for length in self.options.pieces] + stages
+        solution = None
+        for stage in stages:
+            solution = self._solve_stage(stage, z, stage.start, fixed=fixed, only=only)
+            z = solution.z
+        assert solution is not None
+        return solution
+
+    def _solve_stage(
+        self,
+        stage: Predictor,
+        z: np.ndarray,
+        own: Sequence[np.ndarray],
+        *,
+        fixed: bool = False,
+        only: str | None = None,
+    ) -> Solution:
+        bounds = (z, z) if fixed else (np.array([getattr(v, x) for v in self.variables]) for x in ("lower", "upper"))
+        lower, upper = bounds
+        return solve(
+            self._evaluator(stage, only),
+            z,
+            own,
+            lower=lower,
+            upper=upper,
+            loss=self._limit,
+            robust=[len(x) for x in stage.measured] + ([0] if self._prior else []),
+            max_iterations=self.options.max_iterations,
+        )
+
+    def refine(self, solution: Solution) -> Solution:
+        """On from a solution, with the present limit of the loss."""
+        again = self._solve_stage(self.predictor, solution.z, solution.own)
+        again.history = solution.history + again.history
+        again.evaluations += solution.evaluations
+        return again
+
+    def adapt(self, solution: Solution) -> bool:
+        """Widen Huber's limit to the spread that the residuals really have; whether that matters."""
+        if self.options.loss is None:
+            return False
+        P = self.predictor
+        predictions = P(*self.split(solution.z), solution.own, derivatives=False)
+        r = np.concatenate([(p.value - y) / s for p, y, s in zip(predictions, P.measured, P.sigma, strict=True)])
+        limit = self.options.loss * max(1.0, 1.4826 * float(np.median(np.abs(r))))
+        widened = limit > 1.5 * (self._limit or limit)
+        self._limit = limit if widened else self._limit
+        return widened
+
+    def _evaluator(self, predictor: Predictor, only: str | None = None):
+        slopes_of = self.variables
+        regular = [self._regular(predictor, i) for i in range(len(predictor.recordings))]
+        shown = [
+            None if only is None else _of_marker(r, predictor, i, only) for i, r in enumerate(predictor.recordings)
+        ]
+
+        def evaluate(z: np.ndarray, own: list[np.ndarray], derivatives: bool) -> list[Block]:
+            try:
+                plant, nuisance = self.split(z)
+            except InputError:  # a step beyond what a model may be
+                return [Block(np.full(1, np.inf), np.zeros((1, len(z))), np.zeros((1, len(x)))) for x in own]
+            units = np.array([v.slope(x) for v, x in zip(slopes_of, z, strict=True)])
+            blocks = []
+            for i, p in enumerate(predictor(plant, nuisance, own, derivatives=derivatives)):
+                sigma, mask = predictor.sigma[i], shown[i]
+                r = (p.value - predictor.measured[i]) / sigma
+                W, mean = regular[i]
+                A = B = np.zeros((0, 0))
+                if derivatives:
+                    A, B = p.by_shared * units / sigma[:, None], p.by_own / sigma[:, None]
+                    if mask is not None:
+                        A, B = A * mask[:, None], B * mask[:, None]
+                    A, B = np.vstack([A, np.zeros((len(W), A.shape[1]))]), np.vstack([B, W])
+                if mask is not None:
+                    r = r * mask
+                blocks.append(Block(np.concatenate([r, W @ own[i] - mean]), A, B))
+            if self._prior is not None:
+                W, mean = self._prior
+                blocks.append(Block(W @ (z - mean), W, np.zeros((len(W), 0))))
+            return blocks
+
+        return evaluate
+
+    def _regular(self, predictor: Predictor, i: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rows that regularise recording i's own unknowns x: `W x - mean` is standard normal."""
+        drive, first = predictor.drives[i], predictor.start[i]
+        rows, means, at = [], [], 0
+        for name, x in drive.unknowns.items():
+            if name == "motion":
+                motion = drive.motion  # type: ignore[attr-defined]
+                W, mean = motion.rows, motion.mean
+            else:
+                W = np.diag(1 / np.repeat(_START, len(x) // 2))
+                mean = np.zeros(len(x))
+            rows.append(np.pad(W, ((0, 0), (at, len(first) - at - len(x)))))
+            means.append(mean)
+            at += len(x)
+        for name in (x for x in self._own if x != "start"):
+            rows.append(np.eye(1, len(first), at) / _OWN[name])
+            means.append(rows[-1] @ first)
+            at += 1
+        if not rows:
+            return np.zeros((0, len(first))), np.zeros(0)
+        return np.vstack(rows), np.concatenate(means)
+
+    def assess(self, solution: Solution, rng: np.random.Generator) -> Uncertainty:
+        """Uncertainty at a solution."""
+        P = self.predictor
+        blocks = self._evaluator(P)(solution.z, solution.own, True)[: len(P.recordings)]
+        counts = [len(x) for x in P.measured]
+        # Huber's estimate errs like least squares with these residuals (Street, Carroll, Ruppert 1988)
+        psi = [huber(b.r[:n], self._limit)[1] * b.r[:n] for b, n in zip(blocks, counts, strict=True)]
+        inside = np.mean(np.concatenate([x == b.r[:n] for x, b, n in zip(psi, blocks, counts, strict=True)]))
+        pseudo = [
+            Block(np.concatenate([x / inside, b.r[n:]]), b.A, b.B) for x, b, n in zip(psi, blocks, counts, strict=True)
+        ]
+        series = [channel[:, 1] * 8 + channel[:, 2] for channel in P.channels]
+        times = [r.t[channel[:, 0]] for r, channel in zip(P.recordings, P.channels, strict=True)]
+        prior = None if self._prior is None else self._prior[0]
+        return assess(
+            self.variables, solution.z, pseudo, series, times, prior, rng=rng, replicates=self.options.replicates
+        )
+
+    def compare(self, solution: Solution) -> list[RecordingFit]:
+        """Every recording beside its prediction."""
+        plant, nuisance = self.split(solution.z)
+        P, found = self.predictor, []
+        predictions = P(plant, nuisance, solution.own, derivatives=False)
+        for i, p in enumerate(predictions):
+            residuals = p.value - P.measured[i]
+            t, path = P.path(i, plant, nuisance, solution.own[i])
+            found.append(
+                RecordingFit(
+                    source=P.recordings[i].source,
+                    residuals=residuals,
+                    measured=P.measured[i],
+                    sigma=P.sigma[i],
+                    weight=huber(residuals / P.sigma[i], self._limit)[1],
+                    channels=P.channels[i],
+                    markers=tuple(path),
+                    own=dict(zip(P.own_names(i), map(float, solution.own[i]), strict=True)),
+                    t=t,
+                    path=path,
+                )
+            )
+        return found
+
+
+def _of_marker(recording: Recording, predictor: Predictor, i: int, marker: str) -> np.ndarray:
+    """1 for the readings of one marker, 0 for the others."""
+    assert isinstance(recording, StrikeRecording)
+    return (predictor.channels[i][:, 1] == predictor.names(i).index(marker)).astype(float)
