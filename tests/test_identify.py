@@ -16,7 +16,8 @@ import tomli_w
 from whiptool import identify, optimize
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.identification.gather import gather
-from whiptool.identification.inputs import controller_from_table
+from whiptool.identification.inputs import controller_from_table, full_name, profile_of, read_prior
+from whiptool.identification.plant import Plant
 from whiptool.identification.readers import open_video, read_recording
 from whiptool.identification.readers.tracks import write_csv
 from whiptool.identification.recording import StrikeRecording
@@ -304,6 +305,24 @@ def test_markers_in_space_are_projected_on_their_plane(tracks, capsys, tmp_path)
     projected = read_recording(tmp_path / "run" / "recordings" / "track0.npz")
     np.testing.assert_allclose(projected.points, tracks[0].points, atol=2e-3)
     np.testing.assert_allclose(projected.target, TARGET, atol=2e-3)
+
+
+def test_priors_of_what_may_be_zero_and_names_that_need_an_index(tmp_path):
+    lemon = preset("lemon2024")
+    file = tmp_path / "prior.toml"
+    file.write_text('"whip.drag" = {value = 0.0, error = 0.002}\ndelay = {value = -0.01, error = 0.005}\n')
+    prior = read_prior(str(file), Plant(lemon), ("whip.drag", "delay"))
+    assert prior is not None
+    assert prior.mean == (0.0, -0.01)
+    np.testing.assert_allclose(np.diag(prior.covariance), [0.002**2, 0.005**2])
+    file.write_text('"whip.k" = {value = 0.0, error = 0.1}\n')
+    with pytest.raises(InputError, match="> 0"):
+        read_prior(str(file), Plant(lemon), ("whip.k",))
+    per_node = dataclasses.replace(lemon, whip=dataclasses.replace(lemon.whip, k=(0.2,) * 12))
+    with pytest.raises(InputError, match=r"whip\.k\[0\] and so on.*one per node"):
+        full_name("k", Plant(per_node))
+    with pytest.raises(InputError, match=r"profile\.bending_stiffness.*with --profile"):
+        full_name("k", Plant(lemon, profile=profile_of(lemon, "")))
 
 
 def test_planes_that_cannot_be_strike_planes_are_refused(tracks):

@@ -55,7 +55,7 @@ class IdentifyOptions:
     starts: int = 3
     """From how many places to begin; the first is the model as given."""
     prior: str | None = None
-    """TOML file of what is known beforehand: "whip.m" = {value = 0.012, error = 0.1}, the error relative."""
+    """TOML file of what is known beforehand: "whip.m" = {value = 0.012, error = 0.1}; see the file formats."""
     tip: str | None = None
     """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
     seed: int = 0

@@ -246,7 +246,10 @@ class _Run:
             )
         reference = summary["reference"]
         if reference["miss_distance"] is None:
-            lines.append("  reference      not confirmed: no result in MuJoCo")
+            tried = not (result.outcome.diverged or refused)
+            lines.append(
+                f"  reference      {'not confirmed: no result in MuJoCo' if tried else 'not asked for such a strike'}"
+            )
         else:
             lines.append(
                 f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, a difference of "
@@ -283,7 +286,8 @@ def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
 def outcome_lines(outcome, target) -> list[str]:
     """An outcome for people."""
     if outcome.diverged:
-        return ["  outcome        the simulation diverged: the joints' speed left all bounds"]
+        cure = "a stiff or hardly damped whip needs a smaller --timestep"
+        return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
     said = "hit" if outcome.hit else "missed"
     return [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.plant import Plant
+from whiptool.identification.plant import _LUMPED, Plant
 from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.recording import StrikeRecording
-from whiptool.identification.variables import Prior
+from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import LAWS, Controller
 from whiptool.models.files import read_toml
 from whiptool.models.parameters import Model, number
@@ -57,6 +58,12 @@ def full_name(name: str, plant: Plant) -> str:
     """
     known = {**plant.values(), **NEUTRAL}
     found = [full for full in (name, *(f"{group}.{name}" for group in _GROUPS)) if full in known]
+    per_node = f"whip.{name.removeprefix('whip.')}[0]"
+    if not found and plant.profile is not None and name.removeprefix("whip.") in _LUMPED:
+        allowed = ", ".join(x for x in known if x.startswith("profile."))
+        raise InputError("--free", name, allowed, "with --profile these give the whip's l, m, k and b")
+    if not found and per_node in known:
+        raise InputError("--free", name, f"{per_node} and so on", "this model has one per node; or fit a --profile")
     if not found:
         raise InputError("--free", name, "one of " + ", ".join(known))
     return found[0]
@@ -95,6 +102,9 @@ def profile_of(model: Model, name: str) -> WhipProfile:
 def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior | None:
     """What is known beforehand: a TOML file of lines such as `"whip.m" = {value = 0.012, error = 0.1}`.
 
+    An error is relative where the number is positive by nature, in its own unit where it may be zero (drag, friction,
+    rest angle, delay).
+
     Args:
         path: The file; None: nothing is known.
         plant: Knows the names.
@@ -108,12 +118,14 @@ def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior |
     names, means, errors = [], [], []
     for name, entry in read_toml(Path(path)).items():
         if not isinstance(entry, dict) or set(entry) != {"value", "error"}:
-            raise InputError(f"{path}: {name}", entry, "{value = ..., error = ...}, the error relative")
+            raise InputError(f"{path}: {name}", entry, "{value = ..., error = ...}")
         full = full_name(name, plant)
         if full not in free:
             raise InputError(f"{path}: {name}", full, "a free parameter: " + ", ".join(free))
         names.append(full)
-        means.append(number(f"{path}: {name}.value", entry["value"], low=0, strict=True))
+        positive = variable(full, 1.0).log
+        low = 0.0 if positive else -math.inf
+        means.append(number(f"{path}: {name}.value", entry["value"], low=low, strict=positive))
         errors.append(number(f"{path}: {name}.error", entry["error"], low=0, strict=True))
     if not names:
         raise InputError(path, "empty", '"whip.m" = {value = 0.012, error = 0.1} and so on')

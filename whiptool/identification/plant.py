@@ -169,7 +169,7 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
         if name not in known:
             raise InputError("parameter", name, "one of " + ", ".join(known))
         if name in by_profile:
-            found.append(by_profile[name])
+            found.append({block: np.zeros_like(x) for block, x in base.items()} | by_profile[name])
             continue
         moved = plant.changed({name: known[name] + 1}).quantities()
         found.append({block: np.round(moved[block] - x, 12) for block, x in base.items()})

@@ -264,7 +264,8 @@ def _knowledge(fit: Fit) -> Section:
     )
     caption = (
         "Singular values of the Jacobian, largest first, by relative changes of the parameters, and the direction of "
-        "each: the inverse is the direction's standard error. Flat: an error of 100 % or more."
+        "each: the inverse is the direction's standard error. Flat: an error of 100 % or more, of a number that may be "
+        "zero of ten times its usual size."
     )
     return Section(
         "What the recordings know",

@@ -108,18 +108,36 @@ def flat_directions(uncertainty: Uncertainty) -> list[str]:
     """Each direction that the recordings do not see, in words."""
     U, said = uncertainty, []
     names = [v.name for v in U.variables]
-    for direction in U.directions[U.flat]:
+    logarithmic = {v.name: v.log for v in U.variables}
+    own = np.array([v.scale for v in U.variables]) * U.units  # of a step along a direction, in the number's own unit
+    for direction, seen in zip(U.directions[U.flat], U.singular_values[U.flat], strict=True):
         shares = {n: float(x) for n, x in zip(names, direction, strict=True) if abs(x) > _SHARE}
-        largest = max(shares.values(), key=abs)
-        powers = {n: x / largest for n, x in shares.items()}
-        if len(powers) == 1:
-            said.append(f"{next(iter(powers))} alone: any value would do as well")
-        elif all(abs(x - 1) < 0.1 for x in powers.values()):
-            said.append(f"{_listed(list(powers))} all multiplied by the same factor: only their ratios are seen")
+        steps = {n: float(x) for n, x in zip(names, direction * own, strict=True) if n in shares}
+        largest = max(shares, key=lambda n: abs(shares[n]))
+        if len(shares) == 1:
+            said.append(f"{largest} alone: {_open(largest, abs(steps[largest]), float(seen), logarithmic[largest])}")
+        elif all(logarithmic[n] and abs(x / shares[largest] - 1) < 0.1 for n, x in shares.items()):
+            said.append(f"{_listed(list(shares))} all multiplied by the same factor: only their ratios are seen")
         else:
-            each = ", ".join(f"{n} by {x:+.2g} %" for n, x in powers.items())
-            said.append(f"changed together, {each}: the predictions stay as they are")
+            first = next((n for n in sorted(shares, key=lambda n: -abs(shares[n])) if logarithmic[n]), None)
+            one = steps[first] if first else steps[largest] / abs(steps[largest])
+            each = ", ".join(
+                f"{n} by {x / one:+.2g} %"
+                if logarithmic[n]
+                else f"{n} by {x / one / (100 if first else 1):+.2g} {unit_of(n)}"
+                for n, x in steps.items()
+            )
+            said.append(f"changed together, {each.rstrip()}: the predictions stay as they are")
     return said
+
+
+def _open(name: str, step: float, seen: float, logarithmic: bool) -> str:
+    """How little a single number is bounded: a step of it has a singular value of less than 1."""
+    if logarithmic and seen > 0.2:
+        return f"known to no better than a factor of {np.exp(1 / seen):.2g}"
+    if not logarithmic and seen > 0.01:
+        return f"its standard error is {step / seen:.2g} {unit_of(name)}".rstrip()
+    return "any value would do as well"
 
 
 def seen_ratios(uncertainty: Uncertainty) -> dict[str, tuple[float, tuple[float, float]]]:

@@ -14,6 +14,7 @@ from whiptool.identification.variables import Variable
 
 PINNED = 0.1  # standard error, relative, up to which a number counts as pinned
 FLAT = 1.0  # standard error of a direction, relative, from which it counts as unseen
+_ROOM = 10.0  # a number that may be zero is seen up to so many times that: its interval still says something
 _SHARE = 0.05  # part of a flat direction from which a number belongs to it
 TRADED = 0.9  # correlation from which two numbers trade off
 _SMALL = 0.05  # of its usual size, below which a number that may be zero counts as this
@@ -137,8 +138,9 @@ def assess(
     G = len(z)
     projected = [_projected(block) for block in blocks]
     J = np.vstack([reduce(block)[1][:, :G] for block in blocks])
-    # singular values are relative errors: a number that may be zero counts by its size, at least by its usual one
-    units = np.array([1.0 if v.log else max(abs(x), 1.0) for v, x in zip(variables, z, strict=True)])
+    # singular values are relative errors: a number that may be zero counts by its size, at least by its usual one,
+    # and with room: a logarithm's error of more than 1 is a guess at its order of magnitude, this one's a bound
+    units = np.array([1.0 if v.log else _ROOM * max(abs(x), 1.0) for v, x in zip(variables, z, strict=True)])
     count = sum(len(c) for c in channels)
     squares = sum(float(b.r[: len(c)] @ b.r[: len(c)]) for b, c in zip(blocks, channels, strict=True))
     own = sum(min(b.B.shape[1], len(c)) - _regularised(b, len(c)) for b, c in zip(blocks, channels, strict=True))

@@ -13,7 +13,7 @@ _FACTOR = 1e3  # a positive number is sought within this factor of its first val
 # usual size of what may be zero or of either sign, in its own unit
 _ZERO_OR_MORE = {
     "drag": 1e-3, "drag_ratio": 1.0, "dry_friction": 1e-3,
-    "cubic_stiffness": 0.1, "hinge_mass": 1e-2, "tip_mass": 1e-2, "friction": 1e-2, "bending_damping": 1e-3,
+    "cubic_stiffness": 1.0, "hinge_mass": 1e-2, "tip_mass": 1e-2, "friction": 1e-2, "bending_damping": 1e-3,
 }  # fmt: skip
 _ANY_SIGN = {
     "rest_angle": 0.1, "rest_curvature": 0.1, "delay": 0.01, "rotation": 0.01, "shift_x": 0.01, "shift_y": 0.01,
