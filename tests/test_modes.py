@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import casadi as ca
 import mujoco
 import numpy as np
@@ -10,12 +12,15 @@ from scipy.linalg import eigh
 from scipy.special import jn_zeros, roots_laguerre
 
 from whiptool.errors import InputError
+from whiptool.impedance import Controller
 from whiptool.models.chain import bias_forces, chain_of, forward_dynamics, passive_torque, potential_energy
-from whiptool.models.modes import hanging_modes, linearise
+from whiptool.models.compiled import TIMESTEP, CompiledRollout
+from whiptool.models.modes import hanging_modes, linearise, steady_timestep
 from whiptool.models.mujoco_model import build_spec
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
+from whiptool.strike import default_bounds
 
 ARM = preset("lemon2024").arm
 G = 9.81
@@ -228,3 +233,24 @@ def test_linearise_at_rest_is_the_hessian_of_the_potential_and_the_dampers():
 def test_linearise_checks_its_states(name: str, arguments: tuple):
     with pytest.raises(InputError, match=name):
         linearise(preset("lemon2024"), *arguments)
+
+
+@pytest.mark.parametrize(("k", "b"), [(100.0, 1e-3), (500.0, 0.1), (20.0, 1e-3), (20.0, 1e-5)])
+def test_stiff_whips_get_a_step_that_lets_nothing_grow(k: float, b: float):
+    """Half of it gives the same misses. Where the usual step makes every strike diverge, it is not the one given."""
+    lemon, controller = preset("lemon2024"), Controller()
+    model = dataclasses.replace(lemon, whip=dataclasses.replace(lemon.whip, k=k, b=b))
+    strikes, target = default_bounds(ARM).sample(np.random.default_rng(0), 20), np.array([1.2, 0.1])
+    h = steady_timestep(model, TIMESTEP)
+    usual, given, finer = (
+        CompiledRollout(model, controller, timestep=step).approach(strikes, target, t_stay=0.3)
+        for step in (TIMESTEP, h, h / 2)
+    )
+    assert not given.diverged.any()
+    np.testing.assert_allclose(given.distance, finer.distance, atol=1e-4)
+    assert h < TIMESTEP
+    assert usual.diverged.all() or np.abs(usual.distance - finer.distance).max() < 1e-3
+
+
+def test_published_whips_keep_the_usual_step():
+    assert all(steady_timestep(model, TIMESTEP) == TIMESTEP for model in PRESETS.values())

@@ -47,7 +47,7 @@ class SimulationOptions:
     simulator: str = "compiled"
     """compiled (CasADi) or reference (MuJoCo)."""
     timestep: float | None = None
-    """Integration step [s]; default: 0.00025 compiled, at most 0.0001 reference."""
+    """Integration step [s]; default: 0.00025 compiled, less if a mode of the whip asks for it; at most 0.0001 reference."""
     integrator: str | None = None
     """Of the reference: RK4, Euler, implicit or implicitfast; default: RK4 unless the whip is too stiff for it."""
 
@@ -83,8 +83,10 @@ class SimulationOptions:
             raise InputError("--integrator", self.integrator, "nothing, unless --simulator reference is given")
         if self.simulator == "compiled":
             from whiptool.models.compiled import TIMESTEP, CompiledRollout
+            from whiptool.models.modes import steady_timestep
 
-            return CompiledRollout(model, controller, timestep=TIMESTEP if self.timestep is None else self.timestep)
+            timestep = steady_timestep(model, TIMESTEP) if self.timestep is None else self.timestep
+            return CompiledRollout(model, controller, timestep=timestep)
         if self.simulator == "reference":
             from whiptool.models.reference import ReferenceRollout
 

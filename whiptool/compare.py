@@ -83,6 +83,7 @@ class ComparisonOptions(cli.SimulationOptions):
         """
         from whiptool.comparison import Comparison, Scene
         from whiptool.models.compiled import TIMESTEP
+        from whiptool.models.modes import steady_timestep
         from whiptool.objective import Target
         from whiptool.zone import Disc
 
@@ -108,7 +109,7 @@ class ComparisonOptions(cli.SimulationOptions):
             radii=(self.hit_radius, *self.tighter),
             cap=self.cap,
             t_stay=self.t_stay,
-            timestep=TIMESTEP if self.timestep is None else self.timestep,
+            timestep=steady_timestep(model, TIMESTEP) if self.timestep is None else self.timestep,
         )
         return Comparison(
             scene=scene,

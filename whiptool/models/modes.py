@@ -89,6 +89,34 @@ class Modes:
     eigenvalues: np.ndarray
 
 
+_STRIKE = 2.0  # [s] that a mode has to grow in
+
+
+def steady_timestep(model: Model, largest: float) -> float:
+    """A step [s] at which the compiled rollout's integrator lets no mode of the hanging whip grow.
+
+    The integrator takes damping implicitly and springs explicitly: like Heun's method it multiplies the swing of a mode
+    of frequency w and damping ratio z by about `1 + (w h)^4 / 8 - z w h` in a step h. Half of what that allows is
+    taken, for the whip does not hang in a strike, and no step in which a mode turns by more than half a radian. Modes
+    that hardly swing (a damping ratio above 1/2) limit nothing.
+
+    Args:
+        model: Whip, arm and gravity.
+        largest: No more than this [s].
+    """
+    whip = model.whip
+    stiffest, lightest = whip.per_node("k").max(), (whip.per_node("m") * whip.per_node("l") ** 2).min()
+    if largest * np.sqrt(16 * stiffest / lightest) < 0.5:  # no chain of such joints is faster
+        return largest
+    eigenvalues = hanging_modes(model).eigenvalues
+    fast = np.abs(eigenvalues)
+    ratio = -eigenvalues.real / fast
+    swings = (eigenvalues.imag > 0) & (ratio < 0.5)
+    w, z = fast[swings], ratio[swings]
+    steps = np.cbrt(8 * (z + 0.05 / (_STRIKE * w))) / w
+    return float(min([largest, *np.minimum(steps / 2, 0.5 / w)]))
+
+
 def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = None) -> Modes:
     """Modes of the whip that hangs at rest below the straight, hanging arm.
 
