@@ -47,7 +47,7 @@ class SimulationOptions:
     simulator: str = "compiled"
     """compiled (CasADi) or reference (MuJoCo)."""
     timestep: float | None = None
-    """Integration step [s]; default: 0.00025 compiled, less if a mode of the whip asks for it; at most 0.0001 reference."""
+    """Integration step [s]; default: 0.00025 compiled, less for stiff whips; at most 0.0001 reference."""
     integrator: str | None = None
     """Of the reference: RK4, Euler, implicit or implicitfast; default: RK4 unless the whip is too stiff for it."""
 
