@@ -14,7 +14,7 @@ import tty
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import whiptool as wt
@@ -567,6 +567,7 @@ def test_fuzzed_line_neither_hangs_nor_dies(twin):
 
 
 @given(st.binary(max_size=60), st.integers(0, 255), st.sampled_from([1, 2, 254, 200]))
+@example(bytes([0, 0, 0, 0x56, 0, 0, 0]), 0x8A, 254)  # a fast read of more than a packet's length field can say
 @settings(max_examples=400, deadline=None)
 def test_no_instruction_breaks_a_servo(parameters, instruction, id):
     servos = [Servo(1, Motor()), Servo(2, Motor())]
