@@ -441,10 +441,10 @@ def test_the_report_of_unknown_whips():
     context = Context(Comparison(scene=scene), Told(), whips=5)  # type: ignore[arg-type]
     sections = {section.title: section for section in reproduction.sections(context)}
     hits, trials = (p.rows for p in sections["Unknown whips, strike by strike"].parts if isinstance(p, Table))
-    assert len(hits) == len(trials) == 1 + 3 * 7
+    assert len(hits) == len(trials) == 1 + 3 * 7 - 1  # the strangest whips are not tried as uniform ones
     by_name = {tuple(row[:2]): row for row in hits}
     assert by_name["kin", "nominal"][2:] == ["15", "0 %", "0 %", "8.00", "8.00"]
-    assert [by_name[family, "uniform"][2] for family in FAMILIES] == ["15", "3", "3"]
+    assert [by_name[family, "uniform"][2] for family in ("kin", "strange")] == ["15", "3"]
     assert by_name["stranger", "adapt"][2:] == ["15", "100 %", "100 %", "4.00", "0.50"]
     assert by_name["strange", "sac"][5:] == ["inf", "7.00"]
     row = {tuple(row[:2]): row for row in trials}["kin", "wiggle"]

@@ -39,8 +39,8 @@ class Size:
         whips: Of each family.
         targets: Of each whip.
         rigs: Whips of each family that go through the whole chain, at one target each.
-        transfers: Whips of each family that are struck at further targets; and of those that are not uniform, which
-            are tried with `uniform`.
+        transfers: Whips of each family that are struck at further targets; and those of `strange` that are tried with
+            `uniform`.
         further: How many.
         episodes: Of SAC's training.
     """
@@ -117,10 +117,12 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
     }
     known = context.store.results([look, *openings.values()], desc="first plans")
     work = []
+    # fits that cannot explain what was seen take long, and a few of them say all
+    uniform = {"kin": size.whips, "strange": size.transfers, "stranger": 0}
     for (family, seed), own in targets.items():
         for method in METHODS:
-            if method == "sac" or (method == "uniform" and family != "kin" and seed >= size.transfers):
-                continue  # fits that cannot explain what was seen take long, and a few of them say all
+            if method == "sac" or (method == "uniform" and seed >= uniform[family]):
+                continue
             further = method == "adapt" and seed < size.transfers
             work.append(
                 WhipUnit(
