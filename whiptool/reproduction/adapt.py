@@ -145,8 +145,8 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
 def _rigs(study: Study, size: Size) -> list[RigUnit]:
     """What goes through the whole chain, without and with the slow movement first."""
     found = []
-    for family in FAMILIES:
-        for seed in range(size.rigs):
+    for seed in range(size.rigs):
+        for family in FAMILIES:  # a killed run has about as many of each
             for target in study.within(study.twin(family, seed))[:1].tolist():
                 found += [
                     RigUnit(study=study, family=family, seed=seed, target=target, wiggle=wiggle)
