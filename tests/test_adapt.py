@@ -17,7 +17,7 @@ from whiptool.adaptation.planner import Effort, plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import Belief, default_prior, read_belief
-from whiptool.adaptation.twins import FAMILIES, NODES, Twin, draw_twin
+from whiptool.adaptation.twins import BEND, FAMILIES, NODES, Twin, draw_twin
 from whiptool.adaptation.wiggle import FASTEST, choose_wiggle, information
 from whiptool.comparison import Comparison, Scene
 from whiptool.errors import InputError
@@ -41,7 +41,7 @@ from whiptool.reproduction.unknown_whips import (
     certain,
 )
 from whiptool.rig.limits import XM430
-from whiptool.strike import Strike
+from whiptool.strike import Strike, default_bounds
 from whiptool.zone import Disc
 
 pytestmark = pytest.mark.slow
@@ -89,6 +89,15 @@ def test_twins_are_drawn_by_seed():
         assert (strange.model.whip.per_node(name)[1:] > 0).all()
     assert strange.controller != CONTROLLER
     assert draw_twin("strange", 1, MODEL, Controller(ConstantImpedance())).controller.law != ConstantImpedance()
+
+
+def test_the_bend_that_stiffening_counts_from_is_that_of_strikes():
+    """The joint that bends most stays below it in nine random strikes of ten."""
+    rollout = CompiledRollout(MODEL, CONTROLLER)
+    strikes = default_bounds(MODEL.arm).sample(np.random.default_rng(5), 200)
+    bends = [np.abs(rollout.trajectory(Strike.from_vector(s), t_stay=0.3).q[:, 3:]).max(axis=0) for s in strikes]
+    most = np.quantile(bends, 0.9, axis=0).max() / MODEL.whip.per_node("l")[0]
+    assert most == pytest.approx(BEND, rel=0.05)
 
 
 def test_stranger_deviates_twice_as_much():

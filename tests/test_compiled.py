@@ -92,8 +92,9 @@ def test_every_free_parameter_changes_the_compiled_model():
     base_with_hinge = outcome(model_with_hinge, controller)
     for name, value in parameters.items():
         origin, before = (model_with_hinge, base_with_hinge) if name in no_effect else (model, base)  # ... unless given
-        changed = outcome(origin.with_parameters({name: value * 1.05 + 1e-3}), controller)
-        assert np.abs(changed - before).max() > 1e-11, name  # a number that is lost changes nothing at all
+        more = 1.0 if "cubic" in name else 1e-3  # joints bend little, those near the tip by some thousandths
+        changed = outcome(origin.with_parameters({name: value * 1.05 + more}), controller)
+        assert np.abs(changed - before).max() > 1e-9, name
     law = controller.law
     for name in ("K", "B"):
         for i in range(2):

@@ -246,10 +246,9 @@ class _Run:
             )
         reference = summary["reference"]
         if reference["miss_distance"] is None:
-            tried = not (result.outcome.diverged or refused)
-            lines.append(
-                f"  reference      {'not confirmed: no result in MuJoCo' if tried else 'not asked for such a strike'}"
-            )
+            spared = result.outcome.diverged or refused
+            said = "not asked for such a strike" if spared else "not confirmed: no result in MuJoCo"
+            lines.append(f"  reference      {said}")
         else:
             lines.append(
                 f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, a difference of "

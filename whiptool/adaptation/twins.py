@@ -17,7 +17,7 @@ FAMILIES = ("kin", "strange", "stranger")
 NODES = 36  # of a strange whip
 _KIN = 0.3  # largest relative change of k, b, m, l
 _SMOOTH = 3  # waves along a strange whip
-_BEND = 0.3 / 0.072  # curvature [1/m] that nine strikes in ten at the published whip stay below
+BEND = 0.3 / 0.072  # curvature [1/m] that nine strikes in ten at the published whip stay below
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller) -> T
     gain = float(np.exp(size * rng.uniform(-0.08, 0.08)))
     offset = float(size * rng.uniform(-0.008, 0.008))
     stiffening, along = size * rng.uniform(0.0, 0.3), 1 - size * rng.uniform(0.2, 0.5)
-    cubic = stiffening * strange.per_node("k") / (_BEND * strange.per_node("l")) ** 2
+    cubic = stiffening * strange.per_node("k") / (BEND * strange.per_node("l")) ** 2
     strange = dataclasses.replace(strange, cubic_stiffness=tuple(cubic.tolist()), drag_ratio=float(along))
     true = Model(strange, dataclasses.replace(model.arm, links=links), model.gravity, name)
     return Twin(family, int(seed), true, _with_gain(controller, gain), latency, offset, noise)

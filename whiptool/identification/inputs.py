@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.plant import _LUMPED, Plant
+from whiptool.identification.plant import LUMPED, Plant
 from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.variables import Prior, variable
@@ -59,7 +59,7 @@ def full_name(name: str, plant: Plant) -> str:
     known = {**plant.values(), **NEUTRAL}
     found = [full for full in (name, *(f"{group}.{name}" for group in _GROUPS)) if full in known]
     per_node = f"whip.{name.removeprefix('whip.')}[0]"
-    if not found and plant.profile is not None and name.removeprefix("whip.") in _LUMPED:
+    if not found and plant.profile is not None and name.removeprefix("whip.") in LUMPED:
         allowed = ", ".join(x for x in known if x.startswith("profile."))
         raise InputError("--free", name, allowed, "with --profile these give the whip's l, m, k and b")
     if not found and per_node in known:

@@ -17,9 +17,9 @@ from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.profile import _QUADRATURE, WhipProfile
 
 PROFILE = tuple(f.name for f in dataclasses.fields(WhipProfile))
-_LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
+LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
 _BESIDE_PROFILE = ("dry_friction", "friction_velocity", "drag_ratio", "cubic_stiffness")  # of the whip, not its profile
-_OF_WHIP = (*_LUMPED, *_BESIDE_PROFILE)
+_OF_WHIP = (*LUMPED, *_BESIDE_PROFILE)
 
 Quantities = dict[str, np.ndarray]  # numbers of the chain by block, as the generated code takes them
 
@@ -179,7 +179,7 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
 def _profile_slopes(profile: WhipProfile, N: int) -> dict[str, Quantities]:
     jacobians = [J.full() for J in lumping(N)[1](np.array([getattr(profile, name) for name in PROFILE]))]
     return {
-        f"profile.{name}": {f"whip.{block}": J[:, i] for block, J in zip(_LUMPED, jacobians, strict=True)}
+        f"profile.{name}": {f"whip.{block}": J[:, i] for block, J in zip(LUMPED, jacobians, strict=True)}
         for i, name in enumerate(PROFILE)
     }
 

@@ -15,6 +15,7 @@ from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.uncertainty import Parameter, Uncertainty
+from whiptool.identification.variables import Variable
 
 _UNITS = {
     "whip": {
@@ -107,36 +108,37 @@ def root_mean_square(found: Sequence[RecordingFit]) -> float | None:
 def flat_directions(uncertainty: Uncertainty) -> list[str]:
     """Each direction that the recordings do not see, in words."""
     U, said = uncertainty, []
-    names = [v.name for v in U.variables]
-    logarithmic = {v.name: v.log for v in U.variables}
-    own = np.array([v.scale for v in U.variables]) * U.units  # of a step along a direction, in the number's own unit
     for direction, seen in zip(U.directions[U.flat], U.singular_values[U.flat], strict=True):
-        shares = {n: float(x) for n, x in zip(names, direction, strict=True) if abs(x) > _SHARE}
-        steps = {n: float(x) for n, x in zip(names, direction * own, strict=True) if n in shares}
-        largest = max(shares, key=lambda n: abs(shares[n]))
-        if len(shares) == 1:
-            said.append(f"{largest} alone: {_open(largest, abs(steps[largest]), float(seen), logarithmic[largest])}")
-        elif all(logarithmic[n] and abs(x / shares[largest] - 1) < 0.1 for n, x in shares.items()):
-            said.append(f"{_listed(list(shares))} all multiplied by the same factor: only their ratios are seen")
-        else:
-            first = next((n for n in sorted(shares, key=lambda n: -abs(shares[n])) if logarithmic[n]), None)
-            one = steps[first] if first else steps[largest] / abs(steps[largest])
-            each = ", ".join(
-                f"{n} by {x / one:+.2g} %"
-                if logarithmic[n]
-                else f"{n} by {x / one / (100 if first else 1):+.2g} {unit_of(n)}"
-                for n, x in steps.items()
+        steps = direction * U.units  # of z
+        parts = zip(U.variables, direction, steps, strict=True)
+        moved = [(v, float(step)) for v, share, step in parts if abs(share) > _SHARE]
+        lead, one = max(moved, key=lambda part: (part[0].log, abs(part[1])))  # a logarithm, if there is one
+        if len(moved) == 1:
+            said.append(f"{lead.name} alone: {_bound(lead, abs(one), float(seen))}")
+        elif all(v.log and abs(step / one - 1) < 0.1 for v, step in moved):
+            said.append(
+                f"{_listed([v.name for v, _ in moved])} all multiplied by the same factor: only their ratios are seen"
             )
-            said.append(f"changed together, {each.rstrip()}: the predictions stay as they are")
+        else:
+            each = ", ".join(_change(v, step / one, lead) for v, step in moved)
+            said.append(f"changed together, {each}: the predictions stay as they are")
     return said
 
 
-def _open(name: str, step: float, seen: float, logarithmic: bool) -> str:
-    """How little a single number is bounded: a step of it has a singular value of less than 1."""
-    if logarithmic and seen > 0.2:
-        return f"known to no better than a factor of {np.exp(1 / seen):.2g}"
-    if not logarithmic and seen > 0.01:
-        return f"its standard error is {step / seen:.2g} {unit_of(name)}".rstrip()
+def _change(v: Variable, step: float, lead: Variable) -> str:
+    """By how much a number changes while the leading one changes by a hundredth, or by its usual size if that may be
+    zero."""
+    if v.log:
+        return f"{v.name} by {step:+.2g} %"
+    return f"{v.name} by {step * v.scale / (100 if lead.log else 1):+.2g} {unit_of(v.name)}".rstrip()
+
+
+def _bound(v: Variable, step: float, seen: float) -> str:
+    """How little a single number is bounded, a step of which has this singular value, less than 1."""
+    if v.log and seen > 0.2:
+        return f"known to no better than a factor of {np.exp(step / seen):.2g}"
+    if not v.log and seen > 0.01:
+        return f"its standard error is {step / seen * v.scale:.2g} {unit_of(v.name)}".rstrip()
     return "any value would do as well"
 
 

@@ -109,10 +109,10 @@ def steady_timestep(model: Model, largest: float) -> float:
     if largest * np.sqrt(16 * stiffest / lightest) < 0.5:  # no chain of such joints is faster
         return largest
     eigenvalues = hanging_modes(model).eigenvalues
-    fast = np.abs(eigenvalues)
-    ratio = -eigenvalues.real / fast
-    swings = (eigenvalues.imag > 0) & (ratio < 0.5)
-    w, z = fast[swings], ratio[swings]
+    swinging = eigenvalues[eigenvalues.imag > 0]  # one of each pair
+    w = np.abs(swinging)
+    z = -swinging.real / w
+    w, z = w[z < 0.5], z[z < 0.5]
     steps = np.cbrt(8 * (z + 0.05 / (_STRIKE * w))) / w
     return float(min([largest, *np.minimum(steps / 2, 0.5 / w)]))
 

@@ -87,13 +87,8 @@ class WhipParameters:
         "drag": (0.0, False),
         "cubic_stiffness": (0.0, False),
     }
-    _JOINT: ClassVar = (
-        "k",
-        "b",
-        "rest_angle",
-        "dry_friction",
-        "cubic_stiffness",
-    )  # quantities of joints, zero at the free hinge
+    # quantities of joints, zero at the free hinge
+    _JOINT: ClassVar = ("k", "b", "rest_angle", "dry_friction", "cubic_stiffness")
 
     def __post_init__(self) -> None:
         if isinstance(self.N, bool) or not isinstance(self.N, (int, np.integer)) or not 1 <= self.N <= 200:
