@@ -239,7 +239,7 @@ class Killed:
     def __init__(self, port: TipPort) -> None:
         self.port = port
 
-    def strike(self, strike: Strike, number: int, folder) -> Seen:
+    def strike(self, strike: Strike, number: int, folder, believed=None) -> Seen:
         if number == 2:
             raise Struck
         return self.port.strike(strike, number, folder)
@@ -271,7 +271,7 @@ class Liar:
     def __init__(self, port: TipPort, *, films: bool) -> None:
         self.port, self.films = port, films
 
-    def strike(self, strike: Strike, number: int, folder) -> Seen:
+    def strike(self, strike: Strike, number: int, folder, believed=None) -> Seen:
         seen = self.port.strike(strike, number, folder)
         return Seen(seen.recording if self.films else None, 1.0, 9.0)
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
+UNFELT = 0.01  # part of a motor's line, more than drag and dry friction of a whip ever changed
 REPORT = "report.html"
 
 
@@ -103,7 +104,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         limits=None if limits is None else limits_preset(limits),
         speed=speed,
         bounds=usual if limits is None else slow,
-        check=None if tip else lambda strike: _refusal(options, model, controller, strike),
+        check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
         first=FIRST if limits is None else replace(FIRST, pool=1024),
         later=NEXT if limits is None else replace(NEXT, pool=512),
         wiggle=options.wiggle,
@@ -140,14 +141,17 @@ def _adapt(words: list[str]) -> int:
 
 def _refuse_idle(options: AdaptOptions, *, tip: bool) -> None:
     """Options that would change nothing are not taken for ones that did."""
+    compiled = "nothing: plans and fits are compiled, at 0.5 ms"
+    idle: dict[str, str] = dict.fromkeys(("simulator", "timestep", "integrator"), compiled)
+    idle["cap"] = "nothing: no strike is planned that the loop would have to cap"
+    if options.port == "twin":
+        idle |= dict.fromkeys(("approach_speed", "settle"), "nothing: the twin stands where its strike begins")
+    if tip:
+        idle |= dict.fromkeys(("rate", "friction", "latency"), "nothing with --camera tip, which has no servos")
     usual = {f.name: f.default for f in fields(options)}
-    for name in ("simulator", "timestep", "integrator"):
+    for name, allowed in idle.items():
         if getattr(options, name) != usual[name]:
-            raise InputError(f"--{name}", getattr(options, name), "nothing: plans and fits are compiled, at 0.5 ms")
-    for name in ("rate", "approach_speed", "settle", "cap", "friction", "latency") if tip else ():
-        if getattr(options, name) != usual[name]:
-            flag = "--" + name.replace("_", "-")
-            raise InputError(flag, getattr(options, name), "nothing with --camera tip, which has no servos")
+            raise InputError("--" + name.replace("_", "-"), getattr(options, name), allowed)
 
 
 def _controller(options: AdaptOptions):
@@ -156,12 +160,22 @@ def _controller(options: AdaptOptions):
     return controller if options.camera == "tip" else replace(controller, control_period=1 / options.rate)
 
 
-def _refusal(options: AdaptOptions, model, controller, strike) -> str | None:
-    """Why the loop would not strike so."""
+def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str | None:
+    """Why the loop would not strike so: its rehearsal, but without what an arm hardly feels and a step is slow with."""
+    from whiptool.rig.loop import LoopOptions
     from whiptool.rig.rehearsal import rehearse
 
-    rate, delay = options.rate, options.latency
-    return rehearse(model, controller, strike, rate=rate, delay=delay, t_stay=options.t_stay).refused
+    smooth = replace(believed, whip=replace(believed.whip, drag=0.0, dry_friction=0.0))
+    return rehearse(
+        model,
+        controller,
+        strike,
+        rate=options.rate,
+        delay=options.latency,
+        t_stay=options.t_stay,
+        margin=LoopOptions.margin + UNFELT,
+        believed=smooth,
+    ).refused
 
 
 def _port(options: AdaptOptions, model, controller):
@@ -169,6 +183,7 @@ def _port(options: AdaptOptions, model, controller):
     from whiptool.adaptation.ports import RigPort, TipPort
     from whiptool.adaptation.twins import draw_twin
     from whiptool.rig.command import _make_rig
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.loop import LoopOptions
     from whiptool.rig.session import TwinRig
 
@@ -186,14 +201,14 @@ def _port(options: AdaptOptions, model, controller):
     if options.camera == "tip":
         return TipPort(twin, target, t_stay=options.t_stay)
     camera = "d435-infrared" if options.camera == "twin" else options.camera
-    loop = LoopOptions(rate=options.rate, t_stay=options.t_stay, settle=options.settle, delay=twin.latency)
+    loop = LoopOptions(rate=options.rate, t_stay=options.t_stay, delay=options.latency)
 
     def make(number: int) -> TwinRig:
         seed = 1000 * options.seed + number
         return TwinRig(
             model,
             twin.controller,
-            truth=twin.truth(),
+            truth=twin.truth(HARDWARE if options.friction else Motor()),
             camera=camera,
             target=target,
             options=loop,

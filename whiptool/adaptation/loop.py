@@ -18,11 +18,13 @@ from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.wiggle import choose_wiggle
 from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
+from whiptool.models.parameters import Model
 from whiptool.objective import Target
 from whiptool.rig.limits import MotorLimits
 from whiptool.runs import write_whole
 from whiptool.strike import Strike, StrikeBounds
 
+UNSURE = 0.5  # probability of a hit below which a plan is looked for once more, as hard as the first one
 PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.json", "recording.npz"
 
 
@@ -38,7 +40,8 @@ class Options:
         starts: Of every identification.
         seed: Of candidates, samples and starts.
         t_stay: A strike is watched so long after the movement ended [s].
-        bounds, limits, speed, check: Of the strikes, see `whiptool.adaptation.planner.plan`.
+        bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.plan`.
+        check: Says why a strike must not be struck with the whip and arm that are believed, None where it may.
         first, later: Effort of a plan from the prior, and of one that knows a recording.
     """
 
@@ -52,7 +55,7 @@ class Options:
     bounds: StrikeBounds | None = None
     limits: MotorLimits | None = None
     speed: float = 0.0
-    check: Callable[[Strike], str | None] | None = None
+    check: Callable[[Strike, Model], str | None] | None = None
     first: Effort = FIRST
     later: Effort = NEXT
 
@@ -130,9 +133,9 @@ class Adaptation:
             belief, taught = learned.belief, bool(learned.rmse)
         for number in range(0 if o.wiggle else 1, o.max_strikes + 1):
             chosen = self._planned(number, belief, past, steps, o.later if taught else o.first)
-            if number:
+            outcome = self._struck(number, chosen, belief)
+            if number and not (outcome.fault and outcome.recording is None):  # a strike that was refused is none
                 past.append(chosen.strike)
-            outcome = self._struck(number, chosen)
             if outcome.recording is not None:
                 recordings.append(outcome.recording)
             learned = None
@@ -161,22 +164,30 @@ class Adaptation:
         elif number == 1 and self.opening is not None:
             chosen = self.opening
         else:
-            chosen = plan(
-                belief,
-                self.target,
-                rng=rng,
-                past=past,
-                bounds=o.bounds,
-                limits=o.limits,
-                speed=o.speed,
-                check=o.check,
-                t_stay=o.t_stay,
-                effort=effort,
-            )
+            chosen = self._sought(belief, rng, past, effort)
+            if effort is not o.first and (chosen.probability or 0.0) < UNSURE:
+                chosen = max(chosen, self._sought(belief, rng, past, o.first), key=lambda x: x.probability or 0.0)
+                chosen = replace(chosen, wall_time=time.perf_counter() - began)
         self._write(number, PLAN, asdict(chosen))
         return chosen
 
-    def _struck(self, number: int, chosen: Plan) -> Seen:
+    def _sought(self, belief: Belief, rng: np.random.Generator, past: list, effort: Effort) -> Plan:
+        o, believed = self.options, belief.at().model
+        check = o.check
+        return plan(
+            belief,
+            self.target,
+            rng=rng,
+            past=past,
+            bounds=o.bounds,
+            limits=o.limits,
+            speed=o.speed,
+            check=None if check is None else lambda strike: check(strike, believed),
+            t_stay=o.t_stay,
+            effort=effort,
+        )
+
+    def _struck(self, number: int, chosen: Plan, belief: Belief) -> Seen:
         stored, folder = self._read(number, OUTCOME), self._place(number)
         if stored is not None:
             assert folder is not None
@@ -186,7 +197,7 @@ class Adaptation:
                 recording = StrikeRecording.load(folder / RECORDING)
                 recording = replace(recording, source=filmed)  # its name from before it was a file
             return Seen(recording, **stored)
-        seen = self.port.strike(Strike.from_vector(chosen.strike), number, folder)
+        seen = self.port.strike(Strike.from_vector(chosen.strike), number, folder, belief.at().model)
         if folder is not None and seen.recording is not None:
             seen.recording.save(folder / RECORDING)
         told: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault")}

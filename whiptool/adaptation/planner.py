@@ -19,11 +19,12 @@ from whiptool.rig.limits import MotorLimits
 from whiptool.strike import Strike, StrikeBounds, default_bounds
 
 TIMESTEP = 5e-4  # [s]
-MARGIN = 0.1  # part of the motors' line that is kept free
+MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; more, where all strikes were refused
 SURE = 0.97  # probability of a hit from which no better strike is sought
-CHECKED = 8  # strikes that are asked about before the best of all is taken all the same
+CHECKED = 3  # strikes that are asked about before more is kept free
 JUDGED = 64  # whips over which the probability is stated
 _SQUEEZES, _CHILDREN, _KEPT, _SHRINK = 12, 64, 8, 0.8  # rounds of random steps within limits, strikes in each
+_NEAR, _LAST_STEPS = 0.015, 3  # [m] of miss on the mean that so many steps along derivatives mend: no more random ones
 _FLOOR = 0.005  # [m] of the tip's own scatter, at least
 _PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits
 _FAR = 0.5  # [m] beyond which a miss is as good as any other
@@ -120,41 +121,22 @@ def plan(
     """
     began = time.perf_counter()
     search = _Search(belief, target, bounds, limits, speed, t_stay, timestep)
-    lower, upper = search.box
-    candidates = rng.uniform(lower, upper, (effort.pool, len(lower)))
-    if len(past):
-        known = np.array(past, float)
-        around = np.repeat(known, 8, axis=0)
-        around = around + 0.05 * (upper - lower) * rng.standard_normal(around.shape)
-        candidates = np.vstack([np.clip(np.vstack([known, around]), lower, upper), candidates])
-    on_mean = search.mean(candidates)
-    best = candidates[np.argsort(search.rank(on_mean))[: effort.polished]]
-    polished = search.polish(best, effort.steps)
-    if limits is not None or speed:  # what is allowed is a thin part of the box
-        polished = np.vstack([polished, search.squeeze(np.vstack([best, polished]), rng)])
     whips = belief.sample(rng, effort.whips)
-    tried = np.vstack([best, polished])
-    scores = search.score(tried, whips)
-    centre, top = tried[int(scores.argmax())], float(scores.max())
-    ranked = [(tried, scores)]
-    spread = np.full(len(lower), 0.04)
-    for _ in range(effort.rounds):
-        if search.sure(top):
+    first, tried = None, 0
+    for search.margin in MARGINS if limits is not None else MARGINS[:1]:
+        strikes, scores, number = search.look(rng, past, effort, whips)
+        order, tried = np.argsort(-scores), tried + number
+        first = strikes[order[0]] if first is None else first
+        chosen = next(
+            (x for x in strikes[order[:CHECKED]] if check is None or check(Strike.from_vector(x)) is None), None
+        )
+        if chosen is not None:
             break
-        draws = centre + spread * (upper - lower) * rng.standard_normal((effort.population, len(lower)))
-        draws = np.clip(draws, lower, upper)
-        values = search.score(draws, whips)
-        ranked.append((draws, values))
-        elite = draws[np.argsort(-values)[: max(2, effort.population // 4)]]
-        if values.max() > top:
-            centre, top = draws[int(values.argmax())], float(values.max())
-            spread = 0.5 * spread + 0.5 * np.abs(elite - centre).mean(axis=0) / (upper - lower)
-        else:
-            spread = 0.6 * spread
-    if check is not None:
-        centre = _allowed(np.vstack([x for x, _ in ranked]), np.concatenate([x for _, x in ranked]), check)
+    else:
+        chosen = first
+    assert chosen is not None
     fresh = belief.sample(rng, JUDGED)  # the strike was chosen for the others, and does better there
-    return search.report(centre, fresh, time.perf_counter() - began, len(candidates))
+    return search.report(chosen, fresh, time.perf_counter() - began, tried)
 
 
 def miss_of(
@@ -163,15 +145,6 @@ def miss_of(
     """Miss distance of a strike with the mean of a belief [m]; arguments as for `plan`."""
     near = _Search(belief, target, None, None, 0.0, t_stay, timestep).mean(np.array([strike]))
     return np.inf if near.diverged[0] else float(near.distance[0])
-
-
-def _allowed(strikes: np.ndarray, scores: np.ndarray, check: Callable[[Strike], str | None]) -> np.ndarray:
-    """The best strike that nothing forbids; the best of all where the first few are all forbidden."""
-    order = np.argsort(-scores)
-    for i in order[:CHECKED]:
-        if check(Strike.from_vector(strikes[i])) is None:
-            return strikes[i]
-    return strikes[order[0]]
 
 
 class _Search:
@@ -190,10 +163,46 @@ class _Search:
         plant = belief.at()
         assert plant.controller is not None
         self.target, self.limits, self.speed, self.t_stay = target, limits, speed, t_stay
+        self.margin = MARGINS[0]
         self.box = (bounds or default_bounds(plant.model.arm)).box
         self.rollout = CompiledRollout(plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief))
         self.scatter = float(np.hypot(belief.model_error, _FLOOR))
         self._at = np.array(target.position)
+
+    def look(
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort, whips: Sequence[Plant]
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Strikes, what each is worth over the whips, and how many candidates there were."""
+        lower, upper = self.box
+        candidates = rng.uniform(lower, upper, (effort.pool, len(lower)))
+        if len(past):
+            known = np.array(past, float)
+            around = np.repeat(known, 8, axis=0)
+            around = around + 0.05 * (upper - lower) * rng.standard_normal(around.shape)
+            candidates = np.vstack([np.clip(np.vstack([known, around]), lower, upper), candidates])
+        best = candidates[np.argsort(self.rank(self.mean(candidates)))[: effort.polished]]
+        tried = np.vstack([best, self.polish(best, effort.steps)])
+        if self.limits is not None or self.speed:  # what is allowed is a thin part of the box
+            squeezed = self.squeeze(tried, rng)
+            tried = np.vstack([squeezed, self.polish(squeezed, _LAST_STEPS)])
+        scores = self.score(tried, whips)
+        found = [(tried, scores)]
+        centre, top = tried[int(scores.argmax())], float(scores.max())
+        spread = np.full(len(lower), 0.04)
+        for _ in range(effort.rounds):
+            if self.sure(top):
+                break
+            draws = centre + spread * (upper - lower) * rng.standard_normal((effort.population, len(lower)))
+            draws = np.clip(draws, lower, upper)
+            values = self.score(draws, whips)
+            found.append((draws, values))
+            elite = draws[np.argsort(-values)[: max(2, effort.population // 4)]]
+            if values.max() > top:
+                centre, top = draws[int(values.argmax())], float(values.max())
+                spread = 0.5 * spread + 0.5 * np.abs(elite - centre).mean(axis=0) / (upper - lower)
+            else:
+                spread = 0.6 * spread
+        return np.vstack([x for x, _ in found]), np.concatenate([x for _, x in found]), len(candidates)
 
     def mean(self, strikes: np.ndarray) -> Approach:
         """On the belief's mean."""
@@ -203,7 +212,7 @@ class _Search:
         """How far beyond the motors' line and below the least speed, 0 where neither, (B,)."""
         excess = np.clip(np.nan_to_num(1 - near.speed / self.speed, nan=1.0), 0.0, 1.0) if self.speed else 0.0
         if self.limits is not None:
-            excess = excess + np.clip(self.limits.violation_of_peaks(near, margin=MARGIN), 0.0, 10.0)
+            excess = excess + np.clip(self.limits.violation_of_peaks(near, margin=self.margin), 0.0, 10.0)
         return excess + np.zeros(len(near.distance))
 
     def rank(self, near: Approach) -> np.ndarray:
@@ -233,14 +242,17 @@ class _Search:
     def squeeze(self, strikes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Strikes that rank better on the mean, by random steps that shrink; derivatives do not see the limits."""
         lower, upper = self.box
-        kept, spread = strikes, 0.1
+        kept, rank, spread = strikes, self.rank(self.mean(strikes)), 0.1
         for _ in range(_SQUEEZES):
+            if np.sort(rank)[: _KEPT // 2].max() <= _NEAR:
+                break
             parents = kept[rng.integers(len(kept), size=_CHILDREN)]
             children = parents + spread * (upper - lower) * rng.standard_normal(parents.shape)
-            kept = np.vstack([kept, np.clip(children, lower, upper)])
-            kept = kept[np.argsort(self.rank(self.mean(kept)))[:_KEPT]]
-            spread *= _SHRINK
-        return kept
+            children = np.clip(children, lower, upper)
+            kept, rank = np.vstack([kept, children]), np.r_[rank, self.rank(self.mean(children))]
+            order = np.argsort(rank)[:_KEPT]
+            kept, rank, spread = kept[order], rank[order], spread * _SHRINK
+        return kept[np.argsort(rank)[:_KEPT]]
 
     def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Miss distance of every strike with every whip, (strikes, whips) [m]; infinite where it diverged."""

@@ -15,6 +15,7 @@ from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
 from whiptool.models.compiled import TIMESTEP, CompiledRollout
+from whiptool.models.parameters import Model
 from whiptool.rig.session import Rig
 from whiptool.strike import Strike
 
@@ -39,8 +40,8 @@ class Seen:
 class Port(Protocol):
     """Strikes once; `number` counts from 1, and the same number gives the same noise."""
 
-    def strike(self, strike: Strike, number: int, folder: Path | None) -> Seen:
-        """Strike and film."""
+    def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
+        """Strike and film; `believed`: whip and arm as they are known by now, for a rig's rehearsal."""
         ...
 
 
@@ -67,7 +68,7 @@ class TipPort:
         self.twin, self.target, self.fps, self.t_stay = twin, target, fps, t_stay
         self._rollout = CompiledRollout(twin.model, twin.controller, timestep=timestep)
 
-    def strike(self, strike: Strike, number: int, folder: Path | None) -> Seen:
+    def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """As `Port.strike`."""
         vector = strike.vector[None]
         near = self._rollout.approach(vector, np.array(self.target), t_stay=self.t_stay)
@@ -105,10 +106,10 @@ class RigPort:
     def __init__(self, make: Callable[[int], Rig], target: tuple[float, ...]) -> None:
         self._make, self._target = make, np.array(target)
 
-    def strike(self, strike: Strike, number: int, folder: Path | None) -> Seen:
+    def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """As `Port.strike`; a strike that the rig refuses is a fault, and no strike."""
         try:
-            struck = self._make(number).strike(strike, folder=folder)
+            struck = self._make(number).strike(strike, folder=folder, believed=believed)
         except InputError as error:
             return Seen(None, None, fault=str(error))
         near = struck.approach(self._target)

@@ -21,7 +21,10 @@ UNMODELLED = 0.003  # [m], error of any model's tip that a better camera does no
 AFTER = 0.04  # [s] that a recording is used beyond the closest approach
 SHARE_SEEN = 0.5  # of the frames before that, in which the tip has to be seen
 TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every whip that is believed possible
-EXPLAINED = 1.3  # standard errors, RMSE up to which no other start is tried
+EXPLAINED = 1.3  # standard errors, RMSE up to which no other start is tried,
+NEAR = 0.0075  # or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by millimetres
+CLOSE = 3e-3  # fall of the cost per mean squared residual that is not worth another step: 0.08 standard errors
+SAME = 0.5  # difference in cost, the logarithm of a likelihood, up to which two fits are one
 IMPLAUSIBLE = 4.0  # standard errors of the prior, root mean square over its numbers: no whip is like this
 OUTLYING = 3.0  # or this many times that of the other recordings, if more than half of `TOO_FAR`
 _HORIZONS = (0.5, 0.75)  # of a recording's frames, before all of them
@@ -89,7 +92,14 @@ def update(
             used.append(cut)
     found = None
     while used:
-        options = Options(drive="command", prior=prior.as_prior(), timestep=timestep, replicates=8, max_iterations=25)
+        options = Options(
+            drive="command",
+            prior=prior.as_prior(),
+            timestep=timestep,
+            replicates=8,
+            max_iterations=25,
+            tolerance=CLOSE,
+        )
         found = _best(prior, guess, used, options, starts, screened, seed)
         if found is None:
             refused[used.pop().source] = "no whip that is believed possible could be fitted to it"
@@ -143,11 +153,11 @@ def _best(
     screened: int,
     seed: int,
 ) -> Fit | None:
-    """The first fit that explains all frames, or the best from several starts; None where none came to an end."""
-    found = []
+    """The first fit that explains all frames or was found twice, or the best; None where none came to an end."""
+    found: list[Fit | None] = []
     for way in (_fit, _grown):
         found.append(way(recordings, guess.at(), prior.names, options))
-        if _explains(prior, found[-1]):
+        if _explains(prior, found[-1]) or _again(found):
             return found[-1]
     samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
     early = [_until(r, _HORIZONS[0]) for r in recordings]
@@ -155,13 +165,25 @@ def _best(
     scores = [_score(predictor, plant) for plant in samples]
     for i in np.argsort(scores)[: starts - 1]:
         found.append(_grown(recordings, samples[i], prior.names, options))
-        if _explains(prior, found[-1]):
+        if _explains(prior, found[-1]) or _again(found):
             break
-    return min((f for f in found if f is not None), key=lambda f: f.runs[0].solution.cost, default=None)
+    return min((f for f in found if f is not None), key=_cost, default=None)
+
+
+def _again(found: Sequence[Fit | None]) -> bool:
+    """Whether the last is the best, and another start led there too: no better one is to be expected."""
+    costs = [np.inf if f is None else _cost(f) for f in found]
+    return len(costs) > 1 and np.isfinite(costs[-1]) and abs(costs[-1] - min(costs[:-1])) <= SAME
+
+
+def _cost(found: Fit) -> float:
+    return found.runs[0].solution.cost
 
 
 def _explains(prior: Belief, found: Fit | None) -> bool:
-    return found is not None and _plausible(prior, found) and all(r.chi <= EXPLAINED for r in found.recordings)
+    if found is None or not _plausible(prior, found):
+        return False
+    return all(r.chi <= EXPLAINED or r.rmse <= NEAR for r in found.recordings)
 
 
 def _grown(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:
@@ -193,7 +215,7 @@ def _fit(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[st
         found = fit(recordings, plant, names, options=options)
     except (InputError, np.linalg.LinAlgError):
         return None
-    return found if np.isfinite(found.runs[0].solution.cost) else None
+    return found if np.isfinite(_cost(found)) else None
 
 
 def _of_plant(belief: Belief) -> tuple[str, ...]:

@@ -148,10 +148,8 @@ def default_prior(model: Model, controller: Controller, *, whip: str = "profile"
     own = (_ARM_FRICTION, _ARM_FRICTION)
     arm: dict[str, tuple[float | None, float]] = {f"arm.friction[{i}]": own for i in range(model.arm.n)}
     if motor is not None:
-        links = [dataclasses.replace(link, inertia=link.inertia + motor.inertia) for link in model.arm.links]  # type: ignore[operator]
-        model = dataclasses.replace(model, arm=dataclasses.replace(model.arm, links=tuple(links)))
-        friction = motor.viscous_friction + motor.dry_friction / _USUAL_SPEED
-        arm = {name: (friction, max(friction, _ARM_FRICTION)) for name in arm}
+        model = driven(model, motor)
+        arm = {name: (link.friction, max(link.friction, _ARM_FRICTION)) for name, link in zip(arm, model.arm.links)}
         arm |= {f"arm.inertia[{i}]": (None, _INERTIA) for i in range(model.arm.n)}
     plant, entries = Plant(model, controller), dict(_UNIFORM) | arm
     if whip == "profile":
@@ -165,6 +163,16 @@ def default_prior(model: Model, controller: Controller, *, whip: str = "profile"
         if isinstance(controller.law, OIAC):
             entries["law.a"] = (None, _GAIN)
     return _belief(plant, entries | {"delay": (0.0, _CLOCK)})
+
+
+def driven(model: Model, motor: Motor) -> Model:
+    """The model with motors at its joints: a rotor turns with its link, and friction counts as viscous."""
+    friction = motor.viscous_friction + motor.dry_friction / _USUAL_SPEED
+    links = tuple(
+        dataclasses.replace(link, inertia=link.inertia + motor.inertia, friction=link.friction + friction)  # type: ignore[operator]
+        for link in model.arm.links
+    )
+    return dataclasses.replace(model, arm=dataclasses.replace(model.arm, links=links))
 
 
 def read_belief(

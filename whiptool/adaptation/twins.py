@@ -10,7 +10,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.parameters import Model, WhipParameters
-from whiptool.rig.emulator.motor import HARDWARE
+from whiptool.rig.emulator.motor import HARDWARE, Motor
 from whiptool.rig.session import TwinTruth
 
 FAMILIES = ("kin", "strange", "stranger")
@@ -41,11 +41,11 @@ class Twin:
     clock_offset: float
     noise: float
 
-    def truth(self) -> TwinTruth:
+    def truth(self, motor: Motor = HARDWARE) -> TwinTruth:
         """What the rig's emulator needs to know."""
         return TwinTruth(
             self.model,
-            HARDWARE,
+            motor,
             command_delay=self.latency / 2,
             sample_delay=self.latency / 2,
             clock_offset=self.clock_offset,

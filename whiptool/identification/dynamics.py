@@ -149,7 +149,9 @@ class Swing:
 
         def stage(q: ca.SX, v: ca.SX, base: Base | None, before: ca.SX | None) -> ca.SX:
             smooth = ca.SX(chain.friction_velocity) ** 2
-            slope = ca.SX(chain.damping) + ca.SX(chain.dry_friction) * smooth / (v**2 + smooth) ** 1.5
+            square = v**2 + smooth
+            # not square**1.5, see `whiptool.models.closed_loop`
+            slope = ca.SX(chain.damping) + ca.SX(chain.dry_friction) * smooth / (square * ca.sqrt(square))
             braked = GAMMA * h * slope
             torque = passive_torque(chain, q, v)
             if before is not None:

@@ -13,7 +13,7 @@ from whiptool.identification.plant import Identifiable
 from whiptool.identification.predict import NUISANCE, Predictor, Recording
 from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.results import RecordingFit
-from whiptool.identification.solver import Block, Solution, huber, solve
+from whiptool.identification.solver import TOLERANCE, Block, Solution, huber, solve
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
 
@@ -42,6 +42,7 @@ class Options:
         knots: Spacing of the spline of a prescribed motion [s].
         replicates: Of the bootstrap.
         seed: Of starts and bootstrap.
+        max_iterations, tolerance: When a solution ends, see `whiptool.identification.solver.solve`.
     """
 
     drive: str = "command"
@@ -57,6 +58,7 @@ class Options:
     replicates: int = 400
     seed: int = 0
     max_iterations: int = 60
+    tolerance: float = TOLERANCE
 
     def __post_init__(self) -> None:
         if self.starts < 1:
@@ -139,6 +141,7 @@ class Problem:
             loss=self._limit,
             robust=[len(x) for x in stage.measured] + ([0] if self._prior else []),
             max_iterations=self.options.max_iterations,
+            tolerance=self.options.tolerance,
         )
 
     def refine(self, solution: Solution) -> Solution:

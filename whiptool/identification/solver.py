@@ -102,6 +102,7 @@ def solve(
     loss: float | None = None,
     robust: Sequence[int] | None = None,
     max_iterations: int = MAX_ITERATIONS,
+    tolerance: float = TOLERANCE,
 ) -> Solution:
     """Minimise the loss of all blocks from a start inside the bounds.
 
@@ -115,6 +116,7 @@ def solve(
         loss: Where Huber's loss turns linear, in standard errors; None: least squares.
         robust: How many residuals of each block the loss is for, the first ones; default: all.
         max_iterations: At most.
+        tolerance: It ends where the cost would fall by no more than this, per mean squared residual.
     """
     z, own = np.clip(z, lower, upper), [np.array(x, float) for x in own]
     evaluations = 1
@@ -143,7 +145,7 @@ def solve(
         own_scale = [np.maximum(s, np.linalg.norm(b.B, axis=0)) for s, b in zip(own_scale, weighted, strict=False)]
         gradient = np.sum([b.A.T @ b.r for b in weighted], axis=0)
         held = ((z <= lower) & (gradient > 0)) | ((z >= upper) & (gradient < 0))
-        negligible = TOLERANCE * 2 * cost / sum(len(b.r) for b in blocks)
+        negligible = tolerance * 2 * cost / sum(len(b.r) for b in blocks)
         accepted, ready, attempt = False, False, 0
         trial, trial_own, new_blocks, new_cost, new_weights = z, own, blocks, cost, weights
         while damping < _MOST_DAMPING:

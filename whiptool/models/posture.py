@@ -29,6 +29,18 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
     q[:, a] = -q_i.sum(axis=1)
     if hangs_straight(model):
         return q
+    if model.whip.per_node("k")[0]:
+        _settle(model, q)
+        return q
+    hanging = np.zeros((1, n))  # behind a free hinge the whip's shape does not depend on the arm
+    _settle(model, hanging)
+    q[:, a:] += hanging[0, a:]
+    return q
+
+
+def _settle(model: Model, q: np.ndarray) -> None:
+    """Moves the whip's joints to where weight and springs balance, in place."""
+    a, n = model.arm.n, model.n
     balance, p = _balance(model)
     for row in q:
         for _ in range(100):
@@ -40,7 +52,6 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
             row[a:] -= step if largest < 0.5 else step * (0.5 / largest)
             if largest < 1e-12:
                 break
-    return q
 
 
 def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.ndarray, dp: np.ndarray) -> np.ndarray:

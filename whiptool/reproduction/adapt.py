@@ -18,7 +18,16 @@ from whiptool.plots import COLORS, STYLE
 from whiptool.report import Picture, Section, Table, Text
 from whiptool.reproduction.context import Context
 from whiptool.reproduction.trials import Trials, reliability
-from whiptool.reproduction.unknown_whips import METHODS, LookUnit, OpeningUnit, PolicyUnit, RigUnit, Study, WhipUnit
+from whiptool.reproduction.unknown_whips import (
+    METHODS,
+    LookUnit,
+    OpeningUnit,
+    PolicyUnit,
+    ReachUnit,
+    RigUnit,
+    Study,
+    WhipUnit,
+)
 from whiptool.zone import Disc
 
 ZONE = Disc((1.15, 0.0), 0.1)
@@ -28,6 +37,7 @@ RADII = (0.06, 0.03, 0.01)  # [m]
 GOALS = {"kin": (1.1, 1.05, 1.3, 0.005), "strange": (1.4, 1.15, 1.7, 0.01), "stranger": (1.5, 1.25, 1.9, 0.015)}
 TRANSFER_GOAL, CALIBRATION_GOAL, TIME_GOAL = 0.95, 0.1, 2.0
 _OPENING = dict.fromkeys(METHODS, "robust") | {"nominal": "nominal", "correction": "nominal", "uniform": "uniform"}
+_CHAIN = dict.fromkeys(FAMILIES, ("adapt", "wiggle")) | {"kin": ("adapt", "wiggle", "uniform")}
 _LINES = dict(zip(METHODS, ("black", "pink", "green", "orange", "sky", "blue", "vermilion"), strict=True))
 
 
@@ -68,7 +78,7 @@ def sections(context: Context) -> list[Section]:
     study = Study(scene=scene, strikes=2 if quick else 6, thorough=not quick)
     work, policy, excluded = _plan_work(context, study, size)
     results = context.store.results([*work, policy], desc="unknown whips")
-    rigs = _rigs(study, size)
+    rigs, passed = _rigs(context, study, size)
     if quick:
         rigs = rigs[-1:]  # a strike through servos and images takes long
     chain = context.store.results(rigs, desc="whole chain")
@@ -96,7 +106,7 @@ def sections(context: Context) -> list[Section]:
             ],
         ),
         Section("Whips once learned, at other targets", [Table(_transfer(learned))]),
-        Section("Through servos, images and tracker", _chain(rigs, chain)),
+        Section("Through servos, images and tracker", _chain(rigs, chain, passed)),
         Section("Does the planner know what it does not know?", _calibration(learned)),
         Section("Goals", [Table(_goals(table, learned, rigs, chain))]),
     ]
@@ -142,17 +152,21 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
     return work, policy, excluded
 
 
-def _rigs(study: Study, size: Size) -> list[RigUnit]:
-    """What goes through the whole chain, without and with the slow movement first."""
-    found = []
-    for seed in range(size.rigs):
-        for family in FAMILIES:  # a killed run has about as many of each
-            for target in study.within(study.twin(family, seed))[:1].tolist():
-                found += [
-                    RigUnit(study=study, family=family, seed=seed, target=target, wiggle=wiggle)
-                    for wiggle in (False, True)
-                ]
-    return found
+def _rigs(context: Context, study: Study, size: Size) -> tuple[list[RigUnit], dict[str, list[int]]]:
+    """What goes through the whole chain; and, by family, how many whips reach nothing there and how many targets were
+    passed over."""
+    # a killed run has about as many of each family
+    reach = [ReachUnit(study=study, family=f, seed=seed) for seed in range(size.rigs) for f in FAMILIES]
+    known = context.store.results(reach, desc="within the motors' reach")
+    found, passed = [], {family: [0, 0] for family in FAMILIES}
+    for unit in reach:
+        target = known[unit.name]["target"]
+        passed[unit.family][0] += target is None
+        passed[unit.family][1] += known[unit.name]["passed"]
+        if target is not None:
+            own = {"study": study, "family": unit.family, "seed": unit.seed, "target": target}
+            found += [RigUnit(**own, method=method) for method in _CHAIN[unit.family]]
+    return found, passed
 
 
 def _about(study: Study, size: Size, excluded: int) -> str:
@@ -242,7 +256,7 @@ def _misses(rows: Sequence[dict[str, Any]]) -> np.ndarray:
     return np.array([np.inf if row["miss"] is None else row["miss"] for row in rows])
 
 
-def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]]) -> list[Text | Table]:
+def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[str, list[int]]) -> list[Text | Table]:
     strikes = rigs[0].study.strikes
     radii, numbers = [f"within {100 * r:g} cm" for r in RADII], [f"miss {i + 1} [cm]" for i in range(strikes)]
     rows = [["family", "method", "whips", *radii, *numbers]]
@@ -250,10 +264,12 @@ def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]]) -> list[Text |
         means = [f"{t.trials(r).mean():.2f} ({100 * (t.miss <= r).any(axis=1).mean():.0f} %)" for r in RADII]
         rows.append([family, method, str(len(t.miss)), *means, *(f"{100 * x:.2f}" for x in np.median(t.miss, axis=0))])
     faults = sum(bool(fault) for result in chain.values() for fault in result["faults"])
+    over = "; ".join(f"{family}: {targets} ({whips})" for family, (whips, targets) in passed.items())
     text = (
         "The same through emulated servos with friction, current limits and latency, rendered infrared images and the "
-        "tracker, within the motors' limits, which leaves slow strikes only. "
-        + (f"{faults} strikes ended in a fault." if faults else "No strike ended in a fault.")
+        "tracker, within the motors' limits, which leaves slow strikes only. A whip gets the first target of its own "
+        "that the motors reach when the true whip is known; targets passed over (and whips left out): "
+        f"{over}. " + (f"{faults} strikes ended in a fault." if faults else "No strike ended in a fault.")
     )
     return [Text(text), Table(rows, "Mean trials to a hit (share that ever hit), and median miss by strike.")]
 
@@ -261,8 +277,8 @@ def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]]) -> list[Text |
 def _whole(rigs: list[RigUnit], chain: dict[str, dict[str, Any]]) -> dict[tuple[str, str], Trials]:
     found = {}
     for family in FAMILIES:
-        for method in ("adapt", "wiggle"):
-            own = [[chain[u.name]] for u in rigs if (u.family, u.wiggle) == (family, method == "wiggle")]
+        for method in _CHAIN[family]:
+            own = [[chain[u.name]] for u in rigs if (u.family, u.method) == (family, method)]
             if own:
                 found[family, method] = Trials.of(own)
     return found

@@ -149,6 +149,7 @@ class RigLoop:
         path: Path | None = None,
         about: dict[str, Any] | None = None,
         on_cycle: Callable[[int, Phase], None] | None = None,
+        believed: Model | None = None,
     ) -> Run:
         """Arm, go to the start, settle, strike, return, disarm. A fault ends it early; it does not raise.
 
@@ -158,6 +159,7 @@ class RigLoop:
             about: Kept with the record.
             on_cycle: Called at the start of every cycle with its number and phase, for a camera's trigger; it must be
                 quick.
+            believed: Whip and arm for the rehearsal; default: the model.
 
         Raises:
             InputError: The strike is of another arm, or the rehearsal refuses it.
@@ -166,7 +168,7 @@ class RigLoop:
         if len(strike.q_i) != n:
             raise InputError("strike", strike.vector.tolist(), f"{2 * n + 1} numbers, for an arm of {n} joints")
         if self.options.rehearse:
-            self.check(strike)
+            self.check(strike, believed)
         about = {"strike": strike.vector.tolist(), "rate": self.options.rate, **(about or {})}
         log = CycleLog(n, path, about=about)
         self._missed = self._overruns = self._k = 0
@@ -196,7 +198,7 @@ class RigLoop:
             overruns=self._overruns,
         )
 
-    def check(self, strike: Strike) -> None:
+    def check(self, strike: Strike, believed: Model | None = None) -> None:
         """Rehearse a strike; see `whiptool.rig.rehearsal`.
 
         Raises:
@@ -215,6 +217,7 @@ class RigLoop:
             caps=o.caps,
             guards=self.guards,
             margin=o.margin,
+            believed=believed,
         )
         if rehearsal.refused is not None:
             raise InputError(

@@ -53,6 +53,7 @@ def rehearse(
     guards: Guards | None = None,
     motor: Motor | None = None,
     margin: float = 0.05,
+    believed: Model | None = None,
 ) -> Rehearsal:
     """Play a strike at `rate` cycles per second on the twin's physics, and judge it.
 
@@ -71,6 +72,8 @@ def rehearse(
         guards: Of the run; its speed and tracking error must not be reached.
         motor: The twin's; default: one without friction.
         margin: Part of the motors' line that is kept free.
+        believed: Whip and arm that it is played on, as far as they are known; default: the model, which the loop's
+            own gravity compensation has in any case.
 
     Raises:
         InputError: A value is out of range, or the strike is of another arm.
@@ -80,7 +83,12 @@ def rehearse(
     guards = guards or Guards()
     period = 1.0 / number("rate", rate, low=10, high=10_000)
     options = TwinOptions(
-        model=model, motor=motor or Motor(), start=strike.q_i, period=period, command_delay=delay, fineness=1
+        model=believed or model,
+        motor=motor or Motor(),
+        start=strike.q_i,
+        period=period,
+        command_delay=delay,
+        fineness=1,
     )
     servos = options.make_servos()
     physics = options.make_physics(servos)
@@ -109,7 +117,7 @@ def rehearse(
             servo.set("goal_current", int(x))
         physics.advance_to((k + 1) * period)
     trajectory = complete_trajectory(
-        model,
+        believed or model,
         controller,
         strike,
         t=np.array(t),

@@ -89,8 +89,13 @@ def _seen(recording: StrikeRecording) -> tuple[np.ndarray, np.ndarray]:
 class Rig(Protocol):
     """What can strike."""
 
-    def strike(self, strike: Strike, *, folder: Path | None = None) -> Struck:
+    def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """Strike once; the records go to a folder as they are made.
+
+        Args:
+            strike: What to do.
+            folder: For the records; None: they are not kept.
+            believed: Whip and arm as they are known by now, for the rehearsal; default: the rig's model.
 
         Raises:
             InputError: The strike is refused; the message says why.
@@ -152,7 +157,7 @@ class TwinRig:
         points = camera in ("points", "none")
         self.settings: CameraSettings = camera_preset("d435-infrared" if points else camera)
 
-    def strike(self, strike: Strike, *, folder: Path | None = None) -> Struck:
+    def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """As `Rig.strike`."""
         from whiptool.optimize import controller_table
 
@@ -174,7 +179,8 @@ class TwinRig:
                     began.append(float(twin.state()["t"]))
 
             loop = RigLoop(Joints(bus), self.model, self.controller, options=self.options, clock=StepClock())
-            run = loop.run(strike, path=None if folder is None else folder / CYCLES, on_cycle=on_cycle)
+            path = None if folder is None else folder / CYCLES
+            run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed)
             moved = twin.trajectory()
         if not began:
             return Struck(run, None)
@@ -264,7 +270,7 @@ class HardwareRig:
         self.camera, self.confirm = camera, confirm
         self.ids = ids or tuple(range(1, model.arm.n + 1))
 
-    def strike(self, strike: Strike, *, folder: Path | None = None) -> Struck:
+    def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """As `Rig.strike`."""
         from whiptool.optimize import controller_table
         from whiptool.rig.filming import Filming
@@ -281,7 +287,8 @@ class HardwareRig:
                     filming.during(phase is Phase.STRIKE)
 
             try:
-                run = loop.run(strike, path=None if folder is None else folder / CYCLES, on_cycle=on_cycle)
+                path = None if folder is None else folder / CYCLES
+                run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed)
             finally:
                 frames = [] if filming is None else filming.end()
         during = run.cycles.during(Phase.STRIKE)

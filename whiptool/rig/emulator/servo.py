@@ -28,6 +28,7 @@ for _r in XM430_W350.values():
 _INDIRECT = {224 + i: 168 + 2 * i for i in range(28)} | {634 + i: 578 + 2 * i for i in range(28)}
 _WHERE = {r.name: (r.address, r.address + r.size, r.signed) for r in XM430_W350.values()}
 _FEEDBACK = struct.Struct("<hii")  # Present Current, Velocity and Position are neighbours
+_MOST_SHOWN = (2**15 - 1, 2**31 - 1, 2**31 - 1)
 _GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
 _MODES = (0, 1, 3, 4, 5, 16)
 RESULT_FAIL, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = 1, 4, 5, 6, 7
@@ -253,7 +254,10 @@ class Servo:
         sign = -1 if self.memory[10] & 1 else 1
         self.current = current
         speed = 0 if self.stuck else round(v / self._per_speed)
-        _FEEDBACK.pack_into(self.memory, 126, sign * round(current / self._per_count), sign * speed, self._ticks())
+        shown = sign * round(current / self._per_count), sign * speed, self._ticks()
+        # a loop that diverges goes beyond what a register can show, before anybody ends it
+        held = [max(-most, min(x, most)) for x, most in zip(shown, _MOST_SHOWN, strict=True)]
+        _FEEDBACK.pack_into(self.memory, 126, *held)
         self.set("present_input_voltage", self._volts)
         self.memory[146] = min(255, round(self.temperature + self.heat))
         self.set("realtime_tick", int(t * 1000 + 1e-6) % TICKS)
