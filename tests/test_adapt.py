@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from whiptool import adapt
-from whiptool.adaptation import planner
+from whiptool.adaptation import planner, posterior
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
 from whiptool.adaptation.planner import Effort, plan
@@ -35,6 +35,7 @@ from whiptool.reproduction.unknown_whips import (
     LookUnit,
     OpeningUnit,
     PolicyUnit,
+    ReachUnit,
     RigUnit,
     Study,
     WhipUnit,
@@ -220,6 +221,61 @@ def test_limits_are_kept_where_they_can_be(prior):
     assert "motors give" in chosen.reason
 
 
+def test_where_every_strike_is_refused_more_of_the_motors_is_kept_free(prior):
+    """As by a rehearsal that sees more of a strike than its largest speed and torque."""
+    kinder = dataclasses.replace(XM430, stall_torque=12.0, no_load_speed=30.0)
+    rollout, asked = CompiledRollout(MODEL, CONTROLLER), []
+
+    def usage_of(strike: Strike) -> float:
+        near = rollout.approach(strike.vector[None], np.array(TARGET), t_stay=0.3)
+        return 1 + float(kinder.violation_of_peaks(near)[0])
+
+    def check(strike: Strike) -> str | None:
+        asked.append(usage_of(strike))
+        return None if asked[-1] < 0.75 else "too much"
+
+    known = certain(study_of())
+    plans = [
+        plan(known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, limits=kinder, check=asks)
+        for asks in (None, check)
+    ]
+    free, checked = (usage_of(Strike.from_vector(p.strike)) for p in plans)
+    assert free > 0.75 > checked
+    assert len(asked) > planner.CHECKED
+    assert plans[1].probability == pytest.approx(1.0, abs=0.01)
+    refused = plan(
+        known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, limits=kinder, check=lambda s: "never"
+    )
+    assert usage_of(Strike.from_vector(refused.strike)) == pytest.approx(free)  # then the best of all
+
+
+class Rehearsed:
+    """A port that keeps what it is told of the whip, and refuses the first strike."""
+
+    def __init__(self, port: TipPort) -> None:
+        self.port, self.believed = port, []
+
+    def strike(self, strike: Strike, number: int, folder, believed=None) -> Seen:
+        self.believed.append(believed)
+        if number == 1:
+            return Seen(None, None, fault="refused")
+        return self.port.strike(strike, number, folder)
+
+
+def test_a_rig_rehearses_with_the_whip_that_is_believed(prior):
+    port, checked = Rehearsed(port_of(6)), []
+    options = Options(
+        max_strikes=3, stop_at=0.0, starts=1, first=QUICK, later=QUICK, check=lambda s, b: checked.append(b)
+    )
+    steps = Adaptation(prior, port, Target(TARGET), options).run()  # type: ignore[arg-type]
+    assert port.believed == checked
+    assert port.believed[:2] == [prior.at().model] * 2
+    assert steps[1].learned is not None
+    assert port.believed[2] == steps[1].learned.belief.at().model
+    truth, nominal = port.port.twin.model.whip.length, MODEL.whip.length
+    assert abs(port.believed[2].whip.length - truth) < 0.1 * abs(nominal - truth)
+
+
 def test_the_wiggle_is_slow_and_tells_much(prior):
     rng = np.random.default_rng(0)
     chosen, told = choose_wiggle(prior, rng=rng, candidates=16)
@@ -399,6 +455,49 @@ def test_an_unknown_whip_is_tried_with_every_method():
     assert found["adapt"]["transferred"][0]["miss"] < 0.06
 
 
+def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypatch):
+    """Frames that no whip explains: the errors are said to be a hundredth of what they are."""
+    fits, fit = [], posterior.fit
+
+    def counted(*args, **more):
+        fits.append(fit(*args, **more))
+        return fits[-1]
+
+    monkeypatch.setattr(posterior, "fit", counted)
+    monkeypatch.setattr(posterior, "NEAR", 0.0)
+    monkeypatch.setattr(posterior, "UNMODELLED", 1e-5)
+    recording = filmed(port_of(5), Strike.from_vector(first.strike))
+    sharp = dataclasses.replace(recording, sigma=0.1 * recording.sigma)
+    learned = update(prior, [sharp], starts=3)
+    assert len(fits) == 4  # of all frames; of half of them, of three quarters, of all
+    assert learned.rmse
+    costs = [f.runs[0].solution.cost for f in fits]
+    assert costs[3] == pytest.approx(costs[0], abs=posterior.SAME)
+    monkeypatch.setattr(posterior, "SAME", -1.0)
+    update(prior, [sharp], starts=3)
+    assert len(fits) == 4 + 10
+    monkeypatch.setattr(posterior, "NEAR", 0.01)
+    update(prior, [sharp], starts=3)
+    assert len(fits) == 4 + 10 + 1
+
+
+def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):
+    study = study_of()
+    own = study.within(study.twin("kin", 5))
+    unit = ReachUnit(study=study, family="kin", seed=5)
+    assert unit.run(None, 1) == {"target": own[0], "passed": 0}
+    prepared = adapt.prepare
+
+    def weaker(options):
+        found = prepared(options)
+        weak = dataclasses.replace(found.options.limits, stall_torque=0.5)
+        found.options = dataclasses.replace(found.options, limits=weak)
+        return found
+
+    monkeypatch.setattr(adapt, "prepare", weaker)
+    assert unit.run(None, 1) == {"target": None, "passed": 5}
+
+
 def test_targets_are_within_the_whips_reach():
     study = study_of()
     far = study_of(scene=dataclasses.replace(study.scene, zone=Disc((3.0, 0.0))))
@@ -435,6 +534,8 @@ class Told:
         if isinstance(unit, OpeningUnit):
             return {}
         learns = {"miss": [0.04, 0.005], "probability": [0.5, 1.0], "seconds": [3.0, 1.0]}
+        if isinstance(unit, ReachUnit):  # the first whip reaches nothing, the second only another target
+            return {"target": 3 if unit.seed else None, "passed": 5 if unit.seed == 0 else unit.seed == 1}
         if isinstance(unit, RigUnit):
             return {"target": unit.target, **learns, "faults": ["", ""]}
         if isinstance(unit, PolicyUnit):

@@ -8,14 +8,17 @@ import os
 import subprocess
 import sys
 
+import casadi as ca
 import numpy as np
 import pytest
 
+from whiptool.identification.dynamics import SwingStructure, dynamics
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import CompiledRollout, preset
 from whiptool.models import compiler as compiler_module
-from whiptool.models.closed_loop import Structure
+from whiptool.models.closed_loop import Structure, closed_loop
 from whiptool.models.parameters import Model
+from whiptool.models.posture import _settle, hinge_is_free, start_posture
 from whiptool.models.trajectory import Trajectory
 from whiptool.strike import Strike, default_bounds
 
@@ -147,6 +150,38 @@ def test_a_whip_with_rest_angles_starts_at_rest():
     path = CompiledRollout(model, stiff).trajectory(still, t_stay=0.0)
     assert np.abs(path.tip - path.tip[0]).max() < 2e-4  # the arm sags a little
     assert abs(path.q[0, 3:]).max() > 0.01
+
+
+def test_behind_a_free_hinge_the_whips_shape_does_not_know_the_arm():
+    """Each posture as found alone, from straight down; and a spring at the hinge, where it does."""
+    model = everything()
+    free = {name: (0.0, *model.whip.per_node(name)[1:].tolist()) for name in ("k", "cubic_stiffness")}
+    whip = dataclasses.replace(model.whip, **free)
+    cubic = dataclasses.replace(whip, cubic_stiffness=model.whip.cubic_stiffness)
+    q_i = np.random.default_rng(3).uniform(-1.5, 1.5, (5, 2))
+    for changed in (dataclasses.replace(model, whip=w) for w in (whip, cubic, model.whip)):
+        q = start_posture(changed, q_i)
+        for row in q:
+            one = row.copy()
+            one[2:] = 0.0
+            one[2] = -row[:2].sum()
+            _settle(changed, one[None])
+            np.testing.assert_allclose(row, one, atol=1e-10)
+        absolute = q[:, 2] + q[:, :2].sum(axis=1)
+        bent_alike = np.ptp(q[:, 3:], axis=0).max() < 1e-10 and np.ptp(absolute) < 1e-10
+        assert bent_alike == hinge_is_free(changed) == (changed.whip is whip)
+
+
+@pytest.mark.parametrize("system", ["rollout", "paths"])
+def test_no_step_takes_a_power_lane_by_lane(system):
+    """A power of a vector of lanes is a call for each: with one in it, a step took three times as long."""
+    if system == "rollout":
+        step = closed_loop(Structure.of(everything(), CONTROLLERS["oiac"])).step
+    else:
+        step = dynamics(SwingStructure.of(n=3, moving=True, point_masses=False, used=["dry_friction"])).advance
+    used = {step.instruction_id(k) for k in range(step.n_instructions())}
+    assert used & {ca.OP_SQRT}  # dry friction is in it
+    assert not used & {ca.OP_POW, ca.OP_CONSTPOW}
 
 
 def test_trajectories_are_saved_without_pickle(tmp_path):

@@ -309,6 +309,14 @@ def test_low_supply_raises_the_alert_but_does_not_shut_down_by_default():
 # -- the motor ---------------------------------------------------------------------------------------------------------
 
 
+def test_registers_end_where_a_diverging_loop_does_not():
+    s = Servo(1, Motor())
+    for sign in (1, -1):
+        s.feel(sign * 1e9, sign * 1e9, sign * 1e9, 0.0)
+        shown = [s.get(f"present_{name}") for name in ("current", "velocity", "position")]
+        assert shown == [sign * (2**15 - 1), sign * (2**31 - 1), sign * (2**31 - 1)]
+
+
 def test_motor_has_the_makers_three_figures():
     m = Motor()
     stall = m.current(99, 0.0)

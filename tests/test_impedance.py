@@ -66,13 +66,14 @@ def test_presets():
 
 @pytest.mark.parametrize("feedforward", [False, True])
 @pytest.mark.parametrize("limit", [None, 3.0])
+@pytest.mark.parametrize("masses", [None, (0.3, 0.2, 0.1)])
 @pytest.mark.parametrize("law", [OIAC(a=1e-2), ConstantImpedance()])
-def test_the_whole_controller_agrees_between_numpy_and_casadi(law, feedforward, limit):
+def test_the_whole_controller_agrees_between_numpy_and_casadi(law, masses, feedforward, limit):
     """Law, gravity (Eq. 3), feedforward and limit: Pinocchio and NumPy against the expression that is compiled."""
     rng = np.random.default_rng(1)
     for name in ("lemon2024", "nah2020-n10"):
         model = preset(name)
-        controller = Controller(law, feedforward=feedforward, torque_limit=limit)
+        controller = Controller(law, feedforward=feedforward, torque_limit=limit, compensated=masses)
         structure = Structure.of(model, controller)
         control = closed_loop(structure).control
         for _ in range(20):
@@ -82,6 +83,20 @@ def test_the_whole_controller_agrees_between_numpy_and_casadi(law, feedforward, 
             q, v = x[:2], x[model.n : model.n + 2]
             expected = controller.bind(Arm(model), strike).torque(t, q, v)
             np.testing.assert_allclose(control(x, t, p).full()[:, 0], expected, rtol=1e-10, atol=1e-10)
+
+
+def test_compensated_masses_are_checked_and_those_of_a_model_are_the_default():
+    model = preset("lemon2024")
+    plain = Controller(ConstantImpedance())
+    own = plain.reckoning_with(model)
+    assert own.compensated == (0.25, 0.274, pytest.approx(12 * 0.012))
+    q, strike = np.array([0.3, -0.8]), Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
+    torques = [c.bind(Arm(model), strike).torque(0.2, q, 0 * q) for c in (plain, own)]
+    np.testing.assert_allclose(*torques, rtol=1e-12)
+    with pytest.raises(InputError, match="compensated"):
+        Controller(compensated=(0.1, -0.1, 0.1))
+    with pytest.raises(InputError, match="3 masses"):
+        Controller(compensated=(0.1, 0.1)).check_fits(model.arm)
 
 
 def test_cost_of_a_strike_against_its_definition():

@@ -46,8 +46,9 @@ def test_compiled_against_mujoco(law):
     [
         Controller(ConstantImpedance(), feedforward=True, torque_limit=4.0),
         Controller(ConstantImpedance(), control_period=0.002),
+        Controller(ConstantImpedance(), compensated=(0.3, 0.2, 0.1)),
     ],
-    ids=["feedforward and limit", "held"],
+    ids=["feedforward and limit", "held", "compensated"],
 )
 def test_options_and_every_term_against_mujoco(controller):
     """Drag, dry friction, rest angles, hinge mass: in MuJoCo applied as generalised forces."""

@@ -21,9 +21,11 @@ from whiptool.rig.loop import LoopOptions
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")
 
+from whiptool.optimize import controller_table
 from whiptool.rig import main
 from whiptool.rig.camera.model import camera_preset
 from whiptool.rig.camera.source import Frame
+from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
 
 pytestmark = pytest.mark.slow
@@ -59,6 +61,28 @@ def test_an_ideal_twin_is_seen_to_do_what_the_model_says() -> None:
     assert struck.truth is not None
     assert seen.distance == pytest.approx(model.distance, abs=0.01)  # encoders count in steps of 1.5 mrad
     assert seen.tip[0] == pytest.approx(model.tip[0], abs=0.01)
+
+
+def test_a_rig_compensates_the_weights_that_its_owner_knows_of() -> None:
+    """A heavier whip: rig, rehearsal and compiled model agree once the model's controller reckons as the rig's does."""
+    heavy = MODEL.with_parameters({"whip.m": 0.016})
+    struck = TwinRig(MODEL, CONTROLLER, truth=TwinTruth(heavy), camera="points", at_once=True).strike(
+        STRIKE, believed=heavy
+    )
+    assert struck.truth is not None
+    assert struck.recording is not None
+    held = Controller(OIAC(), control_period=0.002)
+    assert struck.recording.controller == controller_table(CONTROLLER.reckoning_with(MODEL))
+    own, rigs = (
+        wt.CompiledRollout(heavy, c).approach(STRIKE.vector[None], (1.2, 0.1), t_stay=0.3)
+        for c in (held, held.reckoning_with(MODEL))
+    )
+    true = struck.truth.approach(np.array([1.2, 0.1]))
+    assert true.tip[0] == pytest.approx(rigs.tip[0], abs=0.01)
+    assert np.hypot(*(true.tip[0] - own.tip[0])) > 0.03
+    played = rehearse(MODEL, CONTROLLER, STRIKE, delay=0.0, believed=heavy).trajectory
+    q = np.array([np.interp(played.t, struck.truth.t, x) for x in struck.truth.q[:, :2].T])
+    np.testing.assert_allclose(played.q[:, :2].T, q, atol=0.005)
 
 
 def test_the_camera_clock_and_the_true_whip_are_the_twins_own() -> None:

@@ -497,6 +497,26 @@ def test_the_loop_refuses_a_strike_before_it_arms(bus, twin):
     loop_on(twin, bus, options=options).check(STRIKE)
 
 
+def test_a_strike_is_rehearsed_with_the_whip_that_is_believed():
+    controller = Controller(OIAC())
+    heavy = MODEL.with_parameters({"whip.m": 1.5 * MODEL.whip.m})  # type: ignore[operator]
+    light, believed, other = (
+        rehearse(model, controller, STRIKE, **more)
+        for model, more in ((MODEL, {}), (MODEL, {"believed": heavy}), (heavy, {}))
+    )
+    assert believed.usage > light.usage + 0.05
+    sags = np.abs(believed.trajectory.q - other.trajectory.q).max()  # the loop compensates the weight it knows of
+    assert sags > 0.01
+
+
+def test_a_diverging_rehearsal_is_a_refusal_not_a_crash():
+    """A light whip that hardly bends, and a controller far too stiff for the loop."""
+    whip = dataclasses.replace(MODEL.whip, m=MODEL.whip.m / 10)
+    wild = Controller(ConstantImpedance(K=((500, 0), (0, 500)), B=((80, 0), (0, 80))))
+    r = rehearse(dataclasses.replace(MODEL, whip=whip), wild, STRIKE)
+    assert "unstable" in str(r.refused)
+
+
 def test_a_delay_can_make_a_strike_unstable():
     assert rehearse(MODEL, Controller(OIAC()), STRIKE).refused is None
     r = rehearse(MODEL, Controller(OIAC()), STRIKE, delay=0.002)

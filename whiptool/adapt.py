@@ -155,9 +155,11 @@ def _refuse_idle(options: AdaptOptions, *, tip: bool) -> None:
 
 
 def _controller(options: AdaptOptions):
-    """The controller; a rig holds the torque for a cycle."""
+    """The controller; a rig's holds the torque for a cycle, and compensates the weights that its owner knows of."""
     controller = options.build_controller()
-    return controller if options.camera == "tip" else replace(controller, control_period=1 / options.rate)
+    if options.camera == "tip":
+        return controller
+    return replace(controller, control_period=1 / options.rate).reckoning_with(options.build_model())
 
 
 def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str | None:

@@ -267,6 +267,7 @@ def controller_table(controller) -> dict:
         "feedforward": controller.feedforward,
         "torque_limit": controller.torque_limit,
         "control_period": controller.control_period,
+        "compensated": None if controller.compensated is None else list(controller.compensated),
     }
     return table | {k: v for k, v in options.items() if v is not None}
 

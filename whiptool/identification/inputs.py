@@ -22,7 +22,7 @@ from whiptool.models.profile import WhipProfile
 from whiptool.rig.markers import Marker
 
 _GROUPS = ("whip", "profile", "law")  # that a short name is looked up in
-_OPTIONS = ("feedforward", "torque_limit", "control_period")
+_OPTIONS = ("feedforward", "torque_limit", "control_period", "compensated")
 
 
 def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tuple[list[str], list[str]]:

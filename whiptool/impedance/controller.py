@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from whiptool.models.parameters import ArmParameters, number
 
 if TYPE_CHECKING:
     from whiptool.models.arm import Arm
+    from whiptool.models.parameters import Model
     from whiptool.strike import Strike
 
 
@@ -27,14 +28,23 @@ class Controller:
             and viscous terms. Eq. 2 has none; the law's authors use one in later work.
         torque_limit: Largest torque of every joint [N m]; None: no limit.
         control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
+        compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) reckons with;
+            None: those of the model that it is rolled out with. A rig's controller knows only what its owner believes.
+
+    Raises:
+        InputError: A number is not positive.
     """
 
     law: Law = field(default_factory=lambda: oiac_preset("table4"))
     feedforward: bool = False
     torque_limit: float | None = None
     control_period: float | None = None
+    compensated: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
+        if self.compensated is not None:
+            masses = tuple(number("compensated", m, low=0, strict=True) for m in self.compensated)
+            object.__setattr__(self, "compensated", masses)
         for name in ("torque_limit", "control_period"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
@@ -43,12 +53,19 @@ class Controller:
         """Refuse a law whose matrices are of another arm.
 
         Raises:
-            InputError: The law's matrices have not as many rows as the arm has joints.
+            InputError: The law's matrices have not as many rows as the arm has joints, or `compensated` not one mass
+                more.
         """
+        if self.compensated is not None and len(self.compensated) != arm.n + 1:
+            raise InputError("compensated", self.compensated, f"{arm.n + 1} masses: of every link and of the whip")
         sizes = {name: len(x) for name, x in self.law.parameters().items()}
         if sizes != self.law.sizes(arm.n):
             given = f"{self.law.kind} impedance of another number of joints (Eq. 22 is for two)"
             raise InputError("controller", given, f"matrices of {arm.n} rows, one per arm joint", "or take oiac")
+
+    def reckoning_with(self, model: Model) -> Controller:
+        """The same controller, whose gravity compensation stays that of this model, whatever it is rolled out with."""
+        return replace(self, compensated=(*model.arm.per_link("mass").tolist(), float(model.whip.mass)))
 
     def parameters(self) -> dict[str, float]:
         """Every number under its name: `law.a`, or `law.K[0]` to `law.K[3]`, row by row; `torque_limit`."""
@@ -76,7 +93,7 @@ class ControlLoop:
         q_d, v_d, a_d = self.strike.reference(t)
         e, de = q_d - q, v_d - v
         K, B = self.controller.law.gains(e, de)
-        tau = K @ e + B @ de + self.arm.gravity_compensation(q)  # Eq. 2
+        tau = K @ e + B @ de + self.arm.gravity_compensation(q, self.controller.compensated)  # Eq. 2
         if self.controller.feedforward:
             tau = tau + self.arm.feedforward(q_d, v_d, a_d)
         limit = self.controller.torque_limit

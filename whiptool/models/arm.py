@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # built outside site-packages
 
@@ -57,6 +59,7 @@ class Arm:
         self._data = self._model.createData()
         self._friction = model.arm.per_link("friction")
         self._frames = [self._model.getFrameId(f"com{i + 1}") for i in range(n)] + [self._model.getFrameId("end")]
+        self._gravity = model.gravity
         self._weights = np.append(model.arm.per_link("mass"), model.whip.mass) * model.gravity  # [N]
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
@@ -72,9 +75,15 @@ class Arm:
         jacobians = (pin.getFrameJacobian(self._model, self._data, frame, world) for frame in self._frames)
         return np.array([jacobian.reshape(6, -1)[:2] for jacobian in jacobians])  # (6,) for a single joint
 
-    def gravity_compensation(self, q: np.ndarray) -> np.ndarray:
-        """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3)."""
-        return self._weights @ self.gravity_jacobians(q)[:, 1]  # sum of J^T f, f upward
+    def gravity_compensation(self, q: np.ndarray, masses: Sequence[float] | None = None) -> np.ndarray:
+        """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3).
+
+        Args:
+            q: Posture [rad], (n,).
+            masses: Of the links and, last, of the whip [kg], in place of the model's, (n + 1,).
+        """
+        weights = self._weights if masses is None else np.asarray(masses) * self._gravity
+        return weights @ self.gravity_jacobians(q)[:, 1]  # sum of J^T f, f upward
 
     def feedforward(self, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray) -> np.ndarray:
         """Torque [N m], shape (n,), of the bare arm along the reference, without gravity."""

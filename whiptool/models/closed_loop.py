@@ -40,6 +40,7 @@ class Structure:
     feedforward: bool = False
     limited: bool = False
     held: bool = False  # the torque is held for a control period
+    compensated: bool = False  # gravity compensation has masses of its own
 
     @classmethod
     def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = ()) -> Structure:
@@ -59,6 +60,7 @@ class Structure:
             feedforward=controller.feedforward,
             limited=controller.torque_limit is not None,
             held=controller.control_period is not None,
+            compensated=controller.compensated is not None,
         )
 
     @property
@@ -81,6 +83,8 @@ class Structure:
         blocks |= {f"law.{name}": size for name, size in LAWS[self.law].sizes(a).items()}
         if self.limited:
             blocks["torque_limit"] = 1
+        if self.compensated:
+            blocks["compensated"] = a + 1
         return blocks
 
     @property
@@ -113,7 +117,11 @@ class Structure:
         values |= {
             f"whip.{name}": getattr(model.whip, name) for name in ("drag_ratio", "hinge_mass", "friction_velocity")
         }
-        values |= {"gravity": model.gravity, "torque_limit": controller.torque_limit}
+        values |= {
+            "gravity": model.gravity,
+            "torque_limit": controller.torque_limit,
+            "compensated": controller.compensated,
+        }
         fixed = [np.ravel(values[name]) for name in self.layout if name not in ("q_i", "q_f", "D")]
         same = np.concatenate(fixed)
         return np.hstack([strikes, np.broadcast_to(same, (len(strikes), len(same)))])
@@ -169,13 +177,13 @@ class ClosedLoop:
             gravity=P["gravity"],
         )
 
-    def _arm(self, *, load: ca.SX | float, gravity: ca.SX | float) -> Chain:
-        """The bare arm; a point mass `load` at its hand as a last, massless link of length zero."""
+    def _arm(self, *, mass: ca.SX, load: ca.SX | float, gravity: ca.SX | float) -> Chain:
+        """The bare arm, of links of this `mass`; a point mass `load` at its hand as a last link of length zero."""
         P, zeros = self.parameters, ca.SX.zeros(self.structure.n_arm + 1)
         at_hand = ca.SX(0)
         return Chain(
             length=ca.vertcat(P["arm.length"], at_hand),
-            mass=ca.vertcat(P["arm.mass"], load),
+            mass=ca.vertcat(mass, load),
             com=ca.vertcat(P["arm.com"], at_hand),
             inertia=ca.vertcat(P["arm.inertia"], 0),
             stiffness=zeros,
@@ -202,13 +210,16 @@ class ClosedLoop:
         q_d, v_d, a_d = self.reference(t)
         law = {name.removeprefix("law."): x for name, x in self.parameters.items() if name.startswith("law.")}
         tau = LAWS[self.structure.law].expression(law, q_d - q, v_d - v)
-        whip_mass = ca.sum1(self.parameters["whip.m"]) + self.parameters.get("whip.hinge_mass", 0)
-        loaded = self._arm(load=whip_mass, gravity=self.parameters["gravity"])
-        a = self.structure.n_arm
+        P, a = self.parameters, self.structure.n_arm
+        masses = P.get("compensated")
+        if masses is None:
+            masses = ca.vertcat(P["arm.mass"], ca.sum1(P["whip.m"]) + P.get("whip.hinge_mass", 0))
+        loaded = self._arm(mass=masses[:a], load=masses[a], gravity=P["gravity"])
         tau += ca.gradient(potential_energy(loaded, ca.vertcat(q, 0)), q)  # Eq. 3
         if self.structure.feedforward:
             along = (ca.vertcat(x, 0) for x in (q_d, v_d, a_d))
-            tau += inverse_dynamics(self._arm(load=0, gravity=0), *along)[:a] + self.parameters["arm.friction"] * v_d
+            bare = self._arm(mass=P["arm.mass"], load=0, gravity=0)
+            tau += inverse_dynamics(bare, *along)[:a] + P["arm.friction"] * v_d
         if self.structure.limited:
             limit = self.parameters["torque_limit"]
             tau = ca.fmin(ca.fmax(tau, -limit), limit)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from tqdm import tqdm
@@ -258,14 +259,8 @@ class CompiledRollout:
 
     def _check_within(self, model: Model, controller: Controller) -> None:
         needs = Structure.of(model, controller)
-        fits = (needs.n_arm, needs.n_whip, needs.law, needs.feedforward, needs.limited, needs.held) == (
-            self.structure.n_arm,
-            self.structure.n_whip,
-            self.structure.law,
-            self.structure.feedforward,
-            self.structure.limited,
-            self.structure.held,
-        ) and set(needs.optional) <= set(self.structure.optional)
+        fits = replace(needs, optional=self.structure.optional) == self.structure
+        fits &= set(needs.optional) <= set(self.structure.optional)
         if not fits or controller.control_period != self.controller.control_period:
             raise InputError(
                 "model or controller of a batch",

@@ -14,7 +14,12 @@ _AT_ONCE = 24  # postures in one call
 
 def hangs_straight(model: Model) -> bool:
     """Whether the whip hangs straight down: its hinge has no spring, and no joint a rest angle."""
-    return model.whip.per_node("k")[0] == 0 and not model.whip.per_node("rest_angle").any()
+    return hinge_is_free(model) and not model.whip.per_node("rest_angle").any()
+
+
+def hinge_is_free(model: Model) -> bool:
+    """Whether the whip's hinge has no spring, so that the whip's shape at rest does not depend on the arm."""
+    return not any(model.whip.per_node(name)[0] for name in ("k", "cubic_stiffness"))
 
 
 def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
@@ -29,10 +34,10 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
     q[:, a] = -q_i.sum(axis=1)
     if hangs_straight(model):
         return q
-    if model.whip.per_node("k")[0]:
+    if not hinge_is_free(model):
         _settle(model, q)
         return q
-    hanging = np.zeros((1, n))  # behind a free hinge the whip's shape does not depend on the arm
+    hanging = np.zeros((1, n))
     _settle(model, hanging)
     q[:, a:] += hanging[0, a:]
     return q

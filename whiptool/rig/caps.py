@@ -70,7 +70,7 @@ class CappedLoop(ControlLoop):
         else:
             stiffness, damping = float(np.linalg.norm(K, 2)), float(np.linalg.norm(B, 2))
         scale = min(1.0, self.caps.K / max(stiffness, 1e-300), self.caps.B / max(damping, 1e-300))
-        tau = scale * tau + self.arm.gravity_compensation(q)  # Eq. 2
+        tau = scale * tau + self.arm.gravity_compensation(q, self.controller.compensated)  # Eq. 2
         if self.controller.feedforward:
             tau = tau + self.arm.feedforward(q_d, v_d, a_d)
         limit = self.controller.torque_limit
