@@ -1,8 +1,8 @@
 """How long `whiptool adapt` thinks between two strikes: identify from all recordings so far, plan, rehearse.
 
-`python benchmarks/replan.py [--quick] [--json]`. Unknown whips of each family through emulated servos, the tip seen with the
-error of tracked images, a slow movement first, then three strikes, whether or not they hit. Beside seconds it prints how many
-strikes MuJoCo rolls out in that time, measured in the same run.
+`python benchmarks/replan.py [--quick] [--json]`. Unknown whips of each family through emulated servos, the tip seen
+with the error of tracked images, a slow movement first, then three strikes, whether or not they hit. Beside seconds it
+prints how many strikes MuJoCo rolls out in that time, measured in the same run.
 """
 
 from __future__ import annotations
@@ -53,10 +53,11 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    whips = 1 if options.quick else 6
-    thoughts("kin", whips)  # what has to be compiled is
+    whips, families = (1, FAMILIES[:1]) if options.quick else (6, FAMILIES)
+    for family in () if options.quick else families:
+        thoughts(family, whips)  # what has to be compiled is
     one, result = mujoco_strike(), {"machine": platform.machine(), "whips": whips}
-    for family in FAMILIES:
+    for family in families:
         rows = np.array([row for seed in range(whips) for row in thoughts(family, seed)])
         both = rows.sum(axis=1)
         result[family] = {
@@ -72,7 +73,7 @@ def main() -> None:
         print(json.dumps(result))
         return
     print(f"{'family':10s}{'strikes':>8s}{'learn':>9s}{'plan':>9s}{'both':>9s}{'90 %':>9s}   in MuJoCo strikes")
-    for family in FAMILIES:
+    for family in families:
         r = result[family]
         seconds = "".join(f"{r[name]:7.2f} s" for name in ("learn", "plan", "both", "both_90"))
         print(f"{family:10s}{r['number']:8d}{seconds}{r['mujoco_strikes']:10.1f}")

@@ -255,7 +255,7 @@ def test_reference_of_the_loop_is_the_strikes():
     )
 
 
-@pytest.mark.parametrize("script", ["rig.py", "rig_faults.py"])
+@pytest.mark.parametrize("script", ["rig.py", "rig_faults.py", pytest.param("replan.py", marks=pytest.mark.slow)])
 def test_benchmarks_run(script):
     root = Path(__file__).parent.parent
     command = [sys.executable, str(root / "benchmarks" / script), "--json", "--quick"]
@@ -265,6 +265,9 @@ def test_benchmarks_run(script):
     if script == "rig.py":
         assert result["cycles_per_second"] > 100
         assert set(result["detection_ms"]) >= {"drop", "hot", "unplug"}
+    elif script == "replan.py":
+        assert result["kin"]["number"] == 3
+        assert 0 < result["kin"]["learn"] < result["kin"]["both"]
     else:
         assert result["violations"] == 0
         assert result["strikes"] >= 20
