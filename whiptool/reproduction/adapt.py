@@ -257,6 +257,8 @@ def _misses(rows: Sequence[dict[str, Any]]) -> np.ndarray:
 
 
 def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[str, list[int]]) -> list[Text | Table]:
+    if not rigs:
+        return [Text("The motors reach no target with any of the whips.")]
     strikes = rigs[0].study.strikes
     radii, numbers = [f"within {100 * r:g} cm" for r in RADII], [f"miss {i + 1} [cm]" for i in range(strikes)]
     rows = [["family", "method", "whips", *radii, *numbers]]
