@@ -83,6 +83,10 @@ def test_a_rig_compensates_the_weights_that_its_owner_knows_of() -> None:
     played = rehearse(MODEL, CONTROLLER, STRIKE, delay=0.0, believed=heavy).trajectory
     q = np.array([np.interp(played.t, struck.truth.t, x) for x in struck.truth.q[:, :2].T])
     np.testing.assert_allclose(played.q[:, :2].T, q, atol=0.005)
+    with pytest.raises(InputError, match="XM430-W350 gives"):
+        TwinRig(MODEL, CONTROLLER, camera="none", at_once=True).strike(
+            STRIKE, believed=MODEL.with_parameters({"whip.m": 0.03})
+        )
 
 
 def test_the_camera_clock_and_the_true_whip_are_the_twins_own() -> None:
