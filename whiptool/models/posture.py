@@ -68,7 +68,8 @@ def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.nd
     dq = np.zeros_like(q)
     dq[:, :a] = dp[:, :a]  # q_i stands first
     dq[:, a] = -dp[:, :a].sum(axis=1)
-    hinge = structure.columns("whip.k").start  # a spring at the hinge would bend the whip
+    springs = ["whip.k", *(["whip.cubic_stiffness"] if "cubic_stiffness" in structure.optional else [])]
+    hinge = [structure.columns(name).start for name in springs]  # a spring at the hinge would bend the whip
     if hangs_straight(model) and "rest_angle" not in structure.optional and not dp[:, hinge].any():
         return dq
     dq[:, a:] = 0
