@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from whiptool import adapt
-from whiptool.adaptation import planner, posterior
+from whiptool.adaptation import loop, planner, posterior
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
-from whiptool.adaptation.planner import Effort, plan
+from whiptool.adaptation.planner import Effort, Plan, plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import Belief, default_prior, read_belief
@@ -27,6 +27,7 @@ from whiptool.models.compiled import CompiledRollout
 from whiptool.models.presets import preset
 from whiptool.models.trajectory import joint_points
 from whiptool.objective import Target
+from whiptool.optimize import controller_table
 from whiptool.report import Table
 from whiptool.reproduction import adapt as reproduction
 from whiptool.reproduction.context import Context
@@ -247,6 +248,33 @@ def test_where_every_strike_is_refused_more_of_the_motors_is_kept_free(prior):
         known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, limits=kinder, check=lambda s: "never"
     )
     assert usage_of(Strike.from_vector(refused.strike)) == pytest.approx(free)  # then the best of all
+    assert [p.allowed for p in (*plans, refused)] == [True, True, False]
+
+
+def test_an_allowed_strike_goes_before_a_surer_one(prior, monkeypatch):
+    """A second, harder search follows a doubtful plan; what the rig would refuse is no gain."""
+    doubtful = Plan(tuple(STRIKE.vector), 0.4, 0.1, 0.1, 1.2, "", 1.0, allowed=False)
+    found = iter([doubtful, dataclasses.replace(doubtful, probability=0.3, usage=0.8, allowed=True)])
+    monkeypatch.setattr(loop, "plan", lambda *args, **more: next(found))
+    options = Options(max_strikes=1, first=QUICK, later=dataclasses.replace(QUICK, pool=90))
+    (step,) = Adaptation(prior, port_of(5), Target(TARGET), options, known=prior).run()
+    assert step.plan.allowed
+    assert step.plan.probability == 0.3
+
+
+def test_earlier_strikes_of_another_compensation_are_refused(first, tmp_path):
+    recording = filmed(port_of(5), Strike.from_vector(first.strike))
+    options = adapt.AdaptOptions(target=TARGET, port="twin", camera="points", known=(str(tmp_path / "old.npz"),))
+    own = adapt.prepare(dataclasses.replace(options, known=())).prior.plant.controller
+    assert own is not None
+    for masses in ((0.25, 0.274, 0.2), own.compensated, None):
+        table = controller_table(dataclasses.replace(own, compensated=masses))
+        dataclasses.replace(recording, controller=table).save(tmp_path / "old.npz")
+        if masses in (own.compensated, None):
+            assert len(adapt.prepare(options).recordings) == 1
+            continue
+        with pytest.raises(InputError, match=r"--known .*0.2.*model that it was struck with"):
+            adapt.prepare(options)
 
 
 class Rehearsed:
@@ -473,6 +501,11 @@ def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypa
     assert learned.rmse
     costs = [f.runs[0].solution.cost for f in fits]
     assert costs[3] == pytest.approx(costs[0], abs=posterior.SAME)
+    monkeypatch.setattr(posterior, "VALLEY", 1e-3)  # then two near starts prove nothing
+    update(prior, [sharp], starts=3)
+    assert len(fits) == 4 + 10
+    del fits[4:]
+    monkeypatch.setattr(posterior, "VALLEY", 1.0)
     monkeypatch.setattr(posterior, "SAME", -1.0)
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10

@@ -16,7 +16,7 @@ import tomli_w
 from whiptool import identify, optimize
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.identification.gather import gather
-from whiptool.identification.inputs import controller_from_table, full_name, profile_of, read_prior
+from whiptool.identification.inputs import common_controller, controller_from_table, full_name, profile_of, read_prior
 from whiptool.identification.plant import Plant
 from whiptool.identification.readers import open_video, read_recording
 from whiptool.identification.readers.tracks import write_csv
@@ -531,6 +531,24 @@ def test_controllers_come_back_from_their_tables():
     for bad in ({"law": "oiac", "b": 1}, {"law": "oiac", "a": -1}, {"law": "constant", "K": "x"}, {}):
         with pytest.raises(InputError):
             controller_from_table(bad)
+
+
+def test_recordings_share_a_controller():
+    """One from before the compensated masses were written down goes with one that has them."""
+    t = np.arange(5) / 60
+    strikes = [StrikeRecording(t=t, points=np.zeros((5, 1, 2)), markers=("tip",)) for _ in range(2)]
+    plain = Controller(control_period=1e-3)
+    told = dataclasses.replace(plain, compensated=(0.25, 0.274, 0.144))
+    other = dataclasses.replace(plain, compensated=(0.25, 0.274, 0.2))
+
+    def of(*controllers: Controller) -> list[StrikeRecording]:
+        return [
+            dataclasses.replace(r, controller=controller_table(c)) for r, c in zip(strikes, controllers, strict=True)
+        ]
+
+    assert common_controller(of(plain, told)) == common_controller(of(told, plain)) == told
+    with pytest.raises(InputError, match="fit them apart"):
+        common_controller(of(told, other))
 
 
 class FakeSdk:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
-UNFELT = 0.01  # part of a motor's line; leaving out drag and dry friction changed 0.004 of it at most
+UNFELT = 0.01  # part of a motor's line that is left for the drag and dry friction that a check leaves out
 REPORT = "report.html"
 
 
@@ -113,6 +113,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor)
     port = _port(options, model, controller)
     known = [StrikeRecording.load(path) for path in options.known]
+    _refuse_other_weights(known, prior.plant.controller)
     return Adaptation(prior, port, target, loop, folder, recordings=known)
 
 
@@ -152,6 +153,21 @@ def _refuse_idle(options: AdaptOptions, *, tip: bool) -> None:
     for name, allowed in idle.items():
         if getattr(options, name) != usual[name]:
             raise InputError("--" + name.replace("_", "-"), getattr(options, name), allowed)
+
+
+def _refuse_other_weights(recordings, controller) -> None:
+    """Earlier strikes are learned from as if this controller had struck them."""
+    from whiptool.identification.inputs import common_controller
+
+    for recording in recordings:
+        then = common_controller([recording])
+        if then is not None and then.compensated not in (None, controller.compensated):
+            raise InputError(
+                f"--known {recording.source}: masses that gravity compensation reckoned with [kg]",
+                then.compensated,
+                f"{controller.compensated}, those of --model",
+                "give the --model that it was struck with",
+            )
 
 
 def _controller(options: AdaptOptions):

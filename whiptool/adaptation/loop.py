@@ -166,7 +166,8 @@ class Adaptation:
         else:
             chosen = self._sought(belief, rng, past, effort)
             if effort is not o.first and (chosen.probability or 0.0) < UNSURE:
-                chosen = max(chosen, self._sought(belief, rng, past, o.first), key=lambda x: x.probability or 0.0)
+                both = chosen, self._sought(belief, rng, past, o.first)
+                chosen = max(both, key=lambda x: (x.allowed, x.probability or 0.0))
                 chosen = replace(chosen, wall_time=time.perf_counter() - began)
         self._write(number, PLAN, asdict(chosen))
         return chosen

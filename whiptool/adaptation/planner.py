@@ -70,6 +70,7 @@ class Plan:
         usage: Largest part of the motors' line that it uses on the mean; None: no limits were given.
         reason: For people.
         wall_time: [s]
+        allowed: Whether nothing forbids it: motors, least speed, a check; there was no other where something does.
     """
 
     strike: tuple[float, ...]
@@ -79,6 +80,7 @@ class Plan:
     usage: float | None
     reason: str
     wall_time: float
+    allowed: bool = True
 
 
 def plan(
@@ -111,7 +113,9 @@ def plan(
         limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
         speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
             if there is no other.
-        check: Says why a strike must not be struck, None where it may; asked of the best, one after the other.
+        check: Says why a strike must not be struck, None where it may; asked of the best, one after the other. Where it
+            forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins anew; the
+            first search's best is taken where all are forbidden.
         t_stay: A strike is watched so long after the movement ended [s].
         effort: How hard to look.
         timestep: Of the integrator [s].
@@ -122,7 +126,7 @@ def plan(
     began = time.perf_counter()
     search = _Search(belief, target, bounds, limits, speed, t_stay, timestep)
     whips = belief.sample(rng, effort.whips)
-    first, tried = None, 0
+    first, tried, allowed = None, 0, True
     for search.margin in MARGINS if limits is not None else MARGINS[:1]:
         strikes, scores, number = search.look(rng, past, effort, whips)
         order, tried = np.argsort(-scores), tried + number
@@ -134,9 +138,10 @@ def plan(
             break
     else:
         chosen = first
+        allowed = False
     assert chosen is not None
     fresh = belief.sample(rng, JUDGED)  # the strike was chosen for the others, and does better there
-    return search.report(chosen, fresh, time.perf_counter() - began, tried)
+    return search.report(chosen, fresh, time.perf_counter() - began, tried, allowed=allowed)
 
 
 def miss_of(
@@ -286,7 +291,7 @@ class _Search:
         """Whether no other strike could be much more probable to hit."""
         return score > SURE - _PULL * self.target.hit_radius
 
-    def report(self, strike: np.ndarray, whips: Sequence[Plant], spent: float, tried: int) -> Plan:
+    def report(self, strike: np.ndarray, whips: Sequence[Plant], spent: float, tried: int, *, allowed: bool) -> Plan:
         """The choice in words and numbers."""
         miss, near = self.each(strike[None], whips), self.mean(strike[None])
         probability, steady = float(self.probability(miss)[0]), miss[np.isfinite(miss)]
@@ -308,4 +313,5 @@ class _Search:
                 else (f"; no strike was found within the motors' limits, this one asks for {usage:.0%} of them")
             )
         vector = tuple(map(float, Strike.from_vector(strike).vector))
-        return Plan(vector, probability, expected, float(near.distance[0]), usage, reason, spent)
+        allowed &= bool(self.excess(near)[0] <= 0)
+        return Plan(vector, probability, expected, float(near.distance[0]), usage, reason, spent, allowed)

@@ -24,6 +24,7 @@ TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every whi
 EXPLAINED = 1.3  # standard errors, RMSE up to which no other start is tried,
 NEAR = 0.0075  # or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by millimetres
 CLOSE = 3e-3  # fall of the cost per mean squared residual that is not worth another step: 0.08 standard errors
+VALLEY = 0.02  # [m] RMSE from which two starts that agree may both be wrong
 SAME = 0.5  # difference in cost, the logarithm of a likelihood, up to which two fits are one
 IMPLAUSIBLE = 4.0  # standard errors of the prior, root mean square over its numbers: no whip is like this
 OUTLYING = 3.0  # or this many times that of the other recordings, if more than half of `TOO_FAR`
@@ -64,7 +65,8 @@ def update(
 ) -> Learned:
     """The belief after all recordings, by maximum a posteriori from several starts.
 
-    The starts are the last belief and, unless that explains all frames, the samples of the prior that fit best. The
+    The starts are the last belief and, unless that explains all frames, the samples of the prior that fit best, until
+    one explains them or two starts led to the same fit. The
     covariance is that of the linearised fit, its data weighted down by the variance of the residuals and by their
     correlation: what a model cannot explain comes in long runs of one sign, and so many frames are worth few.
 
@@ -171,9 +173,14 @@ def _best(
 
 
 def _again(found: Sequence[Fit | None]) -> bool:
-    """Whether the last is the best, and another start led there too: no better one is to be expected."""
+    """Whether the last is among the best, and another start led there too: no better one is to be expected.
+
+    Not where it is centimetres off: starts that are near to each other can end in one wrong valley.
+    """
+    if found[-1] is None or max(r.rmse for r in found[-1].recordings) > VALLEY:
+        return False
     costs = [np.inf if f is None else _cost(f) for f in found]
-    return len(costs) > 1 and np.isfinite(costs[-1]) and abs(costs[-1] - min(costs[:-1])) <= SAME
+    return len(costs) > 1 and abs(costs[-1] - min(costs[:-1])) <= SAME
 
 
 def _cost(found: Fit) -> float:

@@ -22,7 +22,7 @@ from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance.controller import Controller
 from whiptool.models.closed_loop import Structure
 from whiptool.models.parameters import Model
-from whiptool.models.posture import start_derivative, start_posture
+from whiptool.models.posture import hinge_is_free, start_derivative, start_posture
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
 MARGIN = 0.1  # [s] that a path goes on after the last reading, so that a delay can be found
@@ -210,7 +210,7 @@ class SwingDrive(Drive):
         else:
             if "handle" not in recording.markers:
                 raise InputError("markers", recording.markers, "the handle among them", "or drive by command or joints")
-            if whip.per_node("k")[0] or whip.per_node("b")[0]:
+            if whip.per_node("b")[0] or not hinge_is_free(plant.model):
                 raise InputError(
                     "whip.k[0]",
                     "a spring or damper at the handle",

@@ -180,6 +180,8 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
 def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:
     """The controller that the recordings hold, None if none does.
 
+    One that does not say which masses it compensated is taken for that of the others.
+
     Raises:
         InputError: Two hold different ones, or one does not describe a controller.
     """
@@ -191,6 +193,10 @@ def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | Non
             controller = controller_from_table(recording.controller)
         except InputError as error:
             raise error.within(f"{recording.source}: ") from None
+        if found is not None and controller.compensated is None:
+            controller = dataclasses.replace(controller, compensated=found.compensated)
+        elif found is not None and found.compensated is None:
+            found = dataclasses.replace(found, compensated=controller.compensated)
         if found is not None and controller != found:
             name = f"{recording.source}: controller"
             raise InputError(name, recording.controller, "that of the other recordings", "fit them apart")

@@ -261,10 +261,12 @@ def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[s
         return [Text("The motors reach no target with any of the whips.")]
     strikes = rigs[0].study.strikes
     radii, numbers = [f"within {100 * r:g} cm" for r in RADII], [f"miss {i + 1} [cm]" for i in range(strikes)]
-    rows = [["family", "method", "whips", *radii, *numbers]]
+    rows = [["family", "method", "whips", "hit by 1", "hit by 2", *radii, *numbers]]
     for (family, method), t in _whole(rigs, chain).items():
         means = [f"{t.trials(r).mean():.2f} ({100 * (t.miss <= r).any(axis=1).mean():.0f} %)" for r in RADII]
-        rows.append([family, method, str(len(t.miss)), *means, *(f"{100 * x:.2f}" for x in np.median(t.miss, axis=0))])
+        hit = np.logical_or.accumulate(t.miss <= HIT_RADIUS, axis=1).mean(axis=0)[:2]
+        said = [family, method, str(len(t.miss)), *(f"{100 * x:.0f} %" for x in hit), *means]
+        rows.append([*said, *(f"{100 * x:.2f}" for x in np.median(t.miss, axis=0))])
     faults = sum(bool(fault) for result in chain.values() for fault in result["faults"])
     over = "; ".join(f"{family}: {targets} ({whips})" for family, (whips, targets) in passed.items())
     text = (

@@ -115,7 +115,11 @@ def rehearse(
             break
         for servo, x in zip(servos, np.clip(np.rint(tau / scale), -most, most), strict=True):
             servo.set("goal_current", int(x))
-        physics.advance_to((k + 1) * period)
+        try:
+            physics.advance_to((k + 1) * period)
+        except (ValueError, OverflowError):  # not a number, or none that a register could be rounded to
+            diverged = True
+            break
     trajectory = complete_trajectory(
         believed or model,
         controller,
