@@ -12,13 +12,13 @@ import pytest
 from whiptool import adapt
 from whiptool.adaptation import loop, planner, posterior
 from whiptool.adaptation.correction import correct
+from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
 from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
 from whiptool.adaptation.planner import Effort, Plan, plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import Belief, default_prior, read_belief
 from whiptool.adaptation.twins import BEND, FAMILIES, NODES, Twin, draw_twin
-from whiptool.adaptation.wiggle import FASTEST, choose_wiggle, information
 from whiptool.comparison import Comparison, Scene
 from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
@@ -304,6 +304,40 @@ def test_a_rig_rehearses_with_the_whip_that_is_believed(prior):
     assert abs(port.believed[2].whip.length - truth) < 0.1 * abs(nominal - truth)
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_whip_that_hangs_shows_its_length(family):
+    """Which is what a first strike misses by."""
+    belief, options = default_prior(MODEL, CONTROLLER), Options(max_strikes=1, still=True, first=QUICK)
+    for seed in range(3):
+        look, strike = Adaptation(belief, port_of(seed, family), Target(TARGET), options).run()
+        assert look.number == 0
+        assert look.learned is not None
+        assert look.outcome.recording is not None
+        assert look.outcome.recording.target is None  # lest only the frames before the closest approach count
+        frames = np.ptp(look.outcome.recording.points, axis=0)
+        assert frames.max() < 0.05  # noise alone
+        truth = draw_twin(family, seed, MODEL, CONTROLLER).model.whip.length
+        learned, error = (x["profile.length"] for x in (look.learned.belief.values(), look.learned.belief.errors()))
+        assert learned == pytest.approx(truth, abs=3 * error)
+        assert error < 0.02 * belief.errors()["profile.length"]
+        assert strike.outcome.true_miss is not None
+        assert strike.outcome.true_miss < 0.06
+
+
+def test_when_a_look_is_taken(prior):
+    """Before a first strike; a movement instead where it is asked for; none where there is nothing to learn."""
+    port, target = port_of(3), Target(TARGET)
+
+    def numbers(**changes) -> tuple[int, ...]:
+        known = changes.pop("recordings", [])
+        options = Options(max_strikes=1, first=QUICK, later=QUICK, **changes)
+        return tuple(s.number for s in Adaptation(prior, port, target, options, recordings=known).run())
+
+    assert numbers(still=True) == numbers(wiggle=True) == numbers(still=True, wiggle=True) == (0, 1)
+    assert numbers() == numbers(still=True, adapt=False) == (1,)
+    assert numbers(still=True, recordings=[filmed(port, STRIKE)]) == (1,)
+
+
 def test_the_wiggle_is_slow_and_tells_much(prior):
     rng = np.random.default_rng(0)
     chosen, told = choose_wiggle(prior, rng=rng, candidates=16)
@@ -574,7 +608,7 @@ class Told:
         if isinstance(unit, PolicyUnit):
             return {f"{f}-{s}": [{"target": t, "miss": [None, 0.07]} for t in own] for f, s, own in unit.whips}
         missed = {"miss": [0.08, 0.08], "probability": [1.0, 1.0], "seconds": [3.0, 3.0]}
-        row = learns if unit.method in ("adapt", "wiggle") else missed
+        row = learns if unit.method in ("adapt", "still", "wiggle") else missed
         further = [{"target": t, "miss": 0.01, "probability": 0.9} for t in unit.transfer]
         return {"trials": [{"target": t, **row} for t in unit.targets], "transferred": further}
 
@@ -584,7 +618,7 @@ def test_the_report_of_unknown_whips():
     context = Context(Comparison(scene=scene), Told(), whips=5)  # type: ignore[arg-type]
     sections = {section.title: section for section in reproduction.sections(context)}
     hits, trials = (p.rows for p in sections["Unknown whips, strike by strike"].parts if isinstance(p, Table))
-    assert len(hits) == len(trials) == 1 + 3 * 7 - 1  # the strangest whips are not tried as uniform ones
+    assert len(hits) == len(trials) == 1 + 3 * 8 - 1  # the strangest whips are not tried as uniform ones
     by_name = {tuple(row[:2]): row for row in hits}
     assert by_name["kin", "nominal"][2:] == ["15", "0 %", "0 %", "8.00", "8.00"]
     assert [by_name[family, "uniform"][2] for family in ("kin", "strange")] == ["15", "3"]
@@ -593,14 +627,14 @@ def test_the_report_of_unknown_whips():
     row = {tuple(row[:2]): row for row in trials}["kin", "wiggle"]
     assert row[2:] == ["1.00 (1.00 to 1.00), 100 %", "2.00 (2.00 to 2.00), 100 %", "2.00 (2.00 to 2.00), 100 %"]
     goals = {row[0]: row for row in sections["Goals"].parts[0].rows}
-    assert goals["kin: mean trials within 6 cm"][1:] == ["<= 1.1", "1", "1", "yes"]
-    assert goals["kin: mean trials within 3 cm"][-1] == "no"
-    assert goals["strange: mean trials within 6 cm"][1:] == ["<= 1.4", "1", "", "yes"]
+    assert goals["kin, unseen: mean trials within 6 cm"][1:] == ["<= 1.1", "1", "1", "yes"]
+    assert goals["kin, filmed as it hangs: mean trials within 3 cm"][-1] == "no"
+    assert goals["strange, unseen: mean trials within 6 cm"][1:] == ["<= 1.4", "1", "", "yes"]
     text, table = sections["Through servos, images and tracker"].parts
     assert "kin: 1 (0); strange: 5 (1); stranger: 1 (0)" in text.text
     assert [row[:3] for row in table.rows[1:]] == [
-        ["kin", "adapt", "1"], ["kin", "wiggle", "1"], ["kin", "uniform", "1"],
-        ["stranger", "adapt", "1"], ["stranger", "wiggle", "1"],
+        ["kin", "adapt", "1"], ["kin", "still", "1"], ["kin", "wiggle", "1"], ["kin", "uniform", "1"],
+        ["stranger", "adapt", "1"], ["stranger", "still", "1"], ["stranger", "wiggle", "1"],
     ]  # fmt: skip
     assert goals["kin: calibration error"][-1] == "no"  # half of the strikes were said to hit half the time
     assert goals["kin: first hits at other targets"][2] == "1"

@@ -105,12 +105,12 @@ def test_bounds_and_contradictions_are_marked(prior):
     assert {row[0]: row[-1] for row in rows}["profile.drag"] == "at its bound"
 
 
-def test_a_wiggle_is_no_strike(prior):
+def test_a_first_look_is_no_strike(prior):
     steps = [step_of(0, narrowed(prior, {"delay": 0.5})), step_of(1, narrowed(prior, {"delay": 0.2}))]
-    assert lines(steps[0], prior)[0] == "wiggle: it tells much"
+    assert lines(steps[0], prior)[0] == "first look: it tells much"
     assert "outcome" not in "\n".join(lines(steps[0], prior))
     table = parts(sections(steps, prior, TARGET), Table)[0]
-    assert list(table.rows[1][:6]) == ["0, wiggle", "–", "–", "–", "–", "not to hit"]
+    assert list(table.rows[1][:6]) == ["0, a look", "–", "–", "–", "–", "not to hit"]
     assert list(table.rows[2][:6]) == ["1", "42%", "3.33", "7.10", "3.45", "hit"]
     assert "First hit: strike 1" in words(sections(steps, prior, TARGET))
 

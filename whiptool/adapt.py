@@ -43,6 +43,8 @@ class AdaptOptions(RigOptions):
     """Recordings (.npz) of earlier strikes with the same whip."""
     limits: str | None = None
     """Plan within a motor's limits: xm430, the default but for --camera tip, which has no motors."""
+    still: bool = True
+    """Film the whip as it hangs, before the first strike: how long it is. Not needed with --wiggle or --known."""
     wiggle: bool = False
     """A short, slow movement first, chosen for what it tells about the whip."""
     starts: int = 3
@@ -107,6 +109,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
         first=FIRST if limits is None else replace(FIRST, pool=1024),
         later=NEXT if limits is None else replace(NEXT, pool=512),
+        still=options.still,
         wiggle=options.wiggle,
     )
     motor = None if tip else HARDWARE if options.friction else Motor()

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.adaptation.first_look import choose_wiggle, hanging
 from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, miss_of, plan
 from whiptool.adaptation.ports import Port, Seen
 from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief
-from whiptool.adaptation.wiggle import choose_wiggle
 from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
 from whiptool.models.parameters import Model
@@ -35,7 +35,8 @@ class Options:
     Args:
         max_strikes: No more than these.
         stop_at: End with the first strike that is judged to miss by no more [m]; None: the hit radius. 0: never.
-        wiggle: A short, slow movement first, number 0.
+        still: The whip is filmed as it hangs, before the first strike, unless earlier recordings tell of it; number 0.
+        wiggle: Instead a short, slow movement; number 0.
         adapt: False: never learn; plan once from the prior, and repeat.
         starts: Of every identification.
         seed: Of candidates, samples and starts.
@@ -47,6 +48,7 @@ class Options:
 
     max_strikes: int = 6
     stop_at: float | None = None
+    still: bool = False
     wiggle: bool = False
     adapt: bool = True
     starts: int = 3
@@ -70,7 +72,7 @@ class Step:
     """One strike: what was expected, what came, what it taught.
 
     Args:
-        number: From 1; 0 is the wiggle.
+        number: From 1; 0 is the first look.
         plan: Of the strike.
         outcome: What came of it.
         learned: Afterwards; None where nothing is learned.
@@ -131,7 +133,8 @@ class Adaptation:
         if recordings and o.adapt and not taught:
             learned = update(self.prior, recordings, starts=o.starts, seed=o.seed)
             belief, taught = learned.belief, bool(learned.rmse)
-        for number in range(0 if o.wiggle else 1, o.max_strikes + 1):
+        look = o.wiggle or (o.still and o.adapt and not taught)
+        for number in range(0 if look else 1, o.max_strikes + 1):
             chosen = self._planned(number, belief, past, steps, o.later if taught else o.first)
             outcome = self._struck(number, chosen, belief)
             if number and not (outcome.fault and outcome.recording is None):  # a strike that was refused is none
@@ -141,7 +144,9 @@ class Adaptation:
             learned = None
             if o.adapt and recordings:
                 learned = self._learned(number, recordings, belief)
-                belief, taught = learned.belief, taught or bool(learned.rmse)
+                belief = learned.belief
+                if number or o.wiggle:  # a whip at rest tells its length alone, and the first plan has time
+                    taught = taught or bool(learned.rmse)
             judged = self._judged(chosen, outcome, learned)
             hit = None if judged is None else judged <= self.target.hit_radius
             steps.append(Step(number, chosen, outcome, learned, judged, hit))
@@ -156,8 +161,11 @@ class Adaptation:
             return Plan(**{**stored, "strike": tuple(stored["strike"])})
         o, rng, began = self.options, np.random.default_rng([self.options.seed, number]), time.perf_counter()
         if number == 0:
-            strike, told = choose_wiggle(belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay)
-            reason = f"a movement that tells {told:.1f} nat about the whip"
+            if o.wiggle:
+                strike, told = choose_wiggle(belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay)
+                reason = f"a movement that tells {told:.1f} nat about the whip"
+            else:
+                strike, reason = hanging(belief, o.bounds), "the whip as it hangs: how long it is"
             chosen = Plan(tuple(map(float, strike.vector)), None, None, None, None, reason, time.perf_counter() - began)
         elif number > 1 and not o.adapt:
             chosen = steps[-1].plan
@@ -199,6 +207,8 @@ class Adaptation:
                 recording = replace(recording, source=filmed)  # its name from before it was a file
             return Seen(recording, **stored)
         seen = self.port.strike(Strike.from_vector(chosen.strike), number, folder, belief.at().model)
+        if number == 0 and seen.recording is not None:  # meant for no target, and of use to its end
+            seen = replace(seen, recording=replace(seen.recording, target=None))
         if folder is not None and seen.recording is not None:
             seen.recording.save(folder / RECORDING)
         told: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault")}

@@ -89,7 +89,7 @@ def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Secti
     """The report's sections, for `whiptool.report.to_html`.
 
     Args:
-        steps: All strikes, in order; the wiggle, if any, first.
+        steps: All strikes, in order; the first look, if any, first.
         prior: Before any recording.
         target: What was to be hit.
     """
@@ -128,7 +128,7 @@ def _numbers(belief: Belief, prior: Belief, previous: Belief) -> list[_Number]:
 
 
 def _name(step: Step) -> str:
-    return f"strike {step.number}" if step.number else "wiggle"
+    return f"strike {step.number}" if step.number else "first look"
 
 
 def _used(step: Step) -> bool:
@@ -209,7 +209,7 @@ def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> S
     for step, path in zip(steps, paths, strict=True):
         p, o, learned = step.plan, step.outcome, step.learned
         misses = [_centimetres(x) for x in (step.judged, o.seen_miss, o.true_miss)] if step.number else [_NONE] * 3
-        number = str(step.number) if step.number else "0, wiggle"
+        number = str(step.number) if step.number else "0, a look"
         stated = _NONE if p.probability is None else f"{p.probability:.0%}"
         verdict = ("fault, " if o.fault else "") + (_verdict(step) if step.number else "not to hit")
         error = f"{100 * learned.belief.model_error:.2f}" if learned is not None and learned.rmse else _NONE

@@ -6,7 +6,7 @@ with every whip.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from whiptool.adaptation.correction import correct
+from whiptool.adaptation.first_look import choose_wiggle
 from whiptool.adaptation.loop import Adaptation, Options, Step
 from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief, default_prior, driven
 from whiptool.adaptation.twins import FAMILIES, Twin, draw_twin
-from whiptool.adaptation.wiggle import choose_wiggle
 from whiptool.comparison import LearnerUnit, Scene
 from whiptool.identification.plant import Plant
 from whiptool.models.compiled import CompiledRollout
@@ -35,8 +35,11 @@ METHODS = {
     "sac": "SAC, trained on the model with observation relative",
     "uniform": "the strike that hits most uniform whips; then k, b, m, l identified and planned again, nothing else",
     "adapt": "the robust strike; then identified and planned again after every strike",
-    "wiggle": "the same, after one slow movement chosen for what it tells",
+    "still": "the same, after the whip was filmed once as it hangs",
+    "wiggle": "the same, after one slow movement instead, chosen for what it tells",
 }
+LEARNING = ("uniform", "adapt", "still", "wiggle")
+LOOKING = ("still", "wiggle")  # and so with a first plan of each whip's own
 FINEST = 0.01  # [m], a strike that is judged to miss by no more is the last
 BRIEF = Effort(pool=96, polished=4, steps=4, whips=8, population=6, rounds=2)
 _SLOW_POOL = 512  # candidates of a brief plan, most of which ask too much of motors
@@ -154,7 +157,7 @@ class WhipUnit:
         family, seed: Of the whip.
         method: One of `METHODS`, not `sac`.
         targets: Their numbers.
-        openings: First plans, by target.
+        openings: First plans, by target; empty: each whip has its own.
         look: The slow movement; empty: none.
         transfer: Numbers of further targets, each struck at once with what was learned at the first.
     """
@@ -182,7 +185,7 @@ class WhipUnit:
                 trials.append(self._corrected(number))
                 continue
             steps = self._adapted(number, looked)
-            trials.append(self._told(number, steps, looked))
+            trials.append(self._told(number, steps))
             if i == 0 and self.transfer and steps[-1].learned is not None:
                 transferred = [self._transferred(steps[-1].learned.belief, n) for n in self.transfer]
         return {"trials": trials, "transferred": transferred}
@@ -195,7 +198,8 @@ class WhipUnit:
         """The slow movement with this whip, and what it taught."""
         seen = self._port(self.targets[0]).strike(Strike.from_vector(self.look), 0, None)
         assert seen.recording is not None
-        return seen.recording, update(self.study.prior, [seen.recording], seed=self.seed)
+        recording = replace(seen.recording, target=None)  # meant for none, and of use to its end
+        return recording, update(self.study.prior, [recording], seed=self.seed)
 
     def _adapted(self, number: int, looked: tuple[Any, Learned] | None) -> list[Step]:
         s = self.study
@@ -203,10 +207,10 @@ class WhipUnit:
             s.uniform if self.method == "uniform" else s.prior,
             self._port(number),
             s.target(number),
-            s.options(adapt=self.method in ("uniform", "adapt", "wiggle"), seed=self.seed),
+            s.options(adapt=self.method in LEARNING, still=self.method == "still", seed=self.seed),
             recordings=[] if looked is None else [looked[0]],
             known=None if looked is None else looked[1].belief,
-            opening=None if looked is not None else as_plan(self.openings[number]),
+            opening=as_plan(self.openings[number]) if number in self.openings else None,
         )
         return adaptation.run()
 
@@ -222,15 +226,13 @@ class WhipUnit:
             strike = correct(strike, seen.recording, model, s.target(number).position, t_stay=s.scene.t_stay)
         return {"target": number, "miss": padded(misses, s.strikes)}
 
-    def _told(self, number: int, steps: list[Step], looked: tuple[Any, Learned] | None) -> dict[str, Any]:
-        seconds = [0.0 if looked is None else looked[1].wall_time]  # before the first strike; then after each
-        seconds += [step.learned.wall_time if step.learned else 0.0 for step in steps]
-        seconds = [a + step.plan.wall_time for a, step in zip(seconds, steps, strict=False)]
+    def _told(self, number: int, steps: list[Step]) -> dict[str, Any]:
+        strikes = [step for step in steps if step.number]
         return {
             "target": number,
-            "miss": padded([step.outcome.true_miss for step in steps], self.study.strikes),
-            "probability": [step.plan.probability for step in steps],
-            "seconds": seconds,
+            "miss": padded([step.outcome.true_miss for step in strikes], self.study.strikes),
+            "probability": [step.plan.probability for step in strikes],
+            "seconds": times(strikes),
             "refused": sum(len(step.learned.refused) for step in steps if step.learned),
         }
 
@@ -337,7 +339,7 @@ class RigUnit:
         study: See there.
         family, seed: Of the whip.
         target: Its number.
-        method: `adapt`, `wiggle` or `uniform`.
+        method: `adapt`, `still`, `wiggle` or `uniform`.
     """
 
     study: Study
@@ -363,6 +365,7 @@ class RigUnit:
             family=self.family,
             seed=self.seed,
             max_strikes=s.strikes,
+            still=self.method == "still",
             wiggle=self.method == "wiggle",
             whip="uniform" if self.method == "uniform" else "profile",
         )
@@ -370,13 +373,12 @@ class RigUnit:
         efforts = {name: replace(effort, pool=_SLOW_POOL) for name, effort in s.efforts.items()}
         adaptation.options = replace(adaptation.options, stop_at=FINEST, **efforts)
         steps = adaptation.run()
-        spent = [step.learned.wall_time if step.learned else 0.0 for step in steps]
         strikes = [step for step in steps if step.number]
         return {
             "target": self.target,
             "miss": padded([step.outcome.true_miss for step in strikes], s.strikes),
             "probability": [step.plan.probability for step in strikes],
-            "seconds": [a + step.plan.wall_time for a, step in zip([0.0, *spent], steps, strict=False)],
+            "seconds": times(strikes),
             "faults": [step.outcome.fault for step in strikes],
         }
 
@@ -384,6 +386,12 @@ class RigUnit:
 def as_plan(table: Mapping[str, Any]) -> Plan:
     """What `OpeningUnit` found."""
     return Plan(**{**table, "strike": tuple(table["strike"])})
+
+
+def times(strikes: Sequence[Step]) -> list[float]:
+    """What each strike took to plan, and to learn from the one before [s]; the first: to plan alone."""
+    learned = [step.learned.wall_time if step.learned else 0.0 for step in strikes]
+    return [a + step.plan.wall_time for a, step in zip([0.0, *learned], strikes, strict=False)]
 
 
 def padded(misses: Iterable[float | None], strikes: int) -> list[float | None]:

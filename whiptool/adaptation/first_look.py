@@ -1,4 +1,4 @@
-"""A first look: a short, slow movement, chosen for what it tells about the whip."""
+"""A first look at a whip, before the first strike: as it hangs, or in a short, slow movement that tells most."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from whiptool.strike import Strike, StrikeBounds, default_bounds
 SWING = 0.7  # [rad] that a joint turns at most
 DURATION = (0.4, 0.8)  # [s]
 FASTEST = 8.0  # [m/s] of the tip: a strike has it at 10 to 40
+STILL = 0.5  # [s] that a hanging whip is filmed, and `t_stay` more
 FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
 
 
@@ -44,6 +45,19 @@ def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = 0.3) -> 
         told[i] = np.linalg.slogdet(np.eye(J.shape[1]) + J.T @ J)[1] / 2 if np.isfinite(J).all() else -np.inf
         fastest[i] = np.hypot(*np.diff(p.value.reshape(-1, 2), axis=0).T).max() * FPS
     return told, np.where(np.isfinite(fastest), fastest, np.inf)
+
+
+def hanging(belief: Belief, bounds: StrikeBounds | None = None) -> Strike:
+    """No movement, in the middle of where strikes begin: how long the whip is, and how it hangs, is seen at rest.
+
+    Args:
+        belief: About the arm.
+        bounds: Box of strikes; default: `default_bounds`.
+    """
+    lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
+    a = belief.plant.model.arm.n
+    q = (lower[:a] + upper[:a]) / 2
+    return Strike.from_vector(np.r_[q, q, STILL])
 
 
 def choose_wiggle(
