@@ -20,7 +20,7 @@ from whiptool.strike import Strike, StrikeBounds, default_bounds
 
 TIMESTEP = 5e-4  # [s]
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; more, where all strikes were refused
-SURE = 0.97  # probability of a hit from which no better strike is sought
+SURE = 0.25  # of the hit radius: expected miss of a strike that surely hits, from which no better one is sought
 CHECKED = 3  # strikes that are asked about before more is kept free
 JUDGED = 64  # whips over which the probability is stated
 _SQUEEZES, _CHILDREN, _KEPT, _SHRINK = 12, 64, 8, 0.8  # rounds of random steps within limits, strikes in each
@@ -289,7 +289,7 @@ class _Search:
 
     def sure(self, score: float) -> bool:
         """Whether no other strike could be much more probable to hit."""
-        return score > SURE - _PULL * self.target.hit_radius
+        return score > 1 - _PULL * SURE * self.target.hit_radius
 
     def report(self, strike: np.ndarray, whips: Sequence[Plant], spent: float, tried: int, *, allowed: bool) -> Plan:
         """The choice in words and numbers."""

@@ -122,7 +122,8 @@ def update(
 def usable(recording: StrikeRecording) -> tuple[StrikeRecording | None, str]:
     """The frames of the tip up to shortly after its closest approach to the target, or None and the reason.
 
-    Their standard errors contain what no model explains, lest a sharp camera drive the fit to odd numbers.
+    Their standard errors contain what no model explains, lest a sharp camera drive the fit to odd numbers. At rest that
+    is the same in all frames: so few are kept that none counts twice.
 
     Raises:
         InputError: The recording lacks its command or its tip.
@@ -143,6 +144,11 @@ def usable(recording: StrikeRecording) -> tuple[StrikeRecording | None, str]:
     mask = ~(within[:, None] & recording.seen)
     mask[:, others] = True  # the tip alone: other markers are the tracker's own
     sigma = np.hypot(recording.sigma, UNMODELLED)
+    if recording.strike.q_i == recording.strike.q_f:
+        found = np.flatnonzero(seen & within)
+        kept = found[np.linspace(0, len(found) - 1, _LEAST).round().astype(int)]
+        mask[np.setdiff1d(found, kept), i] = True
+        sigma = np.hypot(recording.sigma, UNMODELLED * math.sqrt(_LEAST))
     return dataclasses.replace(recording.without(mask), sigma=sigma), ""
 
 
@@ -276,8 +282,8 @@ def _belief(prior: Belief, found: Fit) -> Belief:
     told, V = np.linalg.eigh((root @ L).T @ (root @ L) - np.eye(len(L)))
     correlation = float(np.clip(U.whiteness, 0.0, 0.95))
     few = (1 + correlation) / (1 - correlation)  # readings that are worth one
-    if U.residual_variance < 1:  # better than the stated errors allow: chance
-        few = max(few, 1.0)
+    if U.residual_variance < 1:  # better than the stated errors allow: chance, or what no residual shows
+        few = max(few, 1.0) / U.residual_variance
     wide = L @ V / np.sqrt(1 + np.clip(told / few, 0.0, _SHARPEST))
     covariance = wide @ wide.T
     noise = np.concatenate([r.sigma for r in found.recordings])
