@@ -210,6 +210,30 @@ def test_only_the_tip_until_shortly_after_the_closest_approach_is_used(first):
         usable(dataclasses.replace(recording, markers=("handle",)))
 
 
+def test_at_rest_all_frames_say_the_same():
+    """Six frames are kept, from first to last; what no model explains counts once, not once a frame."""
+    resting = filmed(port_of(0), Strike((-0.9, 1.4), (-0.9, 1.4), 0.5))
+    cut, _ = usable(dataclasses.replace(resting, target=None))
+    assert cut is not None
+    kept = np.flatnonzero(cut.seen[:, 0])
+    assert len(kept) == 6
+    assert kept[0] == 0
+    assert cut.t[kept[-1]] > 0.75
+    variance = (cut.sigma**2).max() / 6 - (resting.sigma**2).max() / 6
+    assert variance == pytest.approx(posterior.UNMODELLED**2)
+
+
+def test_perfect_frames_do_not_make_sure(prior):
+    """Residuals say when stated errors are too small, never that they are too large."""
+    port = port_of(1)
+    noisy = filmed(port, STRIKE)
+    port.twin = dataclasses.replace(port.twin, noise=1e-6)
+    perfect = dataclasses.replace(filmed(port, STRIKE), sigma=noisy.sigma)
+    one, two = (update(prior, [recording], starts=1).belief.errors() for recording in (noisy, perfect))
+    ratio = [two[name] / one[name] for name in prior.names]
+    assert min(ratio) > 0.7
+
+
 def test_limits_are_kept_where_they_can_be(prior):
     """Slow strikes only: the motors are weak."""
     kinder = dataclasses.replace(XM430, stall_torque=12.0, no_load_speed=30.0)
@@ -249,6 +273,22 @@ def test_where_every_strike_is_refused_more_of_the_motors_is_kept_free(prior):
     )
     assert usage_of(Strike.from_vector(refused.strike)) == pytest.approx(free)  # then the best of all
     assert [p.allowed for p in (*plans, refused)] == [True, True, False]
+
+
+def test_a_strike_that_surely_hits_is_still_aimed_at_the_middle(prior, monkeypatch):
+    """Over samples that differ a little all strikes hit; the one that misses least is worth more rounds."""
+    sure = dataclasses.replace(prior, covariance=0.01 * prior.covariance)
+    effort = dataclasses.replace(QUICK, pool=16, polished=1, steps=0, rounds=12)
+
+    def expected() -> float:
+        found = plan(sure, Target(TARGET, 0.2), rng=np.random.default_rng(0), effort=effort)
+        assert found.probability == pytest.approx(1.0)
+        assert found.expected_miss is not None
+        return found.expected_miss
+
+    aimed = expected()
+    monkeypatch.setattr(planner, "SURE", np.inf)  # content with the first that hits
+    assert aimed < min(0.05, expected())
 
 
 def test_an_allowed_strike_goes_before_a_surer_one(prior, monkeypatch):
@@ -319,7 +359,7 @@ def test_a_whip_that_hangs_shows_its_length(family):
         truth = draw_twin(family, seed, MODEL, CONTROLLER).model.whip.length
         learned, error = (x["profile.length"] for x in (look.learned.belief.values(), look.learned.belief.errors()))
         assert learned == pytest.approx(truth, abs=3 * error)
-        assert error < 0.02 * belief.errors()["profile.length"]
+        assert error < 0.1 * belief.errors()["profile.length"]
         assert strike.outcome.true_miss is not None
         assert strike.outcome.true_miss < 0.06
 
