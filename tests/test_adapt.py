@@ -30,18 +30,18 @@ from whiptool.objective import Target
 from whiptool.optimize import controller_table
 from whiptool.report import Table
 from whiptool.reproduction import adapt as reproduction
+from whiptool.reproduction import whole_chain
 from whiptool.reproduction.context import Context
 from whiptool.reproduction.trials import Trials, reliability
 from whiptool.reproduction.unknown_whips import (
     LookUnit,
     OpeningUnit,
     PolicyUnit,
-    ReachUnit,
-    RigUnit,
     Study,
     WhipUnit,
     certain,
 )
+from whiptool.reproduction.whole_chain import ReachUnit, RigTransferUnit, RigUnit
 from whiptool.rig.limits import XM430
 from whiptool.strike import Strike, default_bounds
 from whiptool.zone import Disc
@@ -605,6 +605,29 @@ def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):
     assert unit.run(None, 1) == {"target": None, "passed": 5}
 
 
+def test_a_whip_learned_in_the_whole_chain_is_struck_at_other_targets(monkeypatch):
+    """Once each, and those only that the motors reach; without rendering, which takes long."""
+    prepare, study = whole_chain.prepared, study_of(strikes=1)
+    prepared = []
+
+    def seen_as_points(*args, **changes):
+        prepared.append(prepare(*args, **changes, camera="points"))
+        return prepared[-1]
+
+    monkeypatch.setattr(whole_chain, "prepared", seen_as_points)
+    monkeypatch.setattr(whole_chain, "motors_reach", lambda study, family, seed, number: number != own[2])
+    own = study.within(study.twin("kin", 5)).tolist()
+    unit = RigTransferUnit(study=study, family="kin", seed=5, target=own[0], further=(own[1], own[2]))
+    found = unit.run(None, 1)
+    assert found["passed"] == 1
+    [struck] = found["transferred"]
+    assert struck["target"] == own[1]
+    assert struck["miss"] < 0.06
+    learning, again = prepared
+    assert learning.known is None
+    assert again.known.errors()["profile.length"] < 0.01 < again.prior.errors()["profile.length"]
+
+
 def test_targets_are_within_the_whips_reach():
     study = study_of()
     far = study_of(scene=dataclasses.replace(study.scene, zone=Disc((3.0, 0.0))))
@@ -643,6 +666,9 @@ class Told:
         learns = {"miss": [0.04, 0.005], "probability": [0.5, 1.0], "seconds": [3.0, 1.0]}
         if isinstance(unit, ReachUnit):  # the strange whip reaches nothing, the others only their second target
             return {"target": None, "passed": 5} if unit.family == "strange" else {"target": 3, "passed": 1}
+        if isinstance(unit, RigTransferUnit):
+            assert unit.target not in unit.further
+            return {"transferred": [{"target": unit.further[0], "miss": 0.05, "probability": 0.8}], "passed": 19}
         if isinstance(unit, RigUnit):
             return {"target": unit.target, **learns, "faults": ["", ""]}
         if isinstance(unit, PolicyUnit):
@@ -677,7 +703,12 @@ def test_the_report_of_unknown_whips():
         ["stranger", "adapt", "1"], ["stranger", "still", "1"], ["stranger", "wiggle", "1"],
     ]  # fmt: skip
     assert goals["kin: calibration error"][-1] == "no"  # half of the strikes were said to hit half the time
-    assert goals["kin: first hits at other targets"][2] == "1"
+    assert goals["kin: first hits at other targets"][2:] == ["1", "1", "yes"]
+    assert goals["strange: first hits at other targets"][2:] == ["1", "", "yes"]
+    [table] = sections["Whips once learned, at other targets"].parts
+    assert ["kin", "whole chain", "1", "1", "100 %", "0 %", "5.00"] in table.rows
+    # 2 whips x 3 methods x 2 strikes, stated 0.5 (hit) and 1 (hit), and one transfer, stated 0.8 (hit)
+    assert float(goals["stranger: calibration error"][3]) == pytest.approx((3 * 0.5 + 0.2) / 7, abs=5e-4)
 
 
 def test_intervals_resample_whips_not_trials():

@@ -24,11 +24,10 @@ from whiptool.reproduction.unknown_whips import (
     LookUnit,
     OpeningUnit,
     PolicyUnit,
-    ReachUnit,
-    RigUnit,
     Study,
     WhipUnit,
 )
+from whiptool.reproduction.whole_chain import ReachUnit, RigTransferUnit, RigUnit
 from whiptool.zone import Disc
 
 ZONE = Disc((1.15, 0.0), 0.1)
@@ -62,6 +61,7 @@ class Size:
         transfers: Whips of each family that are struck at further targets; and those of `strange` that are tried with
             `uniform`.
         further: How many.
+        rig_transfers: Whips of each family that are struck at further targets through the whole chain.
         episodes: Of SAC's training.
     """
 
@@ -70,13 +70,14 @@ class Size:
     rigs: int = 20
     transfers: int = 10
     further: int = 20
+    rig_transfers: int = 3
     episodes: int = 100
 
     @classmethod
     def of(cls, context: Context) -> Size:
         """Of a run."""
         if context.quick:
-            return cls(whips=1, targets=1, rigs=1, transfers=1, further=2, episodes=4)
+            return cls(whips=1, targets=1, rigs=1, transfers=1, further=2, rig_transfers=0, episodes=4)
         few = max(1, context.whips // 5)
         return cls(whips=context.whips, rigs=min(20, few), transfers=min(10, few))
 
@@ -88,10 +89,11 @@ def sections(context: Context) -> list[Section]:
     study = Study(scene=scene, strikes=2 if quick else 6, thorough=not quick)
     work, policy, excluded = _plan_work(context, study, size)
     results = context.store.results([*work, policy], desc="unknown whips")
-    rigs, passed = _rigs(context, study, size)
+    rigs, again, passed = _rigs(context, study, size)
     if quick:
         rigs = rigs[-1:]  # a strike through servos and images takes long
     chain = context.store.results(rigs, desc="whole chain")
+    further = context.store.results(again, desc="further targets")
     table: dict[tuple[str, str], Trials] = {}
     for family in FAMILIES:
         for method in METHODS:
@@ -104,6 +106,13 @@ def sections(context: Context) -> list[Section]:
     learned = {
         f: [results[u.name] for u in work if u.family == f and u.method in ("adapt", *LOOKING)] for f in FAMILIES
     }
+    whole = {
+        f: [
+            *({"trials": [chain[u.name]], "transferred": []} for u in rigs if u.family == f and u.method != "uniform"),
+            *({"trials": [], **further[u.name]} for u in again if u.family == f),
+        ]
+        for f in FAMILIES
+    }
     return [
         Section(
             "Unknown whips, strike by strike",
@@ -115,10 +124,10 @@ def sections(context: Context) -> list[Section]:
                 Picture(_figure(table), "Median miss by strike number; shaded: 95 % intervals over whips."),
             ],
         ),
-        Section("Whips once learned, at other targets", [Table(_transfer(learned))]),
+        Section("Whips once learned, at other targets", [Table(_transfer(learned, whole))]),
         Section("Through servos, images and tracker", _chain(rigs, chain, passed)),
-        Section("Does the planner know what it does not know?", _calibration(learned)),
-        Section("Goals", [Table(_goals(table, learned, rigs, chain))]),
+        Section("Does the planner know what it does not know?", _calibration(learned, whole)),
+        Section("Goals", [Table(_goals(table, learned, rigs, chain, whole))]),
     ]
 
 
@@ -162,13 +171,15 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
     return work, policy, excluded
 
 
-def _rigs(context: Context, study: Study, size: Size) -> tuple[list[RigUnit], dict[str, list[int]]]:
-    """What goes through the whole chain; and, by family, how many whips reach nothing there and how many targets were
-    passed over."""
+def _rigs(
+    context: Context, study: Study, size: Size
+) -> tuple[list[RigUnit], list[RigTransferUnit], dict[str, list[int]]]:
+    """What goes through the whole chain, at one target and at further ones; and, by family, how many whips reach
+    nothing there and how many targets were passed over."""
     # a killed run has about as many of each family
     reach = [ReachUnit(study=study, family=f, seed=seed) for seed in range(size.rigs) for f in FAMILIES]
     known = context.store.results(reach, desc="within the motors' reach")
-    found, passed = [], {family: [0, 0] for family in FAMILIES}
+    found, again, passed = [], [], {family: [0, 0] for family in FAMILIES}
     for unit in reach:
         target = known[unit.name]["target"]
         passed[unit.family][0] += target is None
@@ -176,7 +187,11 @@ def _rigs(context: Context, study: Study, size: Size) -> tuple[list[RigUnit], di
         if target is not None:
             own = {"study": study, "family": unit.family, "seed": unit.seed, "target": target}
             found += [RigUnit(**own, method=method) for method in _CHAIN[unit.family]]
-    return found, passed
+            if unit.seed < size.rig_transfers:
+                others = study.within(study.twin(unit.family, unit.seed)).tolist()
+                others.remove(target)
+                again.append(RigTransferUnit(**own, further=tuple(others[: size.further])))
+    return found, again, passed
 
 
 def _about(study: Study, size: Size, excluded: int) -> str:
@@ -253,14 +268,16 @@ def plot_misses(ax: Axes, by_method: dict[str, Trials], *, title: str = "") -> A
     return ax
 
 
-def _transfer(learned: dict[str, list[dict[str, Any]]]) -> list[list[str]]:
-    rows = [["family", "whips", "strikes", "hit at once within 6 cm", "within 3 cm", "median miss [cm]"]]
-    for family, results in learned.items():
-        whips = [r["transferred"] for r in results if r["transferred"]]
-        if whips:
-            miss = _misses([x for whip in whips for x in whip])
-            shares = [f"{100 * (miss <= r).mean():.0f} %" for r in RADII[:2]]
-            rows.append([family, str(len(whips)), str(len(miss)), *shares, f"{100 * np.median(miss):.2f}"])
+def _transfer(learned: dict[str, list[dict[str, Any]]], whole: dict[str, list[dict[str, Any]]]) -> list[list[str]]:
+    rows = [["family", "through", "whips", "strikes", "hit at once within 6 cm", "within 3 cm", "median miss [cm]"]]
+    for through, by_family in (("tip seen", learned), ("whole chain", whole)):
+        for family, results in by_family.items():
+            whips = [r["transferred"] for r in results if r["transferred"]]
+            if whips:
+                miss = _misses([x for whip in whips for x in whip])
+                shares = [f"{100 * (miss <= r).mean():.0f} %" for r in RADII[:2]]
+                said = [family, through, str(len(whips)), str(len(miss))]
+                rows.append([*said, *shares, f"{100 * np.median(miss):.2f}"])
     return rows
 
 
@@ -310,7 +327,9 @@ def _stated(results: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
     return np.array([p for p, _ in pairs]), np.array([hit for _, hit in pairs])
 
 
-def _calibration(learned: dict[str, list[dict[str, Any]]]) -> list[Text | Table | Picture]:
+def _calibration(
+    learned: dict[str, list[dict[str, Any]]], whole: dict[str, list[dict[str, Any]]]
+) -> list[Text | Table | Picture]:
     parts: list[Text | Table | Picture] = [
         Text(
             "The planner states the probability of a hit for every strike. Of all strikes with about the same stated "
@@ -319,12 +338,16 @@ def _calibration(learned: dict[str, list[dict[str, Any]]]) -> list[Text | Table 
         )
     ]
     with matplotlib.rc_context(STYLE):
-        figure = Figure((11, 3.8), layout="constrained")
-        axes = figure.subplots(1, len(FAMILIES), sharey=True)
-        for ax, (family, results) in zip(axes, learned.items(), strict=True):
-            plot_reliability(ax, *_stated(results), title=family)
-            ax.label_outer()
-    return [*parts, Picture(figure, "Stated against observed; the area of a dot is the number of strikes.")]
+        figure = Figure((11, 7), layout="constrained")
+        axes = figure.subplots(2, len(FAMILIES), sharey=True, sharex=True)
+        for row, (through, by_family) in zip(axes, (("tip seen", learned), ("whole chain", whole)), strict=True):
+            for ax, (family, results) in zip(row, by_family.items(), strict=True):
+                if results:
+                    plot_reliability(ax, *_stated(results), title=f"{family}, {through}")
+                else:
+                    ax.set_visible(False)
+                ax.label_outer()
+    return [*parts, Picture(figure, "Stated against observed; the area of a dot grows with the number of strikes.")]
 
 
 def plot_reliability(ax: Axes, stated: np.ndarray, observed: np.ndarray, *, title: str = "") -> Axes:
@@ -334,7 +357,7 @@ def plot_reliability(ax: Axes, stated: np.ndarray, observed: np.ndarray, *, titl
     ax.plot(*100 * bins[:, :2].T, color=COLORS["blue"], linewidth=1.2)
     ax.scatter(*100 * bins[:, :2].T, s=30 + 300 * bins[:, 2] / len(stated), color=COLORS["blue"], alpha=0.7, zorder=3)
     ax.set(xlabel="stated probability of a hit [%]", ylabel="strikes that hit [%]", xlim=(-4, 104), ylim=(-4, 104))
-    ax.set_title(f"{title}: calibration error {error:.3f}, {len(stated)} strikes", fontsize=10)
+    ax.set_title(f"{title}: {len(stated)} strikes, calibration error {error:.3f}", fontsize=9)
     return ax
 
 
@@ -343,6 +366,7 @@ def _goals(
     learned: dict[str, list[dict[str, Any]]],
     rigs: list[RigUnit],
     chain: dict[str, dict[str, Any]],
+    through: dict[str, list[dict[str, Any]]],
 ) -> list[list[str]]:
     rows = [["", "goal", "tip seen", "whole chain", "met"]]
     whole = _whole(rigs, chain)
@@ -364,12 +388,17 @@ def _goals(
             add(what + "mean trials within 3 cm", three, tip.trials(0.03).mean(), full and full.trials(0.03).mean())
             second = [100 * float(np.median(x.miss[:, 1])) if x else None for x in (tip, full)]
             add(what + "median miss of the second strike [cm]", 100 * miss, *second)
-    for family, results in learned.items():
-        add(f"{family}: calibration error", CALIBRATION_GOAL, reliability(*_stated(results))[1], None)
-        again = [x for r in results for x in r["transferred"]]
-        if again:
-            share = float((_misses(again) <= HIT_RADIUS).mean())
-            add(f"{family}: first hits at other targets", TRANSFER_GOAL, share, None, least=True)
+    for family in FAMILIES:
+        both = learned[family], through[family]
+        add(
+            f"{family}: calibration error",
+            CALIBRATION_GOAL,
+            *(reliability(*_stated(r))[1] if r else None for r in both),
+        )
+        again = [[x for r in results for x in r["transferred"]] for results in both]
+        shares = [float((_misses(x) <= HIT_RADIUS).mean()) if x else None for x in again]
+        if any(again):
+            add(f"{family}: first hits at other targets", TRANSFER_GOAL, *shares, least=True)
     seconds = [x for r in learned.values() for one in r for t in one["trials"] for x in t["seconds"][1:]]
     slow = [x for r in chain.values() for x in r["seconds"][1:]]
     times = [float(np.median(x)) if x else None for x in (seconds, slow)]

@@ -19,13 +19,11 @@ from whiptool.adaptation.loop import Adaptation, Options, Step
 from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import Learned, update
-from whiptool.adaptation.prior import Belief, default_prior, driven
+from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.adaptation.twins import FAMILIES, Twin, draw_twin
 from whiptool.comparison import LearnerUnit, Scene
-from whiptool.identification.plant import Plant
 from whiptool.models.compiled import CompiledRollout
 from whiptool.objective import HIT_RADIUS, Target
-from whiptool.rig.emulator.motor import HARDWARE
 from whiptool.strike import Strike
 
 METHODS = {
@@ -42,8 +40,6 @@ LEARNING = ("uniform", "adapt", "still", "wiggle")
 LOOKING = ("still", "wiggle")  # and so with a first plan of each whip's own
 FINEST = 0.01  # [m], a strike that is judged to miss by no more is the last
 BRIEF = Effort(pool=96, polished=4, steps=4, whips=8, population=6, rounds=2)
-_SLOW_POOL = 512  # candidates of a brief plan, most of which ask too much of motors
-_TRIED = 5  # targets of a whip's own that are tried with motors
 _CLEAR = 0.05  # [m] by which a target has to be within a whip's reach
 
 
@@ -86,7 +82,7 @@ class Study:
         return Target((float(x), float(y)), HIT_RADIUS)
 
     def options(self, **changes: Any) -> Options:
-        """Of an adaptation."""
+        """Of an adaptation that sees the tip."""
         options = Options(max_strikes=self.strikes, stop_at=FINEST, t_stay=self.scene.t_stay)
         return replace(options, **self.efforts, **changes)
 
@@ -296,91 +292,6 @@ class PolicyUnit:
                     for number, row in zip(targets, misses, strict=True)
                 ]
         return found
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReachUnit:
-    """The first target of a whip's own that the motors can reach with it, found with the true whip known."""
-
-    study: Study
-    family: str
-    seed: int
-
-    @property
-    def name(self) -> str:
-        """Whip."""
-        return self.study.named("reach", self.family, self.seed)
-
-    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Plan with the truth; `target` is None where none of the first few can be reached."""
-        from whiptool.adapt import AdaptOptions, prepare
-
-        s, passed = self.study, 0
-        adaptation = prepare(AdaptOptions(target=s.scene.zone.centre, port="twin", camera="twin"))
-        usual, controller = adaptation.options, adaptation.prior.plant.controller
-        assert controller is not None
-        twin = draw_twin(self.family, self.seed, s.scene.model, controller)  # a rig's controller is not the scene's
-        truth = Plant(driven(twin.model, HARDWARE), twin.controller)
-        known = Belief(truth, ("delay",), np.zeros(1), 1e-8 * np.eye(1))
-        effort = replace(usual.later, whips=1, **({} if s.thorough else {"polished": 4, "rounds": 0}))
-        for passed, number in enumerate(s.within(s.twin(self.family, self.seed))[:_TRIED].tolist()):
-            rng, target = np.random.default_rng([self.seed, number]), s.target(number)
-            found = plan(known, target, rng=rng, bounds=usual.bounds, limits=usual.limits, effort=effort)
-            if found.usage is not None and found.usage <= 1 and (found.mean_miss or 0.0) <= target.hit_radius:
-                return {"target": number, "passed": passed}
-        return {"target": None, "passed": passed + 1}
-
-
-@dataclass(frozen=True, kw_only=True)
-class RigUnit:
-    """Strikes through the whole chain: servos, rendered images, tracker, within the motors' limits.
-
-    Args:
-        study: See there.
-        family, seed: Of the whip.
-        target: Its number.
-        method: `adapt`, `still`, `wiggle` or `uniform`.
-    """
-
-    study: Study
-    family: str
-    seed: int
-    target: int
-    method: str = "adapt"
-
-    @property
-    def name(self) -> str:
-        """Whip, target, method."""
-        return self.study.named("rig", self.family, self.seed, self.target, self.method)
-
-    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Strike."""
-        from whiptool.adapt import AdaptOptions, prepare
-
-        s = self.study
-        options = AdaptOptions(
-            target=s.target(self.target).position,
-            port="twin",
-            camera="twin",
-            family=self.family,
-            seed=self.seed,
-            max_strikes=s.strikes,
-            still=self.method == "still",
-            wiggle=self.method == "wiggle",
-            whip="uniform" if self.method == "uniform" else "profile",
-        )
-        adaptation = prepare(options)
-        efforts = {name: replace(effort, pool=_SLOW_POOL) for name, effort in s.efforts.items()}
-        adaptation.options = replace(adaptation.options, stop_at=FINEST, **efforts)
-        steps = adaptation.run()
-        strikes = [step for step in steps if step.number]
-        return {
-            "target": self.target,
-            "miss": padded([step.outcome.true_miss for step in strikes], s.strikes),
-            "probability": [step.plan.probability for step in strikes],
-            "seconds": times(strikes),
-            "faults": [step.outcome.fault for step in strikes],
-        }
 
 
 def as_plan(table: Mapping[str, Any]) -> Plan:
