@@ -210,17 +210,32 @@ def test_only_the_tip_until_shortly_after_the_closest_approach_is_used(first):
         usable(dataclasses.replace(recording, markers=("handle",)))
 
 
-def test_at_rest_all_frames_say_the_same():
-    """Six frames are kept, from first to last; what no model explains counts once, not once a frame."""
+def test_at_rest_all_frames_are_one():
+    """Their median, nearly as sure as what no model explains allows; a target that noise comes near to cuts nothing."""
     resting = filmed(port_of(0), Strike((-0.9, 1.4), (-0.9, 1.4), 0.5))
-    cut, _ = usable(dataclasses.replace(resting, target=None))
-    assert cut is not None
-    kept = np.flatnonzero(cut.seen[:, 0])
-    assert len(kept) == 6
-    assert kept[0] == 0
-    assert cut.t[kept[-1]] > 0.75
-    variance = (cut.sigma**2).max() / 6 - (resting.sigma**2).max() / 6
-    assert variance == pytest.approx(posterior.UNMODELLED**2)
+    points = resting.points.copy()
+    points[7] += 1.0  # tracked elsewhere
+    for target in (None, tuple(resting.points[0, 0])):
+        cut, _ = usable(dataclasses.replace(resting, points=points, target=target))
+        assert cut is not None
+        [[x, y]] = cut.points[cut.seen[:, 0], 0]
+        np.testing.assert_allclose([x, y], resting.points[:, 0].mean(axis=0), atol=0.002)
+        assert posterior.UNMODELLED < cut.sigma.max() < 1.1 * posterior.UNMODELLED
+    lost = points.copy()
+    lost[5:] = np.nan
+    assert usable(dataclasses.replace(resting, points=lost))[0] is None
+
+
+def test_a_whip_at_rest_is_no_measure_for_one_that_moves(first):
+    """A uniform whip explains how a stranger hangs to the millimetre, and how it moves to some centimetres."""
+    uniform, port = default_prior(MODEL, CONTROLLER, whip="uniform"), port_of(2, "stranger")
+    resting = filmed(port, Strike((-0.9, 1.4), (-0.9, 1.4), 0.5), 0)
+    moving = filmed(port, STRIKE)
+    alone, both = update(uniform, [moving], starts=1), update(uniform, [resting, moving], starts=1)
+    assert alone.rmse[moving.source] > posterior.TOO_FAR / 2
+    assert set(both.rmse) == {resting.source, moving.source}
+    assert both.belief.model_error == pytest.approx(alone.belief.model_error, rel=0.5)
+    assert update(uniform, [resting]).belief.model_error == 0
 
 
 def test_perfect_frames_do_not_make_sure(prior):
@@ -376,6 +391,23 @@ def test_when_a_look_is_taken(prior):
     assert numbers(still=True) == numbers(wiggle=True) == numbers(still=True, wiggle=True) == (0, 1)
     assert numbers() == numbers(still=True, adapt=False) == (1,)
     assert numbers(still=True, recordings=[filmed(port, STRIKE)]) == (1,)
+
+
+def test_a_look_alone_does_not_count_as_having_struck(prior, monkeypatch):
+    """Where the first strike is refused, the second is planned as hard as the first; then one has taught."""
+    efforts, port, target = [], port_of(3), Target(TARGET)
+    sought = loop.plan
+    monkeypatch.setattr(loop, "plan", lambda *args, **named: efforts.append(named["effort"]) or sought(*args, **named))
+
+    class Refuses:
+        def strike(self, strike, number: int, folder, believed=None) -> Seen:
+            return Seen(None, None, fault="no") if number == 1 else port.strike(strike, number, folder)
+
+    later = dataclasses.replace(QUICK, rounds=1)
+    options = Options(max_strikes=3, stop_at=0.0, still=True, first=QUICK, later=later)
+    steps = Adaptation(prior, Refuses(), target, options).run()
+    assert [step.number for step in steps] == [0, 1, 2, 3]
+    assert efforts == [QUICK, QUICK, later]
 
 
 def test_the_wiggle_is_slow_and_tells_much(prior):

@@ -110,7 +110,7 @@ def test_a_first_look_is_no_strike(prior):
     assert lines(steps[0], prior)[0] == "first look: it tells much"
     assert "outcome" not in "\n".join(lines(steps[0], prior))
     table = parts(sections(steps, prior, TARGET), Table)[0]
-    assert list(table.rows[1][:6]) == ["0, a look", "–", "–", "–", "–", "not to hit"]
+    assert list(table.rows[1][:6]) == ["0, first look", "–", "–", "–", "–", "not to hit"]
     assert list(table.rows[2][:6]) == ["1", "42%", "3.33", "7.10", "3.45", "hit"]
     assert "First hit: strike 1" in words(sections(steps, prior, TARGET))
 

@@ -129,7 +129,7 @@ class Adaptation:
         o, belief, steps = self.options, self.known or self.prior, []
         recordings, past = list(self.recordings), []
         enough = self.target.hit_radius if o.stop_at is None else o.stop_at
-        taught = self.known is not None
+        taught, resting = self.known is not None, set[str]()
         if recordings and o.adapt and not taught:
             learned = update(self.prior, recordings, starts=o.starts, seed=o.seed)
             belief, taught = learned.belief, bool(learned.rmse)
@@ -145,8 +145,9 @@ class Adaptation:
             if o.adapt and recordings:
                 learned = self._learned(number, recordings, belief)
                 belief = learned.belief
-                if number or o.wiggle:  # a whip at rest tells its length alone, and the first plan has time
-                    taught = taught or bool(learned.rmse)
+                if number == 0 and not o.wiggle:  # tells the length alone: the next plan is a first one
+                    resting = set(learned.rmse)
+                taught = taught or bool(set(learned.rmse) - resting)
             judged = self._judged(chosen, outcome, learned)
             hit = None if judged is None else judged <= self.target.hit_radius
             steps.append(Step(number, chosen, outcome, learned, judged, hit))

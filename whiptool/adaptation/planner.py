@@ -20,7 +20,7 @@ from whiptool.strike import Strike, StrikeBounds, default_bounds
 
 TIMESTEP = 5e-4  # [s]
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; more, where all strikes were refused
-SURE = 0.25  # of the hit radius: expected miss of a strike that surely hits, from which no better one is sought
+SURE = 0.25  # of the hit radius: where a strike that misses all whips by no more is worth no better one
 CHECKED = 3  # strikes that are asked about before more is kept free
 JUDGED = 64  # whips over which the probability is stated
 _SQUEEZES, _CHILDREN, _KEPT, _SHRINK = 12, 64, 8, 0.8  # rounds of random steps within limits, strikes in each
@@ -288,8 +288,9 @@ class _Search:
         return score - np.where(excess > 0, 10 + excess, 0)
 
     def sure(self, score: float) -> bool:
-        """Whether no other strike could be much more probable to hit."""
-        return score > 1 - _PULL * SURE * self.target.hit_radius
+        """Whether a strike is worth as much as one that misses every whip by little."""
+        little = SURE * self.target.hit_radius
+        return score >= float(self.probability(np.array([[little]]))[0]) - _PULL * little
 
     def report(self, strike: np.ndarray, whips: Sequence[Plant], spent: float, tried: int, *, allowed: bool) -> Plan:
         """The choice in words and numbers."""

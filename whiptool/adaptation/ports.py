@@ -38,7 +38,7 @@ class Seen:
 
 
 class Port(Protocol):
-    """Strikes once; `number` counts from 1, and the same number gives the same noise."""
+    """Strikes once; `number` counts from 1 (0: a first look), and the same number gives the same noise."""
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Strike and film; `believed`: whip and arm as they are known by now, for a rig's rehearsal."""

@@ -32,6 +32,7 @@ _HORIZONS = (0.5, 0.75)  # of a recording's frames, before all of them
 _POSE = ("rotation", "shift_x", "shift_y")
 _UNMOVED = 0.02  # [rad], [m]: a camera that stood where it should
 _LEAST = 6  # frames
+_OF_MEDIAN = math.sqrt(math.pi / 2)  # its standard error over that of the mean
 _SHARPEST = 1e8  # information over the prior's, at most: rounding errors spoil the covariance beyond
 TIMESTEP = 5e-4  # [s]
 
@@ -106,7 +107,7 @@ def update(
         if found is None:
             refused[used.pop().source] = "no whip that is believed possible could be fitted to it"
             continue
-        worst = _inconsistent(prior, found)
+        worst = _inconsistent(prior, found, used)
         if worst is None:
             break
         bad = used.pop(worst)
@@ -114,7 +115,7 @@ def update(
         guess, found = prior, None
     if found is None:
         return Learned(prior, {}, refused, time.perf_counter() - began)
-    belief = _belief(prior, found)
+    belief = _belief(prior, found, used)
     rmse = {r.source: r.rmse for r in found.recordings}
     return Learned(belief, rmse, refused, time.perf_counter() - began)
 
@@ -123,7 +124,7 @@ def usable(recording: StrikeRecording) -> tuple[StrikeRecording | None, str]:
     """The frames of the tip up to shortly after its closest approach to the target, or None and the reason.
 
     Their standard errors contain what no model explains, lest a sharp camera drive the fit to odd numbers. At rest that
-    is the same in all frames: so few are kept that none counts twice.
+    is the same in all frames, and one is left of them: their median.
 
     Raises:
         InputError: The recording lacks its command or its tip.
@@ -134,7 +135,7 @@ def usable(recording: StrikeRecording) -> tuple[StrikeRecording | None, str]:
     seen, t, points = recording.seen[:, i], recording.t, recording.points[:, i, :2]
     end = recording.strike.D + recording.t_stay
     within = t <= end
-    if recording.target is not None and (seen & within).any():
+    if recording.target is not None and not _at_rest(recording) and (seen & within).any():
         distance = np.where(seen & within, np.hypot(*(points - np.array(recording.target[:2])).T), np.inf)
         within &= t <= t[int(distance.argmin())] + AFTER
     lost = 1 - float(np.mean(seen[recording.t <= end])) if (recording.t <= end).any() else 1.0
@@ -143,13 +144,23 @@ def usable(recording: StrikeRecording) -> tuple[StrikeRecording | None, str]:
     others = [m for m in range(len(recording.markers)) if m != i]
     mask = ~(within[:, None] & recording.seen)
     mask[:, others] = True  # the tip alone: other markers are the tracker's own
-    sigma = np.hypot(recording.sigma, UNMODELLED)
-    if recording.strike.q_i == recording.strike.q_f:
-        found = np.flatnonzero(seen & within)
-        kept = found[np.linspace(0, len(found) - 1, _LEAST).round().astype(int)]
-        mask[np.setdiff1d(found, kept), i] = True
-        sigma = np.hypot(recording.sigma, UNMODELLED * math.sqrt(_LEAST))
-    return dataclasses.replace(recording.without(mask), sigma=sigma), ""
+    cut = dataclasses.replace(recording.without(mask), sigma=np.hypot(recording.sigma, UNMODELLED))
+    return _median(cut, recording.sigma) if _at_rest(recording) else cut, ""
+
+
+def _at_rest(recording: StrikeRecording) -> bool:
+    """Whether the strike was none, and the whip hung."""
+    return recording.strike is not None and recording.strike.q_i == recording.strike.q_f
+
+
+def _median(recording: StrikeRecording, noise: np.ndarray) -> StrikeRecording:
+    """One frame in place of all, in their middle; `noise`: standard errors of the frames, (T, M) [m]."""
+    seen = np.flatnonzero(recording.seen.any(axis=1))
+    points = np.full_like(recording.points, np.nan)
+    points[seen[len(seen) // 2]] = np.median(recording.points[seen], axis=0)
+    error = _OF_MEDIAN * float(np.nanmean(noise[seen])) / math.sqrt(len(seen))
+    sigma = np.full_like(recording.sigma, math.hypot(error, UNMODELLED))
+    return dataclasses.replace(recording, points=points, sigma=sigma)
 
 
 def _best(
@@ -243,11 +254,14 @@ def _score(predictor: Predictor, plant: Plant) -> float:
     return mean if np.isfinite(mean) else np.inf
 
 
-def _inconsistent(prior: Belief, found: Fit) -> int | None:
-    """Which recording does not go with the others, or with any whip that is believed possible."""
+def _inconsistent(prior: Belief, found: Fit, recordings: Sequence[StrikeRecording]) -> int | None:
+    """Which recording does not go with the others, or with any whip that is believed possible.
+
+    How well a whip at rest is explained says nothing about how well one that moves should be.
+    """
     rmse = np.array([r.rmse for r in found.recordings])
     worst = int(rmse.argmax())
-    others = np.delete(rmse, worst)
+    others = rmse[[i for i, r in enumerate(recordings) if i != worst and not _at_rest(r)]]
     limit = TOO_FAR if not len(others) else min(TOO_FAR, max(TOO_FAR / 2, OUTLYING * float(np.median(others))))
     return None if rmse[worst] <= limit and _plausible(prior, found) else worst
 
@@ -273,8 +287,11 @@ def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> 
     return said + f", unless the camera was turned by {turned:+.1f} deg and moved by ({x:+.3f}, {y:+.3f}) m"
 
 
-def _belief(prior: Belief, found: Fit) -> Belief:
-    """The fit as a belief: its covariance inflated by what the residuals show."""
+def _belief(prior: Belief, found: Fit, recordings: Sequence[StrikeRecording]) -> Belief:
+    """The fit as a belief: its covariance inflated by what the residuals show.
+
+    A whip at rest shows nothing of how well the model moves.
+    """
     U = found.uncertainty
     root = U.directions * U.singular_values[:, None] / U.units
     L = np.linalg.cholesky(prior.covariance)
@@ -283,10 +300,12 @@ def _belief(prior: Belief, found: Fit) -> Belief:
     correlation = float(np.clip(U.whiteness, 0.0, 0.95))
     few = (1 + correlation) / (1 - correlation)  # readings that are worth one
     if U.residual_variance < 1:  # better than the stated errors allow: chance, or what no residual shows
-        few = max(few, 1.0) / U.residual_variance
+        few /= U.residual_variance
     wide = L @ V / np.sqrt(1 + np.clip(told / few, 0.0, _SHARPEST))
     covariance = wide @ wide.T
-    noise = np.concatenate([r.sigma for r in found.recordings])
-    residuals = np.concatenate([r.residuals for r in found.recordings])
-    excess = float(np.mean(residuals**2) - np.mean(noise**2))
+    moved = [fitted for fitted, r in zip(found.recordings, recordings, strict=True) if not _at_rest(r)]
+    excess = 0.0
+    if moved:
+        noise, residuals = (np.concatenate([getattr(m, name) for m in moved]) for name in ("sigma", "residuals"))
+        excess = float(np.mean(residuals**2) - np.mean(noise**2))
     return Belief(prior.plant, prior.names, np.array(U.z), covariance, float(np.sqrt(max(excess, 0.0))))

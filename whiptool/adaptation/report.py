@@ -209,7 +209,7 @@ def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> S
     for step, path in zip(steps, paths, strict=True):
         p, o, learned = step.plan, step.outcome, step.learned
         misses = [_centimetres(x) for x in (step.judged, o.seen_miss, o.true_miss)] if step.number else [_NONE] * 3
-        number = str(step.number) if step.number else "0, a look"
+        number = str(step.number) if step.number else "0, first look"
         stated = _NONE if p.probability is None else f"{p.probability:.0%}"
         verdict = ("fault, " if o.fault else "") + (_verdict(step) if step.number else "not to hit")
         error = f"{100 * learned.belief.model_error:.2f}" if learned is not None and learned.rmse else _NONE

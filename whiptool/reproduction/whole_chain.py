@@ -122,7 +122,7 @@ class RigUnit:
 
 @dataclass(frozen=True, kw_only=True)
 class RigTransferUnit:
-    """A whip learned at one target through the whole chain, then struck once at each of others.
+    """A whip learned at one target through the whole chain, without a look before, then struck once at others.
 
     Args:
         study: See there.
@@ -145,7 +145,7 @@ class RigTransferUnit:
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Learn, and strike."""
         s = self.study
-        last = prepared(s, self.family, self.seed, self.target).run()[-1].learned
+        last = prepared(s, self.family, self.seed, self.target, still=False).run()[-1].learned
         assert last is not None
         reached = [n for n in self.further if motors_reach(s, self.family, self.seed, n)]
         transferred = []
