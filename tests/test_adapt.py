@@ -226,9 +226,9 @@ def test_at_rest_all_frames_are_one():
     assert usable(dataclasses.replace(resting, points=lost))[0] is None
 
 
-def test_a_whip_at_rest_is_no_measure_for_one_that_moves(first):
+def test_a_whip_at_rest_is_no_measure_for_one_that_moves():
     """A uniform whip explains how a stranger hangs to the millimetre, and how it moves to some centimetres."""
-    uniform, port = default_prior(MODEL, CONTROLLER, whip="uniform"), port_of(2, "stranger")
+    uniform, port = default_prior(MODEL, CONTROLLER, whip="uniform"), port_of(1, "stranger")
     resting = filmed(port, Strike((-0.9, 1.4), (-0.9, 1.4), 0.5), 0)
     moving = filmed(port, STRIKE)
     alone, both = update(uniform, [moving], starts=1), update(uniform, [resting, moving], starts=1)
