@@ -656,6 +656,7 @@ def test_a_whip_learned_in_the_whole_chain_is_struck_at_other_targets(monkeypatc
     assert struck["target"] == own[1]
     assert struck["miss"] < 0.06
     learning, again = prepared
+    assert not learning.options.still
     assert learning.known is None
     assert again.known.errors()["profile.length"] < 0.01 < again.prior.errors()["profile.length"]
 
@@ -700,7 +701,10 @@ class Told:
             return {"target": None, "passed": 5} if unit.family == "strange" else {"target": 3, "passed": 1}
         if isinstance(unit, RigTransferUnit):
             assert unit.target not in unit.further
-            return {"transferred": [{"target": unit.further[0], "miss": 0.05, "probability": 0.8}], "passed": 19}
+            return {
+                "transferred": [{"target": unit.further[0], "miss": 0.05, "probability": 0.8, "fault": ""}],
+                "passed": 19,
+            }
         if isinstance(unit, RigUnit):
             return {"target": unit.target, **learns, "faults": ["", ""]}
         if isinstance(unit, PolicyUnit):
@@ -737,10 +741,13 @@ def test_the_report_of_unknown_whips():
     assert goals["kin: calibration error"][-1] == "no"  # half of the strikes were said to hit half the time
     assert goals["kin: first hits at other targets"][2:] == ["1", "1", "yes"]
     assert goals["strange: first hits at other targets"][2:] == ["1", "", "yes"]
-    [table] = sections["Whips once learned, at other targets"].parts
+    text, table = sections["Whips once learned, at other targets"].parts
+    assert "38 of 40 others are left out" in text.text
+    assert "0 strikes ended in a fault" in text.text
     assert ["kin", "whole chain", "1", "1", "100 %", "0 %", "5.00"] in table.rows
     # 2 whips x 3 methods x 2 strikes, stated 0.5 (hit) and 1 (hit), and one transfer, stated 0.8 (hit)
     assert float(goals["stranger: calibration error"][3]) == pytest.approx((3 * 0.5 + 0.2) / 7, abs=5e-4)
+    assert goals["stranger: calibration error of first strikes"][2:] == ["0.5", "0.5", "no"]
 
 
 def test_intervals_resample_whips_not_trials():
