@@ -34,7 +34,7 @@ class AdaptOptions(RigOptions):
     family: str = "strange"
     """Of the twin's whip: kin, strange, stranger."""
     max_strikes: int = 6
-    """No more strikes than these."""
+    """No more strikes than these; a look before the first one is none."""
     whip: str = "profile"
     """What is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
     prior: str | None = None
