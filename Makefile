@@ -6,7 +6,7 @@ RUN := $(VENV)/bin/python
 TEST := OMP_NUM_THREADS=1 $(RUN) -m pytest --numprocesses 2 --dist loadfile
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint requirements.lock
 
-.PHONY: demo test test-fast check docs clean
+.PHONY: demo test test-fast mutants check docs clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.core
@@ -17,6 +17,10 @@ test: check
 
 test-fast: $(VENV)/.dev
 	$(TEST) -m "not slow"
+
+# does a wrong formula fail a test? goes on where it was stopped; MUTANTS="--package rl --sample 20" for a part
+mutants: $(VENV)/.dev
+	$(RUN) -m tools.mutants $(MUTANTS)
 
 docs: $(VENV)/.dev
 	$(RUN) -m sphinx -W --keep-going -b html docs docs/_build/html

@@ -19,7 +19,7 @@ import numpy as np
 import whiptool as wt
 from whiptool.impedance import OIAC, Controller
 from whiptool.rig.cyclelog import Flag
-from whiptool.rig.dynamixel import DynamixelBus, Joints
+from whiptool.rig.dynamixel import Joints
 from whiptool.rig.emulator import Emulator, TwinOptions, random_faults
 from whiptool.rig.loop import LoopOptions, RigLoop, StepClock
 
@@ -37,7 +37,7 @@ def strike_once(twin: Emulator, rng: np.random.Generator, model, n: int) -> tupl
         nonlocal counted
         counted = k + 1
 
-    with DynamixelBus(twin.port, [1, 2], timeout=0.006, fast=bool(n % 2)) as bus:
+    with twin.bus(timeout=0.006, fast=bool(n % 2)) as bus:
         twin.inject(*random_faults(rng, duration=CYCLES * PERIOD, servos=2))
         rig = RigLoop(Joints(bus), model, Controller(OIAC()), options=OPTIONS, clock=StepClock())
         run = rig.run(STRIKE, on_cycle=count)

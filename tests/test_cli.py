@@ -14,6 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from processes import HANG
 
 from whiptool.models import preset, read_model, write_model
 from whiptool.models.trajectory import Trajectory
@@ -45,7 +46,7 @@ KEYS = {
 
 def whiptool(command: str, *args: object, cwd, **options) -> subprocess.CompletedProcess:
     words = [sys.executable, "-m", f"whiptool.{command}", *map(str, args)]
-    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, **options)
+    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=HANG, check=False, **options)
 
 
 def test_optimize_hits_the_default_target(tmp_path):
@@ -154,7 +155,7 @@ def test_interruption_saves_and_summarises(tmp_path):
         assert process.poll() is None
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=120)
+    out, _ = process.communicate(timeout=HANG)
     assert process.returncode == 130
     result = json.loads(out)
     assert result["status"] == "interrupted"

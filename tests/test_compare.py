@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import HANG
 
 from whiptool import workers
 from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
@@ -35,7 +36,7 @@ FEW = (*SMALL, "--methods", "ga", "sac", "--observation", "goal", "--tighter", 0
 
 def compare(*args: object, cwd: Path, **options) -> subprocess.CompletedProcess:
     words = [sys.executable, "-m", "whiptool.compare", *map(str, args)]
-    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, **options)
+    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=HANG, check=False, **options)
 
 
 def table(run: Path) -> list[dict[str, str]]:
@@ -124,23 +125,14 @@ def test_policy_unit_counts_what_the_policy_does(scene, convention):
     assert (trials < expected[0]).any()
 
 
-def test_interval_holds_the_mean_as_often_as_it_says():
-    """Of 95 % intervals of targets' means about 95 % hold the true one."""
-    rng, held = np.random.default_rng(0), 0
-    for _ in range(200):
-        trials = rng.geometric(0.1, (1, 100))
-        one = Series("random", "", "", 0.06, trials, np.ones_like(trials, bool), 0.0, 0, 0.0)
-        low, high = one.interval
-        held += low <= 10 <= high
-    assert 0.88 <= held / 200 <= 0.99
-
-
 def test_interval_knows_that_seeds_differ():
-    """Two seeds that disagree by 50 trials leave the mean open by about as much."""
+    """Two seeds that disagree by 50 trials leave the mean open: t with one degree of freedom, up to the cap."""
     trials = np.array([[10] * 30, [60] * 30])
-    one = Series("sac", "goal", "mean-first", 0.06, trials, np.ones_like(trials, bool), 0.0, 0, 0.0)
-    assert one.interval == pytest.approx((10, 60))
+    one = Series("sac", "goal", "mean-first", 0.06, trials, np.ones_like(trials, bool), 0.0, 0, 0.0, cap=600)
     assert one.mean == 35
+    low, high = one.interval
+    assert 1 < low < 1.01
+    assert high == 600
 
 
 def test_random_is_always_there_and_directl_has_one_seed(scene):
@@ -149,6 +141,13 @@ def test_random_is_always_there_and_directl_has_one_seed(scene):
     assert seeds == {("directl", 0), *((m, s) for m in ("sac", "random") for s in range(3))}
     assert deterministic("nlopt:GN_ORIG_DIRECT_L")
     assert not deterministic("nlopt:GN_DIRECT_L_RAND")
+
+
+def test_tasks_of_a_folder_do_not_share_names(scene):
+    """Also the unit that says what one strike hits."""
+    plans = [Comparison(scene=scene, methods=("ga", "sac"), task=task) for task in ("", "zone0.3-")]
+    names = [{u.name for u in (*plan.units(), plan.difficulty())} for plan in plans]
+    assert names[1] == {f"zone0.3-{name}" for name in names[0]}
 
 
 def test_collect_puts_seeds_and_chunks_in_order(scene):
@@ -164,7 +163,7 @@ def test_collect_puts_seeds_and_chunks_in_order(scene):
     (one,) = collect(units, results)
     assert one.trials.tolist() == [[0, 1, 2, 3], [10, 11, 12, 13]]
     assert one.hit.tolist() == [[True] * 4, [True, False] * 2]
-    assert (one.n_diverged, one.wall_time) == (4, 4.0)
+    assert (one.n_diverged, one.wall_time, one.cap) == (4, 4.0, scene.cap)
 
 
 def test_compare_writes_tables_and_plots(alone):
@@ -175,7 +174,11 @@ def test_compare_writes_tables_and_plots(alone):
     for r in rows:
         assert float(r["low"]) <= float(r["mean_trials"]) <= float(r["high"]) <= 12
         assert r["training_trials"] == ("96.0" if r["method"] == "sac" else "0.0")
+    task = json.loads((alone / "result.json").read_text())["task"]
+    assert 0 < task["random_strikes_hit"] < task["one_strike_hits"] <= 1
+    assert len(task["one_strike"]) == 5
     text = (alone / "table.md").read_text()
+    assert text.startswith("6 targets: a disc of radius 0.1 m around (1.3, 0) m. One and the same strike hits ")
     assert "| SAC, goal |" in text
     assert "training trials" in text
     for name in ("bars.png", "ecdf.png"):
@@ -189,11 +192,25 @@ def test_workers_make_no_difference(alone, tmp_path):
     assert table(tmp_path / "run") == table(alone)
 
 
+def started(ray):
+    """A cluster. Ray gives its own parts 15 s to start, which nothing changes: that is not what is tested here."""
+    for _ in range(3):
+        try:
+            return ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+        except Exception as error:
+            reason = str(error)
+            ray.shutdown()
+    pytest.skip(f"Ray does not start on a machine as busy as this: {reason}")
+
+
 def test_a_ray_cluster_makes_no_difference(alone, tmp_path, monkeypatch):
     """A real cluster on this machine, found by its address."""
     ray = pytest.importorskip("ray")
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    context = ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    # once it runs, it waits for its workers, and kills none because others take the memory
+    patience = {"worker_register_timeout_seconds": HANG, "health_check_failure_threshold": 1000}
+    for name, value in {**patience, "memory_monitor_refresh_ms": 0, "USAGE_STATS_ENABLED": 0}.items():
+        monkeypatch.setenv(f"RAY_{name}", str(int(value)))
+    context = started(ray)
     try:
         done = compare(*FEW, "--out", "run", "--cluster", context.address_info["gcs_address"], cwd=tmp_path)
     finally:
@@ -206,8 +223,8 @@ def test_killed_and_resumed_it_ends_the_same(alone, tmp_path):
     """SIGKILL while the learner trains, with its workers, at whatever they are."""
     words = [sys.executable, "-m", "whiptool.compare", *map(str, FEW), "--out", "run", "--workers", "2"]
     process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and not list((tmp_path / "run").glob("*/*")):
+    while not list((tmp_path / "run").glob("*/*")):
+        assert process.poll() is None
         time.sleep(0.02)
     process.kill()
     process.wait()
@@ -281,6 +298,7 @@ def test_a_units_own_error_comes_with_its_name(count):
         (("--episodes", "0"), "episodes"),
         (("--target", "9", "9"), "target"),
         (("--simulator", "reference"), "--simulator"),
+        (("--zone", "slow"), "--zone"),
         (("--cluster", "127.0.0.1:1"), "--cluster"),
         (("--cluster", "nowhere"), "--cluster"),
     ],

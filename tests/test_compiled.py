@@ -11,6 +11,7 @@ import sys
 import casadi as ca
 import numpy as np
 import pytest
+from processes import HANG
 
 from whiptool.identification.dynamics import SwingStructure, dynamics
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
@@ -222,7 +223,7 @@ def test_processes_that_start_at_once_share_the_cache(tmp_path):
     runs = [
         subprocess.Popen([sys.executable, "-c", program], env=environment, stdout=subprocess.PIPE) for _ in range(4)
     ]
-    printed = {run.communicate(timeout=120)[0] for run in runs}
+    printed = {run.communicate(timeout=HANG)[0] for run in runs}
     assert all(run.returncode == 0 for run in runs)
     assert len(printed) == 1
     left = [path.name for path in (tmp_path / "whiptool" / "compiled").iterdir()]

@@ -20,6 +20,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from processes import HANG
 
 import whiptool.cli
 
@@ -181,7 +182,7 @@ def environment() -> dict[str, str]:
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda script: script.stem)
 def test_examples_run(script, tmp_path):
     done = subprocess.run(
-        [sys.executable, str(script)], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=300
+        [sys.executable, str(script)], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=HANG
     )
     assert done.returncode == 0, done.stderr
 
@@ -196,7 +197,7 @@ def test_snippets_of_the_how_to_run(tmp_path):
     pytest.importorskip("stable_baselines3", reason="a snippet trains with Stable-Baselines3")
     code = "\n".join(fences((DOCS / "how-to.md").read_text(encoding="utf-8"), "python"))
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=600
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=HANG
     )
     assert done.returncode == 0, done.stderr
 
@@ -225,7 +226,7 @@ def tutorial(tmp_path_factory) -> Path:
 
 
 def _done(command: list[str], folder: Path, what: str) -> None:
-    done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, timeout=600)
+    done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, timeout=HANG)
     assert done.returncode == 0, f"{what}\n{done.stderr[-2000:]}"
 
 
@@ -287,7 +288,7 @@ def test_the_documentation_builds_without_a_warning(tmp_path):
         env=environment(),
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=HANG,
     )
     assert done.returncode == 0, done.stderr
     for page in ("index", "tutorial", "derivations", "json", "api/whiptool.models", "notebooks/index"):

@@ -21,7 +21,7 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.readers import open_video, read_recording
 from whiptool.identification.readers.tracks import write_csv
 from whiptool.identification.recording import StrikeRecording
-from whiptool.identification.strike_plane import fit_plane
+from whiptool.identification.strike_plane import check_one_plane, fit_plane
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import CompiledRollout, preset, read_model, write_model
 from whiptool.models.trajectory import joint_points
@@ -280,6 +280,7 @@ def test_what_the_model_does_not_explain_comes_with_a_warning(tracks, capsys, tm
     assert result["misfit"] > 10
     assert "not to be trusted" in result["warning"]
     assert result["warning"] in said.err
+    assert {(p["class"], p["interval"]) for p in result["parameters"]} <= {("withdrawn", None), ("at bound", None)}
     assert "not to be trusted" in (tmp_path / "run" / "report.html").read_text()
 
 
@@ -334,6 +335,33 @@ def test_planes_that_cannot_be_strike_planes_are_refused(tracks):
     for points, said in ((line, "line"), (flat, "vertical"), (flat[..., [1, 0, 2]], "aside")):
         with pytest.raises(InputError, match=said):
             fit_plane([make(points)])
+
+
+def test_swings_in_different_planes_are_refused():
+    """Two swings, 35 degrees apart about the vertical; within 2 degrees they are one."""
+    t = np.linspace(0, 1, 60)
+    flat = np.stack([np.sin(5 * t), -np.cos(5 * t), 1e-3 * np.sin(40 * t)], axis=1)
+    for degrees, refused in ((35, True), (2, False)):
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        turned = flat @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+        both = [StrikeRecording(t=t, points=x[:, None], markers=("tip",), source=f"{degrees}") for x in (flat, turned)]
+        plane = fit_plane(both)
+        assert plane is not None
+        if refused:
+            with pytest.raises(InputError, match=r"deg from that of all.*one plane"):
+                check_one_plane(both, plane)
+        else:
+            check_one_plane(both, plane)
+
+
+def test_a_handle_that_is_not_tracked_is_refused_before_tracking(capsys, tmp_path, monkeypatch):
+    """Images show the tip alone; a film need not even be readable to know that."""
+    (tmp_path / "film.mkv").write_bytes(b"not looked at")
+    monkeypatch.setattr("whiptool.identification.gather.track_video", None)
+    assert identify.main([str(tmp_path / "film.mkv"), "--drive", "handle", "--out", str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"drive handle: .*the tip alone is tracked.*drive passive", said)
+    assert len(said.splitlines()) == 1
 
 
 @pytest.mark.parametrize("drive", ["joints", "handle"])
@@ -446,7 +474,8 @@ def bare(tracks, tmp_path_factory):
         ("{bare}/tip.npz {bare}/other.npz", "that of the other recordings"),
         ("{bare}/magic.npz", "controller.law"),
         ("{good} --drive magic", "--drive"),
-        ("{good} --drive free", "--drive"),
+        ("{good} --drive free", "--model: .*pendulum"),
+        ("{good} --pieces 0.3", "--pieces"),
         ("{good} --loss cauchy", "--loss"),
         ("{good} --starts 0", "--starts"),
         ("{good} --starts few", "--starts"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -118,6 +120,24 @@ def test_cost_of_a_strike_against_its_definition():
         impedance_cost(path, model, D=strike.D, beta=0.6, Q_K=np.eye(2))
     with pytest.raises(InputError, match="trajectory"):
         impedance_cost(path, model, D=2.0, beta=0.6)
+
+
+def test_stored_error_is_counted_from_the_first_instant():
+    """Eq. 7 at D less Eq. 7 at 0, of a coarse path that begins off its reference."""
+    model, law = preset("lemon2024"), ConstantImpedance()
+    strike = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
+    path = CompiledRollout(model, Controller(law), timestep=1e-3).trajectory(strike, t_stay=0.0)
+    some = np.linspace(0, len(path.t) - 1, 6).astype(int)
+    names = ("t", "q", "v", "q_d", "v_d", "K", "B")
+    coarse = SimpleNamespace(**{name: np.array(getattr(path, name))[some] for name in names})
+    coarse.q[:, :2] += np.array([0.3, -0.2])
+    arm = Arm(model)
+    ends = []
+    for i in (0, -1):
+        epsilon = coarse.q_d[i] - coarse.q[i, :2] + 0.6 * (coarse.v_d[i] - coarse.v[i, :2])
+        ends.append(0.5 * epsilon @ arm.inertia(coarse.q[i, :2]) @ epsilon)
+    cost = impedance_cost(coarse, model, D=float(coarse.t[-1]), beta=0.6)  # type: ignore[arg-type]
+    assert cost.J_p == pytest.approx(ends[1] - ends[0], rel=1e-9)
 
 
 def test_table4_tracks_better_than_constant_and_printed_worse():

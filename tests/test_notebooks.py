@@ -10,6 +10,7 @@ from pathlib import Path
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from processes import HANG
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 LONGEST_CELL = 25  # lines
@@ -54,7 +55,7 @@ def test_it_runs(path, tmp_path):
         shutil.copytree(data, tmp_path / "data")
     # raises CellExecutionError with the cell's own traceback
     NotebookClient(
-        notebook, timeout=240, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+        notebook, timeout=int(HANG), kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     ).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     complaints = [o.text for o in outputs if o.get("name") == "stderr"]  # warnings, progress bars

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from processes import HANG
 
 from whiptool import plots
 from whiptool.impedance import ConstantImpedance, Controller
@@ -72,7 +73,7 @@ def test_without_opengl_matplotlib_draws_the_video(tmp_path, gl):
         env={**os.environ, "MUJOCO_GL": gl},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANG,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from processes import HANG
 
 from whiptool import report, reproduce
 from whiptool.comparison import Series
@@ -85,6 +86,16 @@ def test_table4s_own_numbers_are_reproduced():
     assert all(v.startswith("reproduced only with OIAC printed, mean errors or") for v in verdicts(partly))
 
 
+def test_table4s_numbers_are_missed_to_either_side():
+    """A ratio a fifth above or below the paper's is reproduced; one a third above or below is not."""
+    constant = TrackingErrors(TABLE4_CONSTANT, TABLE4_CONSTANT, 0)
+    for factor, held in ((1.2, True), (1 / 1.2, True), (1.3, False), (1 / 1.3, False)):
+        adaptive = TrackingErrors(factor * TABLE4_OIAC, factor * TABLE4_OIAC, 0)
+        better, *ratios = table4.claims({"constant": constant, "OIAC printed": adaptive, "OIAC table4": adaptive})
+        assert better.verdict == report.REPRODUCED
+        assert verdicts(ratios) == [report.REPRODUCED if held else report.NOT_REPRODUCED] * 4
+
+
 def test_the_page_is_whole_and_escapes_what_it_shows():
     figure = Figure()
     figure.subplots().plot([0, 1])
@@ -103,7 +114,7 @@ def test_quick_form_of_everything(tmp_path):
     words = [sys.executable, "-m", "whiptool.reproduce"]
 
     def run(*more: str) -> subprocess.CompletedProcess:
-        return subprocess.run([*words, *more], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
+        return subprocess.run([*words, *more], cwd=tmp_path, capture_output=True, text=True, timeout=HANG, check=False)
 
     done = run("all", "--quick", "--out", "run", "--json")
     assert done.returncode == 0, done.stderr
@@ -113,12 +124,19 @@ def test_quick_form_of_everything(tmp_path):
     assert page.count("<h2>") >= len(PARTS)
     assert page.count("<img") >= len(PARTS)
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
-    for said in ("Fig. 5", "Fig. 6", "Fig. 7", "Table 4", "22.36 %", "training trials", "random", "hard task"):
+    shown = ("Fig. 5", "Fig. 6", "Fig. 7", "Table 4", "22.36 %", "training trials", "random", "hard task")
+    for said in (*shown, "One and the same strike", "a disc of radius 0.3 m", "wherever the tip can pass"):
         assert said in page
     again = run("--resume", "run", "--json")
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["claims"] == result["claims"]
     assert (tmp_path / "run" / "report.html").read_text() == page
+
+
+def test_unknown_zone_gets_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert reproduce.main(["fig6", "--further-zones", "0.3", "slow"]) == 2
+    assert capsys.readouterr().err.startswith("whiptool: --further-zones: got 'slow'; allowed: radii > 0 in m, or fast")
 
 
 def test_unknown_part_gets_one_line(tmp_path, monkeypatch, capsys):

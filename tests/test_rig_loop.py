@@ -17,7 +17,7 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.models.reference import ReferenceRollout
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
-from whiptool.rig.dynamixel import DynamixelBus, Joints, Units
+from whiptool.rig.dynamixel import Joints, Units
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
 from whiptool.rig.loop import LoopOptions, RigLoop, StepClock, WallClock, move
 from whiptool.rig.safety import Guards
@@ -34,7 +34,7 @@ AT_ONCE = LoopOptions(settle=0.0, go_back=False, rehearse=False)
 
 def play(options: TwinOptions, *, loop: LoopOptions = AT_ONCE, path: Path | None = None, controller=None):
     """A strike on a lock-step twin: the run and what arm and whip did."""
-    with Emulator(options) as twin, DynamixelBus(twin.port, [1, 2], timeout=1.0) as bus:
+    with Emulator(options) as twin, twin.bus() as bus:
         joints = Joints(bus, units=Units(options.fineness))
         rig = RigLoop(joints, MODEL, controller or Controller(OIAC()), options=loop, clock=StepClock())
         return rig.run(STRIKE, path=path), twin.trajectory()
@@ -136,7 +136,7 @@ class Stalling(StepClock):
 def stalled(stalls: dict[int, float], guards: Guards):
     options = TwinOptions(start=STRIKE.q_i, period=PERIOD, timestep=5e-4, integrator="implicitfast")
     clock = Stalling(stalls)
-    with Emulator(options) as twin, DynamixelBus(twin.port, [1, 2], timeout=1.0) as bus:
+    with Emulator(options) as twin, twin.bus() as bus:
         rig = RigLoop(Joints(bus), MODEL, Controller(OIAC()), options=AT_ONCE, guards=guards, clock=clock)
         return rig.run(STRIKE, on_cycle=clock.stall)
 
@@ -169,28 +169,42 @@ def test_a_clock_that_jumps_makes_samples_stale():
     assert run.torque_off
 
 
-def test_wall_clock_loop_keeps_its_rate():
-    options = TwinOptions(start=(0.1, 0.1), lockstep=False, timestep=5e-4, integrator="implicitfast")
+class Machine:
+    """Stands for the module `time`: a look at the clock takes a microsecond, and a sleep lasts a little too long."""
+
+    def __init__(self) -> None:
+        self.t = 1000.0
+
+    def monotonic(self) -> float:
+        self.t += 1e-6
+        return self.t
+
+    def sleep(self, seconds: float) -> None:
+        self.t += seconds + 1e-4
+
+
+def test_wall_clock_loop_keeps_its_rate(monkeypatch):
+    monkeypatch.setattr("whiptool.rig.clock.time", Machine())
+    options = TwinOptions(start=(0.1, 0.1), period=0.01, timestep=5e-4, integrator="implicitfast")
     strike = wt.Strike((0.1, 0.1), (0.3, 0.2), 0.5)
-    with Emulator(options) as twin, DynamixelBus(twin.port, [1, 2], timeout=0.05) as bus:
+    with Emulator(options) as twin, twin.bus() as bus:
         loop = LoopOptions(rate=100, settle=0.0, go_back=False, t_stay=0.1, rehearse=False)
-        # a busy test machine may stall for tens of milliseconds; the guards have tests of their own
-        guards = Guards(stale=0.5, overruns=50, missed=20)
-        run = RigLoop(Joints(bus), MODEL, Controller(OIAC()), options=loop, guards=guards).run(strike)
+        run = RigLoop(Joints(bus), MODEL, Controller(OIAC()), options=loop, clock=WallClock()).run(strike)
     assert run.fault is None
     assert run.torque_off
+    assert run.overruns == 0
     strike_cycles = run.cycles.during(Phase.STRIKE)
     assert strike_cycles.t[-1] - strike_cycles.t[0] == pytest.approx(0.59)
-    assert (np.diff(run.cycles.stamp) > 0).all()  # monotonic
-    assert np.median(np.diff(run.cycles.stamp)) == pytest.approx(0.01, abs=2e-3)
+    np.testing.assert_allclose(np.diff(run.cycles.stamp), 0.01, atol=1e-5)
     assert (run.cycles.late >= 0).all()
+    assert run.cycles.late.max() < 1e-5
 
 
 def test_saturated_cycles_are_flagged():
     from whiptool.rig.safety import Safety
 
     options = TwinOptions(start=STRIKE.q_i, period=PERIOD, timestep=5e-4, integrator="implicitfast")
-    with Emulator(options) as twin, DynamixelBus(twin.port, [1, 2], timeout=1.0) as bus:
+    with Emulator(options) as twin, twin.bus() as bus:
         joints = Joints(bus)
         safety = Safety(joints, current=0.6)  # 1.07 N m; the strike asks for 1.3
         loop = RigLoop(joints, MODEL, Controller(OIAC()), options=AT_ONCE, safety=safety, clock=StepClock())
@@ -227,7 +241,7 @@ def test_loop_refuses_what_does_not_fit():
     options = TwinOptions(timestep=5e-4, integrator="implicitfast")
     with (
         Emulator(options) as twin,
-        DynamixelBus(twin.port, [1], timeout=1.0) as bus,
+        twin.bus(ids=[1]) as bus,
         pytest.raises(InputError, match="servos: got 1"),
     ):
         RigLoop(Joints(bus), MODEL, Controller(OIAC()))
@@ -243,7 +257,7 @@ def test_clocks_do_not_go_back():
     wall = WallClock()
     start = wall.now()
     wall.sleep_until(start + 0.01)
-    assert 0.01 <= wall.now() - start < 0.1
+    assert wall.now() - start >= 0.01
 
 
 def test_reference_of_the_loop_is_the_strikes():
@@ -263,7 +277,8 @@ def test_benchmarks_run(script):
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     if script == "rig.py":
-        assert result["cycles_per_second"] > 100
+        assert result["cycles_per_second"] > 0
+        assert result["paced_cycles"] > 0
         assert set(result["detection_ms"]) >= {"drop", "hot", "unplug"}
     elif script == "replan.py":
         assert result["kin"]["number"] == 3

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import copy
-import itertools
 import math
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from torch import distributions, nn
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, CompiledRollout, Model, WhipParameters
 from whiptool.rl import hindsight
 from whiptool.rl.learner import Diverged, OffPolicyLearner
-from whiptool.rl.networks import Critic, Layers, SquashedGaussianActor, divergence, log_density, soft_update
 from whiptool.rl.policy import trials_to_hit
-from whiptool.rl.ppo import PPO, Penalty
-from whiptool.rl.replay import ReplayBuffer, Transitions
+from whiptool.rl.ppo import PPO
+from whiptool.rl.replay import Transitions
 from whiptool.rl.settings import SETTINGS, settings_for
 from whiptool.rl.task import OBSERVATIONS, StrikeTask, reward
 from whiptool.rl.training import LEARNERS, Plan, Training, load_checkpoint, make_learner
@@ -269,94 +265,6 @@ def test_a_reward_that_is_no_number_stops_the_learner(method):
         run.learner.learn(bad)
 
 
-# formulas
-
-
-def test_the_density_of_a_squashed_gaussian():
-    generator = torch.Generator().manual_seed(0)
-    actor = SquashedGaussianActor(4, 3, (16,), generator).double()
-    obs, noise = torch.rand(50, 4).double(), torch.randn(50, 3, generator=generator).double()
-    action, log_p = actor.sample(obs, noise)
-    mean, log_std = actor(obs)
-    normal = distributions.Independent(distributions.Normal(mean, log_std.exp()), 1)
-    squashed = distributions.TransformedDistribution(normal, [distributions.TanhTransform()])
-    assert torch.allclose(log_p, squashed.log_prob(action), atol=1e-8)
-    assert torch.allclose(log_density(noise, mean, log_std), normal.log_prob(noise))
-    _, far = actor.sample(obs, noise + 1e3)
-    assert torch.isfinite(far).all()
-
-
-def test_the_divergence_of_gaussians():
-    a, b, c, d = torch.randn(4, 30, 5, generator=torch.Generator().manual_seed(1)).double()
-    p, q = (distributions.Independent(distributions.Normal(m, s.exp()), 1) for m, s in ((a, b), (c, d)))
-    assert torch.allclose(divergence(a, b, c, d), distributions.kl_divergence(p, q))
-    assert not divergence(a, b, a, b).any()
-
-
-def test_the_penalty_steers_the_divergence():
-    penalty = Penalty(1.0, 0.01)
-    for divergence_, beta in ((0.02, 2), (0.012, 2), (0.001, 1), (0.001, 0.5)):
-        penalty.adapt(divergence_)
-        assert penalty.beta == beta
-
-
-def test_networks_side_by_side_equal_torchs_own():
-    x = torch.rand(20, 4)
-    layers = Layers([4, 8, 8, 2], torch.Generator().manual_seed(0), count=3)
-    out = layers(x)
-    assert out.shape == (3, 20, 2)
-    for n in range(3):
-        linear = [nn.Linear(4, 8), nn.Linear(8, 8), nn.Linear(8, 2)]
-        with torch.no_grad():
-            for layer, weight, bias in zip(linear, layers.weights, layers.biases, strict=True):
-                bound = 1 / math.sqrt(layer.in_features)
-                assert float(weight.abs().max()) <= bound  # as torch draws them
-                assert float(weight.std()) == pytest.approx(bound / math.sqrt(3), rel=0.25)
-                layer.weight.copy_(weight[n].T)
-                layer.bias.copy_(bias[n, 0])
-        stack = nn.Sequential(linear[0], nn.ReLU(), linear[1], nn.ReLU(), linear[2])
-        assert torch.allclose(out[n], stack(x), atol=1e-6)
-    critic = Critic(3, 1, (8,), torch.Generator().manual_seed(0), 2)
-    assert torch.equal(critic(x[:, :3], x[:, 3:]), critic.layers(x)[..., 0])
-
-
-def test_soft_updates():
-    a, b = (Layers([2, 2], torch.Generator().manual_seed(seed)) for seed in (0, 1))
-    before = copy.deepcopy(a)
-    soft_update(a, b, 0.25)
-    for new, old, source in zip(a.parameters(), before.parameters(), b.parameters(), strict=True):
-        assert torch.allclose(new, 0.25 * source + 0.75 * old)  # Eq. 14
-
-
-def test_the_reward_of_eq_17():
-    above = math.nextafter
-    distances = np.array([0.0, 0.06, above(0.06, 1), 0.1, above(0.1, 1), 1.0])
-    assert reward(distances, 0.06) == pytest.approx([50, 50, -0.3, -0.5, -1.0, -10])
-    assert reward(np.array([0.01, 0.02]), 0.01) == pytest.approx([50, -0.1])
-
-
-def test_replay_overwrites_the_oldest():
-    buffer = ReplayBuffer(5, 1, 1)
-
-    def add(*numbers):
-        x = torch.tensor(numbers, dtype=torch.float32)
-        buffer.add(Transitions(x[:, None], x[:, None], x, x[:, None], x > 4))
-
-    add(1, 2, 3)
-    assert set(buffer.sample(200, torch.Generator().manual_seed(0)).reward.tolist()) == {1, 2, 3}
-    add(4, 5, 6, 7)
-    assert buffer.size == 5
-    drawn = buffer.sample(500, torch.Generator().manual_seed(0))
-    assert set(drawn.reward.tolist()) == {3, 4, 5, 6, 7}
-    assert torch.equal(drawn.obs[:, 0], drawn.reward)
-    assert torch.equal(drawn.terminated, (drawn.reward > 4).float())
-    other = ReplayBuffer(5, 1, 1)
-    other.load_state_dict(buffer.state_dict())
-    for each in (buffer, other):
-        each.add(Transitions(**{name: array[:3] for name, array in vars(drawn).items()}))
-    assert same(buffer.state_dict(), other.state_dict())
-
-
 # the task
 
 
@@ -402,35 +310,6 @@ def test_trials_are_counted_to_the_first_hit():
 
 
 # hindsight
-
-
-def test_the_nearest_point_of_a_path():
-    rng = np.random.default_rng(0)
-    paths, targets = np.cumsum(rng.normal(0, 0.1, (20, 15, 2)), axis=1), rng.normal(0, 0.3, (20, 2))
-    paths[3, 8:], paths[4, 1:], paths[5, 6] = np.nan, np.nan, paths[5, 5]  # ended early, at once; stood still
-    distance, point, i = hindsight.nearest(paths, targets)
-    along = np.linspace(0, 1, 2001)[:, None]
-    for lane, path in enumerate(paths):
-        dense = np.concatenate([a + along * (b - a) for a, b in itertools.pairwise(path)])
-        miss = np.hypot(*(dense - targets[lane]).T)
-        if lane == 4:
-            assert distance[lane] == np.inf
-            continue
-        assert distance[lane] == pytest.approx(np.nanmin(miss), abs=1e-4)
-        assert distance[lane] == pytest.approx(math.dist(point[lane], targets[lane]))
-        assert i[lane] == np.nanargmin(miss) // 2001 or np.isclose(miss[2001 * i[lane] :][:2001].min(), np.nanmin(miss))
-
-
-def test_new_targets_lie_in_the_zone_and_near_the_path():
-    zone, rng = Disc((0.0, 0.0), 0.5), np.random.default_rng(0)
-    paths = np.cumsum(rng.normal(0, 0.05, (300, 40, 2)), axis=1)
-    paths[:50] += 3  # never in the zone
-    targets = hindsight.new_targets(paths, zone, 0.06, rng.random((300, 6)))
-    assert zone.contains(targets).all()
-    distance = hindsight.nearest(paths, targets)[0]
-    assert (distance[:50] > 1).all()
-    assert (distance[50:] <= 0.12 + 1e-9).mean() > 0.8
-    assert (distance[50:] <= 0.06).any()
 
 
 def test_relabelled_rewards_are_those_of_the_physics():

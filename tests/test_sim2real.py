@@ -42,7 +42,7 @@ def test_the_whip_is_found_over_its_mass_and_the_camera_late() -> None:
     result = unit.run(None, 1)
     assert result["fault"] is None
     seen = recording(unit, result)
-    options = Options(drive="joints", knots=sim2real.KNOTS, replicates=20)
+    options = Options(drive="joints", knots=sim2real.KNOTS)
     found = fit([seen], Plant(MODEL, controller()), sim2real.OF_WHIP, options=options)
     twin = true_model(MODEL).parameters()
     for name in ("whip.k", "whip.b", "whip.drag"):

@@ -56,7 +56,7 @@ def test_a_zero_coordinate_is_left_out_and_counted():
 @pytest.mark.parametrize("late", [-0.031, 0.0123, 0.05])
 def test_delay_of_a_late_copy(late):
     s = similarity(T, curve(T), curve(T - late))
-    assert s.delay == pytest.approx(late, abs=1e-3)
+    assert s.delay == pytest.approx(late, abs=1e-4)
 
 
 def test_hit_errors_of_a_straight_flight():
@@ -95,3 +95,11 @@ def test_bad_input_is_named():
         similarity(T, curve(T), curve(T)[:-1])
     with pytest.raises(InputError, match="five or more"):
         similarity(T[:4], curve(T)[:4], curve(T)[:4])
+
+
+def test_a_path_that_rests_has_no_size_to_measure_by():
+    P = np.tile([1.0, 2.0], (6, 1))
+    assert similarity(np.arange(6.0), P, P.copy()).nrmse == 0.0
+    off = similarity(np.arange(6.0), P, P + 0.1)
+    assert off.nrmse == np.inf
+    assert off.rmse == pytest.approx(0.1 * np.sqrt(2))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from whiptool.errors import InputError
+from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, preset
+from whiptool.models.closed_loop import ClosedLoop, Structure
 from whiptool.strike import Strike, StrikeBounds, default_bounds, strike_names
 
 
@@ -26,6 +29,27 @@ def test_reference_is_eq_1_with_its_derivatives(angles, D):
     np.testing.assert_allclose(np.gradient(v, t, axis=0, edge_order=2), a, atol=2e-5 * scale / D**2)
     for end in (0, -1):  # at rest, without acceleration, at both ends
         np.testing.assert_allclose([v[end], a[end]], 0, atol=1e-10 * scale / D**2)
+
+
+def test_reference_waits_at_the_start():
+    strike = Strike((0.0, 0.1), (1.0, -1.0), 0.5)
+    before = np.array([-9.0, -0.2, -1e-9, 0.0])
+    q, v, a = strike.reference(before)
+    np.testing.assert_array_equal(q, [[0.0, 0.1]] * 4)
+    np.testing.assert_array_equal(v, 0)
+    np.testing.assert_array_equal(a, 0)
+    for single, several in zip(strike.reference(-0.2), strike.reference(before), strict=True):
+        np.testing.assert_array_equal(single, several[1])
+
+
+def test_compiled_reference_is_the_strikes_before_during_and_after():
+    strike, t = Strike((0.0, 0.1), (1.0, -1.0), 0.5), ca.SX.sym("t")
+    loop = ClosedLoop(Structure.of(preset("lemon2024"), Controller(ConstantImpedance())))
+    loop.parameters.update({"q_i": ca.DM(strike.q_i), "q_f": ca.DM(strike.q_f), "D": ca.DM(strike.D)})
+    compiled = ca.Function("reference", [t], loop.reference(t))
+    for at in (-0.3, 0.0, 0.2, 0.5, 0.8):
+        for ours, its in zip(strike.reference(at), compiled(at), strict=True):
+            np.testing.assert_allclose(ours, np.asarray(its)[:, 0], atol=1e-12)
 
 
 def test_reference_stays_at_the_end_and_takes_single_times():

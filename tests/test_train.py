@@ -52,15 +52,24 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert list((tmp_path / "run/tensorboard").iterdir())
 
 
+# a run that stays before its last episode, so that it can be killed however slow the machine is
+WAITS_FOR_ITS_END = """
+import sys, time
+from whiptool import train
+from whiptool.rl.training import Training
+episode = Training.episode
+Training.episode = lambda self: time.sleep(3600) if self.done == 11 else episode(self)
+sys.exit(train.main(sys.argv[1:]))
+"""
+
+
 def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert train.main([*SHORT, "--hindsight", "1", "--out", str(whole)]) == 0
-    command = [sys.executable, "-m", "whiptool.train", *SHORT, "--hindsight", "1", "--out", str(killed)]
+    command = [sys.executable, "-c", WAITS_FOR_ITS_END, *SHORT, "--hindsight", "1", "--out", str(killed)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 240
     while not (killed / train.EPISODES).exists() or len(rows(killed)) < 5:
         assert process.poll() is None, "ended before it could be killed"
-        assert time.monotonic() < deadline
         time.sleep(0.002)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
@@ -70,6 +79,29 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
     assert (whole / train.EPISODES).read_text() == (killed / train.EPISODES).read_text()
     results = [json.loads((folder / "result.json").read_text()) for folder in (whole, killed)]
     assert results[0]["trials_to_hit"] == results[1]["trials_to_hit"]
+
+
+def test_a_full_disk_leaves_the_last_checkpoint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from whiptool.rl.training import Training
+
+    run, episode = tmp_path / "run", Training.episode
+
+    def on_a_full_disk(self):
+        if self.done == 5:
+            (run / f".{train.CHECKPOINT}.tmp").symlink_to("/dev/full")
+        return episode(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Training, "episode", on_a_full_disk)
+        assert train.main([*SHORT, "--out", str(run)]) == 1
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("whiptool: ")
+    assert "No space left" in error
+    assert str(run / train.CHECKPOINT) in error
+    assert not list(run.glob(".*"))
+    assert load_checkpoint(run / train.CHECKPOINT)["done"] <= 5
 
 
 def test_nan_ends_with_the_last_good_checkpoint(

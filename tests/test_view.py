@@ -17,6 +17,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from processes import HANG
 
 from whiptool import simulate, view
 from whiptool.impedance import ConstantImpedance, Controller
@@ -172,7 +173,7 @@ def chromium(folder: Path, text: str, *flags: str, at: str = "") -> str:
         [*command, *flags, address],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=HANG,
         check=False,
         env={**os.environ, "HOME": str(folder)},
     )
@@ -360,7 +361,7 @@ def test_no_folder_and_damaged_files(run, tmp_path, capsys):
 
 def test_the_command_is_registered():
     done = subprocess.run(
-        [sys.executable, "-m", "whiptool.view", "--help"], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-m", "whiptool.view", "--help"], capture_output=True, text=True, timeout=HANG, check=False
     )
     assert done.returncode == 0
     assert "Example: python -m whiptool.view" in " ".join(done.stdout.split())

@@ -32,7 +32,14 @@ class AdaptOptions(RigOptions):
     images), d435-color (the same in colour), tip (60 frames a second, 5 mm noise, no servos); with a real arm:
     realsense or a RealSense recording (.db3)."""
     family: str = "strange"
-    """Of the twin's whip: kin, strange, stranger."""
+    """Of the twin's whip: kin (uniform), strange (tapered, a bead, a soft joint and more), stranger (twice that)."""
+    material: str | None = None
+    """What the whip is made of: cotton, leather, nylon, silicone, steel-chain. Its numbers are then believed to be
+    those of the material, else those of --model, and as uncertain as those of materials."""
+    diameter: float | None = None
+    """Of a whip of --material, measured; of a chain that of its wire [m]."""
+    length: float | None = None
+    """Of a whip of --material, measured [m]."""
     max_strikes: int = 6
     """No more strikes than these; a look before the first one is none."""
     whip: str = "profile"
@@ -92,7 +99,9 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
 
     tip = options.port == "twin" and options.camera == "tip"
     _refuse_idle(options, tip=tip)
-    model, controller, target = options.build_model(), _controller(options), options.build_target()
+    stock, target = _stock(options), options.build_target()
+    model = options.build_model() if stock is None else stock.owned(options.build_model())
+    controller = _controller(options, model)
     target.check_reach(model)
     speed = number("--least-speed", options.least_speed, low=0)
     limits = options.limits or (None if tip else "xm430")
@@ -113,8 +122,8 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         wiggle=options.wiggle,
     )
     motor = None if tip else HARDWARE if options.friction else Motor()
-    prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor)
-    port = _port(options, model, controller)
+    prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor, stock=stock)
+    port = _port(options, model, controller, stock)
     known = [StrikeRecording.load(path) for path in options.known]
     _refuse_other_weights(known, prior.plant.controller)
     return Adaptation(prior, port, target, loop, folder, recordings=known)
@@ -173,12 +182,24 @@ def _refuse_other_weights(recordings, controller) -> None:
             )
 
 
-def _controller(options: AdaptOptions):
+def _stock(options: AdaptOptions):
+    """What is known of the whip's numbers; None: they are about the model's."""
+    from whiptool.adaptation.materials import stock_of_material
+
+    if options.material is not None:
+        return stock_of_material(options.material, diameter=options.diameter, length=options.length)
+    for name in ("diameter", "length"):
+        if getattr(options, name) is not None:
+            raise InputError(f"--{name}", getattr(options, name), "only with --material", "or give --model or --prior")
+    return None
+
+
+def _controller(options: AdaptOptions, model):
     """The controller; a rig's holds the torque for a cycle, and compensates the weights that its owner knows of."""
     controller = options.build_controller()
     if options.camera == "tip":
         return controller
-    return replace(controller, control_period=1 / options.rate).reckoning_with(options.build_model())
+    return replace(controller, control_period=1 / options.rate).reckoning_with(model)
 
 
 def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str | None:
@@ -199,7 +220,7 @@ def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str 
     ).refused
 
 
-def _port(options: AdaptOptions, model, controller):
+def _port(options: AdaptOptions, model, controller, stock):
     """What strikes and films."""
     from whiptool.adaptation.ports import RigPort, TipPort
     from whiptool.adaptation.twins import draw_twin
@@ -218,7 +239,7 @@ def _port(options: AdaptOptions, model, controller):
         return RigPort(lambda number: rig, target)
     if options.camera not in CAMERAS:
         raise InputError("--camera", options.camera, ", ".join(CAMERAS) + " with --port twin")
-    twin = draw_twin(options.family, options.seed, model, controller)
+    twin = draw_twin(options.family, options.seed, model, controller, stock)
     if options.camera == "tip":
         return TipPort(twin, target, t_stay=options.t_stay)
     camera = "d435-infrared" if options.camera == "twin" else options.camera
@@ -258,7 +279,8 @@ def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> s
     x, y = adaptation.target.position[:2]
     facts = {
         "code": f"whiptool {code_version()}",
-        "believed": f"{options.model}, {options.controller_label()}; prior: {options.prior or options.whip}",
+        "believed": f"{options.model}, {options.controller_label()}; prior: {options.prior or options.whip}"
+        + (f", {options.material}" if options.material else ""),
         "struck with": f"twin, family {options.family}, seed {options.seed}"
         if options.port == "twin"
         else options.port,
@@ -271,11 +293,14 @@ def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> s
 
 def _summary(steps) -> dict[str, Any]:
     strikes = [step for step in steps if step.number]
+    misses = [None if step.judged is None else step.judged.miss for step in strikes]
     return {
         "hit": bool(strikes and strikes[-1].hit),
         "strikes": len(strikes),
-        "miss_distance": [s.judged if s.outcome.true_miss is None else s.outcome.true_miss for s in strikes],
-        "judged_miss": [s.judged for s in strikes],
+        "miss_distance": [m if s.outcome.true_miss is None else s.outcome.true_miss for m, s in zip(misses, strikes)],
+        "judged_miss": misses,
+        "judged_error": [None if s.judged is None else s.judged.error for s in strikes],
+        "hit_probability": [None if s.judged is None else s.judged.probability for s in strikes],
         "stated_probability": [s.plan.probability for s in strikes],
         "faults": [s.outcome.fault for s in strikes],
         "refused": strikes[-1].learned.refused if strikes and strikes[-1].learned else {},
@@ -284,9 +309,13 @@ def _summary(steps) -> dict[str, Any]:
 
 
 def _conclusion(summary: dict[str, Any], folder: Path) -> str:
-    said = "hit at" if summary["hit"] else "no hit up to"
-    misses = ", ".join("unknown" if x is None else f"{100 * x:.2f}" for x in summary["judged_miss"])
-    return f"{said} strike {summary['strikes']}; misses, as judged [cm]: {misses}; run folder {folder}"
+    from whiptool.adaptation.report import percent
+
+    rows = zip(summary["judged_miss"], summary["judged_error"], summary["hit_probability"], strict=True)
+    judged = ["unknown" if m is None else f"{100 * m:.2f} ± {100 * e:.2f} ({percent(p)})" for m, e, p in rows]
+    said = "hit claimed at" if summary["hit"] else "no hit claimed up to"
+    misses = f"misses as judged, with standard error and probability of a hit [cm]: {', '.join(judged)}"
+    return f"{said} strike {summary['strikes']}; {misses}; run folder {folder}"
 
 
 if __name__ == "__main__":

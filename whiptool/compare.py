@@ -26,6 +26,7 @@ QUICK: dict[str, Any] = {
     "trials": 40,
     "random_episodes": 4,
     "further_episodes": None,
+    "further_methods": ("directl", "sac"),
 }
 
 
@@ -73,7 +74,7 @@ class ComparisonOptions(cli.SimulationOptions):
         if not self.quick:
             return self
         defaults = {f.name: f.default for f in fields(self)}
-        return replace(self, **{k: v for k, v in QUICK.items() if getattr(self, k) == defaults[k]})
+        return replace(self, **{k: v for k, v in QUICK.items() if k in defaults and getattr(self, k) == defaults[k]})
 
     def comparison(self, methods: Sequence[str], observations: Sequence[str]) -> Comparison:
         """What they describe.
@@ -132,6 +133,8 @@ class CompareOptions(ComparisonOptions):
     """Methods of whiptool.optimize; random always stands beside them. sac, td3, ddpg, ppo are trained once per seed."""
     observation: tuple[str, ...] = ("paper", "relative", "goal")
     """What learners see."""
+    zone: str = "disc"
+    """Where targets are drawn: disc (of --zone-radius), or fast: wherever the tip of random strikes is fast (3 m/s)."""
 
 
 NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "workers": 1, "cluster": None}
@@ -151,23 +154,32 @@ def _main(args: Sequence[str] | None) -> int:
         CompareOptions, command="compare", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
     )
     options = given.resolved()
+    if options.zone not in ("disc", "fast"):
+        raise InputError("--zone", options.zone, "disc, fast")
     comparison = options.comparison(options.methods, options.observation)
     folder = open_folder("compare", given, comparison)
     start = time.monotonic()
-    from whiptool.comparison import Store, collect
+    from whiptool.comparison import Store, collect, difficulty
+    from whiptool.comparison.zones import fast_region, words
 
     store = Store(folder.path, workers=options.workers, cluster=options.cluster)
-    units = comparison.units()
-    series = collect(units, store.results(units, desc="compare"))
+    if options.zone == "fast":
+        region = fast_region(comparison.scene, store, quick=options.quick)
+        comparison = replace(comparison, scene=replace(comparison.scene, zone=region))
+    units, hard = comparison.units(), comparison.difficulty(quick=options.quick)
+    results = store.results([hard, *units], desc="compare")
+    series, task = collect(units, results), results[hard.name]
     summary = {
         "rows": [one.row() for one in series],
+        "task": task,
         "targets": comparison.scene.targets,
         "cap": comparison.scene.cap,
         "worker_deaths": store.deaths,
         "wall_time": time.monotonic() - start,
     }
     folder.write_result(summary)
-    text = save(folder.path, series)
+    about = f"{comparison.scene.targets} targets: {words(comparison.scene.zone)}. {difficulty.sentence(task)}"
+    text = save(folder.path, series, about)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
     else:
@@ -199,12 +211,12 @@ def open_folder(command: str, options: Any, comparison: Comparison):
     return folder
 
 
-def save(folder: Path, series: Sequence[Series]) -> str:
-    """Write tables and plots; the tables for people."""
+def save(folder: Path, series: Sequence[Series], about: str) -> str:
+    """Write tables, under what they are about, and plots; the tables for people."""
     from whiptool.comparison import tables
     from whiptool.comparison_plots import save_comparison
 
-    parts = [tables.as_markdown(tables.main_table(series)), tables.CONVENTION_NOTE]
+    parts = [about, tables.as_markdown(tables.main_table(series)), tables.CONVENTION_NOTE]
     if len({one.hit_radius for one in series}) > 1:
         parts.append(tables.as_markdown(tables.radius_table(series)))
     if any(one.learned for one in series):

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
 
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"
-MISFIT = 3.0  # errors over what the recordings state, from which a fit comes with a warning
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +34,11 @@ class IdentifyOptions:
     free: tuple[str, ...] = ("k", "b", "m")
     """What to fit: names such as k (for whip.k), whip.k[3], arm.mass[0], gravity, law.a, bending_stiffness, delay."""
     drive: str = "command"
-    """What drives the whip: command (the strike, controller in the loop), joints (measured), handle (tracked)."""
+    """What drives the whip: command (the strike, controller in the loop), joints (measured), handle (tracked), passive
+    (nothing: held still and released by hand; the first state is free); free: a pendulum of links by its angles."""
+    clamp: float | None = None
+    """With passive: the whip is clamped, and the clamp points there, 0 straight down [rad]; a first guess if clamp is
+    among --free. Default: a free hinge."""
     model: str = "lemon2024"
     """Where the fit starts: a preset (lemon2024, nah2020-fitted, ...) or the path of a .toml file."""
     controller: str = "oiac"
@@ -50,6 +53,8 @@ class IdentifyOptions:
     """Numbers of nodes to try; the one with the smallest held-out error is taken."""
     profile: bool = False
     """Fit the whip as a profile: length, linear_density, bending_stiffness, bending_damping, drag, tapers."""
+    pieces: tuple[float, ...] = ()
+    """With free: lengths of the pieces that long swings are cut into for a first fit [s], such as 0.3."""
     loss: str = "huber"
     """huber, or none for least squares."""
     starts: int = 3
@@ -59,14 +64,14 @@ class IdentifyOptions:
     tip: str | None = None
     """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
     seed: int = 0
-    """Seed of starts and bootstrap."""
+    """Seed of the starts."""
     out: Path | None = None
     """Run folder; default: runs/identify-DATE-TIME."""
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
 
 
-_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "json": False}
+NOT_CONFIGURATION: dict[str, Any] = {"out": None, "json": False}
 _EXAMPLE = (
     "Fit a whip's parameters to recorded strikes. "
     "Example: python -m whiptool.identify strike1.csv strike2.csv strike3.csv --free k b m --out fitted"
@@ -80,16 +85,42 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _main(args: Sequence[str] | None) -> int:
     options = cli.parse(IdentifyOptions, prog="whiptool identify", description=_EXAMPLE, args=args)
+    check_options(options)
+    if options.drive == "free":
+        from whiptool.identify_pendulum import identify_pendulum
+
+        return identify_pendulum(options)
     run = _Run(options)
     run.fit()
     return run.report()
+
+
+def check_options(options: IdentifyOptions) -> None:
+    """Refuse options that break a rule of their own."""
+    from whiptool.identification.drives import DRIVES
+
+    if options.out is not None and options.out.is_dir() and any(options.out.iterdir()):
+        raise InputError("--out", str(options.out), "a folder that is new or empty")
+    if not options.recordings:
+        raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
+    if options.drive not in DRIVES:
+        raise InputError("--drive", options.drive, ", ".join(DRIVES))
+    if options.pieces and options.drive != "free":
+        raise InputError("--pieces", options.pieces, "none but with --drive free")
+    if options.clamp is not None and options.drive != "passive":
+        raise InputError("--clamp", options.clamp, "none but with --drive passive", "the model's k speaks of the hinge")
+    if options.loss not in ("huber", "none"):
+        raise InputError("--loss", options.loss, "huber, none")
+    if not 0 <= options.seed < 2**31:
+        raise InputError("--seed", options.seed, "a whole number from 0 to 2147483647")
+    if not 1 <= options.starts <= 1000:
+        raise InputError("--starts", options.starts, "a whole number from 1 to 1000")
 
 
 class _Run:
     """One identification: everything is checked before anything is written."""
 
     def __init__(self, options: IdentifyOptions) -> None:
-        from whiptool.identification.drives import DRIVES
         from whiptool.identification.inputs import full_name, profile_of, read_prior, split
         from whiptool.identification.plant import Plant
         from whiptool.identification.problem import HUBER, Options
@@ -97,19 +128,6 @@ class _Run:
         from whiptool.runs import code_version
 
         self.options = options
-        if options.out is not None and options.out.is_dir() and any(options.out.iterdir()):
-            raise InputError("--out", str(options.out), "a folder that is new or empty")
-        if not options.recordings:
-            raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
-        drives = tuple(drive for drive in DRIVES if drive != "free")  # of a pendulum's angles
-        if options.drive not in drives:
-            raise InputError("--drive", options.drive, ", ".join(drives))
-        if options.loss not in ("huber", "none"):
-            raise InputError("--loss", options.loss, "huber, none")
-        if not 0 <= options.seed < 2**31:
-            raise InputError("--seed", options.seed, "a whole number from 0 to 2147483647")
-        if not 1 <= options.starts <= 1000:
-            raise InputError("--starts", options.starts, "a whole number from 1 to 1000")
         self.model = find_model(options.model)
         fallback = cli.SimulationOptions(controller=options.controller, preset=options.preset).build_controller()
         names, held_out = split(options.recordings, options.held_out)
@@ -117,10 +135,10 @@ class _Run:
         if not options.free:
             raise InputError("--free", "none", "one or more names", "such as k")
         for name in options.free:  # a slip is found before hours of film are tracked
-            full_name(name, Plant(self.model, fallback, profile))
+            full_name(name, Plant(self.model, fallback, profile, options.clamp))
         controller = self._gather(names, held_out)
         self.assumed = controller is None and options.drive == "command"
-        self.plant = Plant(self.model, controller or fallback, profile)
+        self.plant = Plant(self.model, controller or fallback, profile, options.clamp)
         self.free = tuple(full_name(name, self.plant) for name in options.free)
         self.how = Options(
             drive=options.drive,
@@ -138,14 +156,16 @@ class _Run:
         """Read or track all recordings, and find their plane; the controller that they hold."""
         from whiptool.identification.gather import gather
         from whiptool.identification.inputs import common_controller, read_marker
-        from whiptool.identification.strike_plane import fit_plane
+        from whiptool.identification.strike_plane import check_one_plane, fit_plane
 
         tip = read_marker(self.options.tip)
-        found = [gather(name, tip=tip) for name in (*names, *held_out)]
+        handle = self.options.drive == "handle"
+        found = [gather(name, tip=tip, handle=handle) for name in (*names, *held_out)]
         recordings = [recording for recording, _ in found]
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
         self.plane = fit_plane(recordings)
         if self.plane is not None:
+            check_one_plane(recordings, self.plane)
             recordings = [self.plane.project(recording) for recording in recordings]
         self.recordings, self.held_out = recordings[: len(names)], recordings[len(names) :]
         return common_controller(recordings)
@@ -180,7 +200,7 @@ class _Run:
         config = {
             "version": self.version,
             "command": "identify",
-            "options": cli.as_plain(replace(self.options, **_NOT_CONFIGURATION)),
+            "options": cli.as_plain(replace(self.options, **NOT_CONFIGURATION)),
             "free": list(self.free),
             "recordings": [
                 {"source": r.source, "sha256": r.sha256, "held_out": out, "file": f"{RECORDINGS}/{file}"}
@@ -223,13 +243,15 @@ class _Run:
     @property
     def warning(self) -> str | None:
         """What to know before anything is believed, if the model does not explain the recordings."""
+        from whiptool.identification.classes import MISFIT
+
         if self.misfit <= MISFIT:
             return None
         joints = all(recording.joints_q is not None for recording in self.recordings)
         cure = "try --drive joints, which needs no model of arm and friction" if joints else "check the recordings"
         return (
             f"the model does not explain the recordings: their errors are {self.misfit:.1f} times what they state. "
-            "Values, intervals and classes are not to be trusted; free what is missing, or "
+            "Classes and intervals are withdrawn, and values are not to be trusted; free what is missing, or "
             + (cure if self.options.drive == "command" else "check the recordings")
         )
 
@@ -251,6 +273,9 @@ class _Run:
         (path / REPORT).write_text(html, encoding="utf-8")
         if self.found.status is not Status.CONVERGED:
             self._say(f"not converged: {self.found.status.value}; more --starts or a nearer --model may help")
+        if self.found.failed:
+            number, starts = len(self.found.failed), len(self.found.runs)
+            self._say(f"{number} of {starts} starts failed: they ended far above the best, which alone is judged")
         if self.warning is not None:
             self._say(self.warning)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary))
@@ -291,7 +316,8 @@ class _Run:
 
     def _subtitle(self) -> str:
         said = f"{', '.join(self.free)} of {self.model.name} with {self.N} nodes, fitted to {len(self.recordings)} "
-        said += f"recorded strikes, driven by {_DRIVEN[self.options.drive]}. {self.found.status.value.capitalize()}."
+        kind = "passive swings" if self.options.drive == "passive" else "recorded strikes"
+        said += f"{kind}, driven by {_DRIVEN[self.options.drive]}. {self.found.status.value.capitalize()}."
         said += "" if self.warning is None else f" Warning: {self.warning}."
         return said + (" Some of the recordings are synthetic: no real camera took them." if self.synthetic else "")
 
@@ -311,8 +337,11 @@ class _Run:
         if options.drive == "command":
             facts["controller"] = f"{options.controller} {options.preset}, assumed: no recording says" if self.assumed \
                 else "as the recordings hold it"  # fmt: skip
-        if options.per_recording:
-            facts["each recording's own"] = ", ".join(options.per_recording)
+        own = (*options.per_recording, *(("first state",) if options.drive == "passive" else ()))
+        if own:
+            facts["each recording's own"] = ", ".join(own)
+        if options.drive == "passive":
+            facts["held"] = "behind a free hinge" if options.clamp is None else "in a clamp"
         if self.plane is not None:
             facts["strike plane"] = str(self.plane)
         return facts | recording_facts([*self.recordings, *self.held_out])
@@ -326,6 +355,8 @@ class _Run:
         ]
         held_out = summary["held_out_rmse"]
         said = "none held out" if held_out is None else f"{1e3 * held_out:.3g} mm held out"
+        if any(r.predicted_from is not None for r in self.found.held_out):
+            said += " (second half; the first half gave the first state)"
         lines.append(f"  error RMS   {1e3 * summary['rmse']:.3g} mm fitted, {said}")
         if self.plane is not None:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
@@ -338,7 +369,12 @@ class _Run:
         return "\n".join(lines)
 
 
-_DRIVEN = {"command": "the command", "joints": "the measured joints", "handle": "the tracked handle"}
+_DRIVEN = {
+    "command": "the command",
+    "joints": "the measured joints",
+    "handle": "the tracked handle",
+    "passive": "nothing",
+}
 
 
 def _file_names(sources: list[str]) -> list[str]:

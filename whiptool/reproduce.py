@@ -26,8 +26,20 @@ class ReproduceOptions(ComparisonOptions):
     hours of its own), or all but adapt."""
     whips: int = 100
     """Unknown whips of each family, in adapt."""
+    whip_targets: int = 3
+    """Targets of each of them."""
+    rows: tuple[str, ...] = ()
+    """Of adapt, the ways to strike that are tried (nominal, robust, correction, sac, told, uniform, adapt, still,
+    wiggle), and chain: through servos, images and tracker; default: all."""
     further_episodes: int | None = 100
     """Episodes under observations other than paper, which show what they can much earlier."""
+    further_zones: tuple[str, ...] = ("0.3", "fast")
+    """Fig. 6 again where one strike does not do: targets from discs of these radii [m] around --target, and fast:
+    wherever the tip of random strikes is fast (3 m/s)."""
+    further_methods: tuple[str, ...] = ("directl", "ga", "sac", "td3", "ddpg", "ppo")
+    """What is compared there; random always stands beside them."""
+    further_observation: tuple[str, ...] = ("goal",)
+    """What learners see there."""
 
 
 _EXAMPLE = (
@@ -48,6 +60,7 @@ def _main(args: Sequence[str] | None) -> int:
     options = given.resolved()
     from whiptool.comparison import Store
     from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
+    from whiptool.comparison.zones import check_zone
     from whiptool.report import to_html
     from whiptool.reproduction import ALL, PARTS, Context
 
@@ -55,10 +68,25 @@ def _main(args: Sequence[str] | None) -> int:
         raise InputError("what to reproduce", options.what, ", ".join((*PARTS, "all")))
     if options.whips < 1:
         raise InputError("--whips", options.whips, "a whole number >= 1")
+    if options.whip_targets < 1:
+        raise InputError("--whip-targets", options.whip_targets, "a whole number >= 1")
+    _check_rows(options.rows)
+    for zone in options.further_zones:
+        check_zone(zone, "--further-zones")
     comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
+    further = options.comparison(options.further_methods, options.further_observation)
     folder = open_folder("reproduce", given, comparison)
     store = Store(folder.path, workers=options.workers, cluster=options.cluster)
-    context = Context(comparison, store, options.quick, options.whips)
+    context = Context(
+        comparison,
+        store,
+        options.quick,
+        whips=options.whips,
+        whip_targets=options.whip_targets,
+        rows=tuple(options.rows),
+        further=further,
+        zones=tuple(options.further_zones),
+    )
     sections, start = [], time.monotonic()
     for name in ALL if options.what == "all" else [options.what]:
         print(f"whiptool: {name}", file=sys.stderr)
@@ -120,6 +148,17 @@ def _facts(options: ReproduceOptions, comparison) -> dict[str, str]:
         f"{comparison.random_episodes} random; {comparison.seeds} seeds"
         + (f"; observations other than paper {further} episodes" if further is not None else ""),
     }
+
+
+def _check_rows(rows: Sequence[str]) -> None:
+    from whiptool.reproduction.unknown_whips import LEARNING, METHODS
+
+    known = (*METHODS, "chain")
+    for row in rows:
+        if row not in known:
+            raise InputError("--rows", row, ", ".join(known))
+    if rows and not set(rows) & set(LEARNING):
+        raise InputError("--rows", " ".join(rows), "one of " + ", ".join(LEARNING) + " among them")
 
 
 if __name__ == "__main__":

@@ -110,11 +110,19 @@ class RunFolder:
         write_whole(self.path / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that no half of it is ever seen."""
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file so that no half of it is ever seen; where it cannot be written, what was there before stays.
+
+    Raises:
+        OSError: The disk is full, or the like; it names the file.
+    """
     temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    try:
+        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 class TrialLog:

@@ -74,9 +74,12 @@ class Strike:
     def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Desired positions, velocities and accelerations at times t [s], each of shape (*t.shape, n); Eq. 1.
 
-        After D the arm is to stay at `q_f`.
+        Before 0 the arm is to stay at `q_i`, after D at `q_f`.
         """
-        s = min(t / self.D, 1.0) if isinstance(t, float) else np.minimum(np.asarray(t, float) / self.D, 1.0)[..., None]
+        if isinstance(t, float):
+            s = min(max(t / self.D, 0.0), 1.0)
+        else:
+            s = np.clip(np.asarray(t, float) / self.D, 0.0, 1.0)[..., None]
         q_i, span = self._ends
         position = q_i + span * (s**3 * (10 - 15 * s + 6 * s**2))  # Eq. 1
         velocity = span * (30 * s**2 * (1 - s) ** 2 / self.D)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import minimize_scalar
 
 from whiptool.identification.recording import StrikeRecording
 from whiptool.models.compiled import CompiledRollout
@@ -12,6 +14,7 @@ STEP = 0.1  # largest change of a number of the strike, in parts of its range
 _DIFFERENCE = 1e-3  # of the range, for the Jacobian
 _DAMPING = 0.05  # [m per range], below which a direction of the Jacobian is not trusted
 RATE = 1000.0  # [1/s] of the model's path
+_BETWEEN = 20  # points of the recorded path from frame to frame
 
 
 def correct(
@@ -25,8 +28,10 @@ def correct(
 ) -> Strike:
     """The next strike: `u - J^+ e`, with e from the recorded strike and J from the model.
 
-    e is where the recorded tip passed nearest to the target, less the target, and J how the model's tip, at that time,
-    moves with the numbers of the strike in units of their ranges; J^+ is damped, and the step is cut.
+    e is where the recorded tip passed nearest to the target, less the target, its frames joined smoothly as they are
+    for the miss that a camera sees: between frames a fast tip moves on by more than it misses. J is how the model's
+    tip, at that time, moves with the numbers of the strike in units of their ranges; J^+ is damped, and the step is
+    cut.
 
     Args:
         strike: What was struck.
@@ -38,16 +43,35 @@ def correct(
     """
     lower, upper = (bounds or default_bounds(rollout.model.arm)).box
     width, u = upper - lower, np.array(strike.vector)
-    off = recording.points[:, recording.markers.index("tip")] - np.array(target)
-    nearest = int(np.nanargmin(np.hypot(*off.T)))
+    when, off = closest(recording, target)
     moved = np.concatenate([u + sign * _DIFFERENCE * np.diag(width) for sign in (1, -1)])
     moved[:, -1] = np.maximum(moved[:, -1], 1e-3)
     t, paths, _ = rollout.tip_path(moved, t_stay=t_stay, rate=RATE)
-    frame = min(round(float(recording.t[nearest]) * RATE), len(t) - 1)
+    frame = int(np.clip(round(when * RATE), 0, len(t) - 1))
     tips = paths[:, frame]
     if not np.isfinite(tips).all():
         return strike
     J = (tips[: len(u)] - tips[len(u) :]).T / (2 * _DIFFERENCE)  # (2, 2 a + 1)
-    step = -J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(2), off[nearest])
+    step = -J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(2), off)
     step *= min(1.0, STEP / max(float(np.abs(step).max()), 1e-12))
     return Strike.from_vector(np.clip(u + step * width, lower, upper))
+
+
+def closest(recording: StrikeRecording, target: tuple[float, ...]) -> tuple[float, np.ndarray]:
+    """When the recorded tip came nearest to a target [s], and where it was from there [m], (2,).
+
+    Frames are joined by a monotone cubic interpolant (Fritsch and Carlson 1980); those without the tip are left out.
+    """
+    tip, at = recording.points[:, recording.markers.index("tip")], np.array(target)
+    seen = np.isfinite(tip).all(axis=1)
+    t = recording.t[seen]
+    if len(t) == 1:
+        return float(t[0]), tip[seen][0] - at
+    path = PchipInterpolator(t, tip[seen])
+    fine = np.linspace(t[0], t[-1], _BETWEEN * len(t))
+    nearest = int(np.linalg.norm(path(fine) - at, axis=1).argmin())
+    ends = fine[max(nearest - 1, 0)], fine[min(nearest + 1, len(fine) - 1)]
+    found = minimize_scalar(
+        lambda s: np.linalg.norm(path(s) - at), bounds=ends, method="bounded", options={"xatol": 1e-9}
+    )
+    return float(found.x), path(found.x) - at

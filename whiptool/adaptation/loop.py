@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from whiptool.adaptation.first_look import choose_wiggle, hanging
-from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, miss_of, plan
-from whiptool.adaptation.ports import Port, Seen
-from whiptool.adaptation.posterior import Learned, update
+from whiptool.adaptation.judgement import Judgement, judge, judge_seen
+from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
+from whiptool.adaptation.ports import Port, Seen, checked
+from whiptool.adaptation.posterior import AFTER, Learned, update
 from whiptool.adaptation.prior import Belief
+from whiptool.adaptation.sag import Sag, expected_sag
 from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
 from whiptool.models.parameters import Model
@@ -25,6 +27,7 @@ from whiptool.runs import write_whole
 from whiptool.strike import Strike, StrikeBounds
 
 UNSURE = 0.5  # probability of a hit below which a plan is looked for once more, as hard as the first one
+_LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # beside the belief
 PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.json", "recording.npz"
 
 
@@ -34,7 +37,8 @@ class Options:
 
     Args:
         max_strikes: No more than these.
-        stop_at: End with the first strike that is judged to miss by no more [m]; None: the hit radius. 0: never.
+        stop_at: End with the first strike that is judged to miss by no more [m]; None: with the first hit that is
+            claimed. 0: never.
         still: The whip is filmed as it hangs, before the first strike, unless earlier recordings tell of it; number 0.
         wiggle: Instead a short, slow movement; number 0.
         adapt: False: never learn; plan once from the prior, and repeat.
@@ -48,7 +52,7 @@ class Options:
 
     max_strikes: int = 6
     stop_at: float | None = None
-    still: bool = False
+    still: bool = True
     wiggle: bool = False
     adapt: bool = True
     starts: int = 3
@@ -76,18 +80,20 @@ class Step:
         plan: Of the strike.
         outcome: What came of it.
         learned: Afterwards; None where nothing is learned.
-        judged: Miss distance from what was seen [m]: of the whip as it is believed now, struck so, if the recording
-            taught something (frames are far apart where the tip is fast); else as the camera saw it. Never a twin's
-            truth. None: nobody saw.
-        hit: Whether that is a hit; None: nobody saw.
+        judged: Its miss, from what was seen: by the whip as it is believed now and by the camera, where the recording
+            taught something; else by the camera alone. Never a twin's truth. None: nobody saw.
     """
 
     number: int
     plan: Plan
     outcome: Seen
     learned: Learned | None
-    judged: float | None
-    hit: bool | None
+    judged: Judgement | None
+
+    @property
+    def hit(self) -> bool | None:
+        """Whether a hit is claimed; None: nobody saw."""
+        return None if self.judged is None else self.judged.hit
 
 
 @dataclass
@@ -128,8 +134,8 @@ class Adaptation:
         """
         o, belief, steps = self.options, self.known or self.prior, []
         recordings, past = list(self.recordings), []
-        enough = self.target.hit_radius if o.stop_at is None else o.stop_at
         taught, resting = self.known is not None, set[str]()
+        contacts: dict[str, float] = {}
         if recordings and o.adapt and not taught:
             learned = update(self.prior, recordings, starts=o.starts, seed=o.seed)
             belief, taught = learned.belief, bool(learned.rmse)
@@ -141,25 +147,29 @@ class Adaptation:
                 past.append(chosen.strike)
             if outcome.recording is not None:
                 recordings.append(outcome.recording)
+                if chosen.contact is not None:
+                    contacts[outcome.recording.source] = chosen.contact
             learned = None
             if o.adapt and recordings:
-                learned = self._learned(number, recordings, belief)
+                learned = self._learned(number, recordings, belief, contacts)
                 belief = learned.belief
                 if number == 0 and not o.wiggle:  # tells the length alone: the next plan is a first one
                     resting = set(learned.rmse)
                 taught = taught or bool(set(learned.rmse) - resting)
-            judged = self._judged(chosen, outcome, learned)
-            hit = None if judged is None else judged <= self.target.hit_radius
-            steps.append(Step(number, chosen, outcome, learned, judged, hit))
+            judged = self._judged(number, chosen, outcome, learned) if number else None
+            steps.append(Step(number, chosen, outcome, learned, judged))
             on_step(steps[-1])
-            if number and judged is not None and judged <= enough:
+            if number and judged is not None and self._enough(judged):
                 break
         return steps
+
+    def _enough(self, judged: Judgement) -> bool:
+        return judged.hit if self.options.stop_at is None else judged.miss <= self.options.stop_at
 
     def _planned(self, number: int, belief: Belief, past: list, steps: list[Step], effort: Effort) -> Plan:
         stored = self._read(number, PLAN)
         if stored is not None:
-            return Plan(**{**stored, "strike": tuple(stored["strike"])})
+            return Plan(**{**stored, "strike": tuple(stored["strike"]), "misses": tuple(stored.get("misses", ()))})
         o, rng, began = self.options, np.random.default_rng([self.options.seed, number]), time.perf_counter()
         if number == 0:
             if o.wiggle:
@@ -173,15 +183,21 @@ class Adaptation:
         elif number == 1 and self.opening is not None:
             chosen = self.opening
         else:
-            chosen = self._sought(belief, rng, past, effort)
+            sag = self._expected_sag(steps)
+            chosen = self._sought(belief, rng, past, effort, sag)
             if effort is not o.first and (chosen.probability or 0.0) < UNSURE:
-                both = chosen, self._sought(belief, rng, past, o.first)
+                both = chosen, self._sought(belief, rng, past, o.first, sag)
                 chosen = max(both, key=lambda x: (x.allowed, x.probability or 0.0))
                 chosen = replace(chosen, wall_time=time.perf_counter() - began)
         self._write(number, PLAN, asdict(chosen))
         return chosen
 
-    def _sought(self, belief: Belief, rng: np.random.Generator, past: list, effort: Effort) -> Plan:
+    def _expected_sag(self, steps: list[Step]) -> Sag | None:
+        controller = self.prior.plant.controller
+        assert controller is not None
+        return expected_sag(controller.law, [*self.recordings, *(step.outcome.recording for step in steps)])
+
+    def _sought(self, belief: Belief, rng: np.random.Generator, past: list, effort: Effort, sag: Sag | None) -> Plan:
         o, believed = self.options, belief.at().model
         check = o.check
         return plan(
@@ -195,6 +211,7 @@ class Adaptation:
             check=None if check is None else lambda strike: check(strike, believed),
             t_stay=o.t_stay,
             effort=effort,
+            sag=sag,
         )
 
     def _struck(self, number: int, chosen: Plan, belief: Belief) -> Seen:
@@ -207,7 +224,8 @@ class Adaptation:
                 recording = StrikeRecording.load(folder / RECORDING)
                 recording = replace(recording, source=filmed)  # its name from before it was a file
             return Seen(recording, **stored)
-        seen = self.port.strike(Strike.from_vector(chosen.strike), number, folder, belief.at().model)
+        strike = Strike.from_vector(chosen.strike)
+        seen = checked(self.port.strike(strike, number, folder, belief.at().model), strike, number)
         if number == 0 and seen.recording is not None:  # meant for no target, and of use to its end
             seen = replace(seen, recording=replace(seen.recording, target=None))
         if folder is not None and seen.recording is not None:
@@ -216,20 +234,24 @@ class Adaptation:
         self._write(number, OUTCOME, told | {"filmed": None if seen.recording is None else seen.recording.source})
         return seen
 
-    def _judged(self, chosen: Plan, outcome: Seen, learned: Learned | None) -> float | None:
-        recording = outcome.recording
-        if learned is None or recording is None or recording.source not in learned.rmse:
-            return outcome.seen_miss
-        return miss_of(learned.belief, chosen.strike, self.target, t_stay=self.options.t_stay)
+    def _judged(self, number: int, chosen: Plan, outcome: Seen, learned: Learned | None) -> Judgement | None:
+        recording, o = outcome.recording, self.options
+        if recording is None or outcome.fault:
+            return None if outcome.seen_miss is None else judge_seen(outcome.seen_miss, self.target)
+        belief = learned.belief if learned is not None and recording.source in learned.rmse else None
+        until = None if chosen.contact is None else chosen.contact + AFTER
+        return judge(recording, self.target, belief, until=until, seed=(o.seed, number))
 
-    def _learned(self, number: int, recordings: list[StrikeRecording], belief: Belief) -> Learned:
+    def _learned(
+        self, number: int, recordings: list[StrikeRecording], belief: Belief, contacts: dict[str, float]
+    ) -> Learned:
         stored = self._read(number, POSTERIOR)
         if stored is not None:
-            rest = {name: stored[name] for name in ("rmse", "refused", "wall_time")}
+            rest = {name: stored[name] for name in _LEARNED}
             return Learned(Belief.from_table(self.prior.plant, stored), **rest)
         o = self.options
-        learned = update(self.prior, recordings, guess=belief, starts=o.starts, seed=o.seed)
-        told = {"rmse": learned.rmse, "refused": learned.refused, "wall_time": learned.wall_time}
+        learned = update(self.prior, recordings, guess=belief, contacts=contacts, starts=o.starts, seed=o.seed)
+        told = {name: getattr(learned, name) for name in _LEARNED}
         self._write(number, POSTERIOR, learned.belief.to_table() | told)
         return learned
 

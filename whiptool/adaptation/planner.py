@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.errors import InputError
@@ -25,7 +24,7 @@ CHECKED = 3  # strikes that are asked about before more is kept free
 JUDGED = 64  # whips over which the probability is stated
 _SQUEEZES, _CHILDREN, _KEPT, _SHRINK = 12, 64, 8, 0.8  # rounds of random steps within limits, strikes in each
 _NEAR, _LAST_STEPS = 0.015, 3  # [m] of miss on the mean that so many steps along derivatives mend: no more random ones
-_FLOOR = 0.005  # [m] of the tip's own scatter, at least
+_BLUR = 0.005  # [m] by which a search smoothes where strikes pass, at least
 _PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits
 _FAR = 0.5  # [m] beyond which a miss is as good as any other
 
@@ -71,6 +70,9 @@ class Plan:
         reason: For people.
         wall_time: [s]
         allowed: Whether nothing forbids it: motors, least speed, a check; there was no other where something does.
+        misses: Predictive sample of the miss distance [m]: one per sampled whip, an error of the model drawn for each,
+            in rising order; None where it diverges. Empty: of a movement that is not meant to hit.
+        contact: When the tip is nearest to the target, on the mean [s].
     """
 
     strike: tuple[float, ...]
@@ -81,6 +83,8 @@ class Plan:
     reason: str
     wall_time: float
     allowed: bool = True
+    misses: tuple[float | None, ...] = ()
+    contact: float | None = None
 
 
 def plan(
@@ -96,13 +100,15 @@ def plan(
     t_stay: float = 0.3,
     effort: Effort = NEXT,
     timestep: float = TIMESTEP,
+    sag: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Plan:
     """The strike of the largest probability of a hit over samples of a belief.
 
     Random candidates and past strikes with their neighbours are tried on the belief's mean; the best are improved
     there by Gauss-Newton steps along exact derivatives; all that are left are tried on every sample, and a search with
-    a shrinking normal distribution (cross-entropy, Rubinstein 1999) refines the best. Each sample's miss distance d is
-    smoothed by the belief's model error s: it hits with `Phi((r - d) / s) - Phi((-r - d) / s)`.
+    a shrinking normal distribution (cross-entropy, Rubinstein 1999) refines the best. Each sample's miss distance is
+    smoothed by the belief's model error (`ModelError.hit_probability`), in the search by at least 5 mm. Probability and
+    expected miss are stated on samples that the search has not seen.
 
     Args:
         belief: About the whip.
@@ -119,12 +125,13 @@ def plan(
         t_stay: A strike is watched so long after the movement ended [s].
         effort: How hard to look.
         timestep: Of the integrator [s].
+        sag: How far from where strikes begin the arm will stand, see `whiptool.adaptation.sag`; None: there.
 
     Raises:
         InputError: A past strike is none of this arm, or the arm has no default bounds.
     """
     began = time.perf_counter()
-    search = _Search(belief, target, bounds, limits, speed, t_stay, timestep)
+    search = _Search(belief, target, bounds, limits, speed, t_stay, timestep, sag)
     whips = belief.sample(rng, effort.whips)
     first, tried, allowed = None, 0, True
     for search.margin in MARGINS if limits is not None else MARGINS[:1]:
@@ -141,15 +148,7 @@ def plan(
         allowed = False
     assert chosen is not None
     fresh = belief.sample(rng, JUDGED)  # the strike was chosen for the others, and does better there
-    return search.report(chosen, fresh, time.perf_counter() - began, tried, allowed=allowed)
-
-
-def miss_of(
-    belief: Belief, strike: Sequence[float], target: Target, *, t_stay: float, timestep: float = TIMESTEP
-) -> float:
-    """Miss distance of a strike with the mean of a belief [m]; arguments as for `plan`."""
-    near = _Search(belief, target, None, None, 0.0, t_stay, timestep).mean(np.array([strike]))
-    return np.inf if near.diverged[0] else float(near.distance[0])
+    return search.report(chosen, fresh, rng, time.perf_counter() - began, tried, allowed=allowed)
 
 
 class _Search:
@@ -164,14 +163,17 @@ class _Search:
         speed: float,
         t_stay: float,
         timestep: float,
+        sag: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         plant = belief.at()
         assert plant.controller is not None
         self.target, self.limits, self.speed, self.t_stay = target, limits, speed, t_stay
         self.margin = MARGINS[0]
         self.box = (bounds or default_bounds(plant.model.arm)).box
-        self.rollout = CompiledRollout(plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief))
-        self.scatter = float(np.hypot(belief.model_error, _FLOOR))
+        self.rollout = CompiledRollout(
+            plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief), sag=sag
+        )
+        self.error = belief.model_error
         self._at = np.array(target.position)
 
     def look(
@@ -274,9 +276,8 @@ class _Search:
         return np.where(near.diverged, np.inf, near.distance).reshape(B, S)
 
     def probability(self, miss: np.ndarray) -> np.ndarray:
-        """Of a hit, per strike, from (strikes, whips) miss distances."""
-        r, s = self.target.hit_radius, self.scatter
-        return np.mean(ndtr((r - miss) / s) - ndtr((-r - miss) / s), axis=1)
+        """Of a hit, per strike, from (strikes, whips) miss distances; smoothed for the search."""
+        return self.error.hit_probability(miss, self.target.hit_radius, blur=_BLUR).mean(axis=1)
 
     def score(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Probability of a hit less a little of the expected miss; what the motors cannot do is behind all else."""
@@ -292,10 +293,20 @@ class _Search:
         little = SURE * self.target.hit_radius
         return score >= float(self.probability(np.array([[little]]))[0]) - _PULL * little
 
-    def report(self, strike: np.ndarray, whips: Sequence[Plant], spent: float, tried: int, *, allowed: bool) -> Plan:
+    def report(
+        self,
+        strike: np.ndarray,
+        whips: Sequence[Plant],
+        rng: np.random.Generator,
+        spent: float,
+        tried: int,
+        *,
+        allowed: bool,
+    ) -> Plan:
         """The choice in words and numbers."""
-        miss, near = self.each(strike[None], whips), self.mean(strike[None])
-        probability, steady = float(self.probability(miss)[0]), miss[np.isfinite(miss)]
+        miss, near = self.each(strike[None], whips)[0], self.mean(strike[None])
+        probability = float(self.error.hit_probability(miss, self.target.hit_radius).mean())
+        steady = miss[np.isfinite(miss)]
         expected = float(steady.mean()) if len(steady) else None
         told = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"
         if 0 < len(steady) < miss.size:
@@ -315,4 +326,7 @@ class _Search:
             )
         vector = tuple(map(float, Strike.from_vector(strike).vector))
         allowed &= bool(self.excess(near)[0] <= 0)
-        return Plan(vector, probability, expected, float(near.distance[0]), usage, reason, spent, allowed)
+        drawn = np.sort(self.error.drawn(miss, rng))
+        misses = tuple(x if np.isfinite(x) else None for x in drawn.tolist())
+        nearest, contact = float(near.distance[0]), float(near.time[0])
+        return Plan(vector, probability, expected, nearest, usage, reason, spent, allowed, misses, contact)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -18,6 +18,10 @@ from whiptool.models.compiled import TIMESTEP, CompiledRollout
 from whiptool.models.parameters import Model
 from whiptool.rig.session import Rig
 from whiptool.strike import Strike
+
+_JOINED = 4  # frames that a path is joined from, at least
+_GAP = 2.5  # frames
+_SAME = 1e-6  # [rad], [s]: two strikes are one
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,76 @@ class Seen:
     fault: str = ""
 
 
+def seen_of(
+    recording: StrikeRecording, target: Sequence[float], *, true_miss: float | None = None, fault: str = ""
+) -> Seen:
+    """What a port returns of a strike that was filmed: the recording, and the miss distance that its frames show.
+
+    Between frames the tip is taken to move as the monotone cubic through them does; a gap of more than two frames holds
+    no tip.
+
+    Args:
+        recording: Of the tip; its clock starts with the command.
+        target: [m]
+        true_miss: The same as a twin knows it [m]; None: not a twin.
+        fault: Why it was no whole strike; empty: it was. A strike with a fault shows no miss.
+
+    Raises:
+        InputError: The recording has no marker `tip`.
+    """
+    points = recording.marker("tip")[:, :2]
+    seen = np.isfinite(points).all(axis=1)
+    if seen.sum() < _JOINED or fault:
+        return Seen(recording, None, true_miss, fault)
+    t, points = recording.t_points[seen, recording.markers.index("tip")], points[seen]
+    fine = np.linspace(t[0], t[-1], 20 * len(t))
+    distance = np.linalg.norm(PchipInterpolator(t, points)(fine) - np.array(target)[:2], axis=1)
+    before = np.clip(np.searchsorted(t, fine) - 1, 0, len(t) - 2)
+    shown = t[before + 1] - t[before] <= _GAP * np.median(np.diff(recording.t))
+    return Seen(recording, float(distance[shown].min()), true_miss, fault)
+
+
 class Port(Protocol):
-    """Strikes once; `number` counts from 1 (0: a first look), and the same number gives the same noise."""
+    """What strikes and films: a twin, a rig of ours, or a lab's own robot."""
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Strike and film; `believed`: whip and arm as they are known by now, for a rig's rehearsal."""
+        """Strike and film.
+
+        Args:
+            strike: What to do.
+            number: From 1; 0 is a first look. A simulated port gives the same number the same noise.
+            folder: For the port's own records; None: none are kept.
+            believed: Whip and arm as they are known by now, for a rehearsal.
+
+        Returns:
+            See `seen_of`; a strike that was refused is `Seen(None, None, fault="why")`.
+        """
         ...
+
+
+def checked(seen: Any, strike: Strike, number: int) -> Seen:
+    """What a port returned, with what a recording may lack and the loop knows: the strike, and where it came from.
+
+    Raises:
+        InputError: It is no `Seen`, or its recording is none of the tip, or of another strike.
+    """
+    if not isinstance(seen, Seen):
+        given = f"{type(seen).__name__} from strike {number}"
+        raise InputError("port", given, "a Seen", "return whiptool.adaptation.ports.seen_of(recording, target)")
+    recording = seen.recording
+    if recording is None:
+        return seen
+    if not isinstance(recording, StrikeRecording):
+        given = f"{type(recording).__name__} from strike {number}"
+        raise InputError("port: recording", given, "a StrikeRecording, or None where nothing was seen")
+    if "tip" not in recording.markers:
+        raise InputError("port: markers", recording.markers, "the tip among them")
+    if recording.strike is not None and not np.allclose(recording.strike.vector, strike.vector, rtol=0, atol=_SAME):
+        given = recording.strike.vector.tolist()
+        raise InputError("port: strike of the recording", given, f"{strike.vector.tolist()}, which was asked for")
+    named = f"strike {number}"
+    source = recording.source if recording.source.endswith(named) else f"{recording.source or 'port'}, {named}"
+    return dataclasses.replace(seen, recording=dataclasses.replace(recording, strike=strike, source=source))
 
 
 class TipPort:
@@ -90,9 +158,7 @@ class TipPort:
             t_stay=self.t_stay,
             source=f"{self.twin.family}-{self.twin.seed}, strike {number}",
         )
-        fine = np.linspace(t[0], t[-1], 20 * len(t))  # between frames the tip moves on
-        seen = float(np.hypot(*(PchipInterpolator(t, points)(fine) - self.target).T).min())
-        return Seen(recording, seen, float(near.distance[0]))
+        return seen_of(recording, self.target, true_miss=float(near.distance[0]))
 
 
 class RigPort:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.fit import Fit, Options, fit
@@ -19,6 +20,7 @@ from whiptool.identification.recording import StrikeRecording
 
 UNMODELLED = 0.003  # [m], error of any model's tip that a better camera does not remove
 AFTER = 0.04  # [s] that a recording is used beyond the closest approach
+ELSEWHERE = 1.5  # the model's error at the next strike, over that of the strikes that were fitted
 SHARE_SEEN = 0.5  # of the frames before that, in which the tip has to be seen
 TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every whip that is believed possible
 EXPLAINED = 1.3  # standard errors, RMSE up to which no other start is tried,
@@ -46,12 +48,15 @@ class Learned:
         rmse: Of the recordings that were used, by their source [m].
         refused: Why the others were not, by their source.
         wall_time: [s]
+        redundancy: So many readings of the recordings are worth one: their errors correlate, and may be larger than
+            stated.
     """
 
     belief: Belief
     rmse: dict[str, float]
     refused: dict[str, str]
     wall_time: float
+    redundancy: float = 1.0
 
 
 def update(
@@ -59,6 +64,7 @@ def update(
     recordings: Sequence[StrikeRecording],
     *,
     guess: Belief | None = None,
+    contacts: Mapping[str, float] | None = None,
     starts: int = 3,
     screened: int = 24,
     seed: int = 0,
@@ -75,6 +81,7 @@ def update(
         prior: Before any recording.
         recordings: All so far, of different sources, each with its command and the marker `tip`.
         guess: After all but the last; None: the prior.
+        contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
         starts: How many.
         screened: Samples of the prior among which the other starts are sought.
         seed: Of the samples.
@@ -88,7 +95,7 @@ def update(
     refused: dict[str, str] = {}
     used: list[StrikeRecording] = []
     for recording in recordings:
-        cut, reason = usable(recording)
+        cut, reason = usable(recording, (contacts or {}).get(recording.source))
         if cut is None:
             refused[recording.source] = reason
         else:
@@ -99,7 +106,6 @@ def update(
             drive="command",
             prior=prior.as_prior(),
             timestep=timestep,
-            replicates=8,
             max_iterations=25,
             tolerance=CLOSE,
         )
@@ -115,16 +121,21 @@ def update(
         guess, found = prior, None
     if found is None:
         return Learned(prior, {}, refused, time.perf_counter() - began)
-    belief = _belief(prior, found, used)
+    redundancy = _redundancy(found)
+    belief = _belief(prior, found, used, redundancy)
     rmse = {r.source: r.rmse for r in found.recordings}
-    return Learned(belief, rmse, refused, time.perf_counter() - began)
+    return Learned(belief, rmse, refused, time.perf_counter() - began, redundancy)
 
 
-def usable(recording: StrikeRecording) -> tuple[StrikeRecording | None, str]:
+def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[StrikeRecording | None, str]:
     """The frames of the tip up to shortly after its closest approach to the target, or None and the reason.
 
     Their standard errors contain what no model explains, lest a sharp camera drive the fit to odd numbers. At rest that
     is the same in all frames, and one is left of them: their median.
+
+    Args:
+        recording: Of one strike.
+        contact: When the closest approach was planned [s]: frames are kept until then, too, if it came earlier.
 
     Raises:
         InputError: The recording lacks its command or its tip.
@@ -137,7 +148,7 @@ def usable(recording: StrikeRecording) -> tuple[StrikeRecording | None, str]:
     within = t <= end
     if recording.target is not None and not _at_rest(recording) and (seen & within).any():
         distance = np.where(seen & within, np.hypot(*(points - np.array(recording.target[:2])).T), np.inf)
-        within &= t <= t[int(distance.argmin())] + AFTER
+        within &= t <= max(t[int(distance.argmin())], -math.inf if contact is None else contact) + AFTER
     lost = 1 - float(np.mean(seen[recording.t <= end])) if (recording.t <= end).any() else 1.0
     if lost > 1 - SHARE_SEEN or (seen & within).sum() < _LEAST:
         return None, f"the tip was lost in {lost:.0%} of the frames"
@@ -154,10 +165,13 @@ def _at_rest(recording: StrikeRecording) -> bool:
 
 
 def _median(recording: StrikeRecording, noise: np.ndarray) -> StrikeRecording:
-    """One frame in place of all, in their middle; `noise`: standard errors of the frames, (T, M) [m]."""
+    """One frame in place of all; `noise`: standard errors of the frames, (T, M) [m].
+
+    In their middle, when a model's arm has sagged, too; the first, where it was measured how the arm stands.
+    """
     seen = np.flatnonzero(recording.seen.any(axis=1))
     points = np.full_like(recording.points, np.nan)
-    points[seen[len(seen) // 2]] = np.median(recording.points[seen], axis=0)
+    points[seen[len(seen) // 2 if recording.sag is None else 0]] = np.median(recording.points[seen], axis=0)
     error = _OF_MEDIAN * float(np.nanmean(noise[seen])) / math.sqrt(len(seen))
     sigma = np.full_like(recording.sigma, math.hypot(error, UNMODELLED))
     return dataclasses.replace(recording, points=points, sigma=sigma)
@@ -287,7 +301,17 @@ def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> 
     return said + f", unless the camera was turned by {turned:+.1f} deg and moved by ({x:+.3f}, {y:+.3f}) m"
 
 
-def _belief(prior: Belief, found: Fit, recordings: Sequence[StrikeRecording]) -> Belief:
+def _redundancy(found: Fit) -> float:
+    """So many readings are worth one: they correlate, and may scatter by more than their stated errors.
+
+    Less scatter than these is chance, or hides what no residual shows.
+    """
+    U = found.uncertainty
+    correlation = float(np.clip(U.whiteness, 0.0, 0.95))
+    return (1 + correlation) / (1 - correlation) * max(U.residual_variance, 1.0)
+
+
+def _belief(prior: Belief, found: Fit, recordings: Sequence[StrikeRecording], redundancy: float) -> Belief:
     """The fit as a belief: its covariance inflated by what the residuals show.
 
     A whip at rest shows nothing of how well the model moves.
@@ -297,15 +321,19 @@ def _belief(prior: Belief, found: Fit, recordings: Sequence[StrikeRecording]) ->
     L = np.linalg.cholesky(prior.covariance)
     # Data against prior along independent directions: what the data say is told in units of the prior's errors
     told, V = np.linalg.eigh((root @ L).T @ (root @ L) - np.eye(len(L)))
-    correlation = float(np.clip(U.whiteness, 0.0, 0.95))
-    few = (1 + correlation) / (1 - correlation)  # readings that are worth one
-    if U.residual_variance < 1:  # better than the stated errors allow: chance, or what no residual shows
-        few /= U.residual_variance
+    few = redundancy / U.residual_variance  # by which the fit has already divided
     wide = L @ V / np.sqrt(1 + np.clip(told / few, 0.0, _SHARPEST))
     covariance = wide @ wide.T
+    error = _learned_error(prior.model_error, found, recordings, few)
+    return Belief(prior.plant, prior.names, np.array(U.z), covariance, error)
+
+
+def _learned_error(prior: ModelError, found: Fit, recordings: Sequence[StrikeRecording], few: float) -> ModelError:
+    """The model's error after the residuals of whips that moved; `few` readings are worth one."""
     moved = [fitted for fitted, r in zip(found.recordings, recordings, strict=True) if not _at_rest(r)]
-    excess = 0.0
-    if moved:
-        noise, residuals = (np.concatenate([getattr(m, name) for m in moved]) for name in ("sigma", "residuals"))
-        excess = float(np.mean(residuals**2) - np.mean(noise**2))
-    return Belief(prior.plant, prior.names, np.array(U.z), covariance, float(np.sqrt(max(excess, 0.0))))
+    if not moved:
+        return prior
+    sigma, residuals = (np.concatenate([getattr(m, name) for m in moved]) for name in ("sigma", "residuals"))
+    noise = sigma**2 - UNMODELLED**2
+    unexplained = max(float(np.mean(residuals**2 - noise)), 0.0)
+    return prior.updated(ELSEWHERE**2 * unexplained, len(residuals) / few, len(moved))

@@ -9,7 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
+from whiptool.adaptation.materials import NUMBERS, Stock, stock_of_model
+from whiptool.adaptation.model_error import NONE, ModelError
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
 from whiptool.identification.plant import Plant
@@ -20,24 +23,16 @@ from whiptool.models.files import read_toml
 from whiptool.models.parameters import Model, number
 from whiptool.rig.emulator.motor import Motor
 
-# Standard errors, relative for what is positive (of its logarithm), in its own unit for what may be zero. `value`
-# stands for the model's own number where it is None.
-_PROFILE: dict[str, tuple[float | None, float]] = {
-    "profile.length": (None, 0.15),
-    "profile.linear_density": (None, 0.3),
-    "profile.bending_stiffness": (None, 0.4),
-    "profile.density_taper": (0.6, 0.5),
-    "profile.stiffness_taper": (0.4, 0.8),
-    "profile.damping_taper": (0.4, 0.8),
-    "profile.rest_curvature": (0.0, 0.2),
-    "profile.drag": (1e-3, 1e-3),
-    "whip.dry_friction": (2e-4, 2e-4),
-}
-_UNIFORM: dict[str, tuple[float | None, float]] = dict.fromkeys(("whip.k", "whip.b", "whip.m", "whip.l"), (None, 0.2))
-_DAMPING = 0.4  # relative error of the profile's damping, which may be zero
+# Standard errors. A whip's tip is as thick as its handle, or half or twice as thick two of them off: mass goes with the
+# square of the thickness, bending with its fourth power. A little of each taper is its own.
+_THICKNESS_TAPER, _OWN_TAPER = 0.35, 0.2
+_TAPERS = {"profile.density_taper": 2, "profile.stiffness_taper": 4, "profile.damping_taper": 4}
+_REST_CURVATURE = 0.3  # [1/m]: a twentieth of that of a coil of 0.15 m radius, which a stored rope keeps
+_AIR_FORM = 0.5  # relative: the prior's air resists alike along the whip and across, real air mostly across
 _ARM_FRICTION, _ARM_MASS, _GAIN, _CLOCK = 0.01, 0.1, 0.1, 0.006
 _USUAL_SPEED, _INERTIA = 2.0, 0.4  # [rad/s] of a joint in a strike; relative error where there is a motor
 WHIPS = ("profile", "uniform")
+UNSEEN = ModelError(0.01, 1.5)  # before any recording of a moving whip
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -49,7 +44,7 @@ class Belief:
         names: Of `Plant.values()`, or `delay`.
         z: Mean, each number as a solver sees it (a logarithm, or a number in its usual size), (m,).
         covariance: Of z, (m, m), positive definite.
-        model_error: How far the tip may be from where the best of these whips has it [m], one standard error.
+        model_error: How far the tip may pass from where the best of these whips has it.
 
     Raises:
         InputError: A name is unknown, or shapes do not fit.
@@ -59,7 +54,7 @@ class Belief:
     names: tuple[str, ...]
     z: np.ndarray
     covariance: np.ndarray
-    model_error: float = 0.0
+    model_error: ModelError = NONE
 
     def __post_init__(self) -> None:
         known = {**self.plant.values(), "delay": 0.0}
@@ -111,7 +106,7 @@ class Belief:
             "errors": self.errors(),
             "z": self.z.tolist(),
             "covariance": self.covariance.tolist(),
-            "model_error": self.model_error,
+            "model_error": dataclasses.asdict(self.model_error),
         }
 
     @classmethod
@@ -122,47 +117,100 @@ class Belief:
             InputError: A key is missing, or its value does not fit.
         """
         try:
-            names, error = tuple(table["names"]), float(table["model_error"])
+            names, error = tuple(table["names"]), ModelError(**table["model_error"])
             z, covariance = np.array(table["z"], float), np.array(table["covariance"], float)
         except (KeyError, TypeError, ValueError) as fault:
             raise InputError("belief", str(table)[:80], f"names, z, covariance, model_error ({fault})") from None
         return cls(plant, names, z, covariance, error)
 
 
-def default_prior(model: Model, controller: Controller, *, whip: str = "profile", motor: Motor | None = None) -> Belief:
-    """A wide prior around a model: the whip, the arm's friction and mass, the controller's gain, the camera's clock.
+def default_prior(
+    model: Model,
+    controller: Controller,
+    *,
+    whip: str = "profile",
+    motor: Motor | None = None,
+    stock: Stock | None = None,
+) -> Belief:
+    """A wide prior: the whip, the arm's friction and mass, the controller's gain, the camera's clock.
+
+    The whip's numbers spread as those of a stock do, correlated: a thicker whip is heavier and much stiffer. What a
+    stock does not tell is centred on a uniform whip without rest curvature.
 
     Args:
         model: Its whip is uniform.
         controller: Of the arm.
         whip: `profile`: length, density, stiffness, damping, a taper each, drag, dry friction, rest curvature;
-            `uniform`: k, b, m and l of a uniform whip, its errors those of the family `kin`.
+            `uniform`: k, b, m and l of a uniform whip.
         motor: Of the arm's joints, as its makers describe it: its rotor turns with its link, its friction counts as
             viscous; None: ideal.
+        stock: What the whip is of; None: around the model's own, as wide as materials are on average.
 
     Raises:
         InputError: `whip` is not one of these, or the model's whip has values per node.
     """
     if whip not in WHIPS:
         raise InputError("whip", whip, ", ".join(WHIPS))
-    own = (_ARM_FRICTION, _ARM_FRICTION)
-    arm: dict[str, tuple[float | None, float]] = {f"arm.friction[{i}]": own for i in range(model.arm.n)}
+    if stock is not None:
+        model = stock.owned(model)
+    entries: dict[str, tuple[float | None, float]] = {
+        f"arm.friction[{i}]": (_ARM_FRICTION, _ARM_FRICTION) for i in range(model.arm.n)
+    }
     if motor is not None:
         model = driven(model, motor)
-        arm = {name: (link.friction, max(link.friction, _ARM_FRICTION)) for name, link in zip(arm, model.arm.links)}
-        arm |= {f"arm.inertia[{i}]": (None, _INERTIA) for i in range(model.arm.n)}
-    plant, entries = Plant(model, controller), dict(_UNIFORM) | arm
-    if whip == "profile":
-        profile = profile_of(model, "")
-        plant = Plant(model, controller, profile)
-        entries = dict(_PROFILE) | arm
-        half = profile.linear_density * profile.length / model.whip.N / 2  # what point masses have beyond half a hat
-        entries["profile.tip_mass"] = (half, half)
-        entries["profile.bending_damping"] = (None, _DAMPING * max(profile.bending_damping, 1e-4))
-        entries |= {f"arm.mass[{i}]": (None, _ARM_MASS) for i in range(model.arm.n)}
-        if isinstance(controller.law, OIAC):
-            entries["law.a"] = (None, _GAIN)
-    return _belief(plant, entries | {"delay": (0.0, _CLOCK)})
+        friction = [link.friction for link in model.arm.links]
+        entries = {name: (x, max(x, _ARM_FRICTION)) for name, x in zip(entries, friction, strict=True)}
+        entries |= {f"arm.inertia[{i}]": (None, _INERTIA) for i in range(model.arm.n)}
+    entries["delay"] = (0.0, _CLOCK)
+    if whip == "uniform":
+        return _joined(_uniform(Plant(model, controller), stock or stock_of_model(model)), entries)
+    if stock is None:
+        stock = stock_of_model(model)
+        model = stock.owned(model)  # with drag and friction, where it has none
+    entries |= {f"arm.mass[{i}]": (None, _ARM_MASS) for i in range(model.arm.n)}
+    if isinstance(controller.law, OIAC):
+        entries["law.a"] = (None, _GAIN)
+    return _joined(_profile(Plant(model, controller, profile_of(model, "")), stock), entries)
+
+
+def _uniform(plant: Plant, stock: Stock) -> Belief:
+    """k, b, m and l of a uniform whip: what a stock says of length, density, stiffness and damping."""
+    names = ("whip.k", "whip.b", "whip.m", "whip.l")
+    of = np.array([[-1, 0, 1, 0], [-1, 0, 0, 1], [1, 1, 0, 0], [1, 0, 0, 0]]) @ np.eye(4, len(NUMBERS))
+    own = _belief(plant, dict.fromkeys(names, (None, 1.0)))
+    return dataclasses.replace(own, covariance=of @ stock.covariance @ of.T)
+
+
+def _profile(plant: Plant, stock: Stock) -> Belief:
+    """A stock's numbers, tapers that go together, rest curvature, and a marker's mass."""
+    names = [f"profile.{name}" for name in NUMBERS[:-1]] + ["whip.dry_friction"]
+    entries: dict[str, tuple[float | None, float]] = dict.fromkeys(names, (None, 1.0))
+    entries |= dict.fromkeys(_TAPERS, (None, 1.0))
+    profile = plant.profile
+    assert profile is not None
+    half = profile.linear_density * profile.length / plant.model.whip.N / 2  # what point masses have beyond half a hat
+    entries |= {"profile.rest_curvature": (None, _REST_CURVATURE), "profile.tip_mass": (half, half)}
+    belief = _belief(plant, entries)
+    covariance = np.array(belief.covariance)
+    # a number that has no logarithm moves by its size times what its logarithm would
+    size = [1.0 if v.log else x for v, x in zip(belief.variables, belief.z, strict=True)][: len(names)]
+    covariance[: len(names), : len(names)] = stock.covariance * np.outer(size, size)
+    drag = belief.names.index("profile.drag")
+    covariance[drag, drag] += (_AIR_FORM * belief.z[drag]) ** 2
+    powers, tapers = np.array([*_TAPERS.values()]), slice(len(names), len(names) + len(_TAPERS))
+    covariance[tapers, tapers] = _THICKNESS_TAPER**2 * np.outer(powers, powers) + np.diag(
+        (_OWN_TAPER * powers) ** 2 / 4
+    )
+    return dataclasses.replace(belief, covariance=covariance)
+
+
+def _joined(belief: Belief, entries: Mapping[str, tuple[float | None, float]]) -> Belief:
+    """A belief, and independent numbers of the same plant beside or in place of its own."""
+    other = _belief(belief.plant, entries)
+    kept = [i for i, name in enumerate(belief.names) if name not in entries]
+    names = tuple(belief.names[i] for i in kept) + other.names
+    covariance = np.array(block_diag(belief.covariance[np.ix_(kept, kept)], other.covariance))
+    return Belief(other.plant, names, np.r_[belief.z[kept], other.z], covariance, belief.model_error)
 
 
 def driven(model: Model, motor: Motor) -> Model:
@@ -176,25 +224,29 @@ def driven(model: Model, motor: Motor) -> Model:
 
 
 def read_belief(
-    path: str | None, model: Model, controller: Controller, *, whip: str = "profile", motor: Motor | None = None
+    path: str | None,
+    model: Model,
+    controller: Controller,
+    *,
+    whip: str = "profile",
+    motor: Motor | None = None,
+    stock: Stock | None = None,
 ) -> Belief:
     """The default prior, changed by a file of lines such as `"profile.length" = {value = 0.9, error = 0.05}`.
 
     Args:
         path: A TOML file; None: the default. An error is relative where the number is positive by nature, in its own
             unit where it may be zero (drag, friction, damping, rest curvature, delay). A number that the default takes
-            as known becomes unknown; `error = 0` makes it known.
-        model, controller, whip, motor: As for `default_prior`.
+            as known becomes unknown; `error = 0` makes it known. What the file names is independent of all else.
+        model, controller, whip, motor, stock: As for `default_prior`.
 
     Raises:
         InputError: The file cannot be read, a name is unknown, or a number is out of range.
     """
-    belief = default_prior(model, controller, whip=whip, motor=motor)
+    belief = default_prior(model, controller, whip=whip, motor=motor, stock=stock)
     if path is None:
         return belief
-    values, errors = belief.values(), belief.errors()
-    entries: dict[str, tuple[float | None, float]] = {name: (values[name], errors[name]) for name in belief.names}
-    known, fixed = {**belief.plant.values(), "delay": 0.0}, {}
+    known, given, fixed = {**belief.plant.values(), "delay": 0.0}, {}, {}
     for name, entry in read_toml(Path(path)).items():
         if name not in known:
             raise InputError(f"{path}: {name}", entry, "one of " + ", ".join(known))
@@ -202,15 +254,26 @@ def read_belief(
             raise InputError(f"{path}: {name}", entry, "{value = ..., error = ...}")
         value = number(f"{path}: {name}.value", entry["value"])
         error = number(f"{path}: {name}.error", entry["error"], low=0)
-        entries.pop(name, None)
         if error:
-            entries[name] = (value, error)
+            given[name] = (value, error)
         else:
             fixed[name] = value
-    if not entries:
+    left = knowing(belief, fixed)
+    if not left.names and not given:
         raise InputError(path, "every number known", "an error > 0 for one at least")
-    plant = belief.plant.changed({name: x for name, x in fixed.items() if name != "delay"})
-    return _belief(plant, entries)
+    return _joined(left, given) if given else left
+
+
+def knowing(belief: Belief, values: Mapping[str, float]) -> Belief:
+    """The belief with some numbers known, and nothing else learned from that.
+
+    Raises:
+        InputError: A name is unknown, or a value breaks its rule.
+    """
+    kept = [i for i, name in enumerate(belief.names) if name not in values]
+    plant = belief.plant.changed({name: x for name, x in values.items() if name != "delay"})
+    names = tuple(belief.names[i] for i in kept)
+    return Belief(plant, names, belief.z[kept], belief.covariance[np.ix_(kept, kept)], belief.model_error)
 
 
 def _belief(plant: Plant, entries: Mapping[str, tuple[float | None, float]]) -> Belief:
@@ -221,7 +284,7 @@ def _belief(plant: Plant, entries: Mapping[str, tuple[float | None, float]]) -> 
     z = np.array([v.z(x) for v, x in zip(variables, mean.values(), strict=True)])
     scales = np.array([v.scale for v in variables])
     errors = np.array([error for _, error in entries.values()]) / scales
-    return Belief(plant, tuple(entries), z, np.diag(errors**2))
+    return Belief(plant, tuple(entries), z, np.diag(errors**2), UNSEEN)
 
 
 def fresh_terms(belief: Belief) -> list[str]:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
+from whiptool.adaptation.judgement import CLAIMED
 from whiptool.adaptation.loop import Step
 from whiptool.adaptation.planner import TIMESTEP
 from whiptool.adaptation.posterior import AFTER, usable
@@ -81,7 +82,7 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
         said.append("  learned        nothing: no recording was used")
     said += [f"  not used       {source}: {reason}" for source, reason in learned.refused.items()]
     if learned.rmse:
-        said.append(f"  model error    {100 * learned.belief.model_error:.2f} cm")
+        said.append(f"  model error    {100 * learned.belief.model_error.scale:.2f} cm")
     return [*said, f"  time           {p.wall_time:.1f} s planned, {learned.wall_time:.1f} s learned"]
 
 
@@ -138,18 +139,29 @@ def _used(step: Step) -> bool:
 
 
 def _verdict(step: Step) -> str:
-    return "not seen" if step.hit is None else "hit" if step.hit else "missed"
+    if step.judged is None:
+        return "not seen"
+    return "hit" if step.hit else "missed" if step.judged.probability <= 1 - CLAIMED else "undecided"
 
 
 def _centimetres(miss: float | None) -> str:
-    return _NONE if miss is None else f"{100 * miss:.2f}" if np.isfinite(miss) else "diverged"
+    return _NONE if miss is None else f"{100 * miss:.2f}"
+
+
+def _judged_centimetres(step: Step) -> str:
+    return _NONE if step.judged is None else f"{100 * step.judged.miss:.2f} ± {100 * step.judged.error:.2f}"
+
+
+def _chance(step: Step) -> str:
+    return _NONE if step.judged is None else percent(step.judged.probability)
 
 
 def _outcome(step: Step) -> str:
     seen, true, judged = step.outcome.seen_miss, step.outcome.true_miss, step.judged
     parts = []
-    if judged is not None and _used(step):
-        parts.append(f"{_length(judged)} with the learned whip")
+    if judged is not None:
+        by = "with the learned whip and the camera" if _used(step) else "by the camera"
+        parts.append(f"judged {judged} {by}, a hit with {percent(judged.probability)}")
     if seen is not None:
         parts.append(f"{_length(seen)} as the camera saw it")
     if true is not None:
@@ -157,6 +169,13 @@ def _outcome(step: Step) -> str:
     if step.plan.probability is not None:
         parts.append(f"stated probability {step.plan.probability:.0%}")
     return f"{_verdict(step)}: {'; '.join(parts)}" if parts else _verdict(step)
+
+
+def percent(probability: float) -> str:
+    """A probability for people, never rounded to a certainty."""
+    if 0.995 <= probability < 1 or 0 < probability < 0.005:
+        return "> 99 %" if probability > 0.5 else "< 1 %"
+    return f"{100 * probability:.0f} %"
 
 
 def _length(miss: float) -> str:
@@ -176,7 +195,8 @@ class _Path:
     def of(cls, step: Step, belief: Belief, target: Target) -> _Path:
         plant, recording = belief.at(), step.outcome.recording
         assert plant.controller is not None
-        rollout = CompiledRollout(plant.model, plant.controller, timestep=TIMESTEP, free=fresh_terms(belief))
+        stood = None if recording is None else recording.stood
+        rollout = CompiledRollout(plant.model, plant.controller, timestep=TIMESTEP, free=fresh_terms(belief), sag=stood)
         vector, t_stay = np.array([step.plan.strike]), T_STAY if recording is None else recording.t_stay
         near = rollout.approach(vector, np.array(target.position), t_stay=t_stay)
         t, points, _ = rollout.tip_path(vector, t_stay=t_stay, rate=_RATE)
@@ -204,19 +224,22 @@ def _filmed_speed(recording: StrikeRecording, target: Target) -> str:
 
 
 def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Section:
-    head = ["strike", "stated probability", "judged miss [cm]", "camera [cm]", "truth [cm]", "outcome"]
-    rows = [[*head, "tip speed [m/s]", "model error [cm]", "planned [s]", "learned [s]"]]
+    head = ["strike", "stated probability", "judged miss [cm]", "hit, as judged", "camera [cm]", "truth [cm]"]
+    rows = [[*head, "outcome", "tip speed [m/s]", "model error [cm]", "planned [s]", "learned [s]"]]
     for step, path in zip(steps, paths, strict=True):
         p, o, learned = step.plan, step.outcome, step.learned
-        misses = [_centimetres(x) for x in (step.judged, o.seen_miss, o.true_miss)] if step.number else [_NONE] * 3
+        misses = [_judged_centimetres(step), _chance(step), _centimetres(o.seen_miss), _centimetres(o.true_miss)]
+        misses = misses if step.number else [_NONE] * 4
         number = str(step.number) if step.number else "0, first look"
         stated = _NONE if p.probability is None else f"{p.probability:.0%}"
         verdict = ("fault, " if o.fault else "") + (_verdict(step) if step.number else "not to hit")
-        error = f"{100 * learned.belief.model_error:.2f}" if learned is not None and learned.rmse else _NONE
+        error = f"{100 * learned.belief.model_error.scale:.2f}" if learned is not None and learned.rmse else _NONE
         spent = _NONE if learned is None else f"{learned.wall_time:.1f}"
         rows.append([number, stated, *misses, verdict, path.speed, error, f"{p.wall_time:.1f}", spent])
     caption = (
-        "Judged: miss distance with the learned whip if the strike's recording was used, else as the camera saw it. "
+        "Judged: miss distance and its standard error, by the learned whip and the camera together if the strike's "
+        f"recording was used, else by the camera; a hit is claimed from a probability of {CLAIMED:.0%}, a miss up to "
+        f"{1 - CLAIMED:.0%}. "
         "Truth: known to a twin only, and not used. Tip speed: of the learned whip at its closest approach; “about”: "
         "between the frames around it. Model error: how far the tip may be from where the learned whip has it."
     )
@@ -249,7 +272,8 @@ def _plane(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Pic
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
     caption = (
         f"The tip in the strike plane, as recorded and as the whip that is believed in after the strike has it; solid "
-        f"until {AFTER:g} s after its closest approach to the target, where recordings are cut, too."
+        f"until {AFTER:g} s after its closest approach to the target. Recordings are cut so long after the camera's "
+        "closest frame or the planned contact, whichever is later."
     )
     if len(chosen) < len(pairs):
         caption += f" The first and the last {PANELS - 1} of {len(pairs)} strikes."
@@ -263,7 +287,7 @@ def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
         points = recording.marker("tip")[:, :2]
         used = np.zeros(len(points), bool)
         if _used(step):
-            cut, _ = usable(recording)
+            cut, _ = usable(recording, step.plan.contact)
             used = used if cut is None else cut.seen[:, cut.markers.index("tip")]
     else:
         notes.append("nothing recorded")
@@ -286,7 +310,7 @@ def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
     ax.plot(0, 0, "+", color=COLORS["black"], markersize=11, markeredgewidth=2, zorder=4, label="shoulder")
     title = _name(step)
     if step.number:
-        title += f": {_verdict(step)}" + ("" if step.judged is None else f", {_length(step.judged)}")
+        title += f": {_verdict(step)}" + ("" if step.judged is None else f", {_judged_centimetres(step)} cm")
     ax.set(aspect="equal", title=title)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MultipleLocator(0.5))
@@ -343,7 +367,13 @@ def _values(numbers: Sequence[_Number], belief: Belief) -> Section:
         "One standard error each: relative where a number is positive, else in its unit. “Moved”: from the prior's "
         "value, in the prior's standard errors. Those that narrowed most come first."
     )
-    text = f"The tip may be {100 * belief.model_error:.2f} cm (one standard error) from where this whip has it."
+    error = belief.model_error
+    text = (
+        f"The tip may pass {100 * error.scale:.2f} cm from where this whip has it (scale of Student's t with "
+        f"{error.freedom:g} degrees of freedom). The errors of single numbers hold; a region of several numbers "
+        "together is larger than their covariance says, for the posterior bends: "
+        "whiptool.adaptation.posterior_sample.sample_posterior gives it."
+    )
     return Section("The whip as it is believed now", [Table(rows, caption), Text(text)])
 
 

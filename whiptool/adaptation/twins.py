@@ -1,12 +1,18 @@
-"""Unknown whips, drawn by seed: what a twin hides from those who strike with it."""
+"""Unknown whips, drawn by seed: what a twin hides from those who strike with it.
+
+Their numbers are drawn from a stock (`whiptool.adaptation.materials`), their structure by family: how far it departs
+from the model that is fitted.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.adaptation.materials import Stock, stock_of_model, uniform_whip
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.parameters import Model, WhipParameters
@@ -15,7 +21,6 @@ from whiptool.rig.session import TwinTruth
 
 FAMILIES = ("kin", "strange", "stranger")
 NODES = 36  # of a strange whip
-_KIN = 0.3  # largest relative change of k, b, m, l
 _SMOOTH = 3  # waves along a strange whip
 BEND = 0.3 / 0.072  # curvature [1/m] that nine strikes in ten at the published whip stay below
 
@@ -52,42 +57,45 @@ class Twin:
         )
 
 
-def draw_twin(family: str, seed: int, model: Model, controller: Controller) -> Twin:
-    """An unknown whip.
+def draw_twin(family: str, seed: int, model: Model, controller: Controller, stock: Stock | None = None) -> Twin:
+    """An unknown whip: length, density, stiffness, damping, drag and friction from a stock, its structure by family.
 
-    `kin`: k, b, m and l of the model, each changed by up to 30 %, a little friction in the arm.
-    `strange`: 36 nodes; mass and stiffness run as powers along the whip, with smooth random deviations; a bead; one
-    soft joint; rest curvature; springs that stiffen with the bend, by up to 30 % where a strike bends most; drag, less
-    of it along the whip than across; dry friction in every joint; arm mass, controller gain and arm friction are not
-    the model's; the camera's clock is off by up to 8 ms.
+    `kin`: uniform, around a model with the model's drag and friction; a little friction in the arm.
+    `strange`: 36 nodes; a cone, its tip thinner by 10 to 30 %, mass with the square of the thickness, bending with its
+    fourth power, with smooth random deviations; a bead; one soft joint; rest curvature; springs that stiffen with the
+    bend, by up to 30 % where a strike bends most; less drag along the whip than across; friction that differs from
+    joint to joint; arm mass, controller gain and arm friction are not the model's; the camera's clock is off by up to
+    8 ms.
     `stranger`: the same, every deviation doubled.
 
     Args:
         family: One of `FAMILIES`.
-        seed: A whole number >= 0; the same seed of `strange` and `stranger` deviates in the same directions.
-        model, controller: What the owner believes.
+        seed: A whole number >= 0; the same seed of `strange` and `stranger` deviates in the same directions, and has
+            the same numbers from the stock.
+        model, controller: Arm, and what its owner believes.
+        stock: Of the whip; None: around the model's own.
 
     Raises:
-        InputError: The family or seed is not allowed, or the model has values per node.
+        InputError: The family or seed is not allowed, or there is no stock and the model has values per node.
     """
     if family not in FAMILIES:
         raise InputError("family", family, ", ".join(FAMILIES))
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError("seed", seed, "a whole number >= 0")
-    whip = model.whip
-    for name in ("l", "m", "k", "b"):
-        if isinstance(getattr(whip, name), tuple):
-            raise InputError(f"whip.{name}", "a value per node", "one number for all, where twins are drawn around it")
+    own = None if stock is not None else model.whip
+    stock = stock or stock_of_model(model)
     rng = np.random.default_rng([FAMILIES.index("strange") if family == "stranger" else FAMILIES.index(family), seed])
     latency, noise = float(rng.uniform(0.0005, 0.0015)), 0.005
-    name = f"{family}-{seed}"
+    numbers, name = stock.draw(rng), f"{family}-{seed}"
     if family == "kin":
-        changed = {n: getattr(whip, n) * float(rng.uniform(1 - _KIN, 1 + _KIN)) for n in ("k", "b", "m", "l")}
         arm = _with_friction(model, rng.uniform(0.0, 0.01, model.arm.n))
-        kin = Model(dataclasses.replace(whip, **changed), arm, model.gravity, name)
+        whip = uniform_whip(numbers, model.whip.N)
+        if own is not None:
+            whip = dataclasses.replace(whip, drag=own.drag, dry_friction=own.dry_friction)
+        kin = Model(whip, arm, model.gravity, name)
         return Twin(family, int(seed), kin, controller, latency, 0.0, noise)
     size = 2.0 if family == "stranger" else 1.0
-    strange = _strange_whip(whip, rng, size)
+    strange = _strange_whip(numbers, rng, size)
     links = tuple(
         dataclasses.replace(link, mass=link.mass * f, inertia=link.inertia * f, friction=link.friction + mu)  # type: ignore[operator]
         for link, f, mu in zip(
@@ -99,38 +107,25 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller) -> T
     )
     gain = float(np.exp(size * rng.uniform(-0.08, 0.08)))
     offset = float(size * rng.uniform(-0.008, 0.008))
-    stiffening, along = size * rng.uniform(0.0, 0.3), 1 - size * rng.uniform(0.2, 0.5)
-    cubic = stiffening * strange.per_node("k") / (BEND * strange.per_node("l")) ** 2
-    strange = dataclasses.replace(strange, cubic_stiffness=tuple(cubic.tolist()), drag_ratio=float(along))
     true = Model(strange, dataclasses.replace(model.arm, links=links), model.gravity, name)
     return Twin(family, int(seed), true, _with_gain(controller, gain), latency, offset, noise)
 
 
-def _strange_whip(whip: WhipParameters, rng: np.random.Generator, size: float) -> WhipParameters:
-    """36 nodes around a uniform whip; `size` 1 is strange."""
+def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: float) -> WhipParameters:
+    """36 nodes with the numbers of a stock at the handle; `size` 1 is strange."""
     x = (np.arange(NODES) + 0.5) / NODES  # place along the whip
-    total, bending = whip.length, whip.k * whip.l  # type: ignore[operator]
-    length = total * np.exp(size * rng.uniform(-0.15, 0.15))
-    width = 1 - min(size * rng.uniform(0.2, 0.45), 0.8) * x  # that of a cone
-    powers = rng.uniform((0.5, 1.0, 1.0), (1.5, 3.0, 3.0))
-    density, stiffness, damping = (
-        at_handle * np.exp(size * rng.uniform(-spread, spread)) * width**power * _waves(x, rng, 0.12 * size)
-        for at_handle, spread, power in zip(
-            (whip.mass / total, bending, whip.b * whip.l),  # type: ignore[operator]
-            (0.2, 0.3, 0.3),
-            powers,
-            strict=True,
-        )
-    )
-    l = length / NODES
-    m, k, b = density * l, stiffness / l, damping / l
+    thickness = 1 - size * rng.uniform(0.1, 0.3) * x
+    l = numbers["length"] / NODES
+    m = numbers["linear_density"] * l * thickness**2 * _waves(x, rng, 0.12 * size)
+    k = numbers["bending_stiffness"] / l * thickness**4 * _waves(x, rng, 0.12 * size)
+    b = numbers["bending_damping"] / l * thickness**4 * _waves(x, rng, 0.12 * size)
     m[rng.integers(NODES // 4, NODES - 2)] += size * rng.uniform(0.001, 0.004)  # the bead
     k[rng.integers(2, NODES - 4)] *= 0.4**size  # the soft joint
     rest = np.full(NODES, size * rng.uniform(-0.2, 0.2) * l)
-    friction = size * rng.uniform(0.5, 1.5, NODES) * rng.uniform(0.0, 3e-4)
-    drag = np.full(NODES, size * rng.uniform(0.0, 1.5e-3) * l)
+    friction = numbers["dry_friction"] * np.exp(size * rng.uniform(-0.5, 0.5, NODES))
     for joint in (k, b, rest, friction):
         joint[0] = 0.0  # the free hinge
+    stiffening = size * rng.uniform(0.0, 0.3)
     return WhipParameters(
         N=NODES,
         l=float(l),
@@ -139,7 +134,9 @@ def _strange_whip(whip: WhipParameters, rng: np.random.Generator, size: float) -
         b=tuple(b.tolist()),
         rest_angle=tuple(rest.tolist()),
         dry_friction=tuple(friction.tolist()),
-        drag=tuple(drag.tolist()),
+        cubic_stiffness=tuple((stiffening * k / (BEND * l) ** 2).tolist()),
+        drag=tuple((numbers["drag"] * l * thickness).tolist()),
+        drag_ratio=float(1 - size * rng.uniform(0.2, 0.475)),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from whiptool.comparison.difficulty import DifficultyUnit
 from whiptool.comparison.learner_unit import LearnerUnit
 from whiptool.comparison.units import Scene, SearchUnit
 from whiptool.errors import InputError
@@ -27,6 +28,7 @@ class Comparison:
         episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.Plan`.
         further_episodes: Episodes under observations other than `paper`; None for as many, which is the most.
             Fewer have fewer random ones in proportion.
+        task: Put before the names of its units, where a folder holds several comparisons.
 
     Raises:
         InputError: A name or a number is not allowed, or PyTorch is missing.
@@ -41,6 +43,7 @@ class Comparison:
     random_episodes: int = 50
     hindsight: int = 0
     further_episodes: int | None = None
+    task: str = ""
 
     def __post_init__(self) -> None:
         from whiptool.optimizers import find_method
@@ -86,6 +89,7 @@ class Comparison:
                     seed=seed,
                     first=first,
                     last=min(first + CHUNK, self.scene.targets),
+                    task=self.task,
                 )
                 for seed in range(1 if deterministic(method) else self.seeds)
                 for first in range(0, self.scene.targets, CHUNK)
@@ -105,9 +109,14 @@ class Comparison:
                 trials=trials,
                 random_episodes=random_episodes,
                 hindsight=self.hindsight,
+                task=self.task,
             )
             for seed in range(self.seeds)
         ]
+
+    def difficulty(self, *, quick: bool = False) -> DifficultyUnit:
+        """What one strike, and random ones, hit of its targets."""
+        return DifficultyUnit(scene=self.scene, strikes=2_000 if quick else 10_000, task=self.task)
 
     def training(self, observation: str) -> tuple[int, int, int]:
         """Episodes, trials in each, and how many episodes are random, under an observation."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.comparison.intervals import mean_interval, needs_fewer
 from whiptool.comparison.learner_unit import MAIN_CONVENTION, LearnerUnit
 from whiptool.comparison.units import SearchUnit
 
@@ -24,7 +26,6 @@ NAMES = {
     "ddpg": "DDPG",
     "ppo": "PPO",
 }
-RESAMPLES = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,7 @@ class Series:
         n_diverged: Strikes that diverged while searching or training, all seeds.
         wall_time: A seed's search or training, a mean [s].
         notes: What went otherwise than planned.
+        cap: Most trials at a target.
     """
 
     method: str
@@ -54,6 +56,7 @@ class Series:
     n_diverged: int
     wall_time: float
     notes: tuple[str, ...] = ()
+    cap: float = math.inf
 
     @property
     def label(self) -> str:
@@ -79,14 +82,12 @@ class Series:
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """95 % bootstrap interval of the mean, seeds and targets resampled (the percentiles)."""
-        rng = np.random.default_rng(0)
-        S, T = self.trials.shape
-        seeds = rng.multinomial(S, np.full(S, 1 / S), RESAMPLES) / S  # (R, S)
-        targets = rng.multinomial(T, np.full(T, 1 / T), RESAMPLES) / T  # (R, T)
-        means = ((seeds @ self.trials) * targets).sum(axis=1)
-        low, high = np.percentile(means, [2.5, 97.5])
-        return float(low), float(high)
+        """95 % interval of the mean, over seeds and targets (`whiptool.comparison.intervals`)."""
+        return mean_interval(self.trials, cap=self.cap)
+
+    def needs_fewer(self, other: Series, *, share: float = 1.0) -> bool:
+        """Whether it needs fewer trials than another, or than a share of the other's, beyond the 95 % interval."""
+        return needs_fewer(self.trials, other.trials, share=share)
 
     def row(self) -> dict[str, Any]:
         """One line of the table."""
@@ -114,6 +115,7 @@ class Series:
 def collect(units: Iterable[SearchUnit | LearnerUnit], results: Mapping[str, Mapping[str, Any]]) -> list[Series]:
     """The series of finished units, in the order of the units."""
     groups: dict[tuple[str, str], dict[int, list[Mapping[str, Any]]]] = defaultdict(lambda: defaultdict(list))
+    units = list(units)
     for unit in units:
         observation = unit.observation if isinstance(unit, LearnerUnit) else ""
         groups[unit.series, observation][unit.seed].append(results[unit.name])
@@ -138,6 +140,7 @@ def collect(units: Iterable[SearchUnit | LearnerUnit], results: Mapping[str, Map
                     n_diverged=sum(part["n_diverged"] for part in parts),
                     wall_time=sum(part["wall_time"] for part in parts) / len(seeds),
                     notes=notes,
+                    cap=units[0].scene.cap,
                 )
             )
     return series

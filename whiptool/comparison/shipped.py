@@ -133,4 +133,4 @@ def _series(table: Mapping[str, Any], cap: int) -> Series:
     trials = np.array(table["trials"])
     hit = trials > 0
     plain = {name: table[name] for name in _PLAIN}
-    return Series(**plain, trials=np.where(hit, trials, cap), hit=hit, notes=tuple(table["notes"]))
+    return Series(**plain, trials=np.where(hit, trials, cap), hit=hit, notes=tuple(table["notes"]), cap=cap)

@@ -1,4 +1,4 @@
-"""What drives the whip in a recording: the command, measured joints, the tracked handle, or nothing.
+"""What drives the whip in a recording: the command, measured joints, the tracked handle, or nothing but a release.
 
 A drive turns a plant into what the engine rolls out for one recording: parameters, start, inputs, and how each changes
 with the plant's free numbers and with what is unknown about this recording.
@@ -15,7 +15,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.dynamics import SwingStructure
-from whiptool.identification.motion import HandleMotion, JointMotion, Motion
+from whiptool.identification.motion import HandleMotion, JointMotion, Motion, StillMotion
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Identifiable, Plant, Quantities
 from whiptool.identification.recording import StrikeRecording
@@ -26,19 +26,21 @@ from whiptool.models.posture import hinge_is_free, start_derivative, start_postu
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
 MARGIN = 0.1  # [s] that a path goes on after the last reading, so that a delay can be found
-DRIVES = ("command", "joints", "handle", "free")
+_RELEASE = 0.1  # [s] through which a released whip's marker moves along a parabola
+DRIVES = ("command", "joints", "handle", "passive", "free")
 
 
 @dataclass
 class Packed:
     """A plant's parameters (P,), and their changes with each of its m free numbers, (m, P).
 
-    `hanging` is the same for the closed loop that knows how a whip hangs.
+    `hanging` is the same for the closed loop that knows how a whip hangs, `turning` how a clamp turns, (m,).
     """
 
     p: np.ndarray
     dp: np.ndarray
     hanging: tuple[Structure, np.ndarray, np.ndarray] | None = None
+    turning: np.ndarray | None = None
 
 
 @dataclass
@@ -102,7 +104,7 @@ def _node(marker: str, count: int) -> int | None:
 
 
 class CommandDrive(Drive):
-    """The strike's command, with the controller in the loop."""
+    """The strike's command, with the controller in the loop; the arm begins where it was measured, if it was."""
 
     def __init__(
         self, recording: StrikeRecording, plant: Plant, *, free: Sequence[str], h: float, unknown: bool
@@ -126,6 +128,7 @@ class CommandDrive(Drive):
             raise InputError("timestep", h, f"a whole fraction of the control period of {period:g} s")
         self.unknowns = {"start": np.zeros(2 * self.structure.n)} if unknown else {}
         self._strike, self._arm = recording.strike.vector, plant.model.arm
+        self._sag = 0.0 if recording.sag is None else recording.sag
 
     def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
         assert isinstance(plant, Plant)
@@ -140,7 +143,7 @@ class CommandDrive(Drive):
         p = packed.p.copy()
         p[: len(self._strike)] = self._strike  # the strike stands first
         dp = np.vstack([packed.dp, np.zeros((len(unknowns), len(p)))])
-        q = start_posture(plant.model, self._strike[None, : S.n_arm])
+        q = start_posture(plant.model, self._strike[None, : S.n_arm] + self._sag)
         dx0 = np.zeros((len(dp), 2 * n))
         repeated = np.repeat(q, len(dp), axis=0)
         dx0[:, :n] = start_derivative(plant.model, S, repeated, np.repeat(p[None], len(dp), axis=0), dp)
@@ -158,7 +161,7 @@ class CommandDrive(Drive):
 
 
 class SwingDrive(Drive):
-    """The whip alone, its hand's motion prescribed: by measured joints, or by the tracked handle."""
+    """The whip alone, its hand's motion prescribed: by measured joints, the tracked handle, or because it is still."""
 
     _NAMES: ClassVar = {
         "length": "whip.l", "mass": "whip.m", "stiffness": "whip.k", "damping": "whip.b", "gravity": "gravity",
@@ -178,7 +181,7 @@ class SwingDrive(Drive):
         unknown: bool,
         knots: float | None,
     ) -> None:
-        self._arm, whip = plant.model.arm, plant.model.whip
+        self._arm, whip = plant.model.arm, plant.held.whip
         for name in free:
             if name.startswith(("arm.", "law.", "torque_limit")):
                 raise InputError(
@@ -195,44 +198,48 @@ class SwingDrive(Drive):
         if plant.profile is not None:
             used |= {name for name, f in (("rest_angle", "rest_curvature"), ("drag", "drag")) if f"profile.{f}" in free}
         self.structure = SwingStructure.of(n=whip.N, moving=True, point_masses=True, used=tuple(used))
-        options = {} if knots is None else {"knots": knots}
-        if kind == "joints":
-            if recording.joints_t is None or recording.joints_q is None:
-                raise InputError(
-                    "recording",
-                    recording.source or "a recording",
-                    "one with measured joints",
-                    "or drive by command or handle",
-                )
-            self.start = float(recording.joints_t[0])
-            instants = self._instants(recording, h)
-            self.motion: Motion = JointMotion(recording.joints_t, recording.joints_q, self._arm, instants, **options)
-        else:
-            if "handle" not in recording.markers:
-                raise InputError("markers", recording.markers, "the handle among them", "or drive by command or joints")
-            if whip.per_node("b")[0] or not hinge_is_free(plant.model):
-                raise InputError(
-                    "whip.k[0]",
-                    "a spring or damper at the handle",
-                    "a free hinge, where only the handle's place is known",
-                )
-            m = recording.markers.index("handle")
-            seen = ~np.isnan(recording.points[:, m, 0])
-            if seen.sum() < 4:
-                raise InputError("handle", f"seen {seen.sum()} times", "seen four times or more")
-            self.start = float(recording.t_points[seen, m][0])
-            instants = self._instants(recording, h)
-            self.motion = HandleMotion(
-                recording.t_points[:, m],
-                recording.points[:, m, :2],
-                recording.sigma[:, m],
-                instants,
-                joints=self._arm.n,
-                **options,
-            )
+        make = {"joints": self._measured_joints, "handle": self._tracked_handle, "passive": self._still}[kind]
+        self.motion: Motion = make(recording, plant, h, {} if knots is None else {"knots": knots})
         self.unknowns = {"motion": self.motion.start}
-        if unknown:
+        if kind == "passive":
+            self.unknowns["start"] = released(recording, plant, _hand(recording))
+        elif unknown:
             self.unknowns["start"] = np.zeros(2 * whip.N)
+
+    def _measured_joints(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+        if recording.joints_t is None or recording.joints_q is None:
+            raise InputError(
+                "recording",
+                recording.source or "a recording",
+                "one with measured joints",
+                "or drive by command or handle",
+            )
+        self.start = float(recording.joints_t[0])
+        instants = self._instants(recording, h)
+        return JointMotion(recording.joints_t, recording.joints_q, plant.model.arm, instants, **options)
+
+    def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+        if "handle" not in recording.markers:
+            raise InputError("markers", recording.markers, "the handle among them", "or drive by command or joints")
+        if plant.held.whip.per_node("b")[0] or not hinge_is_free(plant.held):
+            raise InputError(
+                "whip.k[0]",
+                "a spring or damper at the handle",
+                "a free hinge, where only the handle's place is known",
+            )
+        m = recording.markers.index("handle")
+        seen = ~np.isnan(recording.points[:, m, 0])
+        if seen.sum() < 4:
+            raise InputError("handle", f"seen {seen.sum()} times", "seen four times or more")
+        self.start = float(recording.t_points[seen, m][0])
+        handle = recording.t_points[:, m], recording.points[:, m, :2], recording.sigma[:, m]
+        return HandleMotion(*handle, self._instants(recording, h), joints=plant.model.arm.n, **options)
+
+    def _still(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+        self.start = float(recording.t_points[recording.seen].min()) - recording.exposure / 2
+        if plant.clamp is None and not hinge_is_free(plant.model):
+            raise InputError("whip.k[0]", "a spring where the whip is held", "a free hinge, or a clamp's direction")
+        return StillMotion(_hand(recording), len(self._instants(recording, h)), joints=plant.model.arm.n)
 
     def _instants(self, recording: StrikeRecording, h: float) -> np.ndarray:
         self.steps = math.ceil((_end(recording) + MARGIN - self.start) / h)
@@ -244,9 +251,10 @@ class SwingDrive(Drive):
         each = [{name: of[block] for name, block in self._NAMES.items()} for of in (plant.quantities(), *slopes)]
         p, *dp = (self.structure.pack(numbers) for numbers in each)
         controller = Controller()  # any: only the whip's weight and springs matter for how it hangs
-        S = Structure.of(plant.model, controller, free=[f"whip.{name}" for name in self.structure.optional])
-        hanging = S, *_packed(S, plant.model, controller, slopes)
-        return Packed(p, np.reshape(dp, (len(slopes), len(p))), hanging)
+        S = Structure.of(plant.held, controller, free=[f"whip.{name}" for name in self.structure.optional])
+        hanging = S, *_packed(S, plant.held, controller, slopes)
+        turning = np.array([float(of["clamp"][0]) if "clamp" in of else 0.0 for of in slopes])
+        return Packed(p, np.reshape(dp, (len(slopes), len(p))), hanging, turning)
 
     def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
         assert isinstance(plant, Plant)
@@ -255,19 +263,28 @@ class SwingDrive(Drive):
         moved = self.motion.at(unknowns[:k])
         dp = np.vstack([packed.dp, np.zeros((len(unknowns), len(p)))])
         x0, dx0 = np.zeros(2 * n), np.zeros((len(dp), 2 * n))
-        q = start_posture(plant.model, moved.q_i[None])
-        x0[:n] = q[0, a:]
         assert packed.hanging is not None
+        assert packed.turning is not None
+        q_i, inputs = moved.q_i.copy(), moved.inputs.copy()
+        q_i[0] += plant.clamp or 0.0
+        inputs[:, 0] += plant.clamp or 0.0
+        q = start_posture(plant.held, q_i[None])
+        x0[:n] = q[0, a:]
         S, hanging, d_hanging = packed.hanging
         changes = np.vstack([d_hanging, np.zeros((k, len(hanging)))])
         changes[m:, :a] = moved.d_q_i  # q_i stands first
+        changes[:m, 0] = packed.turning
         both = np.repeat(q, m + k, axis=0), np.repeat(hanging[None], m + k, axis=0)
-        dx0[: m + k, :n] = start_derivative(plant.model, S, *both, changes)[:, a:]
+        dx0[: m + k, :n] = start_derivative(plant.held, S, *both, changes)[:, a:]
         if len(unknowns) > k:
             x0, dx0[m + k :] = x0 + unknowns[k:], np.eye(2 * n)
         dplace = np.zeros((len(dp), self.steps + 2, 2))
         dplace[m : m + k] = moved.d_place
-        return Shot(p, dp, x0, dx0, moved.inputs, moved.d_inputs, m, moved.place, dplace)
+        d_inputs, first = moved.d_inputs, m
+        if packed.turning.any():
+            d_inputs, first = np.concatenate([np.zeros((m, *inputs.shape)), d_inputs]), 0
+            d_inputs[:m, :, 0] = packed.turning[:, None]
+        return Shot(p, dp, x0, dx0, inputs, d_inputs, first, moved.place, dplace)
 
     def link_of(self, marker: str) -> int | None:
         known = {"handle": AT_BASE, "tip": self.structure.n - 1}
@@ -306,6 +323,61 @@ class FreeDrive(Drive):
 
     def link_of(self, marker: str) -> int | None:
         return int(marker)
+
+
+def farthest(recording: StrikeRecording) -> str:
+    """The marker farthest out on the whip.
+
+    Raises:
+        InputError: No marker is on the whip.
+    """
+    nodes = [name for name in recording.markers if name.removeprefix("node").isdigit()]
+    outer = ["tip"] if "tip" in recording.markers else sorted(nodes, key=lambda name: int(name.removeprefix("node")))
+    if not outer:
+        raise InputError("markers", recording.markers, "tip or nodes of the whip among them")
+    return outer[-1]
+
+
+def _hand(recording: StrikeRecording) -> np.ndarray:
+    """Where a still hand is [m], (2,): in the middle of its marker `handle`'s places, else at the origin."""
+    if "handle" not in recording.markers:
+        return np.zeros(2)
+    m = recording.markers.index("handle")
+    seen = recording.seen[:, m]
+    if not seen.any():
+        raise InputError("handle", "never seen", "seen at least once")
+    weight = recording.sigma[seen, m] ** -2
+    return weight @ recording.points[seen, m, :2] / weight.sum()
+
+
+def released(recording: StrikeRecording, plant: Plant, hand: np.ndarray) -> np.ndarray:
+    """First guess of how far a whip is from hanging at rest when it is released, angles and velocities, (2 N,).
+
+    From the direction of its farthest marker, seen from the hand, and that direction's rate: a whip behind a free hinge
+    turns there, another one bends evenly.
+
+    Args:
+        recording: From the release on.
+        plant: Whip and clamp.
+        hand: Its place [m], (2,).
+    """
+    model, direction = plant.held, plant.clamp or 0.0
+    n, marker = model.whip.N, farthest(recording)
+    node = n if marker == "tip" else int(marker.removeprefix("node"))
+    m = recording.markers.index(marker)
+    seen = np.flatnonzero(recording.seen[:, m])
+    t = recording.t_points[seen, m]
+    few = slice(0, max(4, int(np.searchsorted(t, t[0] + _RELEASE))))
+    away = recording.points[seen, m, :2][few] - hand
+    place, velocity = np.polynomial.polynomial.polyfit(t[few] - t[0], away, min(2, len(away) - 1))[:2]
+    rate = (place[0] * velocity[1] - place[1] * velocity[0]) / (place @ place)
+    hanging = start_posture(model, np.array([[direction, *[0.0] * (model.arm.n - 1)]]))[0, model.arm.n :]
+    angles = direction + hanging[:node].cumsum()
+    x, y = (model.whip.per_node("l")[:node, None] * np.stack([np.sin(angles), -np.cos(angles)], 1)).sum(axis=0)
+    turn = math.remainder(math.atan2(place[0], -place[1]) - math.atan2(x, -y), 2 * math.pi)
+    shape = np.zeros(n)
+    shape[:node] = np.eye(1, node)[0] if hinge_is_free(model) else 2 / (node + 1)
+    return np.concatenate([turn * shape, rate * shape])
 
 
 def _end(recording: StrikeRecording) -> float:

@@ -8,14 +8,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.identification.classes import classify
 from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.predict import NEUTRAL, Recording
 from whiptool.identification.problem import Options, Problem
 from whiptool.identification.recording import StrikeRecording
-from whiptool.identification.results import Fit, RecordingFit, Run
+from whiptool.identification.results import Fit, RecordingFit, Run, judge_starts
 from whiptool.identification.solver import Solution, Status
-from whiptool.identification.uncertainty import classify
 from whiptool.identification.variables import variables_of
+
+_KNOWN = 0.5  # share of a held-out recording's frames that its first state is fitted to, where it is free
 
 __all__ = ["Fit", "Options", "RecordingFit", "best_nodes", "choose_nodes", "fit", "predict"]
 
@@ -35,7 +37,8 @@ def fit(
         plant: Where the first start begins; what is not free stays as it is.
         free: Names of numbers of the plant, or of nuisance that all recordings share.
         held_out: Recordings to predict only. Of their own unknowns only those are fitted that have to be (nuisance,
-            the motion of a tracked handle, from the handle alone); a free swing begins at its first sample.
+            the motion of a tracked handle, from the handle alone). Where the first state is free, the first half of the
+            frames fits it, and the second half is predicted; a pendulum's free swing begins at its first sample.
         options: See `Options`.
 
     Raises:
@@ -61,7 +64,7 @@ def fit(
             start = np.array([v.off_bounds(z) for v, z in zip(variables, first + spread * drawn, strict=True)])
         solution = problem.solve(start)
         runs.append(Run(problem.values(start), problem.values(solution.z), solution))
-    runs.sort(key=lambda run: run.solution.cost)
+    runs = judge_starts(runs, sum(len(x) for x in problem.predictor.measured))
     if np.isfinite(runs[0].solution.cost) and problem.adapt(runs[0].solution):
         again = problem.refine(runs[0].solution)
         runs[0] = Run(runs[0].start, problem.values(again.z), again)
@@ -73,7 +76,7 @@ def fit(
             "one from which the model can be rolled out",
             "start from other values",
         )
-    uncertainty = problem.assess(best, rng)
+    uncertainty = problem.assess(best)
     fitted, nuisance = problem.split(best.z)
     return Fit(
         plant=fitted,
@@ -98,8 +101,13 @@ def predict(
         plant: As identified.
         nuisance: Shared, as fitted.
         options: Those of the fit.
+
+    Returns:
+        Each recording's residuals; where its first state is free, those of the second half of its frames.
     """
-    own = tuple(name for name in options.per_recording if name != "start")
+    own = options.per_recording
+    if options.drive == "free":  # encoders saw how it began
+        own = tuple(name for name in own if name != "start")
     changed = Options(
         drive=options.drive, per_recording=own, loss=options.loss, timestep=options.timestep, knots=options.knots
     )
@@ -107,11 +115,17 @@ def predict(
         recordings, plant, tuple(nuisance), variables_of(nuisance, tuple(nuisance), {}), changed, starting=False
     )
     z = np.array([v.z(nuisance[v.name]) for v in problem.variables])
-    only = "handle" if options.drive == "handle" and not own else None
     start = problem.predictor.start
     if not any(len(x) for x in start):
         return problem.compare(Solution(z, start, 0.0, Status.CONVERGED))
-    return problem.compare(problem.solve(z, fixed=True, only=only))
+    every = range(len(start))
+    handle = [problem.of_marker(i, "handle") for i in every] if options.drive == "handle" else None
+    if not problem.starts_free:
+        return problem.compare(problem.solve(z, fixed=True, known=None if own else handle))
+    known = [problem.first(i, _KNOWN) for i in every]
+    if handle is not None:
+        known = [np.maximum(x, y) for x, y in zip(known, handle, strict=True)]
+    return problem.compare(problem.solve(z, fixed=True, known=known), known)
 
 
 def choose_nodes(

@@ -13,18 +13,19 @@ from whiptool.identification.recording import StrikeRecording
 from whiptool.rig.markers import Marker
 
 
-def gather(path: str, *, tip: Marker | None = None) -> tuple[StrikeRecording, bool]:
+def gather(path: str, *, tip: Marker | None = None, handle: bool = False) -> tuple[StrikeRecording, bool]:
     """One recording, tracked if it is filmed (with progress on stderr).
 
     Args:
         path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
         tip: Looks of the tip's marker; default: those of the virtual camera.
+        handle: Whether the handle's path is needed, which is not tracked in images.
 
     Returns:
         The recording, and whether it says of itself that it is synthetic.
 
     Raises:
-        InputError: It is no recording, is damaged, or its images show no tip.
+        InputError: It is no recording, is damaged, or its images show no tip; or they are to show the handle.
     """
     options: dict[str, Any] = {}
     if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
@@ -36,6 +37,13 @@ def gather(path: str, *, tip: Marker | None = None) -> tuple[StrikeRecording, bo
         except InputError as error:
             if form.video is None or not error.name.endswith("features"):
                 raise
+    if handle:
+        raise InputError(
+            "drive handle",
+            path,
+            "tracks that hold a marker handle: in images the tip alone is tracked",
+            "track both elsewhere (DeepLabCut, CSV), or drive passive, for a hand that stays still",
+        )
     video = open_video(path, **options)
     return track_video(video, name=path, tip=tip), video.synthetic
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from whiptool.errors import InputError
+from whiptool.identification.dynamics import BASE
 from whiptool.models.parameters import ArmParameters
 
 DEGREE = 5  # accelerations are then twice differentiable
@@ -94,6 +95,27 @@ class Motion(Protocol):
         ...
 
 
+class StillMotion:
+    """The base stays where it is: nothing of its motion is unknown.
+
+    Args:
+        place: Of the base [m], (2,).
+        instants: How many the base is wanted at.
+        joints: Number of joints of the arm that is not there.
+    """
+
+    def __init__(self, place: np.ndarray, instants: int, *, joints: int) -> None:
+        self.start = self.mean = np.zeros(0)
+        self.rows = np.zeros((0, 0))
+        none, places = np.zeros((0, instants, 2)), np.tile(place, (instants, 1))
+        d_inputs, d_q_i = np.zeros((0, instants, BASE)), np.zeros((0, joints))
+        self._moved = Moved(np.zeros((instants, BASE)), d_inputs, places, none, np.zeros(joints), d_q_i)
+
+    def at(self, c: np.ndarray) -> Moved:
+        """The motion; c is empty."""
+        return self._moved
+
+
 class HandleMotion:
     """The base follows a spline of the handle's path; it does not turn.
 
@@ -165,7 +187,7 @@ class JointMotion:
         sigma = np.full(inside.sum(), max(noise, _FINEST))
         self.start = spline.fit(t[inside], q[inside], sigma)
         log = np.kron(spline.basis(t[inside]) / sigma[:, None], np.eye(arm.n))
-        self.rows = np.linalg.qr(np.vstack([log, spline.penalty]), mode="r")
+        self.rows = np.asarray(np.linalg.qr(np.vstack([log, spline.penalty]), mode="r"))
         self.mean = self.rows @ self.start
         self._length, self._bases = arm.per_link("length"), tuple(spline.basis(instants, i) for i in range(3))
 

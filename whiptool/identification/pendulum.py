@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -136,8 +137,24 @@ class AngleRecording:
         pieces = []
         for first, last in itertools.pairwise(ends):
             t, angles = self.t[first:last], self.angles[first:last]
-            few = slice(0, min(len(t), max(4, int(np.searchsorted(t, t[0] + _SHORT)))))
-            parabola = np.polynomial.polynomial.polyfit(t[few] - t[0], angles[few], 2)
-            start = self.start if first == 0 else parabola[:2]
-            pieces.append(dataclasses.replace(self, t=t, angles=angles, start=start))
+            piece = dataclasses.replace(self, t=t, angles=angles)
+            pieces.append(piece if first == 0 else dataclasses.replace(piece, start=piece.parabola))
         return pieces
+
+    @property
+    def parabola(self) -> np.ndarray:
+        """Angles and rates at the first sample, by a parabola through the first samples, (2, n) [rad, rad/s]."""
+        t = self.t - self.t[0]
+        few = slice(0, min(len(t), max(4, int(np.searchsorted(t, _SHORT)))))
+        return np.polynomial.polynomial.polyfit(t[few], self.angles[few], 2)[:2]
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where it came from and what it holds, as plain data for a report."""
+        seen = np.isfinite(self.angles).sum(axis=0)
+        return {
+            "source": self.source,
+            "frames": len(self.t),
+            "span": [float(self.t[0]), float(self.t[-1])],
+            "markers": {f"link{i + 1}": int(n) for i, n in enumerate(seen)},
+        }

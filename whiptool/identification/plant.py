@@ -19,6 +19,8 @@ from whiptool.models.profile import _QUADRATURE, WhipProfile
 PROFILE = tuple(f.name for f in dataclasses.fields(WhipProfile))
 LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
 _BESIDE_PROFILE = ("dry_friction", "friction_velocity", "drag_ratio", "cubic_stiffness")  # of the whip, not its profile
+# the hinge's numbers over those of a joint between two links, where half a link bends at the hinge
+_CLAMPED = {"k": 2.0, "b": 2.0, "cubic_stiffness": 8.0, "rest_angle": 0.5, "dry_friction": 1.0}
 _OF_WHIP = (*LUMPED, *_BESIDE_PROFILE)
 
 Quantities = dict[str, np.ndarray]  # numbers of the chain by block, as the generated code takes them
@@ -48,6 +50,8 @@ class Plant:
         model: Whip, arm, gravity.
         controller: Of the arm; needed where the command drives the whip.
         profile: The whip's profile; the model's whip is then lumped from it, its dry friction kept.
+        clamp: Where a clamp points that holds the whip, 0 straight down [rad]; the whip bends there as it does further
+            on, see `held`. None: its hinge is as the model says.
 
     Its numbers are called `whip.k` (or `whip.k[3]`), `arm.mass[0]`, `gravity`, `law.a`, and, with a profile,
     `profile.length` and so on in place of those of the whip.
@@ -56,6 +60,7 @@ class Plant:
     model: Model
     controller: Controller | None = None
     profile: WhipProfile | None = None
+    clamp: float | None = None
 
     def __post_init__(self) -> None:
         if self.profile is not None:
@@ -63,12 +68,34 @@ class Plant:
             whip = dataclasses.replace(self.profile.lump(self.model.whip.N), **kept)
             object.__setattr__(self, "model", dataclasses.replace(self.model, whip=whip))
 
+    @property
+    def held(self) -> Model:
+        """The model as it is held: with a clamp, the hinge's numbers are those of half a link's bending.
+
+        Its compliance, rest angle and losses are half those of a joint between two links; numbers per node are kept:
+        they speak of the hinge, too.
+        """
+        if self.clamp is None:
+            return self.model
+        whip = self.model.whip
+        numbers = {
+            name: (factor * value, *(value,) * (whip.N - 1))
+            for name, factor in _CLAMPED.items()
+            if not isinstance(value := getattr(whip, name), tuple)
+        }
+        if self.profile is not None:
+            blocks = lumping(whip.N, clamped=True)[0](np.array([getattr(self.profile, name) for name in PROFILE]))
+            lumped = dict(zip(LUMPED, (block.full().ravel() for block in blocks), strict=True))
+            numbers |= {name: tuple(lumped[name].tolist()) for name in ("k", "b", "rest_angle")}
+        return dataclasses.replace(self.model, whip=dataclasses.replace(whip, **numbers))
+
     def values(self) -> dict[str, float]:
         """Every number that can be freed, by name."""
         named = self.model.parameters()
         if self.profile is not None:
             named = {k: v for k, v in named.items() if not k.startswith("whip.") or _quantity(k) in _BESIDE_PROFILE}
             named |= {f"profile.{name}": float(getattr(self.profile, name)) for name in PROFILE}
+        named |= {} if self.clamp is None else {"clamp": self.clamp}
         return named | ({} if self.controller is None else self.controller.parameters())
 
     def changed(self, changes: Mapping[str, float]) -> Plant:
@@ -83,6 +110,8 @@ class Plant:
                 raise InputError("parameter", name, "one of " + ", ".join(known))
         groups: dict[str, dict[str, float]] = {"profile": {}, "law": {}, "model": {}}
         for name, value in changes.items():
+            if name == "clamp":
+                continue
             group = name.split(".")[0]
             groups["law" if group in ("law", "torque_limit") else group if group == "profile" else "model"][name] = (
                 value
@@ -95,7 +124,7 @@ class Plant:
             assert controller is not None
             controller = _with_law(controller, groups["law"])
         model = self.model.with_parameters(groups["model"]) if groups["model"] else self.model
-        return Plant(model, controller, profile)
+        return Plant(model, controller, profile, changes.get("clamp", self.clamp))
 
     def with_nodes(self, N: int) -> Plant:
         """The same whip with another number of nodes.
@@ -118,16 +147,18 @@ class Plant:
             powers = {"l": -1, "m": -1, "k": 1, "b": 1, "rest_angle": -1, "drag": -1, "cubic_stiffness": 3}
             scaled = {name: numbers[name] * finer**power for name, power in powers.items()}
             whip = dataclasses.replace(whip, N=N, **scaled)
-        return Plant(dataclasses.replace(self.model, whip=whip), self.controller, self.profile)
+        return Plant(dataclasses.replace(self.model, whip=whip), self.controller, self.profile, self.clamp)
 
     def quantities(self) -> Quantities:
         """Numbers of arm, whip, gravity and law by block."""
-        model, blocks = self.model, {}
+        model, blocks = self.held, {}
         blocks |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
         for name in _OF_WHIP:
             single = name in ("hinge_mass", "friction_velocity", "drag_ratio")
             blocks[f"whip.{name}"] = np.array([getattr(model.whip, name)]) if single else model.whip.per_node(name)
         blocks["gravity"] = np.array([model.gravity])
+        if self.clamp is not None:
+            blocks["clamp"] = np.array([self.clamp])
         if self.controller is not None:
             blocks |= {f"law.{name}": np.ravel(x) for name, x in self.controller.law.parameters().items()}
             if self.controller.torque_limit is not None:
@@ -163,7 +194,8 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
     """
     base, known = plant.quantities(), plant.values()
     profile = plant.profile if isinstance(plant, Plant) else None
-    by_profile = {} if profile is None else _profile_slopes(profile, base["whip.m"].size)
+    clamped = isinstance(plant, Plant) and plant.clamp is not None
+    by_profile = {} if profile is None else _profile_slopes(profile, base["whip.m"].size, clamped)
     found = []
     for name in names:
         if name not in known:
@@ -176,8 +208,8 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
     return found
 
 
-def _profile_slopes(profile: WhipProfile, N: int) -> dict[str, Quantities]:
-    jacobians = [J.full() for J in lumping(N)[1](np.array([getattr(profile, name) for name in PROFILE]))]
+def _profile_slopes(profile: WhipProfile, N: int, clamped: bool) -> dict[str, Quantities]:
+    jacobians = [J.full() for J in lumping(N, clamped)[1](np.array([getattr(profile, name) for name in PROFILE]))]
     return {
         f"profile.{name}": {f"whip.{block}": J[:, i] for block, J in zip(LUMPED, jacobians, strict=True)}
         for i, name in enumerate(PROFILE)
@@ -185,9 +217,9 @@ def _profile_slopes(profile: WhipProfile, N: int) -> dict[str, Quantities]:
 
 
 @lru_cache(maxsize=8)
-def lumping(N: int) -> tuple[ca.Function, ca.Function]:
+def lumping(N: int, clamped: bool = False) -> tuple[ca.Function, ca.Function]:
     """`WhipProfile.lump` in CasADi: the blocks l, m, k, b, rest_angle, drag, hinge_mass of a profile's numbers (in the
-    order of its fields), and their Jacobians."""
+    order of its fields), and their Jacobians; with the hinge's share of the bending where the whip is clamped."""
     x, w = _QUADRATURE
     x, w = (x + 1) / 2, w / 2
     z = ca.SX.sym("profile", len(PROFILE))
@@ -210,7 +242,7 @@ def lumping(N: int) -> tuple[ca.Function, ca.Function]:
     losses = hats(lambda s: P["bending_damping"] * P["damping_taper"] ** s / EI(s) ** 2)
     b = [stiff**2 * loss for stiff, loss in zip(k, losses, strict=False)]
     rest = hats(lambda s: P["rest_curvature"])[:N]
-    for joint in (k, b, rest):
+    for joint in () if clamped else (k, b, rest):
         joint[0] = ca.SX(0)  # the free hinge
     drag = hats(lambda s: P["drag"])[1:]
     blocks = [ca.vertcat(*part) for part in ([l] * N, mass[1:], k, b, rest, drag, mass[:1])]

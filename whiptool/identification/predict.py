@@ -19,7 +19,7 @@ from whiptool.identification.sampling import Readings
 CAMERA = ("scale", "rotation", "shift_x", "shift_y")  # measured = scale R(rotation) position + shift
 NUISANCE = ("delay", *CAMERA)
 NEUTRAL = {"delay": 0.0, "scale": 1.0, "rotation": 0.0, "shift_x": 0.0, "shift_y": 0.0}
-TIMESTEP = {"command": 2.5e-4, "joints": 1e-3, "handle": 1e-3, "free": 1e-3}  # [s]
+TIMESTEP = {"command": 2.5e-4, "joints": 1e-3, "handle": 1e-3, "passive": 1e-3, "free": 1e-3}  # [s]
 _INTERVAL = 1e-3  # [s] between samples of a path
 
 Recording = StrikeRecording | AngleRecording
@@ -46,7 +46,7 @@ class Predictor:
     Args:
         recordings: What was measured.
         plant: Of which some numbers vary; its structure is kept.
-        drive: What drives the whip: `command`, `joints`, `handle`, `free`.
+        drive: What drives the whip: `command`, `joints`, `handle`, `passive`, `free`.
         shared: Names of what is free and the same for all recordings: numbers of the plant, or of `NUISANCE`.
         own: Of `NUISANCE`, what is free for each recording on its own; and `start`, its state at the start.
         timestep: Of the integrator [s].
@@ -83,6 +83,8 @@ class Predictor:
             raise InputError("free parameters", named, "different names, each shared or per recording")
         if drive == "free" and set(named) & set(NUISANCE):
             raise InputError("free parameters", named, "no delay and no camera, where encoders measured")
+        if drive == "passive" and "delay" in named:
+            raise InputError("free parameters", named, "no delay, which a free first state takes up")
         self._of_plant = [name for name in self.shared if name not in NUISANCE]
         self.h = TIMESTEP.get(drive, 1e-3) if timestep is None else timestep
         self.stride = max(1, round(_INTERVAL / self.h))
@@ -143,6 +145,18 @@ class Predictor:
             by_own = np.vstack([by_path[m:], np.reshape(own_rows, (len(own_rows), len(value)))]).T
             found.append(Prediction(value, by_shared, by_own))
         return found
+
+    def many(self, i: int, plants: Sequence[Identifiable], delays: Sequence[float]) -> np.ndarray:
+        """Readings of recording i with each of many plants and delays of its clock [s], (plants, K); NaN from where a
+        path broke off."""
+        d, read = self.drives[i], self._read[i]
+        own = self.start[i][: sum(len(x) for x in d.unknowns.values())]
+        shots = [d.shot(plant, d.pack(plant, []), own) for plant in plants]
+        paths = self._roll(shots, derivatives=False, which=[i] * len(shots)) if shots else []
+        values = np.empty((len(shots), len(self.measured[i])))
+        for row, (path, dpath), delay in zip(values, paths, delays, strict=True):
+            row[:] = read.read(path, dpath, NEUTRAL | {"delay": delay}, start=d.start, interval=self.h * self.stride)[0]
+        return values
 
     def path(
         self, i: int, plant: Identifiable, nuisance: dict[str, float], own: np.ndarray

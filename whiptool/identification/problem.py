@@ -11,7 +11,6 @@ from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.plant import Identifiable
 from whiptool.identification.predict import NUISANCE, Predictor, Recording
-from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import TOLERANCE, Block, Solution, huber, solve
 from whiptool.identification.uncertainty import Uncertainty, assess
@@ -21,6 +20,7 @@ HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Hu
 # usual size of a recording's own unknowns around their first guess: a wide prior that leaves none undetermined
 _OWN = {"delay": 0.1, "scale": 0.3, "rotation": 0.5, "shift_x": 1.0, "shift_y": 1.0}
 _START = (1.0, 30.0)  # [rad], [rad/s]
+_GROWING = (0.1, 0.4)  # shares of a passive swing whose readings its first state is sought in, one after the other
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,10 @@ class Options:
     """How to fit.
 
     Args:
-        drive: What drives the whip: `command`, `joints`, `handle`, `free`.
+        drive: What drives the whip: `command`, `joints`, `handle`, `passive` (nothing: it is held still and was
+            released), `free` (of a pendulum's angles).
         per_recording: Nuisance that each recording has its own value of: of `delay`, `scale`, `rotation`, `shift_x`,
-            `shift_y`; `start`, the state at the start (always, in free swing).
+            `shift_y`; `start`, the state at the start (always, in a passive or free swing).
         bounds: Of free numbers, by name.
         prior: On shared free numbers.
         loss: Where Huber's loss turns linear, in standard errors; None: least squares.
@@ -40,8 +41,7 @@ class Options:
             they are come last. For swings that forget their start.
         timestep: Of the integrator [s].
         knots: Spacing of the spline of a prescribed motion [s].
-        replicates: Of the bootstrap.
-        seed: Of starts and bootstrap.
+        seed: Of the starts.
         max_iterations, tolerance: When a solution ends, see `whiptool.identification.solver.solve`.
     """
 
@@ -55,7 +55,6 @@ class Options:
     pieces: tuple[float, ...] = ()
     timestep: float | None = None
     knots: float | None = None
-    replicates: int = 400
     seed: int = 0
     max_iterations: int = 60
     tolerance: float = TOLERANCE
@@ -83,7 +82,7 @@ class Problem:
         starting: bool = True,
     ) -> None:
         own = tuple(options.per_recording)
-        if options.drive == "free" and starting and "start" not in own:
+        if (options.drive == "passive" or (options.drive == "free" and starting)) and "start" not in own:
             own = (*own, "start")
         self.plant, self.free, self.variables, self.options = plant, tuple(free), variables, options
         self._own, self._recordings = own, list(recordings)
@@ -98,6 +97,11 @@ class Problem:
             recordings, self.plant, drive=o.drive, shared=self.free, own=self._own, timestep=o.timestep, knots=o.knots
         )
 
+    @property
+    def starts_free(self) -> bool:
+        """Whether the first state of a recording is unknown."""
+        return "start" in self._own
+
     def values(self, z: np.ndarray) -> dict[str, float]:
         """The shared free numbers by name."""
         return {v.name: v.value(x) for v, x in zip(self.variables, z, strict=True)}
@@ -108,18 +112,44 @@ class Problem:
         plant = self.plant.changed({k: v for k, v in values.items() if k not in NUISANCE})
         return plant, {k: v for k, v in values.items() if k in NUISANCE}
 
-    def solve(self, z: np.ndarray, *, fixed: bool = False, only: str | None = None) -> Solution:
-        """From this start: pieces first, if any, then the whole recordings; with `fixed`, own unknowns only."""
+    def solve(self, z: np.ndarray, *, fixed: bool = False, known: Sequence[np.ndarray] | None = None) -> Solution:
+        """From this start: pieces first, if any, then the whole recordings.
+
+        A free first state is sought in the first readings before the others are looked at: a path that begins far from
+        what was recorded leads a fit astray.
+
+        Args:
+            z: Shared unknowns.
+            fixed: Whether they stay as they are, and only own unknowns are sought.
+            known: Which readings of each recording are fitted, 1 or 0; default: all.
+        """
+        if self.options.drive == "passive":
+            own: Sequence[np.ndarray] = self.predictor.start
+            for share in _GROWING:
+                early = [self.first(i, share) for i in range(len(own))]
+                seen = early if known is None else [x * y for x, y in zip(early, known, strict=True)]
+                own = self._solve_stage(self.predictor, z, own, fixed=True, known=seen).own
+            return self._solve_stage(self.predictor, z, own, fixed=fixed, known=known)
         stages = [self.predictor]
         if self.options.pieces:
             swings = [r for r in self._recordings if isinstance(r, AngleRecording)]
             stages = [self._make([p for r in swings for p in r.cut(length)]) for length in self.options.pieces] + stages
         solution = None
         for stage in stages:
-            solution = self._solve_stage(stage, z, stage.start, fixed=fixed, only=only)
+            solution = self._solve_stage(stage, z, stage.start, fixed=fixed, known=known)
             z = solution.z
         assert solution is not None
         return solution
+
+    def first(self, i: int, share: float) -> np.ndarray:
+        """1 for the readings in the first share of the frames of recording i, 0 for the others, (K,)."""
+        frame = self.predictor.channels[i][:, 0]
+        frames = np.unique(frame)
+        return (frame < frames[min(int(np.ceil(share * len(frames))), len(frames) - 1)]).astype(float)
+
+    def of_marker(self, i: int, marker: str) -> np.ndarray:
+        """1 for the readings of one marker in recording i, 0 for the others, (K,)."""
+        return (self.predictor.channels[i][:, 1] == self.predictor.names(i).index(marker)).astype(float)
 
     def _solve_stage(
         self,
@@ -128,12 +158,12 @@ class Problem:
         own: Sequence[np.ndarray],
         *,
         fixed: bool = False,
-        only: str | None = None,
+        known: Sequence[np.ndarray] | None = None,
     ) -> Solution:
         bounds = (z, z) if fixed else (np.array([getattr(v, x) for v in self.variables]) for x in ("lower", "upper"))
         lower, upper = bounds
         return solve(
-            self._evaluator(stage, only),
+            self._evaluator(stage, known),
             z,
             own,
             lower=lower,
@@ -163,12 +193,9 @@ class Problem:
         self._limit = limit if widened else self._limit
         return widened
 
-    def _evaluator(self, predictor: Predictor, only: str | None = None):
+    def _evaluator(self, predictor: Predictor, known: Sequence[np.ndarray] | None = None):
         slopes_of = self.variables
         regular = [self._regular(predictor, i) for i in range(len(predictor.recordings))]
-        shown = [
-            None if only is None else _of_marker(r, predictor, i, only) for i, r in enumerate(predictor.recordings)
-        ]
 
         def evaluate(z: np.ndarray, own: list[np.ndarray], derivatives: bool) -> list[Block]:
             try:
@@ -178,7 +205,7 @@ class Problem:
             units = np.array([v.slope(x) for v, x in zip(slopes_of, z, strict=True)])
             blocks = []
             for i, p in enumerate(predictor(plant, nuisance, own, derivatives=derivatives)):
-                sigma, mask = predictor.sigma[i], shown[i]
+                sigma, mask = predictor.sigma[i], None if known is None else known[i]
                 r = (p.value - predictor.measured[i]) / sigma
                 W, mean = regular[i]
                 A = B = np.zeros((0, 0))
@@ -202,12 +229,12 @@ class Problem:
         drive, first = predictor.drives[i], predictor.start[i]
         rows, means, at = [], [], 0
         for name, x in drive.unknowns.items():
-            if name == "motion":
-                motion = drive.motion  # type: ignore[attr-defined]
-                W, mean = motion.rows, motion.mean
-            else:
+            if name == "start":
                 W = np.diag(1 / np.repeat(_START, len(x) // 2))
                 mean = np.zeros(len(x))
+            else:
+                motion = drive.motion  # type: ignore[attr-defined]
+                W, mean = motion.rows, motion.mean
             rows.append(np.pad(W, ((0, 0), (at, len(first) - at - len(x)))))
             means.append(mean)
             at += len(x)
@@ -219,7 +246,7 @@ class Problem:
             return np.zeros((0, len(first))), np.zeros(0)
         return np.vstack(rows), np.concatenate(means)
 
-    def assess(self, solution: Solution, rng: np.random.Generator) -> Uncertainty:
+    def assess(self, solution: Solution) -> Uncertainty:
         """Uncertainty at a solution."""
         P = self.predictor
         blocks = self._evaluator(P)(solution.z, solution.own, True)[: len(P.recordings)]
@@ -233,36 +260,32 @@ class Problem:
         series = [channel[:, 1] * 8 + channel[:, 2] for channel in P.channels]
         times = [r.t[channel[:, 0]] for r, channel in zip(P.recordings, P.channels, strict=True)]
         prior = None if self._prior is None else self._prior[0]
-        return assess(
-            self.variables, solution.z, pseudo, series, times, prior, rng=rng, replicates=self.options.replicates
-        )
+        values = self.split(solution.z)[0].values()
+        return assess(self.variables, solution.z, pseudo, series, times, prior, values=values)
 
-    def compare(self, solution: Solution) -> list[RecordingFit]:
-        """Every recording beside its prediction."""
+    def compare(self, solution: Solution, known: Sequence[np.ndarray] | None = None) -> list[RecordingFit]:
+        """Every recording beside its prediction; readings that were known are not among the residuals."""
         plant, nuisance = self.split(solution.z)
         P, found = self.predictor, []
         predictions = P(plant, nuisance, solution.own, derivatives=False)
         for i, p in enumerate(predictions):
-            residuals = p.value - P.measured[i]
+            judged = np.full(len(p.value), True) if known is None else known[i] == 0
+            channels = P.channels[i][judged]
+            residuals = (p.value - P.measured[i])[judged]
             t, path = P.path(i, plant, nuisance, solution.own[i])
             found.append(
                 RecordingFit(
                     source=P.recordings[i].source,
                     residuals=residuals,
-                    measured=P.measured[i],
-                    sigma=P.sigma[i],
-                    weight=huber(residuals / P.sigma[i], self._limit)[1],
-                    channels=P.channels[i],
+                    measured=P.measured[i][judged],
+                    sigma=P.sigma[i][judged],
+                    weight=huber(residuals / P.sigma[i][judged], self._limit)[1],
+                    channels=channels,
                     markers=tuple(path),
                     own=dict(zip(P.own_names(i), map(float, solution.own[i]), strict=True)),
                     t=t,
                     path=path,
+                    predicted_from=None if judged.all() else float(P.recordings[i].t[channels[:, 0].min()]),
                 )
             )
         return found
-
-
-def _of_marker(recording: Recording, predictor: Predictor, i: int, marker: str) -> np.ndarray:
-    """1 for the readings of one marker, 0 for the others."""
-    assert isinstance(recording, StrikeRecording)
-    return (predictor.channels[i][:, 1] == predictor.names(i).index(marker)).astype(float)

@@ -19,6 +19,8 @@ DEFAULT_SIGMA = 1e-3  # [m]
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
 WIDEST = 50.0  # [rad], eight turns of a joint
 SLOWEST = 1.0  # [s] between frames; frame numbers and milliseconds are beyond it
+AT_REST = 0.02  # [s] from the start of a joint log, in which the arm has hardly moved
+NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's counts are half of that
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -125,6 +127,24 @@ class StrikeRecording:
     def seen(self) -> np.ndarray:
         """Which points are there, (T, M)."""
         return ~np.isnan(self.points[..., 0])
+
+    @property
+    def sag(self) -> np.ndarray | None:
+        """How far from `q_i` the arm was measured to stand when its strike began [rad], (a,); zero where no encoder
+        could tell; None where it was not measured, or not from the start."""
+        if self.joints_t is None or self.joints_q is None or self.strike is None or self.joints_t[0] > AT_REST:
+            return None
+        begun = self.joints_q[self.joints_t <= max(self.joints_t[0], 0.0) + AT_REST]
+        if begun.shape[1] != len(self.strike.q_i):
+            return None
+        off = np.median(begun, axis=0) - self.strike.q_i
+        return np.where(np.abs(off) > NOTICED, off, 0.0)
+
+    @property
+    def stood(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        """The same as a rollout takes it."""
+        sag = self.sag
+        return None if sag is None else lambda q_i: np.broadcast_to(sag, q_i.shape)
 
     @property
     def provenance(self) -> dict[str, Any]:

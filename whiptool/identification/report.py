@@ -31,6 +31,7 @@ _MEANING = {
     "traded": "would be known if its partner were: only their combination is",
     "flat": "not seen by these recordings; its value is where the fit left it, and no interval is given",
     "at bound": "stopped by its bound; no interval is given",
+    "withdrawn": "the model does not explain the readings, so that no standard error holds; no interval is given",
 }
 
 
@@ -54,19 +55,20 @@ def sections(
     pairs += [(r, f, "held out") for r, f in zip(held_out, fit.held_out, strict=True)]
     with matplotlib.rc_context(STYLE):
         found = [
-            _parameters(fit),
+            parameters_section(fit),
             _prediction(fit, pairs),
             Section("Measured and modelled paths", [_overlay(*pair) for pair in pairs]),
             Section("Residuals over time", [_residuals(pairs)]),
-            _knowledge(fit),
-            _convergence(fit),
+            knowledge_section(fit),
+            convergence_section(fit),
         ]
     if nodes:
         found.insert(2, _nodes(nodes, chosen))
     return found
 
 
-def _parameters(fit: Fit) -> Section:
+def parameters_section(fit: Fit) -> Section:
+    """Every parameter with its interval and class, and what is not seen."""
     rows = [["parameter", "best start", "value", "95 % interval", "class", "alone", "goes with", "correlation"]]
     for p in fit.parameters:
         flat = p.kind == "flat"
@@ -85,7 +87,8 @@ def _parameters(fit: Fit) -> Section:
     U = fit.uncertainty
     kinds = [kind for kind in _MEANING if any(p.kind == kind for p in fit.parameters)]
     source = (
-        f"a block bootstrap, because successive residuals correlate by {U.whiteness:+.2f}"
+        "the covariance of the linearised fit for errors that correlate from reading to reading, by "
+        f"{U.errors.first[1]:+.2f} as the residuals show"
         if U.correlated
         else "the covariance of the linearised fit: successive residuals are independent"
     )
@@ -123,6 +126,11 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
             f"Held-out recordings, which no parameter was fitted to: {1e3 * outside:.3g} mm RMS per coordinate. If "
             "this is much more than for the fitted ones, the model does not hold for new strikes."
         )
+        if any(f.predicted_from is not None for f in fit.held_out):
+            said += (
+                " Their first state is unknown: the first half of the frames fitted it, and the error is that of the "
+                "second half."
+            )
         if fit.drive == "handle":
             said += " Of a held-out recording only the handle's path was known; the tip magnifies its errors."
     alike = [(r, kind, s) for r, f, kind in pairs if (s := similarity_of(r, f)) is not None]
@@ -233,7 +241,8 @@ def _stated(recording: StrikeRecording, name: str) -> tuple[np.ndarray, np.ndarr
     return recording.t_points[seen, at], recording.sigma[seen, at]
 
 
-def _knowledge(fit: Fit) -> Section:
+def knowledge_section(fit: Fit) -> Section:
+    """Correlations and singular values."""
     U = fit.uncertainty
     names = [v.name for v in U.variables]
     size = 1.8 + 0.62 * len(names)
@@ -273,13 +282,14 @@ def _knowledge(fit: Fit) -> Section:
     )
 
 
-def _convergence(fit: Fit) -> Section:
+def convergence_section(fit: Fit) -> Section:
+    """Where every start began and ended."""
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     ax = figure.subplots()
     marks = "osD^vP*X"
     for i, run in enumerate(fit.runs):
         costs = [cost for cost, _, _ in run.solution.history]
-        ax.plot(costs, marker=marks[i % len(marks)], markersize=5, label=f"start {i + 1}: {run.solution.status.value}")
+        ax.plot(costs, marker=marks[i % len(marks)], markersize=5, label=f"start {i + 1}: {run.outcome}")
     ax.set(xlabel="accepted step", ylabel="cost", yscale="log")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()
@@ -288,7 +298,13 @@ def _convergence(fit: Fit) -> Section:
     for i, run in enumerate(fit.runs):
         ends = [f"{values[n]:.4g}" for values in (run.start, run.values) for n in names]
         rows.append([str(i + 1), *ends, f"{run.solution.cost:.6g}", str(max(len(run.solution.history) - 1, 0))])
-    text = "Every start, the best first. Starts that end elsewhere at a similar cost: the answer is not unique."
+    text = "Every start, the best first. Values, intervals and classes are those of the best. "
+    if len(fit.runs) == 1:
+        text += "There was one start only: whether another would end lower was not tested."
+    elif fit.failed:
+        text += f"{len(fit.failed)} of {len(fit.runs)} failed: they ended far above the best, and say nothing."
+    else:
+        text += "All ended alike. Where their values differ, the answer is not unique."
     return Section("Convergence", [Text(text), Picture(figure, "Cost of every start, after each step."), Table(rows)])
 
 

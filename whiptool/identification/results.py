@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
+from whiptool.identification.classes import Parameter
 from whiptool.identification.plant import Identifiable
 from whiptool.identification.solver import Solution, Status
-from whiptool.identification.uncertainty import Parameter, Uncertainty
+from whiptool.identification.uncertainty import Uncertainty
+
+_FAR = 0.999  # level of the region around the best end that another start's end has to lie in
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,8 @@ class RecordingFit:
         own: The recording's own unknowns by name.
         t: Times of the predicted path [s], (S,).
         path: Predicted path of each marker, (S, 2) [m] or (S, 1) [rad], in the recording's frame and clock.
+        predicted_from: Frame time from which on it was predicted [s]; what was read before fitted its first state and
+            is not among the residuals. None: all of it was fitted or predicted.
     """
 
     source: str
@@ -38,6 +46,7 @@ class RecordingFit:
     own: dict[str, float]
     t: np.ndarray
     path: dict[str, np.ndarray]
+    predicted_from: float | None = None
 
     @property
     def rmse(self) -> float:
@@ -58,11 +67,41 @@ class Run:
         start: First values of the shared free numbers by name.
         values: Last ones.
         solution: Of the last stage; its history holds the convergence.
+        over_best: Its cost over that of the best start, 1 for the best.
+        failed: Whether it ended so far above the best start that its values lie outside what the best one leaves open.
     """
 
     start: dict[str, float]
     values: dict[str, float]
     solution: Solution
+    over_best: float = 1.0
+    failed: bool = False
+
+    @property
+    def outcome(self) -> str:
+        """How it ended, in words."""
+        if self.failed:
+            return f"failed: it ended at {self.over_best:.3g} times the cost of the best start"
+        return self.solution.status.value
+
+
+def judge_starts(runs: Sequence[Run], readings: int) -> list[Run]:
+    """The starts, the best first, each told how far above the best it ended, and whether it failed.
+
+    By the likelihood ratio: with the residuals' variance as at the best end, twice the difference of the costs is
+    chi-squared with as many degrees of freedom as there are unknowns, if both ends belong to one minimum.
+
+    Args:
+        runs: Each start with its end; costs are of one loss.
+        readings: Number of residuals.
+    """
+    ordered = sorted(runs, key=lambda run: run.solution.cost)
+    best = ordered[0].solution.cost
+    if not np.isfinite(best) or best <= 0:
+        return ordered
+    far = 1 + float(chi2.ppf(_FAR, len(ordered[0].values))) / readings
+    over = [run.solution.cost / best for run in ordered]
+    return [dataclasses.replace(run, over_best=x, failed=x > far) for run, x in zip(ordered, over, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -94,6 +133,11 @@ class Fit:
     def __getitem__(self, name: str) -> Parameter:
         """The parameter of that name."""
         return next(p for p in self.parameters if p.name == name)
+
+    @property
+    def failed(self) -> tuple[Run, ...]:
+        """The starts that ended far above the best one."""
+        return tuple(run for run in self.runs if run.failed)
 
     @property
     def status(self) -> Status:

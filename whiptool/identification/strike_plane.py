@@ -12,6 +12,8 @@ from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
 
 _THIN = 1e-2  # breadth over length of the points below which they lie on a line and no plane is fitted
+_ONE_PLANE = np.deg2rad(5)  # between a recording's own plane and that of all, up to which they are the same
+_DISTINCT = 3.0  # breadth over depth of the points from which they have a plane of their own
 _STEEPEST = np.deg2rad(30)  # of a plane against the vertical, in which a whip's weight still keeps its motion
 
 
@@ -98,3 +100,29 @@ def fit_plane(recordings: Sequence[StrikeRecording]) -> StrikePlane | None:
         rms=float(np.sqrt(np.mean(away**2))),
         largest=float(np.abs(away).max()),
     )
+
+
+def check_one_plane(recordings: Sequence[StrikeRecording], plane: StrikePlane) -> None:
+    """Refuse recordings in space whose own planes differ from the common one.
+
+    Projected on it, their motion would be foreshortened: by 18 % at 35 degrees. A recording whose points are nearly on
+    a line in the common plane has no plane of its own to compare.
+
+    Raises:
+        InputError: One lies in another plane.
+    """
+    for recording in recordings:
+        if recording.points.shape[2] == 2:
+            continue
+        X = recording.points[recording.seen]
+        _, s, directions = np.linalg.svd(X - X.mean(axis=0), full_matrices=False)
+        if len(s) < 3 or s[1] < _THIN * s[0] or s[1] < _DISTINCT * s[2]:
+            continue
+        angle = np.arccos(min(1.0, abs(float(directions[2] @ plane.axes[2]))))
+        if angle > _ONE_PLANE:
+            raise InputError(
+                f"{recording.source}: points",
+                f"in a plane {np.rad2deg(angle):.0f} deg from that of all recordings together",
+                f"recordings of one plane, within {np.rad2deg(_ONE_PLANE):.0f} deg",
+                "turn each into its own plane (keys axes and origin of its sidecar), or fit them apart",
+            )

@@ -11,26 +11,31 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.identification.classes import Parameter
+from whiptool.identification.predict import Recording
 from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
-from whiptool.identification.uncertainty import Parameter, Uncertainty
+from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.variables import Variable
 
+_LINK = {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"}
 _UNITS = {
     "whip": {
         "l": "m", "m": "kg", "k": "N m/rad", "b": "N m s/rad", "rest_angle": "rad", "dry_friction": "N m",
         "friction_velocity": "rad/s", "drag": "N s^2/m^2", "hinge_mass": "kg",
         "cubic_stiffness": "N m/rad^3",
     },
-    "arm": {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"},
+    "arm": _LINK,
+    "link": {**_LINK, "dry_friction": "N m", "drag": "N s^2/m^2"},
     "profile": {
         "length": "m", "linear_density": "kg/m", "bending_stiffness": "N m^2", "bending_damping": "N m^2 s",
         "rest_curvature": "1/m", "drag": "N s^2/m^3", "tip_mass": "kg",
     },
     "law": {"beta": "s", "K": "N m/rad", "B": "N m s/rad"},
     "": {
-        "gravity": "m/s^2", "torque_limit": "N m", "delay": "s", "rotation": "rad", "shift_x": "m", "shift_y": "m",
+        "gravity": "m/s^2", "friction_velocity": "rad/s",
+        "torque_limit": "N m", "delay": "s", "clamp": "rad", "rotation": "rad", "shift_x": "m", "shift_y": "m",
     },
 }  # fmt: skip
 _SHARE = 0.05  # part of a direction from which a number belongs to it
@@ -108,29 +113,31 @@ def root_mean_square(found: Sequence[RecordingFit]) -> float | None:
 def flat_directions(uncertainty: Uncertainty) -> list[str]:
     """Each direction that the recordings do not see, in words."""
     U, said = uncertainty, []
-    for direction, seen in zip(U.directions[U.flat], U.singular_values[U.flat], strict=True):
-        steps = direction * U.units  # of z
-        parts = zip(U.variables, direction, steps, strict=True)
-        moved = [(v, float(step)) for v, share, step in parts if abs(share) > _SHARE]
-        lead, one = max(moved, key=lambda part: (part[0].log, abs(part[1])))  # a logarithm, if there is one
+    for change, direction, seen in zip(U.flat_changes, U.directions[U.flat], U.singular_values[U.flat], strict=True):
+        moved = np.flatnonzero(np.abs(change) > _SHARE).tolist()
+        positive = [i for i in moved if U.variables[i].log and U.units[i] == 1]
+        lead = max(positive or moved, key=lambda i: abs(direction[i]))
+        names = [U.variables[i].name for i in moved]
         if len(moved) == 1:
-            said.append(f"{lead.name} alone: {_bound(lead, abs(one), float(seen))}")
-        elif all(v.log and abs(step / one - 1) < 0.1 for v, step in moved):
-            said.append(
-                f"{_listed([v.name for v, _ in moved])} all multiplied by the same factor: only their ratios are seen"
-            )
+            step = abs(direction[lead] * U.units[lead])
+            said.append(f"{names[0]} alone: {_bound(U.variables[lead], float(step), float(seen))}")
+        elif np.ptp(change[moved]) < 0.1 * np.abs(change[moved]).max():
+            said.append(f"{_listed(names)} all multiplied by the same factor: only their ratios are seen")
         else:
-            each = ", ".join(_change(v, step / one, lead) for v, step in moved)
+            steps = direction * U.units / (direction[lead] * U.units[lead])
+            each = ", ".join(_change(U, i, float(steps[i]), bool(positive)) for i in moved)
             said.append(f"changed together, {each}: the predictions stay as they are")
     return said
 
 
-def _change(v: Variable, step: float, lead: Variable) -> str:
+def _change(U: Uncertainty, i: int, step: float, by_hundredth: bool) -> str:
     """By how much a number changes while the leading one changes by a hundredth, or by its usual size if that may be
-    zero."""
-    if v.log:
+    zero; in its unit if it may be zero or nearly so."""
+    v = U.variables[i]
+    if v.log and U.units[i] == 1:
         return f"{v.name} by {step:+.2g} %"
-    return f"{v.name} by {step * v.scale / (100 if lead.log else 1):+.2g} {unit_of(v.name)}".rstrip()
+    changed = step * (v.value(U.z[i]) if v.log else v.scale)
+    return f"{v.name} by {changed / (100 if by_hundredth else 1):+.2g} {unit_of(v.name)}".rstrip()
 
 
 def _bound(v: Variable, step: float, seen: float) -> str:
@@ -145,7 +152,9 @@ def _bound(v: Variable, step: float, seen: float) -> str:
 def seen_ratios(uncertainty: Uncertainty) -> dict[str, tuple[float, tuple[float, float]]]:
     """Ratios that are known where the numbers are not, such as `whip.k / whip.m`: each with its 95 % interval."""
     U = uncertainty
-    unseen = [v.name for i, v in enumerate(U.variables) if v.log and (np.abs(U.directions[U.flat, i]) > _SHARE).any()]
+    unseen = [
+        v.name for v, x in zip(U.variables, U.flat_changes.T, strict=True) if v.log and (np.abs(x) > _SHARE).any()
+    ]
     if len(unseen) < 2:
         return {}
     below = "whip.m" if "whip.m" in unseen else unseen[-1]
@@ -157,7 +166,7 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:-1]) + " and " + names[-1]
 
 
-def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[StrikeRecording]) -> dict[str, Any]:
+def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recording]) -> dict[str, Any]:
     """A fit as plain data for JSON: SI units, None where there is no number."""
     U = fit.uncertainty
     pairs = [(r, f, False) for r, f in zip(fitted, fit.recordings, strict=True)]
@@ -181,7 +190,7 @@ def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[St
             }
             for p in fit.parameters
         ],
-        "intervals_from": "block bootstrap" if U.correlated else "covariance",
+        "intervals_from": "correlated errors" if U.correlated else "covariance",
         "correlation": U.correlation.tolist(),
         "singular_values": [finite(x) for x in U.singular_values],
         "condition_number": finite(U.condition_number),
@@ -198,6 +207,8 @@ def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[St
                 "start": run.start,
                 "values": run.values,
                 "cost": finite(run.solution.cost),
+                "cost_over_best": finite(run.over_best),
+                "failed": bool(run.failed),
                 "status": run.solution.status.name.lower(),
                 "steps": max(len(run.solution.history) - 1, 0),
                 "evaluations": run.solution.evaluations,
@@ -208,12 +219,13 @@ def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[St
     }
 
 
-def _recording_table(recording: StrikeRecording, found: RecordingFit, held_out: bool) -> dict[str, Any]:
-    alike = similarity_of(recording, found)
+def _recording_table(recording: Recording, found: RecordingFit, held_out: bool) -> dict[str, Any]:
+    alike = similarity_of(recording, found) if isinstance(recording, StrikeRecording) else None
     own = {name: x for name, x in found.own.items() if not name.startswith("motion[")}  # hundreds of coefficients
     return {
         **recording.provenance,
         "held_out": held_out,
+        "predicted_from": finite(found.predicted_from),
         "rmse": found.rmse,
         "rms_over_stated_error": found.chi,
         "n_residuals": len(found.residuals),

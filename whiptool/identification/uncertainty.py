@@ -1,4 +1,4 @@
-"""What a fit knows, and what it does not: covariance, block bootstrap, flat directions, classes of parameters."""
+"""What a fit knows, and what it does not: covariance, flat directions."""
 
 from __future__ import annotations
 
@@ -9,42 +9,12 @@ import numpy as np
 from scipy.stats import t as student
 
 from whiptool.errors import InputError
+from whiptool.identification.correlation import Autoregression, Grid, error_correlation, spread
 from whiptool.identification.solver import Block, reduce
-from whiptool.identification.variables import Variable
+from whiptool.identification.variables import Variable, room
 
-PINNED = 0.1  # standard error, relative, up to which a number counts as pinned
 FLAT = 1.0  # standard error of a direction, relative, from which it counts as unseen
-_ROOM = 10.0  # a number that may be zero is seen up to so many times that: its interval still says something
 _SHARE = 0.05  # part of a flat direction from which a number belongs to it
-TRADED = 0.9  # correlation from which two numbers trade off
-_SMALL = 0.05  # of its usual size, below which a number that may be zero counts as this
-_BLOCK = 0.1  # [s], of residuals that are drawn together
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One free number after the fit.
-
-    Args:
-        name, value, start: In its own unit.
-        kind: `pinned`: known to 10 % or better; `weak`: not; `traded`: with all others known it would be pinned, but
-            its error goes with that of `partner`; `flat`: the recordings do not see it; `at bound`: its bound stopped
-            it.
-        error: Standard error: relative where the number is positive, else in its unit; NaN if flat.
-        interval: 95 % interval; None where there is none to give (flat, at bound).
-        alone: Standard error if all other numbers were known.
-        partner, correlation: The number it is most correlated with, and how much.
-    """
-
-    name: str
-    value: float
-    start: float
-    kind: str
-    error: float
-    interval: tuple[float, float] | None
-    alone: float
-    partner: str | None
-    correlation: float
 
 
 @dataclass(frozen=True)
@@ -58,15 +28,14 @@ class Uncertainty:
         correlation: The same, scaled, (G, G).
         singular_values: Of the Jacobian of the whitened residuals by z, largest first, (G,).
         directions: Which combination of z each one is for, rows, (G, G).
-        units: What singular values and directions count z in, 1 for logarithms, (G,).
+        units: What singular values and directions count z in, (G,), see `variables.room`.
         flat: Which directions are unseen, (G,).
-        flat_share: How far each unknown takes part in the unseen directions, 0 to 1, (G,).
         condition_number: Of the Jacobian with columns of unit length: what correlation alone does.
         residual_variance: Of the whitened residuals; 1 if the stated errors are right.
-        freedom: Degrees of freedom of that variance.
-        bootstrap: Covariance of z from the block bootstrap, (G, G).
+        freedom: Degrees of freedom of that variance, fewer where errors correlate; intervals use Student's t of them.
+        sandwich: Covariance of z if successive errors correlate as `errors` says; without, that of independent errors.
         whiteness: Correlation of successive residuals of one channel, 0 if independent.
-        correlated: Whether that is above 0 by more than chance; the intervals then come from the bootstrap.
+        errors: How successive errors of one channel correlate, as the residuals show.
     """
 
     variables: tuple[Variable, ...]
@@ -77,18 +46,39 @@ class Uncertainty:
     directions: np.ndarray
     units: np.ndarray
     flat: np.ndarray
-    flat_share: np.ndarray
     condition_number: float
     residual_variance: float
     freedom: float
-    bootstrap: np.ndarray
+    sandwich: np.ndarray
     whiteness: float
-    correlated: bool
+    errors: Autoregression
+
+    @property
+    def correlated(self) -> bool:
+        """Whether successive errors correlate by more than chance."""
+        return len(self.errors.coefficients) > 0
 
     @property
     def stated(self) -> np.ndarray:
         """The covariance that intervals are drawn from, (G, G)."""
-        return self.bootstrap if self.correlated else self.covariance
+        return self.sandwich
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """What a relative change of each unknown is relative to, (G,): 1 of a logarithm; of a number that may be zero
+        its own size, at least its standard error; the usual size of one whose zero is arbitrary."""
+        errors = np.sqrt(np.diag(self.covariance))
+        return np.array(
+            [
+                1.0 if v.log else max(abs(x), 1.0) if v.arbitrary_zero else max(abs(x), error) or 1.0
+                for v, x, error in zip(self.variables, self.z, errors, strict=True)
+            ]
+        )
+
+    @property
+    def flat_changes(self) -> np.ndarray:
+        """Relative changes of the unknowns (G,) along each unseen direction, rows, where no unknown leaves its room."""
+        return self.directions[self.flat] * self.units / self.sizes
 
     def product(self, powers: Mapping[str, float], level: float = 0.95) -> tuple[float, tuple[float, float] | None]:
         """A product of powers of positive numbers, such as k / m, and its interval; None if it is not seen.
@@ -104,7 +94,7 @@ class Uncertainty:
         for name, power in powers.items():
             weights[names.index(name)] = power
         middle = float(weights @ self.z)
-        if np.linalg.norm(self.directions[self.flat] @ weights) > _SHARE * np.linalg.norm(weights):
+        if np.linalg.norm((self.directions[self.flat] * self.units) @ weights) > _SHARE * np.linalg.norm(weights):
             return float(np.exp(middle)), None
         half = float(np.sqrt(weights @ self.stated @ weights) * student.ppf((1 + level) / 2, self.freedom))
         return float(np.exp(middle)), (float(np.exp(middle - half)), float(np.exp(middle + half)))
@@ -118,8 +108,7 @@ def assess(
     times: Sequence[np.ndarray],
     prior: np.ndarray | None,
     *,
-    rng: np.random.Generator,
-    replicates: int = 400,
+    values: Mapping[str, float] | None = None,
 ) -> Uncertainty:
     """Uncertainty of a fit at its end.
 
@@ -129,18 +118,13 @@ def assess(
         channels: Of each block, which series each of its first residuals belongs to, (K,) whole numbers.
         times: When they were measured [s], (K,).
         prior: Rows of the prior on z, (m, G).
-        rng: For the bootstrap.
-        replicates: Of the bootstrap.
+        values: All numbers of the plant by name, where the room of an unknown depends on others.
 
     Raises:
         InputError: The fit ended where the model diverges.
     """
-    G = len(z)
-    projected = [_projected(block) for block in blocks]
+    G, units = len(z), room(variables, z, values or {})
     J = np.vstack([reduce(block)[1][:, :G] for block in blocks])
-    # singular values are relative errors: a number that may be zero counts by its size, at least by its usual one,
-    # and with room: a logarithm's error of more than 1 is a guess at its order of magnitude, this one's a bound
-    units = np.array([1.0 if v.log else _ROOM * max(abs(x), 1.0) for v, x in zip(variables, z, strict=True)])
     count = sum(len(c) for c in channels)
     squares = sum(float(b.r[: len(c)] @ b.r[: len(c)]) for b, c in zip(blocks, channels, strict=True))
     own = sum(min(b.B.shape[1], len(c)) - _regularised(b, len(c)) for b, c in zip(blocks, channels, strict=True))
@@ -159,17 +143,13 @@ def assess(
         directions = np.linalg.svd(rows)[2]
     flat = s < np.maximum(1 / FLAT, 1e-9 * s.max(initial=0.0))
     kept = directions[~flat]
-    # who takes part in what is not seen: by relative changes, lest a small number hide behind large ones
-    sizes = np.array([1.0 if v.log else max(abs(x), _SMALL) for v, x in zip(variables, z, strict=True)])
-    unseen = np.linalg.qr((directions[flat] * units / sizes).T)[0] if flat.any() else np.zeros((G, 1))
     covariance = (kept.T / s[~flat] ** 2) @ kept * np.outer(units, units)
     norms = np.linalg.norm(rows, axis=0)
     seen = norms > 0
     unit = np.linalg.svd(rows[:, seen] / norms[seen], compute_uv=False) if seen.any() else np.ones(1)
     condition = float(unit[0] / unit[-1]) if seen.all() and unit[-1] > 0 else float("inf")
-    drawn, whiteness, correlated = _bootstrap(
-        projected, blocks, channels, times, covariance, variance, freedom, count, rng, replicates
-    )
+    root = (kept.T / s[~flat]) * units[:, None]
+    errors, freedom, sandwich = _sandwich(blocks, channels, times, root, variance, freedom, prior)
     return Uncertainty(
         variables=tuple(variables),
         z=z,
@@ -179,13 +159,12 @@ def assess(
         directions=directions,
         units=units,
         flat=flat,
-        flat_share=np.linalg.norm(unseen, axis=1),
         condition_number=condition,
         residual_variance=variance,
         freedom=freedom,
-        bootstrap=drawn,
-        whiteness=whiteness,
-        correlated=correlated,
+        sandwich=sandwich,
+        whiteness=_whiteness(blocks, channels),
+        errors=errors,
     )
 
 
@@ -193,14 +172,6 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
     sd = np.sqrt(np.diag(covariance))
     sd = np.where(sd > 0, sd, 1)
     return covariance / np.outer(sd, sd)
-
-
-def _projected(block: Block) -> np.ndarray:
-    """Derivatives by the shared unknowns with what the own ones can take up removed, (K, G)."""
-    if not block.B.shape[1]:
-        return block.A
-    Q = np.linalg.qr(block.B)[0]
-    return block.A - Q @ (Q.T @ block.A)
 
 
 def _regularised(block: Block, count: int) -> float:
@@ -212,89 +183,50 @@ def _regularised(block: Block, count: int) -> float:
     return float(np.trace(np.linalg.lstsq(whole, rest.T @ rest, rcond=None)[0]))
 
 
-def _bootstrap(
-    projected: Sequence[np.ndarray],
+def _sandwich(
     blocks: Sequence[Block],
     channels: Sequence[np.ndarray],
     times: Sequence[np.ndarray],
-    covariance: np.ndarray,
+    root: np.ndarray,
     variance: float,
     freedom: float,
-    count: int,
-    rng: np.random.Generator,
-    replicates: int,
-) -> tuple[np.ndarray, float, bool]:
-    """Circular block bootstrap (Politis and Romano 1992) of the residuals, through the linearised fit."""
-    draws = np.zeros((replicates, len(covariance)))
-    lagged, number, power = 0.0, 0, 0.0
-    inflate = np.sqrt(count / freedom)
-    for A, block, channel, t in zip(projected, blocks, channels, times, strict=True):
-        r = block.r[: len(channel)] * inflate
-        gain = covariance @ A[: len(channel)].T / variance  # (G, K)
-        starts = rng.random((replicates, len(r) + 1))
+    prior: np.ndarray | None,
+) -> tuple[Autoregression, float, np.ndarray]:
+    """How errors correlate, degrees of freedom of their variance, and the covariance of z, (G, G).
+
+    Args:
+        blocks, channels, times, prior: As for `assess`.
+        root: R (G, directions seen) such that `R R'` is the covariance for independent errors.
+        variance, freedom: Of the residuals.
+    """
+    grids = [Grid.of(channel, t) for channel, t in zip(channels, times, strict=True)]
+    seen, followed, rest = [], [], []
+    for block, channel in zip(blocks, channels, strict=True):
+        own = np.linalg.qr(block.B)[0]
+        along = (block.A - own @ (own.T @ block.A)) @ root  # what the recording's own unknowns cannot take up
+        seen.append(along[: len(channel)])
+        rest.append(along[len(channel) :])
+        followed.append(np.hstack([seen[-1] / np.sqrt(max(variance, 1e-300)), own[: len(channel)]]))
+    residuals = [block.r[: len(channel)] for block, channel in zip(blocks, channels, strict=True)]
+    errors, level = error_correlation(grids, residuals, followed, root.shape[1], freedom)
+    if not len(errors.coefficients):
+        return errors, freedom, root @ root.T
+    scatter = level * spread(grids, residuals, seen, errors) + variance * sum(x.T @ x for x in rest)
+    scatter = scatter / variance**2
+    if prior is not None:
+        scatter += (prior @ root).T @ (prior @ root)
+    correlations = errors.correlations(max(grid.frames for grid in grids))
+    independent = freedom / (2 * float(correlations @ correlations) - 1)
+    return errors, max(independent, 1.0), root @ scatter @ root.T
+
+
+def _whiteness(blocks: Sequence[Block], channels: Sequence[np.ndarray]) -> float:
+    """Correlation of successive residuals of one channel, about its mean."""
+    lagged = power = 0.0
+    for block, channel in zip(blocks, channels, strict=True):
         for name in np.unique(channel):
-            at = np.flatnonzero(channel == name)
-            series = r[at] - r[at].mean()
-            n = len(series)
+            series = block.r[: len(channel)][channel == name]
+            series = series - series.mean()
             lagged += float(series[1:] @ series[:-1])
             power += float(series @ series)
-            number += n
-            step = np.median(np.diff(t[at])) if n > 1 else _BLOCK
-            length = int(np.clip(round(_BLOCK / max(step, 1e-9)), 1, max(1, n // 4)))
-            length = max(length, min(n, round(n ** (1 / 3))))
-            pieces = -(-n // length)
-            first = (starts[:, :pieces] * n).astype(int)  # the same places in every channel: they err together
-            index = (first[:, :, None] + np.arange(length)).reshape(replicates, -1)[:, :n] % n
-            draws += series[index] @ gain[:, at].T
-    whiteness = lagged / power if power > 0 else 0.0
-    # negative correlation is what many nuisance unknowns do to residuals: blocks would then promise too much
-    correlated = number > 0 and whiteness > 3 / np.sqrt(number)
-    return np.atleast_2d(np.cov(draws.T)), whiteness, bool(correlated)
-
-
-def classify(uncertainty: Uncertainty, starts: Sequence[float], level: float = 0.95) -> list[Parameter]:
-    """Every shared unknown with its class, error and interval."""
-    U = uncertainty
-    errors = np.sqrt(np.diag(U.stated))
-    quantile = student.ppf((1 + level) / 2, U.freedom)
-    with np.errstate(divide="ignore"):
-        information = np.sqrt(((U.directions * U.singular_values[:, None]) ** 2).sum(axis=0))
-        alone = U.units / information
-    found = []
-    for i, (v, start) in enumerate(zip(U.variables, starts, strict=True)):
-        others = np.abs(U.correlation[i]).copy()
-        others[i] = -1
-        j = int(others.argmax()) if len(others) > 1 else None
-        value, unit = v.value(U.z[i]), 1.0 if v.log else v.scale
-        usual = 1.0  # what an error is large against: the number, or, if it may be zero, its usual size
-        if not v.log and abs(U.z[i]) > 2 * errors[i]:
-            usual = abs(U.z[i])
-        in_flat = bool(U.flat_share[i] > _SHARE)
-        if in_flat:
-            kind = "flat"
-        elif U.z[i] <= v.lower + 1e-6 or U.z[i] >= v.upper - 1e-6:
-            kind = "at bound"
-        elif errors[i] <= PINNED * usual:
-            kind = "pinned"
-        elif j is not None and others[j] >= TRADED and alone[i] <= PINNED * usual:
-            kind = "traded"
-        else:
-            kind = "weak"
-        interval = None
-        if kind not in ("flat", "at bound"):
-            low, high = (v.value(U.z[i] + sign * quantile * errors[i]) for sign in (-1, 1))
-            interval = (low, high)
-        found.append(
-            Parameter(
-                name=v.name,
-                value=value,
-                start=start,
-                kind=kind,
-                error=float("nan") if in_flat else float(errors[i] * unit),
-                interval=interval,
-                alone=float(alone[i] * unit),
-                partner=None if j is None else U.variables[j].name,
-                correlation=0.0 if j is None else float(U.correlation[i, j]),
-            )
-        )
-    return found
+    return lagged / power if power > 0 else 0.0

@@ -17,8 +17,11 @@ _ZERO_OR_MORE = {
 }  # fmt: skip
 _ANY_SIGN = {
     "rest_angle": 0.1, "rest_curvature": 0.1, "delay": 0.01, "rotation": 0.01, "shift_x": 0.01, "shift_y": 0.01,
+    "clamp": 0.1,
     "K": 1.0, "B": 0.1,
 }  # fmt: skip
+_ARBITRARY_ZERO = ("delay", "rotation", "shift_x", "shift_y", "clamp")  # whose smallness says nothing
+_ROOM = 10.0  # a number that may be zero is seen up to so many times its usual size: its interval still says something
 _OFF_BOUND = 0.05  # of the usual size, or of a bounded range: how far from a bound a fit starts
 
 
@@ -31,6 +34,11 @@ class Variable:
     scale: float
     lower: float  # of z
     upper: float
+
+    @property
+    def arbitrary_zero(self) -> bool:
+        """Whether it is counted from a place or time that somebody chose."""
+        return self.name in _ARBITRARY_ZERO
 
     def value(self, z: float) -> float:
         """The number."""
@@ -121,6 +129,31 @@ class Prior:
         W = np.zeros((len(columns), len(variables)))
         W[:, columns] = root.T
         return W, mean
+
+
+def room(variables: Sequence[Variable], z: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+    """How far each unknown may be off before it counts as unseen, in units of z, (G,).
+
+    A factor of e of what is positive; ten times its size, at least the usual one, of what may be zero. An inertia about
+    the centre of mass is positive by its logarithm, but it vanishes without harm, and its logarithm then takes up what
+    the data do not see of mass and centre of mass: its room is at least the inertia of a rod of its link's mass and
+    length.
+
+    Args:
+        variables, z: The unknowns.
+        values: All numbers of the plant at z, by name.
+    """
+    return np.array([_room(v, float(x), values) for v, x in zip(variables, z, strict=True)])
+
+
+def _room(v: Variable, x: float, values: Mapping[str, float]) -> float:
+    if not v.log:
+        return _ROOM * max(abs(x), 1.0)
+    group, _, quantity = v.name.partition(".")
+    if not quantity.startswith("inertia["):
+        return 1.0
+    mass, length = (values[f"{group}.{quantity.replace('inertia', name)}"] for name in ("mass", "length"))
+    return max(1.0, mass * length**2 / 12 / v.value(x))
 
 
 def variables_of(

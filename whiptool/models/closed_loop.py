@@ -196,9 +196,9 @@ class ClosedLoop:
         )
 
     def reference(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Desired positions, velocities and accelerations (n_arm, 1) at time t (Eq. 1), at rest after D."""
+        """Desired positions, velocities and accelerations (n_arm, 1) at time t (Eq. 1); at rest before 0, after D."""
         P = self.parameters
-        s = ca.fmin(t / P["D"], 1)
+        s = ca.fmax(ca.fmin(t / P["D"], 1), 0)
         span = P["q_f"] - P["q_i"]
         position = P["q_i"] + span * (10 * s**3 - 15 * s**4 + 6 * s**5)  # Eq. 1
         velocity = span * (30 * s**2 - 60 * s**3 + 30 * s**4) / P["D"]

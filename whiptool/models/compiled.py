@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,7 @@ class CompiledRollout:
             works here.
         free: Names of parameters along which derivatives will be taken although their terms are zero in this model.
         threads: Default: one per core.
+        sag: How far from postures `q_i` (B, a) the arm stands when strikes begin [rad], (B, a) or (a,); None: there.
 
     Raises:
         InputError: An argument is out of range, or the law does not fit the arm.
@@ -50,12 +51,14 @@ class CompiledRollout:
         engine: str | None = None,
         free: Sequence[str] = (),
         threads: int | None = None,
+        sag: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         if engine is not None and engine not in RUNGS:
             raise InputError("engine", engine, ", ".join(RUNGS))
         self.model, self.controller = model, controller
         self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
         self.free = tuple(free)
+        self._sag = sag
         self.structure = Structure.of(model, controller, free=free)
         controller.check_fits(model.arm)
         self._rung, self._threads = engine or wanted_rung(), threads
@@ -130,20 +133,30 @@ class CompiledRollout:
         return _approach(out[:, 0], self.model.arm.n), out[:, :, 8]
 
     def tip_path(
-        self, strikes: np.ndarray, *, t_stay: float, rate: float, names: Sequence[str] = ()
+        self,
+        strikes: np.ndarray,
+        *,
+        t_stay: float,
+        rate: float,
+        names: Sequence[str] = (),
+        models: Sequence[Model] | None = None,
+        controllers: Sequence[Controller] | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The tip's path at equal times, and its exact derivatives.
 
         Args:
             strikes, t_stay: As in `approach`.
             rate: Samples a second [1/s].
-            names: m parameters, as in `gradient`.
+            names: m parameters, as in `gradient`; none where strikes differ in their models.
+            models, controllers: As in `approach`.
 
         Returns:
             Times (S,) [s]; positions (B, S, 2) [m], NaN after a strike's end; derivatives (B, S, 2, m).
         """
         strikes = self._strikes(strikes)
         number("rate", rate, low=0, strict=True)
+        if names and (models or controllers):
+            raise InputError("names", list(names), "none, where strikes differ in their models")
         S = int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1
         B, m = len(strikes), len(names)
         directions, engine = self.directions(names), self._engine(forward=m > 0)
@@ -155,7 +168,9 @@ class CompiledRollout:
             if m:
                 batch = self._forward_batch(strikes[part], targets, t_stay, directions)
             else:
-                batch = self._batch(strikes[part], targets, t_stay)
+                batch = self._batch(
+                    strikes[part], targets, t_stay, models and models[part], controllers and controllers[part]
+                )
             batch.rate, batch.samples = rate, S
             path = engine(batch, threads=self._threads).path
             assert path is not None
@@ -238,13 +253,13 @@ class CompiledRollout:
         models: Sequence[Model] | None = None,
         controllers: Sequence[Controller] | None = None,
     ) -> Batch:
-        a, n, B = self.model.arm.n, self.model.n, len(strikes)
+        n, B = self.model.n, len(strikes)
         period = self.controller.control_period
         h, h_last, steps, hold = time_grid(strikes[:, -1] + t_stay, timestep=self.timestep, control_period=period)
         x0 = np.zeros((B, 2 * n))
         if models is None and controllers is None:
             p = self.structure.pack(self.model, self.controller, strikes)
-            x0[:, :n] = start_posture(self.model, strikes[:, :a])
+            x0[:, :n] = start_posture(self.model, self._starts(strikes))
         else:
             p = np.empty((B, self.structure.n_parameters))
             pairs = zip(models or [self.model] * B, controllers or [self.controller] * B, strict=True)
@@ -254,8 +269,13 @@ class CompiledRollout:
             for model, controller, which in groups.values():
                 self._check_within(model, controller)
                 p[which] = self.structure.pack(model, controller, strikes[which])
-                x0[which, :n] = start_posture(model, strikes[which, :a])
+                x0[which, :n] = start_posture(model, self._starts(strikes[which]))
         return Batch(p, x0, np.ascontiguousarray(targets), h, h_last, steps, hold)
+
+    def _starts(self, strikes: np.ndarray) -> np.ndarray:
+        """Where the arm stands when strikes begin, (B, a) [rad]."""
+        q_i = strikes[:, : self.model.arm.n]
+        return q_i if self._sag is None else q_i + self._sag(q_i)
 
     def _check_within(self, model: Model, controller: Controller) -> None:
         needs = Structure.of(model, controller)

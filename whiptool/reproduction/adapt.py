@@ -16,11 +16,14 @@ from whiptool.adaptation.twins import FAMILIES
 from whiptool.objective import HIT_RADIUS
 from whiptool.plots import COLORS, STYLE
 from whiptool.report import Picture, Section, Table, Text
+from whiptool.reproduction.calibration import calibration, forecasts, stated
 from whiptool.reproduction.context import Context
+from whiptool.reproduction.scores import Scores
 from whiptool.reproduction.trials import Trials, reliability
 from whiptool.reproduction.unknown_whips import (
     LOOKING,
     METHODS,
+    OWN_PLAN,
     LookUnit,
     OpeningUnit,
     PolicyUnit,
@@ -36,6 +39,7 @@ RADII = (0.06, 0.03, 0.01)  # [m]
 # mean trials within 6 cm, of `wiggle`, and within 3 cm (not of `wiggle`); median miss of the second strike [m]
 GOALS = {"kin": (1.1, 1.05, 1.3, 0.005), "strange": (1.4, 1.15, 1.7, 0.01), "stranger": (1.5, 1.25, 1.9, 0.015)}
 TRANSFER_GOAL, CALIBRATION_GOAL, TIME_GOAL = 0.95, 0.1, 2.0
+COVERAGE_GOAL, BEYOND_GOAL = 0.05, 0.03
 _OPENING = dict.fromkeys(METHODS, "robust") | {"nominal": "nominal", "correction": "nominal", "uniform": "uniform"}
 _CHAIN = dict.fromkeys(FAMILIES, ("adapt", "still", "wiggle")) | {"kin": ("adapt", "still", "wiggle", "uniform")}
 _LINES = {  # dashed: what learns nothing about the whip
@@ -43,6 +47,7 @@ _LINES = {  # dashed: what learns nothing about the whip
     "robust": ("pink", "--"),
     "correction": ("green", "--"),
     "sac": ("sky", "--"),
+    "told": ("vermilion", "--"),
     "uniform": ("black", "-"),
     "adapt": ("blue", "-"),
     "still": ("orange", "-"),
@@ -71,7 +76,7 @@ class Size:
     transfers: int = 10
     further: int = 20
     rig_transfers: int = 2
-    episodes: int = 100
+    episodes: int = 500  # the paper's
 
     @classmethod
     def of(cls, context: Context) -> Size:
@@ -79,7 +84,8 @@ class Size:
         if context.quick:
             return cls(whips=1, targets=1, rigs=1, transfers=1, further=2, rig_transfers=0, episodes=4)
         few = max(1, context.whips // 5)
-        return cls(whips=context.whips, rigs=min(20, few), transfers=min(10, few))
+        rigs = min(20, few) if context.tries("chain") else 0
+        return cls(whips=context.whips, targets=context.whip_targets, rigs=rigs, transfers=min(10, few))
 
 
 def sections(context: Context) -> list[Section]:
@@ -87,8 +93,8 @@ def sections(context: Context) -> list[Section]:
     size, quick = Size.of(context), context.quick
     scene = dataclasses.replace(context.comparison.scene, zone=ZONE, targets=POOL)
     study = Study(scene=scene, strikes=2 if quick else 6, thorough=not quick)
-    work, policy, excluded = _plan_work(context, study, size)
-    results = context.store.results([*work, policy], desc="unknown whips")
+    work, policies, excluded = _plan_work(context, study, size)
+    results = context.store.results([*work, *policies], desc="unknown whips")
     rigs, again, passed = _rigs(context, study, size)
     if quick:
         rigs = rigs[-1:]  # a strike through servos and images takes long
@@ -98,7 +104,7 @@ def sections(context: Context) -> list[Section]:
     for family in FAMILIES:
         for method in METHODS:
             if method == "sac":
-                trials = [x for name, x in results[policy.name].items() if name.rsplit("-", 1)[0] == family]
+                trials = [results[p.name][f"{f}-{seed}"] for p in policies for f, seed, _ in p.whips if f == family]
             else:
                 trials = [results[u.name]["trials"] for u in work if (u.family, u.method) == (family, method)]
             if any(trials):
@@ -113,6 +119,7 @@ def sections(context: Context) -> list[Section]:
         ]
         for f in FAMILIES
     }
+    through = [Section("Through servos, images and tracker", _chain(rigs, chain, passed))]
     return [
         Section(
             "Unknown whips, strike by strike",
@@ -127,32 +134,36 @@ def sections(context: Context) -> list[Section]:
         Section(
             "Whips once learned, at other targets", [Text(_further(again, further)), Table(_transfer(learned, whole))]
         ),
-        Section("Through servos, images and tracker", _chain(rigs, chain, passed)),
-        Section("Does the planner know what it does not know?", _calibration(learned, whole)),
+        *(through if context.tries("chain") else []),
+        Section("Does the planner know what it does not know?", calibration(learned, whole)),
         Section("Goals", [Table(_goals(table, learned, rigs, chain, whole))]),
     ]
 
 
-def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUnit], PolicyUnit, int]:
+def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUnit], list[PolicyUnit], int]:
     """The units of all whips; on the way there the first plans, which are worked on at once."""
-    whips = [(family, seed) for family in FAMILIES for seed in range(size.whips)]
+    # a killed run has about as many of each family
+    whips = [(family, seed) for seed in range(size.whips) for family in FAMILIES]
     within = {whip: study.within(study.twin(*whip)).tolist() for whip in whips}
     excluded = sum(not own for own in within.values())
     targets = {whip: tuple(own[: size.targets]) for whip, own in within.items() if own}
-    used = sorted({t for own in targets.values() for t in own})
-    look = LookUnit(study=study)
+    used = sorted({(study.material(seed), t) for (_, seed), own in targets.items() for t in own})
+    materials = sorted({material for material, _ in used})
+    struck = {method for method in METHODS if context.tries(method) and method not in OWN_PLAN}
+    looks = {material: LookUnit(study=study, material=material) for material in materials if context.tries("wiggle")}
     openings = {
-        (kind, t): OpeningUnit(study=study, kind=kind, target=t)
-        for kind in sorted(set(_OPENING.values()))
-        for t in used
+        (kind, material, t): OpeningUnit(study=study, kind=kind, material=material, target=t)
+        for kind in sorted({kind for method, kind in _OPENING.items() if method in struck})
+        for material, t in used
     }
-    known = context.store.results([look, *openings.values()], desc="first plans")
+    known = context.store.results([*looks.values(), *openings.values()], desc="first plans")
     work = []
     # fits that cannot explain what was seen take long, and a few of them say all
     uniform = {"kin": size.whips, "strange": size.transfers, "stranger": 0}
     for (family, seed), own in targets.items():
+        material = study.material(seed)
         for method in METHODS:
-            if method == "sac" or (method == "uniform" and seed >= uniform[family]):
+            if method == "sac" or not context.tries(method) or (method == "uniform" and seed >= uniform[family]):
                 continue
             further = method == "adapt" and seed < size.transfers
             work.append(
@@ -162,15 +173,24 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
                     seed=seed,
                     method=method,
                     targets=own,
-                    openings={} if method in LOOKING else {t: known[openings[_OPENING[method], t].name] for t in own},
-                    look=tuple(known[look.name]["strike"]) if method == "wiggle" else (),
+                    openings={}
+                    if method in OWN_PLAN
+                    else {t: known[openings[_OPENING[method], material, t].name] for t in own},
+                    look=tuple(known[looks[material].name]["strike"]) if method == "wiggle" else (),
                     transfer=tuple(within[family, seed][size.targets :][: size.further]) if further else (),
                 )
             )
-    policy = PolicyUnit(
-        study=study, whips=tuple((f, s, own) for (f, s), own in targets.items()), episodes=size.episodes
-    )
-    return work, policy, excluded
+    policies = [
+        PolicyUnit(
+            study=study,
+            material=material,
+            whips=tuple((f, s, own) for (f, s), own in targets.items() if study.material(s) == material),
+            episodes=size.episodes,
+        )
+        for material in materials
+        if context.tries("sac")
+    ]
+    return work, policies, excluded
 
 
 def _rigs(
@@ -198,9 +218,11 @@ def _rigs(
 
 def _about(study: Study, size: Size, excluded: int) -> str:
     return (
-        "Whips that are not the model, drawn by seed. kin: other k, b, m, l, by up to 30 %. strange: 36 nodes, "
-        "tapers with random deviations, a bead, a soft joint, rest curvature, springs that stiffen with the bend, less "
-        "drag along the whip than across, friction, a wrong arm and a late camera. stranger: twice these deviations. "
+        "Whips of cotton, leather, nylon, silicone or steel chain, in turn, drawn by seed from what handbooks and data "
+        "sheets say of each (whiptool.adaptation.materials). The prior is that of the material, which is all that is "
+        "known of a whip; the model is the uniform whip in the middle of it. kin: uniform. strange: 36 nodes, a cone "
+        "with random deviations, a bead, a soft joint, rest curvature, springs that stiffen with the bend, less drag "
+        "along the whip than across, uneven friction, a wrong arm and a late camera. stranger: twice these deviations. "
         f"{size.whips} whips of each family, {size.targets} targets each, out of {POOL} in a circle of radius "
         f"{ZONE.radius:g} m around {ZONE.centre} m, those within the whip's own reach"
         + (f"; {excluded} whips reach none of them and are left out. " if excluded else ". ")
@@ -332,50 +354,6 @@ def _whole(rigs: list[RigUnit], chain: dict[str, dict[str, Any]]) -> dict[tuple[
     return found
 
 
-def _stated(results: Sequence[dict[str, Any]], *, first: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Stated probabilities of all strikes that were struck, or of first ones, and whether they hit."""
-    pairs = []
-    for r in results:
-        trials = [(t["probability"][:1] if first else t["probability"], t["miss"]) for t in r["trials"]]
-        trials += [([t["probability"]], [t["miss"]]) for t in r["transferred"] if not first]
-        pairs += [(p, x is not None and x <= HIT_RADIUS) for ps, misses in trials for p, x in zip(ps, misses)]
-    return np.array([p for p, _ in pairs]), np.array([hit for _, hit in pairs])
-
-
-def _calibration(
-    learned: dict[str, list[dict[str, Any]]], whole: dict[str, list[dict[str, Any]]]
-) -> list[Text | Table | Picture]:
-    parts: list[Text | Table | Picture] = [
-        Text(
-            "The planner states the probability of a hit for every strike. Of all strikes with about the same stated "
-            "probability, this share hit. The expected calibration error is the mean distance between the two "
-            "(Naeini et al. 2015)."
-        )
-    ]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((11, 7), layout="constrained")
-        axes = figure.subplots(2, len(FAMILIES), sharey=True, sharex=True)
-        for row, (through, by_family) in zip(axes, (("tip seen", learned), ("whole chain", whole)), strict=True):
-            for ax, (family, results) in zip(row, by_family.items(), strict=True):
-                if results:
-                    plot_reliability(ax, *_stated(results), title=f"{family}, {through}")
-                else:
-                    ax.set_visible(False)
-                ax.label_outer()
-    return [*parts, Picture(figure, "Stated against observed; the area of a dot grows with the number of strikes.")]
-
-
-def plot_reliability(ax: Axes, stated: np.ndarray, observed: np.ndarray, *, title: str = "") -> Axes:
-    """Observed share of hits against the stated probability; arguments as for `reliability`."""
-    bins, error = reliability(stated, observed)
-    ax.plot([0, 100], [0, 100], color="0.6", linestyle="--", linewidth=1.2)
-    ax.plot(*100 * bins[:, :2].T, color=COLORS["blue"], linewidth=1.2)
-    ax.scatter(*100 * bins[:, :2].T, s=30 + 300 * bins[:, 2] / len(stated), color=COLORS["blue"], alpha=0.7, zorder=3)
-    ax.set(xlabel="stated probability of a hit [%]", ylabel="strikes that hit [%]", xlim=(-4, 104), ylim=(-4, 104))
-    ax.set_title(f"{title}\n{len(stated)} strikes, calibration error {error:.3f}", fontsize=10)
-    return ax
-
-
 def _goals(
     table: dict[tuple[str, str], Trials],
     learned: dict[str, list[dict[str, Any]]],
@@ -392,10 +370,19 @@ def _goals(
         said = ["" if x is None else f"{x:.3g}" for x in (tip, full)]
         rows.append([what, f"{'>=' if least else '<='} {goal:g}", *said, "yes" if met else "no"])
 
+    def add_scores(family: str, firsts: list[Scores | None], alls: list[Scores | None]) -> None:
+        worse = [x and x.brier - x.brier_constant for x in firsts]
+        add(f"{family}: Brier score of first strikes, less that of the best constant forecast", 0.0, *worse)
+        for i, level in enumerate((0.5, 0.9)):
+            off = [x and abs(x.within[i] - level) for x in alls]
+            add(f"{family}: share of misses within the predicted {level:.0%}, distance from it", COVERAGE_GOAL, *off)
+        add(f"{family}: misses beyond all samples", BEYOND_GOAL, *(x and x.beyond for x in alls))
+
     for family, (six, wiggled, three, miss) in GOALS.items():
         for method, said in (("adapt", "unseen"), ("still", "filmed as it hangs"), ("wiggle", "after a slow movement")):
             tip, full = table.get((family, method)), whole.get((family, method))
-            assert tip
+            if tip is None:
+                continue
             what, goal = f"{family}, {said}: ", wiggled if method == "wiggle" else six
             add(what + "mean trials within 6 cm", goal, tip.trials(0.06).mean(), full and full.trials(0.06).mean())
             if method == "wiggle":
@@ -406,8 +393,10 @@ def _goals(
     for family in FAMILIES:
         both = learned[family], through[family]
         for what, first in (("calibration error", False), ("calibration error of first strikes", True)):
-            errors = [reliability(*_stated(r, first=first))[1] if r else None for r in both]
+            errors = [reliability(*stated(r, first=first))[1] if r else None for r in both]
             add(f"{family}: {what}", CALIBRATION_GOAL, *errors)
+        firsts, alls = ([Scores.of(forecasts(r, first=one)) if r else None for r in both] for one in (True, False))
+        add_scores(family, firsts, alls)
         again = [[x for r in results for x in r["transferred"]] for results in both]
         shares = [float((_misses(x) <= HIT_RADIUS).mean()) if x else None for x in again]
         if any(again):

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,43 +10,21 @@ from matplotlib.figure import Figure
 from whiptool.comparison import LearnerUnit, Scene, SearchUnit, collect
 from whiptool.comparison.plan import CHUNK, deterministic
 from whiptool.comparison.tables import main_table
+from whiptool.comparison.zones import QUICK_STRIKES, SPEED, STRIKES, fast_region
 from whiptool.plots import COLORS, STYLE
 from whiptool.report import Picture, Section, Table, Text
 from whiptool.reproduction.context import Context
-from whiptool.strike import default_bounds
-from whiptool.zone import Region, reachable_region
+from whiptool.zone import Region
 
-SPEED = 3.0  # [m/s]
 HIT_RADIUS = 0.01  # [m]
 SEARCHES = ("directl", "ga", "cmaes", "gradient", "random")
 LIBRARY = 20_000  # strikes: as many as the learner trains on
 
 
-@dataclass(frozen=True, kw_only=True)
-class RegionUnit:
-    """Where the tip of random strikes passes with a speed."""
-
-    scene: Scene
-    strikes: int
-
-    @property
-    def name(self) -> str:
-        """Speed and strikes."""
-        return f"region-{SPEED:g}-{self.strikes}"
-
-    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Strike."""
-        bounds = default_bounds(self.scene.model.arm)
-        region = reachable_region(self.scene.rollout(threads), bounds, speed=SPEED, count=self.strikes)
-        return {"corners": region.corners.tolist(), "cell": region.cell}
-
-
 def sections(context: Context) -> list[Section]:
     """The region's map, and trials to hit for searches, cold and from a library, and for SAC with hindsight."""
     quick, base = context.quick, context.comparison.scene
-    unit = RegionUnit(scene=base, strikes=8_192 if quick else 1_000_000)
-    known = context.store.results([unit], desc="region")[unit.name]
-    region = Region(np.array(known["corners"]), known["cell"])
+    region = fast_region(base, context.store, quick=quick)
     scene = dataclasses.replace(base, zone=region, radii=(HIT_RADIUS,), targets=20 if quick else 300)
     library = 1_000 if quick else LIBRARY
     seeds = range(1 if quick else context.comparison.seeds)
@@ -83,10 +58,11 @@ def sections(context: Context) -> list[Section]:
             [
                 Text(
                     f"Targets anywhere that the tip reaches with at least {SPEED:g} m/s: {region.area:.2f} m^2 in "
-                    f"cells of {100 * region.cell:g} cm, found with {unit.strikes:,} random strikes. Hit radius "
-                    f"{100 * HIT_RADIUS:g} cm. 'From a library': the search first strikes what passed nearest to the "
-                    f"target among {library:,} random strikes (training trials in the table), then searches a tenth "
-                    "of the box around it; 'library' strikes what passed near, nearest first, and nothing else. SAC "
+                    f"cells of {100 * region.cell:g} cm, found with {QUICK_STRIKES if quick else STRIKES:,} random "
+                    f"strikes. Hit radius {100 * HIT_RADIUS:g} cm. 'From a library': the search first strikes what "
+                    f"passed nearest to the target among {library:,} random strikes (training trials in the table), "
+                    "then searches a tenth of the box around it; 'library' strikes what passed near, nearest first, "
+                    "and nothing else. SAC "
                     "is trained with hindsight on a reward that falls with the logarithm of the miss distance."
                 ),
                 Picture(map_of(region, base), "Where the tip is fast. Cross: shoulder.", vector=False),

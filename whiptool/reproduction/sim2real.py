@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 from whiptool.comparison import Scene
 from whiptool.errors import WhiptoolError
+from whiptool.identification.classes import Parameter
 from whiptool.identification.fit import Options, RecordingFit, fit, predict
 from whiptool.identification.plant import Plant
 from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.similarity import Similarity, similarity
-from whiptool.identification.uncertainty import Parameter
 from whiptool.models import CompiledRollout
 from whiptool.plots import COLORS, STYLE
 from whiptool.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
@@ -76,8 +76,8 @@ def sections(context: Context) -> list[Section]:
     done.sort(key=lambda unit: (unit.number % plan.iterations, unit.number))
     recordings = [recording(unit, results[unit.name]) for unit in done]
     plant = Plant(scene.model, controller())
-    measured = Options(drive="joints", knots=KNOTS, replicates=50 if quick else 100)
-    commanded = Options(drive="command", replicates=measured.replicates)
+    measured = Options(drive="joints", knots=KNOTS)
+    commanded = Options(drive="command")
     whip = fit(recordings[:LEARN_FROM], plant, OF_WHIP, options=measured)
     whole = fit(recordings[:LEARN_FROM], whip.plant, OF_ARM, options=commanded)
     predicted = {

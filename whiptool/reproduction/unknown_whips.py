@@ -1,7 +1,7 @@
 """Trials with whips that are not the model: the units of work of `whiptool.reproduction.adapt`.
 
-Targets come from one pool, and a plan made from the prior alone depends on the target only: it is made once, and struck
-with every whip.
+Targets come from one pool, and a plan made from the prior alone depends on material and target only: it is made once,
+and struck with every whip of the material.
 """
 
 from __future__ import annotations
@@ -16,13 +16,15 @@ import numpy as np
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import choose_wiggle
 from whiptool.adaptation.loop import Adaptation, Options, Step
+from whiptool.adaptation.materials import MATERIALS, stock_of_material
 from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import Learned, update
-from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.adaptation.prior import Belief, default_prior, knowing
 from whiptool.adaptation.twins import FAMILIES, Twin, draw_twin
 from whiptool.comparison import LearnerUnit, Scene
 from whiptool.models.compiled import CompiledRollout
+from whiptool.models.parameters import Model
 from whiptool.objective import HIT_RADIUS, Target
 from whiptool.strike import Strike
 
@@ -35,9 +37,11 @@ METHODS = {
     "adapt": "the robust strike; then identified and planned again after every strike",
     "still": "the same, after the whip was filmed once as it hangs",
     "wiggle": "the same, after one slow movement instead, chosen for what it tells",
+    "told": "the strike that hits most of the whips that have the true length, which is told, repeated",
 }
 LEARNING = ("uniform", "adapt", "still", "wiggle")
-LOOKING = ("still", "wiggle")  # and so with a first plan of each whip's own
+LOOKING = ("still", "wiggle")
+OWN_PLAN = (*LOOKING, "told")  # their first plan is each whip's own
 FINEST = 0.01  # [m], a strike that is judged to miss by no more is the last
 BRIEF = Effort(pool=96, polished=4, steps=4, whips=8, population=6, rounds=2)
 _CLEAR = 0.05  # [m] by which a target has to be within a whip's reach
@@ -47,8 +51,12 @@ _CLEAR = 0.05  # [m] by which a target has to be within a whip's reach
 class Study:
     """What all trials share.
 
+    The owner of a whip knows what it is made of and nothing else of it: not its length, nor its diameter. Materials
+    take turns by seed. What he plans with, corrects along or trains on is the uniform whip in the middle of what his
+    material may be.
+
     Args:
-        scene: The model that is believed, its controller, and a pool of targets, of which every whip gets some.
+        scene: The arm, its controller, and a pool of targets, of which every whip gets some.
         strikes: With one whip at one target, at most.
         thorough: Plan with the usual effort; False: with little, to see that all works.
     """
@@ -57,19 +65,27 @@ class Study:
     strikes: int = 6
     thorough: bool = True
 
-    @property
-    def prior(self) -> Belief:
-        """Of every whip."""
-        return default_prior(self.scene.model, self.scene.controller)
+    def material(self, seed: int) -> str:
+        """Of a whip."""
+        return list(MATERIALS)[seed % len(MATERIALS)]
 
-    @property
-    def uniform(self) -> Belief:
+    def model(self, material: str) -> Model:
+        """What the owner of a whip has for it."""
+        return stock_of_material(material).owned(self.scene.model)
+
+    def prior(self, material: str) -> Belief:
+        """Of every whip of a material."""
+        return default_prior(self.scene.model, self.scene.controller, stock=stock_of_material(material))
+
+    def uniform(self, material: str) -> Belief:
         """Of whips that are uniform: the family `kin`, but not the others."""
-        return default_prior(self.scene.model, self.scene.controller, whip="uniform")
+        stock = stock_of_material(material)
+        return default_prior(self.scene.model, self.scene.controller, whip="uniform", stock=stock)
 
     def twin(self, family: str, seed: int) -> Twin:
         """An unknown whip."""
-        return draw_twin(family, seed, self.scene.model, self.scene.controller)
+        stock = stock_of_material(self.material(seed))
+        return draw_twin(family, seed, self.scene.model, self.scene.controller, stock)
 
     def within(self, twin: Twin) -> np.ndarray:
         """Numbers of the pool's targets that a whip can reach, in an order of its own."""
@@ -93,7 +109,7 @@ class Study:
 
     def named(self, *parts: object) -> str:
         """Of a unit."""
-        return "-".join(map(str, ["adapt", *parts, self.strikes, *([] if self.thorough else ["brief"])]))
+        return "-".join(map(str, ["adapt-materials", *parts, self.strikes, *([] if self.thorough else ["brief"])]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,17 +118,18 @@ class OpeningUnit:
 
     study: Study
     kind: str
+    material: str
     target: int
 
     @property
     def name(self) -> str:
-        """Kind and target."""
-        return self.study.named("opening", self.kind, self.target)
+        """Kind, material and target."""
+        return self.study.named("opening", self.kind, self.material, self.target)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Plan."""
-        s = self.study
-        belief = {"nominal": certain(s), "robust": s.prior, "uniform": s.uniform}[self.kind]
+        s, known = self.study, {"nominal": certain, "robust": Study.prior, "uniform": Study.uniform}
+        belief = known[self.kind](s, self.material)
         rng = np.random.default_rng([s.scene.target_seed, self.target])
         found = plan(
             belief, s.target(self.target), rng=rng, t_stay=s.scene.t_stay, effort=FIRST if s.thorough else BRIEF
@@ -120,27 +137,29 @@ class OpeningUnit:
         return asdict(found)
 
 
-def certain(study: Study) -> Belief:
-    """That the whip is the model."""
-    return replace(study.uniform, covariance=1e-8 * study.uniform.covariance)
+def certain(study: Study, material: str) -> Belief:
+    """That the whip is the owner's model."""
+    uniform = study.uniform(material)
+    return replace(uniform, covariance=1e-8 * uniform.covariance)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LookUnit:
-    """The slow movement, chosen once."""
+    """The slow movement, chosen once for a material."""
 
     study: Study
+    material: str
 
     @property
     def name(self) -> str:
-        """There is one."""
-        return self.study.named("look")
+        """Material."""
+        return self.study.named("look", self.material)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Choose it."""
         rng = np.random.default_rng(self.study.scene.target_seed)
-        candidates = 64 if self.study.thorough else 8
-        strike, told = choose_wiggle(self.study.prior, rng=rng, t_stay=self.study.scene.t_stay, candidates=candidates)
+        candidates, prior = 64 if self.study.thorough else 8, self.study.prior(self.material)
+        strike, told = choose_wiggle(prior, rng=rng, t_stay=self.study.scene.t_stay, candidates=candidates)
         return {"strike": strike.vector.tolist(), "told": told}
 
 
@@ -169,8 +188,8 @@ class WhipUnit:
 
     @property
     def name(self) -> str:
-        """Whip and method."""
-        return self.study.named(self.family, self.seed, self.method)
+        """Whip, method, how many targets."""
+        return self.study.named(self.family, self.seed, self.method, len(self.targets))
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike."""
@@ -195,12 +214,26 @@ class WhipUnit:
         seen = self._port(self.targets[0]).strike(Strike.from_vector(self.look), 0, None)
         assert seen.recording is not None
         recording = replace(seen.recording, target=None)  # meant for none, and of use to its end
-        return recording, update(self.study.prior, [recording], seed=self.seed)
+        return recording, update(self.study.prior(self.material), [recording], seed=self.seed)
+
+    @property
+    def material(self) -> str:
+        """Of the whip."""
+        return self.study.material(self.seed)
+
+    def _prior(self) -> Belief:
+        s = self.study
+        if self.method == "uniform":
+            return s.uniform(self.material)
+        if self.method == "told":
+            true = s.twin(self.family, self.seed).model.whip.length
+            return knowing(s.prior(self.material), {"profile.length": true})
+        return s.prior(self.material)
 
     def _adapted(self, number: int, looked: tuple[Any, Learned] | None) -> list[Step]:
         s = self.study
         adaptation = Adaptation(
-            s.uniform if self.method == "uniform" else s.prior,
+            self._prior(),
             self._port(number),
             s.target(number),
             s.options(adapt=self.method in LEARNING, still=self.method == "still", seed=self.seed),
@@ -212,7 +245,7 @@ class WhipUnit:
 
     def _corrected(self, number: int) -> dict[str, Any]:
         s, port = self.study, self._port(number)
-        model = CompiledRollout(s.scene.model, s.scene.controller, timestep=5e-4)
+        model = CompiledRollout(s.model(self.material), s.scene.controller, timestep=5e-4)
         strike, misses = Strike.from_vector(as_plan(self.openings[number]).strike), []
         for k in range(1, s.strikes + 1):
             seen = port.strike(strike, k, None)
@@ -227,7 +260,7 @@ class WhipUnit:
         return {
             "target": number,
             "miss": padded([step.outcome.true_miss for step in strikes], self.study.strikes),
-            "probability": [step.plan.probability for step in strikes],
+            **predictions(strikes),
             "seconds": times(strikes),
             "refused": sum(len(step.learned.refused) for step in steps if step.learned),
         }
@@ -238,27 +271,34 @@ class WhipUnit:
         effort = NEXT if s.thorough else BRIEF
         chosen = plan(belief, s.target(number), rng=rng, t_stay=s.scene.t_stay, effort=effort)
         seen = self._port(number).strike(Strike.from_vector(chosen.strike), 1, None)
-        return {"target": number, "miss": seen.true_miss, "probability": chosen.probability}
+        return {
+            "target": number,
+            "miss": seen.true_miss,
+            "probability": chosen.probability,
+            "predicted": chosen.misses,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyUnit:
-    """SAC, trained on the model, strikes with every whip, seeing where its tip came nearest.
+    """SAC, trained on the model of a material, strikes with every whip of it, seeing where its tip came nearest.
 
     Args:
         study: See there.
+        material: Of the whips.
         whips: Family, seed, and numbers of the targets of each.
         episodes: Of training, of 100 strikes.
     """
 
     study: Study
+    material: str
     whips: tuple[tuple[str, int, tuple[int, ...]], ...]
-    episodes: int = 100
+    episodes: int = 500  # the paper's
 
     @property
     def name(self) -> str:
         """Its whips are counted, not named."""
-        return self.study.named("sac", len(self.whips), self.episodes)
+        return self.study.named("sac", self.material, len(self.whips), self.episodes)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train, and strike."""
@@ -267,13 +307,13 @@ class PolicyUnit:
 
         s = self.study
         unit = LearnerUnit(
-            scene=s.scene,
+            scene=replace(s.scene, model=s.model(self.material)),
             method="sac",
             observation="relative",
             seed=0,
             episodes=self.episodes,
             random_episodes=max(1, self.episodes // 10),
-            task="adapt-",
+            task=f"adapt-{self.material}-",
         )
         with one_torch_thread():
             learner = unit.trained(folder, threads)[0].learner
@@ -296,7 +336,15 @@ class PolicyUnit:
 
 def as_plan(table: Mapping[str, Any]) -> Plan:
     """What `OpeningUnit` found."""
-    return Plan(**{**table, "strike": tuple(table["strike"])})
+    return Plan(**{**table, "strike": tuple(table["strike"]), "misses": tuple(table["misses"])})
+
+
+def predictions(strikes: Sequence[Step]) -> dict[str, list]:
+    """What was stated before each strike: the probability of a hit, and the sample of the miss distance."""
+    return {
+        "probability": [step.plan.probability for step in strikes],
+        "predicted": [step.plan.misses for step in strikes],
+    }
 
 
 def times(strikes: Sequence[Step]) -> list[float]:

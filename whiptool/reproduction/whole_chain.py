@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from whiptool.adaptation.loop import Adaptation
+from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.planner import plan
 from whiptool.adaptation.prior import Belief, driven
 from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.plant import Plant
-from whiptool.reproduction.unknown_whips import FINEST, Study, padded, times
+from whiptool.reproduction.unknown_whips import FINEST, Study, padded, predictions, times
 from whiptool.rig.emulator.motor import HARDWARE
 
 _SLOW_POOL = 512  # candidates of a brief plan, most of which ask too much of motors
@@ -31,6 +32,7 @@ def prepared(study: Study, family: str, seed: int, number: int, **changes: Any) 
         camera="twin",
         family=family,
         seed=seed,
+        material=study.material(seed),
         max_strikes=study.strikes,
     )
     adaptation = prepare(replace(options, **changes))
@@ -44,7 +46,8 @@ def motors_reach(study: Study, family: str, seed: int, number: int) -> bool:
     adaptation = prepared(study, family, seed, number)
     usual, controller = adaptation.options, adaptation.prior.plant.controller
     assert controller is not None
-    twin = draw_twin(family, seed, study.scene.model, controller)  # a rig's controller is not the scene's
+    stock = stock_of_material(study.material(seed))
+    twin = draw_twin(family, seed, study.scene.model, controller, stock)  # a rig's controller is not the scene's
     truth = Plant(driven(twin.model, HARDWARE), twin.controller)
     known = Belief(truth, ("delay",), np.zeros(1), 1e-8 * np.eye(1))
     effort = replace(usual.later, whips=1, **({} if study.thorough else {"polished": 4, "rounds": 0}))
@@ -114,7 +117,7 @@ class RigUnit:
         return {
             "target": self.target,
             "miss": padded([step.outcome.true_miss for step in strikes], s.strikes),
-            "probability": [step.plan.probability for step in strikes],
+            **predictions(strikes),
             "seconds": times(strikes),
             "faults": [step.outcome.fault for step in strikes],
         }
@@ -157,6 +160,7 @@ class RigTransferUnit:
                 "target": number,
                 "miss": step.outcome.true_miss,
                 "probability": step.plan.probability,
+                "predicted": step.plan.misses,
                 "fault": step.outcome.fault,
             })  # fmt: skip
         return {"transferred": transferred, "passed": len(self.further) - len(reached)}

@@ -172,7 +172,7 @@ class TwinRig:
             sample_delay=truth.sample_delay,
         )
         began: list[float] = []
-        with Emulator(twin_options) as twin, DynamixelBus(twin.port, list(twin_options.ids), timeout=1.0) as bus:
+        with Emulator(twin_options) as twin, twin.bus() as bus:
 
             def on_cycle(k: int, phase: Phase) -> None:
                 if phase is Phase.STRIKE and not began:

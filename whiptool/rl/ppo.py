@@ -39,7 +39,7 @@ class PPO(Learner):
         if not update:  # what another policy did teaches an on-policy learner nothing
             return {}
         with torch.no_grad():
-            mean, log_std = self.actor(new.obs)
+            mean, log_std = (x.clone() for x in self.actor(new.obs))  # the spread is a view of what is about to learn
             log_p = log_density(new.action, mean, log_std)
             following = self.discount * (1 - new.terminated) * self._value(new.next_obs)
             returns = new.reward + following

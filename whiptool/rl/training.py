@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -21,6 +22,7 @@ from whiptool.rl.sac import SAC
 from whiptool.rl.settings import Settings
 from whiptool.rl.task import StrikeTask
 from whiptool.rl.td3 import TD3
+from whiptool.runs import write_whole
 
 LEARNERS: dict[str, type[Learner]] = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "ppo": PPO}
 LOSSES = {
@@ -209,7 +211,11 @@ class Training:
         return {"plan": asdict(self.plan), "learner_kind": name, "settings": settings, "sizes": sizes}
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint, so that no half of it is ever seen."""
+        """Write a checkpoint, so that no half of it is ever seen.
+
+        Raises:
+            OSError: It cannot be written; the one before it stays.
+        """
         task = self.task
         state = {
             **self._identity(),
@@ -220,9 +226,9 @@ class Training:
             "counts": torch.as_tensor(task.counts),
             "strikes": [task.n_strikes, task.n_diverged],
         }
-        temporary = path.with_name(f".{path.name}.tmp")
-        torch.save(state, temporary)
-        temporary.replace(path)
+        buffer = io.BytesIO()  # PyTorch's own error for a full disk is none of the operating system's
+        torch.save(state, buffer)
+        write_whole(path, buffer.getvalue())
 
     def load(self, path: Path) -> None:
         """Go on from a checkpoint.

@@ -20,6 +20,7 @@ _START, _CONTACT = 0.3, 0.1  # [s] of t0 and of the contact that weigh as much a
 _STEP = 0.15  # of a strike number's range, per Gauss-Newton step
 _BIN = 0.1  # [s] of starts that see the target equally well
 _PULL, _FAR = 0.2, 0.5  # a metre of expected miss, up to half a metre, costs this much probability
+_STATED = 512  # tracks, at least, that a plan's probability is stated from: its standard error is 0.02 at most
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ class Interception:
         contact: When the tip meets the target [s], on the same clock.
         point: Where (x, y) [m].
         tip_speed: There [m/s].
-        probability: Of a hit, as believed.
-        expected_miss: Mean over tracks that are still possible [m].
+        probability: Of a hit, as believed: over tracks other than those that chose the strike.
+        expected_miss: Mean over the same tracks, each at most half a metre [m].
         mean_miss: On the most probable track [m].
         warning: Of the track that it is planned on (`Track.warning`); empty: none.
         wall_time: That planning took [s].
@@ -171,36 +172,51 @@ class Aim:
     def best(
         self, x: np.ndarray, start: np.ndarray, tau: np.ndarray, *, rng: np.random.Generator, samples: int, began: float
     ) -> Interception:
-        """The strike that hits most probably."""
+        """The strike that hits most probably; what it promises is found on tracks that did not choose it."""
         lib = self.library
         t, path, _ = lib.rollout.tip_path(x, t_stay=lib.t_stay, rate=FINE)
         allowed = lib.possible(x)
-        score, kept = np.full(len(x), -np.inf), []
-        seed = int(rng.integers(2**63))
-        for i in range(len(x)):
+        seed = int(rng.integers(2**63))  # the same tracks for every strike
+
+        def outlook(i: int, rng: np.random.Generator, samples: int) -> _Outlook:
             window = np.abs(t - tau[i]) <= _WINDOW
-            certain = self.at_start(start[i])
-            numbers = np.vstack([certain.numbers, certain.sample(np.random.default_rng(seed), samples)])
-            tip, when = path[i, window], start[i] + t[window]
-            miss = closest(tip - certain.positions(numbers, when))
-            hit, expected = float(np.mean(miss[1:] <= self.hit_radius)), float(np.minimum(miss[1:], _FAR).mean())
-            kept.append((hit, expected, float(miss[0])))
-            score[i] = hit - _PULL * expected - (0 if allowed[i] else 10)
-        i = int(score.argmax())
+            return self.outlook(path[i, window], start[i] + t[window], self.at_start(start[i]), rng, samples)
+
+        seen = [outlook(i, np.random.default_rng(seed), samples) for i in range(len(x))]
+        score = [o.probability - _PULL * o.expected_miss - (0 if a else 10) for o, a in zip(seen, allowed, strict=True)]
+        i = int(np.argmax(score))
+        chosen = outlook(i, rng, max(samples, _STATED))
         tip, v, _ = _between(path[i : i + 1], np.empty((1, path.shape[1], 2, 0)), tau[i : i + 1])
-        hit, expected, mean = kept[i]
         return Interception(
             strike=Strike.from_vector(x[i]),
             start=float(start[i]),
             contact=float(start[i] + tau[i]),
             point=(float(tip[0, 0]), float(tip[0, 1])),
             tip_speed=float(np.hypot(*v[0])),
-            probability=hit,
-            expected_miss=expected,
-            mean_miss=mean,
+            probability=chosen.probability,
+            expected_miss=chosen.expected_miss,
+            mean_miss=chosen.mean_miss,
             warning=self.track.warning,
             wall_time=time.perf_counter() - began,
         )
+
+    def outlook(
+        self, tip: np.ndarray, when: np.ndarray, track: Track, rng: np.random.Generator, samples: int
+    ) -> _Outlook:
+        """What a path of the tip (T, 2) [m] at times (T,) [s] does to tracks that are still possible."""
+        numbers = np.vstack([track.numbers, track.sample(rng, samples)])
+        miss = closest(tip - track.positions(numbers, when))
+        hit, expected = np.mean(miss[1:] <= self.hit_radius), np.minimum(miss[1:], _FAR).mean()
+        return _Outlook(float(hit), float(expected), float(miss[0]))
+
+
+@dataclass(frozen=True)
+class _Outlook:
+    """Probability of a hit, mean miss over possible tracks, and miss of the most probable one [m]."""
+
+    probability: float
+    expected_miss: float
+    mean_miss: float
 
 
 def _smallest(A: np.ndarray, gap: np.ndarray) -> np.ndarray:

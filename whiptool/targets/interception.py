@@ -55,7 +55,7 @@ def plan(
             counted as it will be then. Default: as it is now.
         polished: Crossings that are looked into.
         steps: Of Gauss-Newton.
-        samples: Tracks that are still possible.
+        samples: Tracks that are still possible, which choose; the probability is stated from others.
 
     Returns:
         None where no strike of the library comes near the track in time.
@@ -147,7 +147,8 @@ def intercept(
     Args:
         frames: (t, position (2,)) as they come [s], [m]; NaN where the target is not seen.
         library: Strikes of the whip.
-        decide: The first frame at or after this time is planned on [s]; so is every later one while there is no plan.
+        decide: The first frame at or after this time is planned on [s]; while there is no plan, so is the next one that
+            comes when the planner is free again.
         rng: As in `plan`.
         camera: Its standard error is that of the frames; default: `Camera()`.
         motion, pivot: As in `fit_track`; what is chosen at the first plan is kept.

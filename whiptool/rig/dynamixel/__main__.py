@@ -43,7 +43,7 @@ def main(args: Sequence[str] | None = None) -> int:
             raise InputError("--set-baud", o.set_baud, ", ".join(map(str, rate)))
         if o.set_id is not None and len(o.ids) != 1:
             raise InputError("--set-id", o.set_id, "together with one id in --ids")
-        with DynamixelBus(o.port, o.ids, baud=o.baud, timeout=0.05) as bus:
+        with DynamixelBus(o.port, o.ids, baud=o.baud, timeout=1.0) as bus:
             if o.reboot is not None:
                 bus.instruct(o.reboot, 8)
                 print(f"servo {o.reboot} reboots")

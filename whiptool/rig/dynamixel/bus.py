@@ -193,7 +193,7 @@ class DynamixelBus(Line):
                 for id in ids:
                     data = self._receive(id, size + 1, fast=False)
                     parts.append(data[:1] + bytes([id]) + data[1:])
-            if self._port.getBytesAvailable():
+            if self._port.has_more():
                 raise NoReply("more bytes than asked for")
             if [part[1] for part in parts] != ids:
                 raise NoReply("a reply of another servo")

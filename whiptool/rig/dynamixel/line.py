@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from whiptool.rig.dynamixel.control_table import STATUS_ERRORS
-from whiptool.rig.dynamixel.port import NoReply, Refused, Unplugged, latency_timer, make_handler, make_port, sdk
+from whiptool.rig.dynamixel.port import NoReply, Peer, Refused, Unplugged, latency_timer, make_handler, make_port, sdk
 
 T = TypeVar("T")
 
@@ -38,6 +38,11 @@ class Line:
         self.quiet = 1e-3 + (self.latency or 0.0)  # [s] without a byte: the line is drained
         self._dirty = False
         self.failures: dict[str, int] = {}  # how often, by kind
+
+    def follow(self, peer: Peer) -> None:
+        """Be in lock-step with what is at the other end: it says whether a reply is missing, and not a clock."""
+        self._port.peer = peer
+        peer.follow(self._port)
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -78,15 +83,18 @@ class Line:
             packet, result = self._handler.rxPacket(self._port, False)
             if result == self._sdk.COMM_SUCCESS and packet[4] == id and len(packet) == 14:
                 break
-            if result != self._sdk.COMM_SUCCESS and self._port.getTimeSinceStart() >= self.timeout * 1e3:
+            if result != self._sdk.COMM_SUCCESS and self._port.isPacketTimeout():
                 raise NoReply("no reply to the ping after a failure")
         self._dirty = False
 
     def drain(self) -> int:
         """Throw away what is still coming, until the line is quiet; how many bytes that were.
 
-        It gives up after 20 quiet times: a line that babbles is not drained, and the next reply will be refused.
+        It gives up after 20 quiet times: a line that babbles is not drained, and the next reply will be refused. With
+        a peer in lock-step, it throws away what that has sent.
         """
+        if self._port.peer is not None:
+            return self._port.swallow()
         n, last = 0, time.monotonic()
         end = last + 20 * self.quiet
         while (now := time.monotonic()) - last < self.quiet and now < end:

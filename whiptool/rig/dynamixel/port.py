@@ -7,7 +7,7 @@ import os
 import select
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from whiptool.errors import InputError, WhiptoolError
 
@@ -41,11 +41,28 @@ def sdk() -> Any:
     return dynamixel_sdk
 
 
+class Peer(Protocol):
+    """What is at the other end of a line in lock-step: it knows what is under way, so that no clock has to."""
+
+    def given(self) -> int:
+        """Bytes that it has answered in all, once it has handled every byte that was sent to it.
+
+        Raises:
+            OSError: It is gone.
+        """
+        ...
+
+    def follow(self, client: Any) -> None:
+        """Begin to count with a port."""
+        ...
+
+
 def make_port(device: str, baud: int) -> Any:
-    """An open port that differs from the SDK's `PortHandler` in three things.
+    """An open port that differs from the SDK's `PortHandler` in four things.
 
     It waits in the kernel instead of spinning, and takes all bytes that are there at once; times come from the
     monotonic clock (the SDK's are of the day, which a time server may set); an end of file is an error, not silence.
+    With a `peer`, a reply is missing only if the peer has not sent it: how long that takes does not matter.
     Nobody else can open the device meanwhile.
 
     Raises:
@@ -56,29 +73,62 @@ def make_port(device: str, baud: int) -> Any:
         def getCurrentTime(self) -> float:
             return time.monotonic() * 1e3
 
+        peer: Peer | None = None
+        sent = received = 0  # bytes, since the peer counts with us
         held = b""  # read already, not asked for yet
 
         def readPort(self, length: int) -> bytes:
             if not self.held:
                 remaining = (self.packet_timeout - self.getTimeSinceStart()) / 1e3
-                fd = self.ser.fileno()
-                if not select.select([fd], [], [], max(0.0, remaining))[0]:
+                if not self._wait(max(0.0, remaining)) and not self.awaits_bytes():
                     return b""
-                self.held = os.read(fd, 4096)
-                if not self.held:
-                    raise OSError("end of file")
+                self._take()
             data, self.held = self.held[:length], self.held[length:]
             return data
 
         def writePort(self, packet: list[int]) -> int:
-            return os.write(self.ser.fileno(), bytes(packet))
+            written = os.write(self.ser.fileno(), bytes(packet))
+            self.sent += written
+            return written
 
         def getBytesAvailable(self) -> int:
             return len(self.held) + super().getBytesAvailable()
 
+        def isPacketTimeout(self) -> bool:
+            return super().isPacketTimeout() and not self.awaits_bytes()
+
+        def has_more(self) -> bool:
+            """Whether bytes have come, or are to come, that nobody has asked for yet."""
+            return self.getBytesAvailable() > 0 or self.awaits_bytes()
+
+        def awaits_bytes(self) -> bool:
+            """Whether the peer has sent bytes that have not come yet; False without a peer, for nobody knows."""
+            return self.peer is not None and self.peer.given() > self.received
+
         def clearPort(self) -> None:
+            while self.peer is not None and self._wait(0.0):
+                self._take()  # what is thrown away has been received, too
             self.held = b""
             super().clearPort()
+
+        def swallow(self) -> int:
+            """Throw away all that the peer has sent so far; how many bytes that were."""
+            thrown, self.held = len(self.held), b""
+            while self.awaits_bytes():
+                self._take()
+                thrown, self.held = thrown + len(self.held), b""
+            return thrown
+
+        def _wait(self, seconds: float) -> bool:
+            return bool(select.select([self.ser.fileno()], [], [], seconds)[0])
+
+        def _take(self) -> None:
+            fd = self.ser.fileno()
+            select.select([fd], [], [])
+            self.held = os.read(fd, 4096)
+            if not self.held:
+                raise OSError("end of file")
+            self.received += len(self.held)
 
     port = Port(device)
     try:

@@ -6,18 +6,27 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from whiptool.errors import WhiptoolError
+from whiptool.errors import InputError, WhiptoolError
+from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.emulator.faults import Fault
 from whiptool.rig.emulator.server import Server, TwinOptions
+
+
+class Client(Protocol):
+    """A port to the emulated servos that counts its bytes."""
+
+    sent: int
+    received: int
 
 
 class Emulator:
@@ -34,6 +43,8 @@ class Emulator:
 
     def __init__(self, options: TwinOptions | None = None) -> None:
         self.options = options or TwinOptions()
+        self._client: Client | None = None
+        self._asking = threading.Lock()
         ours, theirs = socket.socketpair()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "whiptool.rig.emulator", "--control", str(theirs.fileno())],
@@ -50,9 +61,42 @@ class Emulator:
             self.close()
             raise WhiptoolError("the emulator did not start; its error stands above") from error
 
+    def bus(
+        self, *, ids: Sequence[int] = (), baud: int | None = None, timeout: float = 0.05, fast: bool = True
+    ) -> DynamixelBus:
+        """A bus to its servos. In lock-step no clock is asked whether a reply is missing: runs repeat on any machine.
+
+        Args:
+            ids: Of the servos; default: all.
+            baud: Bits per second; default: that of the servos.
+            timeout, fast: As `DynamixelBus` has them; in lock-step, a reply that is under way is waited for.
+
+        Returns:
+            A `DynamixelBus`; the one before it is not in step any more.
+        """
+        o = self.options
+        bus = DynamixelBus(self.port, ids or o.ids, baud=baud or o.baud, timeout=timeout, fast=fast)
+        if o.lockstep:
+            bus.follow(self)
+        return bus
+
+    def follow(self, client: Client) -> None:
+        """Do what is asked for here after every byte that this client has sent until then; it counts from now on."""
+        self._ask("count")
+        client.sent = client.received = 0
+        self._client = client
+
+    def given(self) -> int:
+        """As `whiptool.rig.dynamixel.port.Peer`."""
+        try:
+            return self._ask("given")
+        except EOFError as error:
+            raise OSError("the emulator has ended") from error
+
     def _ask(self, *command: Any) -> Any:
-        self._control.send(command)
-        return self._control.recv()
+        with self._asking:
+            self._control.send((0 if self._client is None else self._client.sent, *command))
+            return self._control.recv()
 
     def inject(self, *faults: Fault) -> None:
         """Have faults happen."""
@@ -78,6 +122,8 @@ class Emulator:
     def reset(self, start: Sequence[float] | None = None) -> None:
         """As new, at time 0, all faults mended; `port` may change."""
         self.port = self._ask("reset", None if start is None else tuple(map(float, start)))
+        if self._client is not None:
+            self._client.sent = self._client.received = 0
 
     def close(self) -> None:
         """End the process."""
@@ -109,17 +155,37 @@ def serve_child(fd: int) -> None:
 
 
 def serve_alone(options: TwinOptions, link: str | None) -> None:
-    """Serve in the foreground until interrupted; `link` is a symbolic link to make to the device."""
+    """Serve in the foreground until interrupted; `link` is a symbolic link to make to the device.
+
+    Raises:
+        InputError: The link cannot be made, or something else has its name.
+    """
     server = Server(options)
+    if link:
+        _link(Path(link), server.port)
     print(f"emulated servos {list(options.ids)} at {options.baud} baud on {server.port}", flush=True)
     if link:
-        Path(link).unlink(missing_ok=True)
-        Path(link).symlink_to(server.port)
         print(f"and on {link}", flush=True)
     try:
         server.serve()
     except KeyboardInterrupt:
         pass
     finally:
-        if link:
-            Path(link).unlink(missing_ok=True)
+        if link and _leads_to(Path(link), server.port):
+            Path(link).unlink()
+
+
+def _link(link: Path, device: str) -> None:
+    """Make the link; one that an earlier emulator left, to a pseudo-terminal, is replaced, and nothing else."""
+    try:
+        if link.is_symlink() and link.readlink().parent == Path(device).parent:
+            link.unlink()
+        link.symlink_to(device)
+    except FileExistsError:
+        raise InputError("--link", str(link), "a name that nothing has yet", "take another, or remove it") from None
+    except OSError as error:
+        raise InputError("--link", str(link), f"where a symbolic link can be made ({error.strerror})") from None
+
+
+def _leads_to(link: Path, device: str) -> bool:
+    return link.is_symlink() and link.readlink() == Path(device)

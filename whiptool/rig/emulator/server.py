@@ -6,10 +6,11 @@ import fcntl
 import os
 import pty
 import select
+import sys
 import termios
 import time
 import tty
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,7 +25,10 @@ from whiptool.rig.emulator.packets import Packet, Parser
 from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.emulator.servo import Protection, Servo
 
-SILENCE = 0.02  # [s]; a packet that stops for longer is given up (the servo's 1.5 ms, with room for a busy host)
+# With the wall clock [s]:
+SILENCE = 0.02  # a packet that stops for longer is given up (the servo's 1.5 ms, with room for a busy host)
+AT_ONCE = 0.002  # of simulated time that is caught up with before the next answer
+LAG = 0.1  # simulated time that falls further behind is lost
 _TCGETS2 = 0x802C542A  # of Linux; tells any rate, where termios.tcgetattr knows the classical ones only
 
 
@@ -117,10 +121,14 @@ class Server:
     Args:
         options: What is emulated.
         control: A `multiprocessing.connection.Connection` on which commands come; None: none come.
+        clock: Where wall-clock time comes from [s].
     """
 
-    def __init__(self, options: TwinOptions, control: Any = None) -> None:
-        self.options, self.control = options, control
+    def __init__(
+        self, options: TwinOptions, control: Any = None, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.options, self.control, self._clock = options, control, clock
+        self._lost = 0.0  # [s] of wall-clock time that this machine was too slow for
         self.servos = options.make_servos()
         self.physics = options.make_physics(self.servos)
         self.chain = Chain(self.servos, self._beat)
@@ -131,7 +139,8 @@ class Server:
     def _fresh(self) -> None:
         self.parser, self.faults = Parser(), Faults()
         self._late: list[bytes] = []
-        self._heard = self._zero = time.monotonic()
+        self._taken = self._given = 0  # bytes from the client and to it
+        self._heard = self._zero = self._clock()
         self.goal_writes: list[tuple[float, int]] = []  # simulated time, largest Goal Current after it
         self.torque_changes: list[tuple[float, int, bool]] = []  # simulated time, servo, on
         self._was_on = [False] * len(self.servos)
@@ -168,10 +177,25 @@ class Server:
         if self.options.lockstep:
             self.advance(self.options.period)
 
+    @property
+    def _behind(self) -> float:
+        """How far simulated time is behind the wall clock [s]."""
+        return 0.0 if self.options.lockstep else self._clock() - self._zero - self.t
+
     def _keep_up(self) -> None:
-        if not self.options.lockstep:
-            self.physics.advance_to(time.monotonic() - self._zero)
-            self._happen()
+        """Go on towards the wall clock's time, no further at once than an answer may wait for."""
+        if self.options.lockstep:
+            return
+        if self._behind > LAG:
+            self._lose(self._behind - LAG)
+        self.physics.advance_to(self.t + min(self._behind, AT_ONCE))
+        self._happen()
+
+    def _lose(self, seconds: float) -> None:
+        self._zero += seconds
+        if not self._lost:
+            print("whiptool: this machine is too slow: the servos' time falls behind the clock", file=sys.stderr)
+        self._lost += seconds
 
     def _happen(self) -> None:
         """Faults that are due, and changes of torque."""
@@ -202,21 +226,33 @@ class Server:
         """Answer until the control connection says `quit` or goes away."""
         while True:
             wanted = [fd for fd in (self._master, self.control) if fd is not None and fd != -1]
-            wait = 0.05 if self.options.lockstep else 0.001
+            wait = 0.05 if self.options.lockstep else 0.0 if self._behind > AT_ONCE else 0.001
             ready = select.select(wanted, [], [], wait)[0]
+            if self._master in ready:
+                self._take()
             self._keep_up()
             if self.control is not None and self.control in ready:
                 try:
-                    if not self._command(*self.control.recv()):
+                    sent, name, *args = self.control.recv()
+                    self._hear(sent)
+                    if not self._command(name, *args):
                         return
                 except (EOFError, OSError):
                     return
-            if self._master in ready:
-                self._bytes(os.read(self._master, 4096))
+
+    def _hear(self, sent: int) -> None:
+        """Handle every byte that a client has sent so far, before what it wants on the control connection."""
+        while self._taken < sent and self._master >= 0:
+            self._take()
+
+    def _take(self) -> None:
+        data = os.read(self._master, 4096)
+        self._taken += len(data)
+        self._bytes(data)
 
     def _bytes(self, data: bytes) -> None:
-        now = time.monotonic()
-        if self.parser.pending and now - self._heard > SILENCE:
+        now = self._clock()
+        if self.parser.pending and now - self._heard > SILENCE and not self.options.lockstep:
             self.parser.reset()
         self._heard = now
         speed = _speed(self._master)
@@ -275,7 +311,7 @@ class Server:
 
     def _send(self, data: bytes) -> None:
         if self._master >= 0:
-            os.write(self._master, data)
+            self._given += os.write(self._master, data)
 
     # -- control -------------------------------------------------------------------------------------------------
 
@@ -292,6 +328,10 @@ class Server:
             self.advance(args[0])
         elif name == "state":
             answer = self.state()
+        elif name == "given":
+            answer = self._given
+        elif name == "count":
+            self._taken = self._given = 0
         elif name == "trajectory":
             answer = self.physics.trajectory()
         elif name == "reset":

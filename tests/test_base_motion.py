@@ -1,0 +1,175 @@
+"""The prescribed motion of a whip's base: splines against SciPy's, arms against differences, noise against its draw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_lsq_spline
+
+from whiptool.errors import InputError
+from whiptool.identification.motion import (
+    HANDLE_JERK,
+    JOINT_JERK,
+    SHORTEST,
+    HandleMotion,
+    JointMotion,
+    SmoothSpline,
+)
+from whiptool.models.parameters import ArmLink, ArmParameters
+
+ARM = ArmParameters(tuple(ArmLink(mass=0.3, length=x) for x in (0.4, 0.3, 0.2)))
+I = np.linspace(0.0, 1.0, 201)
+
+
+def test_a_spline_passes_through_what_it_can_and_derives_as_it_should():
+    """A quintic is its own regression spline; the jerk that is expected is large enough to say nothing."""
+    p = np.polynomial.Polynomial([0.1, 1.0, -2.0, 0.5, 1.0, -0.7])
+    spline = SmoothSpline(start=0.0, end=1.0, knots=0.1, jerk=1e9, d=1)
+    t = np.linspace(0, 1, 60)
+    c = spline.fit(t, p(t)[:, None], np.full(60, 1e-3))
+    assert c.shape == (spline.size,) == (10 + 5,)
+    for derivative in range(4):
+        np.testing.assert_allclose(spline.basis(I, derivative) @ c, p.deriv(derivative)(I), atol=2e-6)
+
+
+def test_a_spline_is_weighted_least_squares():
+    rng = np.random.default_rng(0)
+    t, sigma = np.sort(rng.uniform(0, 1, 80)), rng.uniform(0.5, 2.0, 80)
+    values = rng.normal(size=(80, 2))
+    spline = SmoothSpline(start=0.0, end=1.0, knots=0.2, jerk=1e9, d=2)
+    gaps = values.copy()
+    gaps[[3, 40], [0, 1]] = np.nan
+    seen = np.delete(np.arange(80), [3, 40])
+    c = spline.fit(t, gaps, sigma).reshape(-1, 2)
+    knots = 0.2 * np.arange(-5, 11)
+    theirs = make_lsq_spline(t[seen], values[seen], knots, k=5, w=1 / sigma[seen])
+    np.testing.assert_allclose(c, theirs.c, rtol=1e-4, atol=1e-4)
+
+
+def test_the_jerk_of_usual_size_bridges_gaps():
+    """One row per piece: third derivative in its middle over the usual size, for each quantity alike."""
+    spline = SmoothSpline(start=0.0, end=1.0, knots=0.25, jerk=50.0, d=2)
+    assert spline.penalty.shape == (2 * 4, 2 * spline.size)
+    p = np.polynomial.Polynomial([0.0, 0.0, 0.0, 2.0, 1.0])
+    fit = SmoothSpline(start=0.0, end=1.0, knots=0.25, jerk=1e9, d=2)
+    t = np.linspace(0, 1, 50)
+    c = fit.fit(t, np.stack([p(t), -3 * p(t)], axis=1), np.full(50, 1e-3))
+    middles = np.array([0.125, 0.375, 0.625, 0.875])
+    expected = np.outer(p.deriv(3)(middles), [1, -3]).ravel() / 50
+    np.testing.assert_allclose(spline.penalty @ c, expected, atol=1e-4)
+    hole = np.r_[0:15, 35:50]
+    lost = np.full((50, 2), np.nan)
+    lost[hole] = np.stack([t, t**2], axis=1)[hole]
+    bridged = spline.fit(t, lost, np.full(50, 1e-3))
+    np.testing.assert_allclose((spline.basis(t) @ bridged.reshape(-1, 2)), np.stack([t, t**2], axis=1), atol=1e-5)
+
+
+def derivative(function, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
+    """By central differences, one row per entry of x."""
+    steps = h * np.eye(len(x))
+    return np.array([(function(x + s) - function(x - s)) / (2 * h) for s in steps])
+
+
+def test_a_handles_path_moves_the_base_and_does_not_turn_it():
+    t = np.linspace(0, 1, 51)
+    path = np.stack([0.3 * np.sin(4 * t), 0.2 * t**2], axis=1)
+    motion = HandleMotion(t, path, np.full(51, 1e-4), I, joints=2)
+    moved = motion.at(motion.start)
+    np.testing.assert_allclose(moved.place, np.stack([0.3 * np.sin(4 * I), 0.2 * I**2], axis=1), atol=2e-4)
+    inside = slice(10, -10)
+    np.testing.assert_allclose(moved.inputs[inside, 3], 1.2 * np.cos(4 * I)[inside], atol=0.01)
+    np.testing.assert_allclose(moved.inputs[inside, 4], 0.4 * I[inside], atol=0.01)
+    np.testing.assert_allclose(moved.inputs[inside, 5], -4.8 * np.sin(4 * I)[inside], atol=0.3)
+    np.testing.assert_allclose(moved.inputs[inside, 6], 0.4, atol=0.3)
+    assert not moved.inputs[:, :3].any()
+    assert not moved.q_i.any()
+    assert not moved.d_q_i.any()
+    assert moved.q_i.shape == (2,)
+    assert moved.d_q_i.shape == (len(motion.start), 2)
+    np.testing.assert_allclose(derivative(lambda c: motion.at(c).inputs, motion.start), moved.d_inputs, atol=1e-3)
+    np.testing.assert_allclose(derivative(lambda c: motion.at(c).place, motion.start), moved.d_place, atol=1e-8)
+    np.testing.assert_array_equal(motion.mean, np.zeros(len(motion.rows)))
+    usual = SmoothSpline(start=0.0, end=1.0, knots=0.03, jerk=HANDLE_JERK, d=2)  # 1.5 frames
+    assert len(motion.start) == 2 * (34 + 5)
+    np.testing.assert_allclose(motion.rows, usual.penalty)
+    fast = np.linspace(0, 1, 1001)
+    finest = HandleMotion(fast, np.zeros((1001, 2)), np.full(1001, 1e-4), I, joints=2)
+    assert len(finest.start) == 2 * (round(1 / SHORTEST) + 5)
+    assert (SHORTEST, HANDLE_JERK, JOINT_JERK) == (0.02, 3e3, 1e4)
+    coarse = HandleMotion(t, path, np.full(51, 1e-4), I, joints=2, knots=0.25)
+    assert len(coarse.start) == 2 * (4 + 5)
+
+
+def angles(t: np.ndarray) -> np.ndarray:
+    return np.stack([np.sin(3 * t), 0.5 * t**2, -np.cos(2 * t)], axis=1)
+
+
+@pytest.fixture(scope="module")
+def joints() -> JointMotion:
+    t = np.arange(-0.1, 1.1, 0.02)
+    return JointMotion(t, angles(t), ARM, I)
+
+
+def test_an_arms_joints_move_the_base(joints):
+    """The hand's place from the angles; velocity, acceleration and turning from its own differences."""
+    moved = joints.at(joints.start)
+    theta = np.cumsum(angles(I), axis=1)
+    l = np.array([0.4, 0.3, 0.2])
+    hand = np.stack([(l * np.sin(theta)).sum(axis=1), -(l * np.cos(theta)).sum(axis=1)], axis=1)
+    np.testing.assert_allclose(moved.place, hand, atol=1e-4)
+    np.testing.assert_allclose(moved.inputs[:, 0], theta[:, -1], atol=2e-4)
+    h, inside = I[1] - I[0], slice(2, -2)
+    for x, rate in ((moved.place, moved.inputs[:, 3:5]), (moved.inputs[:, 3:5], moved.inputs[:, 5:7])):
+        np.testing.assert_allclose(np.gradient(x, h, axis=0)[inside], rate[inside], atol=2e-2)
+    np.testing.assert_allclose(np.gradient(moved.inputs[:, 0], h)[inside], moved.inputs[inside, 1], atol=2e-2)
+    np.testing.assert_allclose(np.gradient(moved.inputs[:, 1], h)[inside], moved.inputs[inside, 2], atol=2e-2)
+    np.testing.assert_allclose(moved.q_i, angles(np.zeros(1))[0], atol=2e-4)
+
+
+def test_derivatives_by_an_arms_coefficients():
+    t = np.arange(-0.1, 1.1, 0.02)
+    joints = JointMotion(t, angles(t), ARM, I[::10], knots=0.2)
+    c = joints.start + np.random.default_rng(0).normal(0, 0.05, len(joints.start))
+    moved = joints.at(c)
+    for name in ("inputs", "place", "q_i"):
+        found = derivative(lambda x, name=name: getattr(joints.at(x), name), c)
+        expected = getattr(moved, f"d_{name}")
+        np.testing.assert_allclose(found, expected, atol=1e-7 * max(1.0, float(np.abs(expected).max())))
+
+
+def test_what_is_known_of_the_coefficients_is_log_and_jerk():
+    """`rows c - mean` has the squares of the log's residuals and of the jerk's, less those at the best fit."""
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 1.0005, 0.001)
+    noisy = angles(t)[:, :2] + rng.normal(0, 1e-3, (len(t), 2))
+    arm = ArmParameters(ARM.links[:2])
+    motion = JointMotion(t, noisy, arm, I, knots=0.1)
+    spline = SmoothSpline(start=0.0, end=1.0, knots=0.1, jerk=JOINT_JERK, d=2)
+    np.testing.assert_allclose(motion.rows @ motion.start, motion.mean)
+
+    def badness(c: np.ndarray, sigma: float) -> float:
+        log = (spline.basis(t) @ c.reshape(-1, 2) - noisy) / sigma
+        return (log**2).sum() + ((spline.penalty @ c) ** 2).sum()
+
+    c = motion.start + rng.normal(0, 1e-3, len(motion.start))
+    rise = ((motion.rows @ c - motion.mean) ** 2).sum()
+    assert rise == pytest.approx(badness(c, 1e-3) - badness(motion.start, 1e-3), rel=0.15)  # the noise is estimated
+    assert JointMotion(t, angles(t)[:, :2], arm, I).start.shape == (2 * (50 + 5),)  # knots: two samples, 20 ms at least
+    smooth = JointMotion(t, 0 * noisy, arm, I, knots=0.1)  # a log without noise is taken to err by a microradian
+    assert np.linalg.norm(smooth.rows @ c) == pytest.approx(np.linalg.norm(spline.basis(t) @ c.reshape(-1, 2)) / 1e-6)
+
+
+def test_samples_outside_the_instants_do_not_count():
+    t = np.arange(-1.0, 2.0, 0.01)
+    q = angles(t)
+    wild = np.where((t < -0.03)[:, None] | (t > 1.03)[:, None], 99.0, q)
+    np.testing.assert_allclose(JointMotion(t, wild, ARM, I).start, JointMotion(t, q, ARM, I).start, atol=1e-9)
+
+
+def test_logs_that_do_not_fit_are_refused():
+    t = np.linspace(0, 1, 8)
+    JointMotion(t, angles(t), ARM, I)
+    with pytest.raises(InputError, match="8 or more samples of 3 joints"):
+        JointMotion(t[:7], angles(t[:7]), ARM, I)
+    with pytest.raises(InputError, match="joints_q"):
+        JointMotion(t, angles(t)[:, :2], ARM, I)

@@ -1,0 +1,76 @@
+"""What one strike hits of a task's targets, and what random strikes hit, against counting one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from whiptool.comparison import Scene
+from whiptool.comparison.difficulty import DifficultyUnit, sentence, targets_hit
+from whiptool.comparison.zones import check_zone, words, zone_named
+from whiptool.errors import InputError
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.models import preset
+from whiptool.strike import default_bounds
+from whiptool.zone import Disc, Region
+
+
+def scene(radius: float) -> Scene:
+    return Scene(
+        model=preset("lemon2024"),
+        controller=Controller(ConstantImpedance()),
+        zone=Disc((1.3, 0.0), radius),
+        targets=40,
+        radii=(0.06,),
+        timestep=1e-3,
+    )
+
+
+def test_hits_are_counted_as_the_rollout_counts_them():
+    """100 strikes at 40 targets each: sampled paths miss no more than what passes within a millimetre of the edge."""
+    where = scene(0.1)
+    rollout, points = where.rollout(1), where.points()
+    strikes = default_bounds(where.model.arm).sample(np.random.default_rng(0), 100)
+    misses = rollout.approach(np.repeat(strikes, 40, axis=0), np.tile(points, (100, 1)), t_stay=0.3).distance
+    misses = misses.reshape(100, 40)
+    found = targets_hit(rollout, strikes, where)
+    assert (found <= (misses <= 0.0601).sum(axis=1)).all()
+    assert (found >= (misses <= 0.058).sum(axis=1)).all()
+    assert found.max() > 10
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[float, dict]:
+    return {radius: DifficultyUnit(scene=scene(radius), strikes=1000).run(None, 1) for radius in (0.1, 0.3)}
+
+
+def test_one_strike_does_for_the_papers_zone_and_not_for_a_wider_one(found):
+    """It is played again by itself; no random strike of many hits more targets."""
+    where = scene(0.1)
+    rollout = where.rollout(1)
+    strike = np.array(found[0.1]["one_strike"])
+    again = rollout.approach(np.tile(strike, (40, 1)), where.points(), t_stay=0.3).distance <= 0.06
+    assert found[0.1]["one_strike_hits"] == again.mean() >= 0.85
+    others = default_bounds(where.model.arm).sample(np.random.default_rng(5), 1000)
+    assert targets_hit(rollout, others, where).max() <= again.sum()
+    assert found[0.3]["one_strike_hits"] < 0.6
+
+
+def test_random_strikes_hit_as_often_as_other_random_strikes(found):
+    """Of another seed, every one at every target."""
+    where = scene(0.1)
+    strikes = default_bounds(where.model.arm).sample(np.random.default_rng(9), 1500)
+    share = targets_hit(where.rollout(1), strikes, where).mean() / 40
+    assert found[0.1]["random_strikes_hit"] == pytest.approx(share, abs=4 * np.sqrt(share / 1000))
+
+
+def test_zones_have_names_and_words():
+    assert zone_named("0.3", scene(0.1), None) == Disc((1.3, 0.0), 0.3)  # pyright: ignore[reportArgumentType]
+    assert words(Disc((1.3, 0.0), 0.3)) == "a disc of radius 0.3 m around (1.3, 0) m"
+    assert words(Region(np.zeros((50, 2)), 0.2)) == "wherever the tip can pass with 3 m/s, 2.00 m^2"
+    assert sentence({"one_strike_hits": 0.92, "random_strikes_hit": 0.086}) == (
+        "One and the same strike hits 92.0 % of the targets; random strikes hit 8.6 %."
+    )
+    for bad in ("slow", "-1", "0", "nan"):
+        with pytest.raises(InputError, match="--further-zones"):
+            check_zone(bad, "--further-zones")

@@ -1,0 +1,112 @@
+"""What a first look tells: the information against a determinant of differences of another engine's paths."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from whiptool.adaptation import first_look
+from whiptool.adaptation.first_look import choose_wiggle, hanging, information
+from whiptool.adaptation.prior import Belief
+from whiptool.errors import InputError
+from whiptool.identification.plant import Plant
+from whiptool.impedance import OIAC, Controller
+from whiptool.models import CompiledRollout, preset
+from whiptool.strike import StrikeBounds
+
+MODEL, CONTROLLER = preset("lemon2024"), Controller(OIAC())
+NAMES = ("whip.k", "whip.m", "whip.l", "delay")
+ROOT = np.array([[0.2, 0, 0, 0], [0.05, 0.1, 0, 0], [0, 0.02, 0.15, 0], [0, 0, 0.1, 0.5]])
+PLANT = Plant(MODEL, CONTROLLER)
+STRIKES = np.array([[-0.3, 0.2, 0.2, 0.5, 0.6], [-0.5, 0.3, 0.3, 0.2, 0.8]])
+
+
+def belief(delay: float = 0.0) -> Belief:
+    at = PLANT.values()
+    z = np.log([at["whip.k"], at["whip.m"], at["whip.l"], 1.0])
+    z[3] = delay / 0.01  # the delay counts in hundredths of a second
+    return Belief(PLANT, NAMES, z, ROOT @ ROOT.T)
+
+
+def tips(b: Belief, z: np.ndarray, strike: np.ndarray) -> np.ndarray:
+    """Positions of the tip at the camera's frames, flat; before a strike begins it hangs."""
+    rollout = CompiledRollout(b.at(z).model, CONTROLLER, timestep=2.5e-4)
+    t, path, _ = rollout.tip_path(strike[None], t_stay=0.3, rate=2000.0)
+    frames = np.arange(int((strike[-1] + 0.3) * 60) + 1) / 60 - 0.01 * z[3]
+    path = path[0][np.isfinite(path[0, :, 0])]
+    return np.stack([np.interp(frames, t[: len(path)], x) for x in path.T], axis=1)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.02])
+def test_information_is_half_the_logarithm_of_the_determinant(delay):
+    b = belief(delay)
+    told, fastest = information(b, STRIKES)
+    for strike, nats, speed in zip(STRIKES, told, fastest, strict=True):
+        h = np.array([1e-3, 1e-3, 1e-3, 0.05])
+        columns = [(tips(b, b.z + s, strike) - tips(b, b.z - s, strike)).ravel() for s in np.diag(h)]
+        J = np.array(columns).T / (2 * h) / 0.005
+        posterior = np.linalg.inv(np.linalg.inv(b.covariance) + J.T @ J)
+        expected = 0.5 * np.log(np.linalg.det(b.covariance) / np.linalg.det(posterior))
+        assert nats == pytest.approx(expected, rel=0.01)
+        path = tips(b, b.z, strike)
+        assert speed == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).max() * 60, rel=0.01)
+
+
+def test_what_is_known_already_tells_nothing():
+    b = belief()
+    sure = Belief(PLANT, NAMES, b.z, 1e-16 * np.eye(4))
+    np.testing.assert_allclose(information(sure, STRIKES[:1])[0], 0, atol=1e-6)
+
+
+def test_a_hanging_whip_is_filmed_in_the_middle_of_where_strikes_begin():
+    bounds = StrikeBounds((-1.0, 0.2, 0.0, 0.0, 0.4), (-0.4, 0.6, 3.0, 2.0, 1.5))
+    still = hanging(belief(), bounds)
+    np.testing.assert_allclose(still.vector, [-0.7, 0.4, -0.7, 0.4, 0.5])
+    default = hanging(belief()).vector
+    np.testing.assert_allclose(default[:2], default[2:4])
+    told, fastest = information(belief(), still.vector[None])
+    assert fastest[0] < 0.02
+    assert told[0] > 1  # the length is seen
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """`information` replaced by one that tells more, the longer the movement, and is fast beyond D = 0.7."""
+    seen: dict = {}
+
+    def stated(belief, strikes, *, t_stay):
+        seen["strikes"], seen["t_stay"] = strikes, t_stay
+        return strikes[:, -1].copy(), np.where(strikes[:, -1] > seen.get("limit", 0.7), 8.01, 8.0)
+
+    monkeypatch.setattr(first_look, "information", stated)
+    return seen
+
+
+def test_the_wiggle_tells_most_among_the_slow_ones(asked):
+    bounds = StrikeBounds((-1.0, 0.2, 0.0, 0.0, 0.4), (-0.4, 0.6, 3.0, 2.0, 1.5))
+    strike, told = choose_wiggle(belief(), rng=np.random.default_rng(0), bounds=bounds, t_stay=0.2, candidates=300)
+    tried = asked["strikes"]
+    assert tried.shape == (300, 5)
+    assert asked["t_stay"] == 0.2
+    slow = tried[tried[:, -1] <= 0.7]
+    assert told == slow[:, -1].max()
+    np.testing.assert_array_equal(strike.vector, slow[slow[:, -1].argmax()])
+    assert tried[:, -1].min() == pytest.approx(0.4, abs=0.01)
+    assert tried[:, -1].max() == pytest.approx(0.8, abs=0.01)
+    for joint, (low, high, end) in enumerate([(-1.0, -0.4, 3.0), (0.2, 0.6, 2.0)]):
+        q_i, q_f = tried[:, joint], tried[:, 2 + joint]
+        np.testing.assert_allclose([q_i.min(), q_i.max()], [low, high], atol=0.02)
+        swing = q_f - q_i
+        assert np.abs(swing).max() <= 0.7
+        assert swing.max() > 0.65
+        assert min(low, 0.0) <= q_f.min()
+        assert q_f.max() <= end
+        np.testing.assert_allclose(q_f.min(), max(min(low, 0.0), low - 0.7), atol=0.05)
+
+
+def test_where_all_are_fast_there_is_no_wiggle(asked):
+    asked["limit"] = 0.1
+    with pytest.raises(InputError, match=r"got '8.0 m/s at the tip'; allowed: 8 m/s"):
+        choose_wiggle(belief(), rng=np.random.default_rng(0))
+    assert asked["strikes"].shape == (32, 5)
+    assert asked["t_stay"] == 0.3

@@ -1,0 +1,76 @@
+"""Relabelled targets: where a path passes them, and where new ones are drawn."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from whiptool.rl import hindsight
+from whiptool.zone import Disc
+
+
+def test_the_nearest_point_of_a_path():
+    rng = np.random.default_rng(0)
+    paths, targets = np.cumsum(rng.normal(0, 0.1, (20, 15, 2)), axis=1), rng.normal(0, 0.3, (20, 2))
+    paths[3, 8:], paths[4, 1:], paths[5, 6] = np.nan, np.nan, paths[5, 5]  # ended early, at once; stood still
+    distance, point, i = hindsight.nearest(paths, targets)
+    along = np.linspace(0, 1, 2001)[:, None]
+    for lane, path in enumerate(paths):
+        dense = np.concatenate([a + along * (b - a) for a, b in itertools.pairwise(path)])
+        miss = np.hypot(*(dense - targets[lane]).T)
+        if lane == 4:
+            assert distance[lane] == np.inf
+            continue
+        assert distance[lane] == pytest.approx(np.nanmin(miss), abs=1e-4)
+        assert distance[lane] == pytest.approx(math.dist(point[lane], targets[lane]))
+        assert i[lane] == np.nanargmin(miss) // 2001 or np.isclose(miss[2001 * i[lane] :][:2001].min(), np.nanmin(miss))
+
+
+def test_new_targets_lie_in_the_zone_and_near_the_path():
+    zone, rng = Disc((0.0, 0.0), 0.5), np.random.default_rng(0)
+    paths = np.cumsum(rng.normal(0, 0.05, (300, 40, 2)), axis=1)
+    paths[:50] += 3  # never in the zone
+    targets = hindsight.new_targets(paths, zone, 0.06, rng.random((300, 6)))
+    assert zone.contains(targets).all()
+    distance = hindsight.nearest(paths, targets)[0]
+    assert (distance[:50] > 1).all()
+    assert (distance[50:] <= 0.12 + 1e-9).mean() > 0.8
+    assert (distance[50:] <= 0.06).any()
+
+
+def test_new_targets_by_their_numbers():
+    """A path of nine points, five of them inside: the number says which, the next ones offset and direction."""
+    zone, radius = Disc((0.0, 0.0), 0.5), 0.1
+    x = np.linspace(-0.8, 0.8, 9)
+    path = np.stack([x, np.zeros(9)], axis=1)
+    inside = x[np.abs(x) <= 0.5]
+    assert len(inside) == 5
+    for i, (offset, which) in itertools.product(range(5), ((0.0, 0.1), (0.5, 0.4), (2.0, 0.9))):
+        for angle in (0.25, 0.6):
+            uniform = np.array([[0.3, 0.2, 0.1, (i + 0.5) / 5, which, angle]])
+            shift = offset * radius * np.array([math.cos(2 * math.pi * angle), math.sin(2 * math.pi * angle)])
+            near = np.array([inside[i], 0.0]) + shift
+            expected = near if np.hypot(*near) <= 0.5 else zone.place(uniform[:, :3])[0]
+            np.testing.assert_allclose(hindsight.new_targets(path[None], zone, radius, uniform)[0], expected)
+    away = hindsight.new_targets(path[None] + 5, zone, radius, uniform)
+    np.testing.assert_allclose(away, zone.place(uniform[:, :3]))
+
+
+def test_a_path_passes_between_its_samples():
+    """A right angle: feet within each stretch, the corner, both ends; a path of a single point is none."""
+    path = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])
+    for target, foot, i in (
+        ((0.5, 0.3), (0.5, 0.0), 0),
+        ((2.4, 0.75), (2.0, 0.75), 1),
+        ((3.0, -1.0), (2.0, 0.0), 0),
+        ((-1.0, 1.0), (0.0, 0.0), 0),
+        ((2.5, 4.0), (2.0, 1.0), 1),
+    ):
+        distance, point, found = hindsight.nearest(path[None], np.array([target]))
+        assert distance[0] == pytest.approx(math.dist(target, foot))
+        assert (tuple(point[0]), found[0]) == (pytest.approx(foot), i)
+    alone = np.array([[[0.0, 0.0], [np.nan, np.nan]]])
+    assert hindsight.nearest(alone, np.zeros((1, 2)))[0] == np.inf

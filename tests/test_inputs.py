@@ -1,0 +1,154 @@
+"""What a command line says of a fit: recordings to hold out, names, profiles, priors and controllers."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.identification.inputs import (
+    common_controller,
+    controller_from_table,
+    full_name,
+    profile_of,
+    read_marker,
+    read_prior,
+    split,
+)
+from whiptool.identification.plant import Plant
+from whiptool.impedance import OIAC, ConstantImpedance, Controller
+from whiptool.models import preset
+from whiptool.models.parameters import Model, WhipParameters
+
+LEMON = preset("lemon2024")
+PLANT = Plant(LEMON, Controller(OIAC()))
+
+
+@pytest.mark.parametrize(
+    ("recordings", "held_out", "fitted", "others"),
+    [
+        ("ab", None, "ab", ""), ("abc", None, "ab", "c"), ("abcd", None, "abc", "d"), ("abcd", ("2",), "ab", "cd"),
+        ("abcd", ("0",), "abcd", ""), ("abcd", ("b", "d"), "ac", "bd"), ("abc", ("c", "x", "x"), "ab", "cx"),
+    ],
+)  # fmt: skip
+def test_what_is_held_out(recordings, held_out, fitted, others):
+    assert split(tuple(recordings), held_out) == (list(fitted), list(others))
+
+
+def test_something_is_fitted_and_nothing_twice():
+    with pytest.raises(InputError, match="recordings: got 'a'"):
+        split(("a", "b", "a"), None)
+    for held_out in (("2",), ("3",), ("a", "b")):
+        with pytest.raises(InputError, match="one at least is to be fitted"):
+            split(("a", "b"), held_out)
+
+
+def test_short_names_are_looked_up():
+    assert full_name("k", PLANT) == full_name("whip.k", PLANT) == "whip.k"
+    assert full_name("a", PLANT) == "law.a"
+    assert full_name("delay", PLANT) == "delay"
+    assert full_name("arm.mass[0]", PLANT) == "arm.mass[0]"
+    profiled = Plant(LEMON, None, profile_of(LEMON, ""))
+    assert full_name("length", profiled) == "profile.length"
+    with pytest.raises(InputError, match=r"with --profile these give"):
+        full_name("k", profiled)
+    with pytest.raises(InputError, match=r"whip.k\[0\] and so on"):
+        full_name("k", Plant(profiled.model))
+    with pytest.raises(InputError, match="one of whip"):
+        full_name("colour", PLANT)
+
+
+def test_the_profile_of_a_uniform_whip_is_lumped_back_into_it():
+    """But for half a node's mass and drag that the handle takes."""
+    whip = WhipParameters(N=8, l=0.1, m=0.02, k=0.3, b=0.05, rest_angle=0.04, drag=3e-3)
+    lumped = profile_of(Model(arm=LEMON.arm, whip=whip), "").lump(8)
+    assert lumped.length == pytest.approx(whip.length)
+    for name in ("k", "b", "rest_angle"):
+        np.testing.assert_allclose(lumped.per_node(name)[1:], whip.per_node(name)[1:])
+    for name in ("m", "drag"):
+        np.testing.assert_allclose(lumped.per_node(name)[:-1], whip.per_node(name)[:-1])
+        assert lumped.per_node(name)[-1] == pytest.approx(whip.per_node(name)[-1] / 2)
+    with pytest.raises(InputError, match="a value per node"):
+        profile_of(Model(arm=LEMON.arm, whip=lumped), "")
+
+
+def test_the_profile_of_a_file_is_the_files(tmp_path):
+    file = tmp_path / "model.toml"
+    file.write_text(
+        "[whip.profile]\nlength = 0.7\nlinear_density = 0.1\nbending_stiffness = 0.01\nbending_damping = 0.002\n"
+    )
+    assert profile_of(LEMON, str(file)).length == 0.7
+    file.write_text("[whip]\nN = 3\n")
+    assert profile_of(LEMON, str(file)).length == pytest.approx(LEMON.whip.length)
+
+
+def test_priors_are_independent_with_the_squares_of_their_errors(tmp_path):
+    file = tmp_path / "prior.toml"
+    file.write_text('k = {value = 0.3, error = 0.1}\n"delay" = {value = -0.01, error = 0.005}\n')
+    prior = read_prior(str(file), PLANT, ("whip.k", "delay", "whip.m"))
+    assert prior is not None
+    assert (prior.names, prior.mean) == (("whip.k", "delay"), (0.3, -0.01))
+    np.testing.assert_allclose(prior.covariance, np.diag([0.01, 2.5e-5]))
+    assert read_prior(None, PLANT, ()) is None
+    for text in (
+        "k = {value = 0.0, error = 0.1}",
+        "k = {value = 0.3, error = 0.0}",
+        "k = 3",
+        "b = {value = 1, error = 1}",
+        "",
+    ):
+        file.write_text(text)
+        with pytest.raises(InputError):
+            read_prior(str(file), PLANT, ("whip.k", "delay"))
+
+
+def test_markers_are_read_and_checked(tmp_path):
+    file = tmp_path / "marker.toml"
+    file.write_text("radius = 0.02\nhue = [95, 140]\n")
+    marker = read_marker(str(file))
+    assert marker is not None
+    assert (marker.radius, marker.hue) == (0.02, (95, 140))
+    assert read_marker(None) is None
+    for text in ("radius = 0.02\ncolour = 3", "radius = -1.0", "hue = [95, 140]"):
+        file.write_text(text)
+        with pytest.raises(InputError):
+            read_marker(str(file))
+
+
+def test_controllers_are_read_and_checked():
+    assert controller_from_table({"law": "oiac", "a": 0.1, "feedforward": True}) == Controller(
+        OIAC(a=0.1), feedforward=True
+    )
+    constant = controller_from_table({"law": "constant", "K": [[1.0, 0.0], [0.0, 2.0]], "torque_limit": 3.0})
+    assert constant.torque_limit == 3.0
+    assert isinstance(constant.law, ConstantImpedance)
+    for table in (
+        {"law": "magic"},
+        {"law": "oiac", "colour": 1},
+        {"law": "oiac", "a": -1.0},
+        {"law": "oiac", "a": "x"},
+    ):
+        with pytest.raises(InputError, match="controller"):
+            controller_from_table(table)
+
+
+def recording(source: str, **table) -> SimpleNamespace:
+    return SimpleNamespace(source=source, controller={"law": "oiac", **table} if table else None)
+
+
+def test_recordings_share_a_controller_and_what_it_compensates():
+    masses = [0.1, 0.2, 0.3]
+    told, untold, none = recording("a", a=0.1, compensated=masses), recording("b", a=0.1), recording("c")
+    expected = Controller(OIAC(a=0.1), compensated=tuple(masses))
+    for order in ([told, untold, none], [none, untold, told], [untold, told, told]):
+        assert common_controller(order) == expected  # type: ignore[arg-type]
+    assert common_controller([untold, none]) == Controller(OIAC(a=0.1))  # type: ignore[arg-type]
+    assert common_controller([none]) is None  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="x: controller"):
+        common_controller([told, recording("x", a=0.2)])  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="x: controller"):
+        common_controller([told, recording("x", a=0.1, compensated=[0.1, 0.2, 0.4])])  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="x: controller"):
+        common_controller([recording("x", a=-1.0)])  # type: ignore[arg-type]

@@ -1,0 +1,108 @@
+"""The library of strikes against numbers of toy paths that are known in closed form."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.rig.limits import MotorLimits
+from whiptool.strike import StrikeBounds
+from whiptool.targets.library import RATE, Library, possible
+
+MODEL = preset("lemon2024")
+BOUNDS = StrikeBounds((-1.0, 0.0, 0.0, 0.0, 0.5), (0.0, 1.0, 2.0, 1.0, 1.5))
+MOTOR = MotorLimits("toy", stall_torque=2.0, no_load_speed=10.0, stall_current=1.0)
+
+
+class Circling:
+    """Tips on circles of radius 1 m with the angle `q_f[0] t^2`: their speed is `2 q_f[0] t`. Torques are |q_i|."""
+
+    model = MODEL
+
+    def tip_path(self, strikes, *, t_stay, rate, names=()):
+        t = np.arange(int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1) / rate
+        angle = strikes[:, 2, None] * t**2
+        path = np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+        return t, np.where(t[:, None] <= strikes[:, -1, None, None] + t_stay + 1e-9, path, np.nan), None
+
+    def approach(self, strikes, targets, *, t_stay):
+        assert (targets == 0).all()
+        return SimpleNamespace(
+            diverged=strikes[:, 4] > 1.4,
+            max_torque=np.abs(strikes[:, :2]),
+            max_joint_speed=np.zeros((len(strikes), 2)),
+        )
+
+
+def build(**options) -> Library:
+    return Library.build(Circling(), **{"size": 50, "bounds": BOUNDS, "t_stay": 0.2, **options})  # type: ignore[arg-type]
+
+
+def test_points_are_those_of_the_paths_where_the_tip_is_fast():
+    lib = build(speed=1.5)
+    spin, tau = lib.strikes[lib.owner, 2], lib.tau
+    np.testing.assert_allclose(lib.points, np.stack([np.sin(spin * tau**2), -np.cos(spin * tau**2)], axis=1))
+    exact = (2 * spin * tau)[:, None] * np.stack([np.cos(spin * tau**2), np.sin(spin * tau**2)], axis=1)
+    np.testing.assert_allclose(lib.velocities, exact, atol=0.02)
+    np.testing.assert_allclose(tau * RATE, np.round(tau * RATE), atol=1e-9)
+    assert np.linalg.norm(lib.velocities, axis=1).min() >= 1.5
+    ends = np.floor((lib.strikes[:, -1] + 0.2) * RATE + 1e-9)  # the last sample has no neighbour: no velocity
+    first = np.ceil(1.5 / 2 / lib.strikes[:, 2] * RATE)
+    count = np.bincount(lib.owner, minlength=len(lib.strikes))
+    np.testing.assert_allclose(count, np.maximum(ends - first, 0), atol=2)
+    assert lib.tree.query(lib.points[7])[0] == 0
+
+
+def test_strikes_are_uniform_in_the_box_and_those_of_the_seed():
+    lib = build(size=4000, seed=3)
+    lower, upper = np.array(BOUNDS.lower), np.array(BOUNDS.upper)
+    upper[-1] = 1.4  # beyond, they diverge
+    share = (lib.strikes - lower) / (upper - lower)
+    assert share.min() >= 0
+    assert share.max() <= 1
+    np.testing.assert_allclose(share.mean(axis=0), 0.5, atol=0.02)
+    np.testing.assert_allclose(share.std(axis=0), 1 / np.sqrt(12), rtol=0.03)
+    np.testing.assert_array_equal(lib.box, (BOUNDS.lower, BOUNDS.upper))
+    assert lib.free.all()
+    assert 0.8 * 2000 < len(Library.build(Circling(), bounds=BOUNDS).strikes) < 2000  # type: ignore[arg-type]
+    assert len(build(size=1, seed=1, speed=0.5).strikes) == 1
+    np.testing.assert_array_equal(build(size=40, seed=3).strikes, build(size=40, seed=3).strikes)
+    assert (build(size=40, seed=3).strikes[0] != build(size=40, seed=4).strikes[0]).all()
+
+
+def test_an_arm_that_waits_starts_where_it_waits():
+    lib = build(q_i=(-1.0, 1.0))
+    np.testing.assert_array_equal(lib.strikes[:, :2], np.tile([-1.0, 1.0], (len(lib.strikes), 1)))
+    assert lib.free.tolist() == [False, False, True, True, True]
+    for bad in ((-1.01, 0.5), (-0.5, 1.01), (-0.5,)):
+        with pytest.raises(InputError, match="q_i"):
+            build(q_i=bad)
+
+
+def test_strikes_beyond_the_motor_or_that_diverge_are_left_out():
+    assert 0 < len(build().strikes) < 50
+    assert build().strikes[:, -1].max() <= 1.4
+    weak = build(limits=MotorLimits("weak", 0.6, 10.0, 1.0))
+    assert np.abs(weak.strikes[:, :2]).max() <= 0.6
+    assert weak.limits is not None
+    strikes = np.array([[-0.5, 0.5, 1, 0, 1.0], [-0.9, 0.5, 1, 0, 1.0], [-0.5, 0.5, 1, 0, 1.45]])
+    assert weak.possible(strikes).tolist() == [True, False, False]
+    exactly = weak.strikes[:1].copy()
+    exactly[0, 0] = -0.6
+    assert weak.possible(exactly).all()
+    assert possible(Circling(), strikes, None, 0.2).tolist() == [True, True, False]  # type: ignore[arg-type]
+
+
+def test_what_no_strike_can_do_is_refused():
+    with pytest.raises(InputError, match="limits: got 'feeble'"):
+        build(limits=MotorLimits("feeble", 1e-3, 10.0, 1.0))
+    with pytest.raises(InputError, match=r"speed: got 100.0; allowed: at most 6\.[0-9]+ m/s"):
+        build(size=1000, speed=100.0)
+    with pytest.raises(InputError, match="size"):
+        build(size=0)
+    with pytest.raises(InputError, match="speed"):
+        build(speed=-1.0)

@@ -1,0 +1,163 @@
+"""The objective on a tip that flies straight: outcomes, penalties, budgets, limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from fake_rollout import SPEED, StraightFlight
+
+from whiptool.errors import InputError
+from whiptool.objective import Objective, SearchStopped, Target
+from whiptool.strike import StrikeBounds
+
+BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 1.0, 0.3, 0.8, 1.0))
+REACH = StraightFlight.model.reach
+
+
+class Limits:
+    """Of motors: peaks are beyond by the first angle less 0.3, the whole strike by half of that."""
+
+    def __init__(self) -> None:
+        self.looked_at = []
+
+    def violation_of_peaks(self, near):
+        return near.max_joint_speed[:, 0] - 0.3
+
+    def violation(self, trajectory):
+        self.looked_at.append(trajectory)
+        return (abs(trajectory.q_i[0]) - 0.3) / 2 - 0.1
+
+
+class Following(StraightFlight):
+    def trajectory(self, strike, *, t_stay):
+        return strike
+
+
+def objective(rollout=None, target=None, **options) -> Objective:
+    return Objective(rollout or StraightFlight(), target or Target((1.2, 0.0), 0.1), bounds=BOUNDS, **options)  # type: ignore[arg-type]
+
+
+def test_outcomes_of_straight_flights():
+    o = objective()
+    outcomes = o.batch(np.array([[0.05, 0.0, 0.1, 0.2, 0.7], [0.4, 0.5, 0.1, 0.2, 0.7], [0.0, 0.95, 0.1, 0.2, 0.7]]))
+    for outcome, angle in zip(outcomes, (0.05, 0.4), strict=False):
+        assert outcome.miss_distance == pytest.approx(1.2 * math.sin(angle))
+        assert outcome.time == pytest.approx(1.2 * math.cos(angle) / SPEED)
+        assert outcome.tip == pytest.approx((1.2 * math.cos(angle) ** 2, 1.2 * math.cos(angle) * math.sin(angle)))
+        assert outcome.tip_speed == pytest.approx(SPEED)
+        assert outcome.max_joint_speed[0] == pytest.approx(angle)
+        assert outcome.max_torque[0] == pytest.approx(2 * angle)
+    assert [outcome.hit for outcome in outcomes] == [True, False, False]
+    assert outcomes[0].hit_time == outcomes[0].time
+    assert outcomes[1].hit_time is None
+    assert outcomes[2].diverged
+    assert outcomes[2].miss_distance == o.penalty == pytest.approx(REACH + 1.2)
+    assert (o.n_diverged, o.n_refused, len(o.trials)) == (1, 0, 3)
+    assert o.best is o.trials[0]
+    assert [trial.number for trial in o.trials] == [1, 2, 3]
+
+
+def test_a_target_counts_as_hit_at_its_radius():
+    edge = 1.2 * math.sin(0.05)
+    for radius, hit in ((edge, True), (math.nextafter(edge, 0), False)):
+        near = StraightFlight().approach(np.array([[0.05, 0, 0, 0, 0.7]]), np.array([1.2, 0.0]), t_stay=0.3)
+        assert near.distance[0] == pytest.approx(edge)
+        o = objective(target=Target((1.2, 0.0), float(near.distance[0]) if hit else radius * 0.999999))
+        assert o([0.05, 0, 0, 0, 0.7]).hit is hit
+
+
+def test_the_first_of_equals_stays_the_best():
+    o = objective()
+    o.batch(np.array([[0.2, 0, 0, 0, 0.7], [0.1, 0, 0, 0, 0.7], [0.1, 0.1, 0, 0, 0.7]]))
+    assert o.best is o.trials[1]
+
+
+def test_what_is_beyond_the_limits_is_no_hit():
+    """Peaks acquit; where they do not, the whole strike decides, and how far it is beyond raises the penalty."""
+    limits = Limits()
+    o = objective(Following(), limits=limits)
+    strikes = np.array([[0.05, 0, 0, 0, 0.7], [0.4, 0, 0, 0, 0.7], [0.7, 0, 0, 0, 0.7], [0.9, 0, 0, 0, 0.7]])
+    outcomes = o.batch(strikes)
+    assert len(limits.looked_at) == 3  # not the first, whose peaks are within
+    assert outcomes[0].hit
+    assert outcomes[1].miss_distance == pytest.approx(1.2 * math.sin(0.4))  # the whole strike is within
+    beyond = np.array([0.1, 0.2])
+    for outcome, b in zip(outcomes[2:], beyond, strict=True):
+        assert outcome.miss_distance == pytest.approx(o.penalty * (2 - 1 / (1 + b)))
+        assert not outcome.hit
+        assert not outcome.diverged
+    assert o.n_refused == 2
+    assert o.penalty < outcomes[2].miss_distance < outcomes[3].miss_distance < 2 * o.penalty
+    wide = objective(Following(), Target((0.2, 0.0), 50.0), limits=Limits())
+    assert [outcome.hit for outcome in wide.batch(strikes)] == [True, True, False, False]
+
+
+def test_budgets():
+    rollout = StraightFlight()
+    o = objective(rollout, max_trials=3)
+    strikes = np.tile([0.5, 0, 0, 0, 0.7], (2, 1))
+    assert len(o.batch(strikes)) == 2
+    with pytest.raises(SearchStopped, match="trials"):
+        o.batch(strikes)
+    assert (len(o.trials), sum(rollout.rolled)) == (3, 3)
+    o = objective(max_trials=2)
+    assert len(o.batch(strikes)) == 2  # all of the budget, and no more asked
+    with pytest.raises(SearchStopped, match="trials"):
+        o.batch(strikes)
+    o = objective(stop_at_hit=True)
+    o.batch(strikes)
+    with pytest.raises(SearchStopped, match="hit"):
+        o.batch(np.array([[0.0, 0, 0, 0, 0.7], [0.5, 0, 0, 0, 0.7]]))
+    assert len(o.trials) == 4
+    o = objective(max_time=1e-9)
+    with pytest.raises(SearchStopped, match="time"):
+        o.batch(strikes)
+    assert not o.trials
+    assert len(objective(max_time=3600.0).batch(strikes)) == 2
+
+
+def test_gradients_are_trials():
+    class Sloped(StraightFlight):
+        def gradient(self, strikes, target, *, t_stay):
+            assert target.tolist() == [1.2, 0.0]
+            return None, np.arange(5.0)[None] + strikes
+
+    o = objective(Sloped())
+    outcome, slope = o.gradient([0.2, 0, 0, 0, 0.7])
+    assert outcome.miss_distance == pytest.approx(1.2 * math.sin(0.2))
+    np.testing.assert_allclose(slope, [0.2, 1, 2, 3, 4.7])
+    outcome, slope = o.gradient([0.2, 0.95, 0, 0, 0.7])
+    assert outcome.diverged
+    assert not slope.any()
+    assert len(o.trials) == 2
+
+
+def test_a_log_answers_and_is_told():
+    first = objective()
+    strikes = np.array([[0.1, 0, 0, 0, 0.7], [0.2, 0, 0, 0, 0.7], [0.3, 0, 0, 0, 0.7]])
+    first.batch(strikes)
+    rollout, told = StraightFlight(), []
+    again = objective(rollout)
+    again.record(first.trials[:2], told.append)
+    assert again(strikes[0]) == first.trials[0].outcome
+    again.batch(strikes[1:])
+    assert again.trials == first.trials == told
+    assert sum(rollout.rolled) == 1
+
+
+def test_targets_within_reach():
+    Target((REACH, 0.0)).check_reach(StraightFlight.model)
+    Target((0.0, -(REACH + 0.06))).check_reach(StraightFlight.model)
+    for x in ((REACH + 0.0601, 0.0), (REACH, 0.5)):
+        with pytest.raises(InputError, match="reach"):
+            Target(x).check_reach(StraightFlight.model)
+    assert objective(target=Target((9.0, 0.0)), check_reach=False).penalty == pytest.approx(REACH + 9)
+    assert objective(target=Target((0.3, -0.4))).penalty == pytest.approx(REACH + 0.5)
+
+
+def test_what_is_usual_and_what_would_never_end():
+    assert Target() == Target((1.3, 0.0), 0.06)  # Eq. 17; the target is the middle of the usual zone
+    with pytest.raises(InputError):
+        objective(t_stay=1e12)

@@ -1,0 +1,285 @@
+"""The planner on a toy whip, whose tip passes where two linear maps say: probabilities and scores in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from whiptool.adaptation import planner
+from whiptool.adaptation.planner import Effort, Plan, plan
+from whiptool.adaptation.prior import Belief
+from whiptool.errors import InputError
+from whiptool.identification.plant import Plant
+from whiptool.impedance import OIAC, Controller
+from whiptool.models import preset
+from whiptool.models.trajectory import Approach
+from whiptool.objective import Target
+from whiptool.rig.limits import MotorLimits
+from whiptool.strike import Strike, StrikeBounds
+
+PUSH = np.array([[0.3, -0.1, 0.4, 0.2, 0.0], [0.0, 0.2, -0.1, 0.5, 0.0]])  # of a strike's numbers on the tip [m]
+LONGER = np.array([0.3, 0.4])  # of the logarithm of the whip's length [m]
+BOUNDS = StrikeBounds((-1.0, 0.0, 0.0, 0.0, 0.5), (0.0, 1.0, 2.0, 1.0, 1.5))
+WIDTH = np.array([1.0, 1.0, 2.0, 1.0, 1.0])
+MODEL = preset("lemon2024")
+LENGTH = MODEL.whip.length
+MIDDLE = np.array([-0.5, 0.5, 1.0, 0.5, 1.0])
+AT = PUSH @ MIDDLE
+MOTOR = MotorLimits("toy", stall_torque=2.0, no_load_speed=10.0, stall_current=1.0)
+
+
+class Toy:
+    """`tip = PUSH u + LONGER log(length)`; torques `2 |q_i|`, none of them in motion; the tip at `4 D`."""
+
+    lost = np.inf  # length over the mean's, from which a whip diverges
+
+    def __init__(self, model, controller, *, timestep, free, sag=None) -> None:
+        self.model = model
+
+    def approach(self, strikes, target, *, t_stay, models=None, controllers=None) -> Approach:
+        models = [self.model] * len(strikes) if models is None else models
+        stretch = np.array([m.whip.length for m in models]) / LENGTH
+        tip = strikes @ PUSH.T + LONGER * np.log(stretch)[:, None]
+        B = len(strikes)
+        return Approach(
+            distance=np.linalg.norm(tip - target, axis=1),
+            time=np.ones(B),
+            velocity=np.outer(4 * strikes[:, 4], [0.6, 0.8]),
+            tip=tip,
+            max_joint_speed=np.zeros((B, 2)),
+            max_torque=2 * np.abs(strikes[:, :2]),
+            diverged=stretch > self.lost,
+        )
+
+    def gradient(self, strikes, target, *, t_stay):
+        near = self.approach(strikes, target, t_stay=t_stay)
+        unit = (near.tip - target) / np.maximum(near.distance, 1e-12)[:, None]
+        return near, unit @ PUSH
+
+
+@pytest.fixture(autouse=True)
+def toy(monkeypatch):
+    monkeypatch.setattr(planner, "CompiledRollout", Toy)
+    monkeypatch.setattr(Toy, "lost", np.inf)
+
+
+def belief(error: float) -> Belief:
+    plant = Plant(MODEL, Controller(OIAC()))
+    return Belief(plant, ("whip.l",), np.log([plant.values()["whip.l"]]), np.array([[error**2]]))
+
+
+def planned(error: float = 0.1, target: Target | None = None, seed: int = 0, **options) -> Plan:
+    given = {"bounds": BOUNDS, **options}
+    return plan(belief(error), target or Target(tuple(AT), 0.06), rng=np.random.default_rng(seed), **given)
+
+
+def search(error: float = 0.1, limits=None, speed: float = 0.0, radius: float = 0.06):
+    return planner._Search(belief(error), Target(tuple(AT), radius), BOUNDS, limits, speed, 0.3, 5e-4)
+
+
+@pytest.mark.parametrize("error", [0.08, 0.16])
+def test_probability_and_expected_miss_are_those_of_the_belief(error, monkeypatch):
+    """The tip scatters along a line, 0.5 m for a factor of e in length, and the best strike is in its middle."""
+    monkeypatch.setattr(planner, "JUDGED", 600)
+    found = planned(error)
+    assert found.probability is not None
+    assert found.expected_miss is not None
+    s = 0.5 * error
+    assert found.probability == pytest.approx(norm.cdf(0.06, 0, s) - norm.cdf(-0.06, 0, s), abs=0.06)
+    assert found.expected_miss == pytest.approx(s * np.sqrt(2 / np.pi), rel=0.1)
+    assert found.mean_miss < 0.02
+    assert found.allowed
+    assert found.usage is None
+    assert f"{found.probability:.0%} over 600 whips" in found.reason
+    assert f"{100 * found.expected_miss:.1f} cm expected miss, the tip at" in found.reason
+    assert (np.array(found.strike) >= BOUNDS.lower).all()
+    assert (np.array(found.strike) <= BOUNDS.upper).all()
+
+
+def test_the_probability_is_stated_over_other_whips_than_those_that_chose(monkeypatch):
+    drawn = []
+    sample = Belief.sample
+    monkeypatch.setattr(Belief, "sample", lambda self, rng, size: drawn.append(size) or sample(self, rng, size))
+    planned(effort=Effort(whips=12))
+    assert drawn == [12, 64]
+
+
+def test_a_score_is_the_probability_less_a_fifth_per_metre_up_to_half_a_metre():
+    s = search()
+    whips = belief(0.1).sample(np.random.default_rng(0), 40)
+    aside = MIDDLE + np.array([[0.02, 0.0], [0.3, 0.1], [3.0, 0.0]]) @ np.linalg.pinv(PUSH).T
+    stretch = np.log([w.model.whip.length / LENGTH for w in whips])
+    tips = aside @ PUSH.T
+    miss = np.linalg.norm(tips[:, None] + stretch[:, None] * LONGER - AT, axis=2)
+    np.testing.assert_allclose(s.each(aside, whips), miss, atol=1e-9)
+    hits = norm.cdf((0.06 - miss) / 0.005) - norm.cdf((-0.06 - miss) / 0.005)  # smoothed by 5 mm
+    np.testing.assert_allclose(s.probability(miss), hits.mean(axis=1), atol=1e-9)
+    expected = hits.mean(axis=1) - 0.2 * np.minimum(miss, 0.5).mean(axis=1)
+    np.testing.assert_allclose(s.score(aside, whips), expected, atol=1e-9)
+    assert s.score(aside, whips)[2] == pytest.approx(-0.1)
+
+
+def test_whips_that_diverge_miss_by_all_and_are_told():
+    s, whips = search(), belief(0.1).sample(np.random.default_rng(0), 40)
+    Toy.lost = 1.05
+    lengths = np.array([w.model.whip.length / LENGTH for w in whips])
+    miss = s.each(MIDDLE[None], whips)[0]
+    np.testing.assert_array_equal(np.isinf(miss), lengths > 1.05)
+    found = planned()
+    share = 1 - norm.cdf(np.log(1.05) / 0.1)
+    assert "where it does not diverge, as" in found.reason
+    told = float(found.reason.split("where it does not diverge, as ")[1].split("%")[0]) / 100
+    assert told == pytest.approx(share, abs=0.12)
+    assert found.expected_miss is not None
+    assert found.expected_miss < 0.06
+    Toy.lost = 0.0
+    lost = planned()
+    assert lost.expected_miss is None
+    assert lost.probability == 0
+    assert "all diverge" in lost.reason
+
+
+def test_what_the_motors_cannot_do_is_excess():
+    """Torques of 2 |q_i| N m: the larger of them over 2 N m, less what is kept free, is beyond."""
+    s = search(limits=MOTOR)
+    strikes = MIDDLE + np.array([[0, 0, 0, 0, 0], [-0.5, 0, 0, 0, 0], [0.45, 0.5, 0, 0, 0]])
+    near = s.mean(strikes)
+    for margin, beyond in ((0.1, [0.0, 0.1, 0.1]), (0.6, [0.1, 0.6, 0.6])):
+        s.margin = margin
+        np.testing.assert_allclose(s.excess(near), beyond, atol=1e-12)
+        distance = np.linalg.norm(strikes @ PUSH.T - AT, axis=1)
+        behind = np.where(np.array(beyond) > 0, 10 + np.array(beyond), 0)
+        np.testing.assert_allclose(s.rank(near), distance + behind, atol=1e-9)
+        whips = belief(0.1).sample(np.random.default_rng(0), 4)
+        np.testing.assert_allclose(s.score(strikes, whips), search().score(strikes, whips) - behind, atol=1e-9)
+    assert not search().excess(near).any()
+
+
+def test_what_is_too_slow_is_excess_by_its_share():
+    s = search(speed=5.0)
+    strikes = MIDDLE + np.array([[0, 0, 0, 0, -0.2], [0, 0, 0, 0, 0.25], [0, 0, 0, 0, 0.5]])  # 3.2, 5, 6 m/s
+    np.testing.assert_allclose(s.excess(s.mean(strikes)), [1 - 3.2 / 5, 0, 0], atol=1e-12)
+    both = search(limits=MOTOR, speed=5.0)
+    strong = strikes + np.array([-0.5, 0, 0, 0, 0])
+    np.testing.assert_allclose(both.excess(both.mean(strong)), [0.1 + 1 - 3.2 / 5, 0.1, 0.1], atol=1e-12)
+    nowhere = np.full((1, 2), np.nan)
+    lost = Approach(*(np.full(1, np.nan),) * 2, *(nowhere,) * 4, np.ones(1, bool))
+    assert both.excess(lost)[0] == pytest.approx(1.0 + 10.0)
+    assert search().rank(lost)[0] == 1e3
+
+
+def test_a_polished_strike_goes_along_the_derivative_in_units_of_ranges():
+    """One Gauss-Newton step `-d g / |g|^2` for small misses; at most a tenth of a range; never worse than before."""
+    s = search()
+    for offset in (np.array([0.02, 0.01]), np.array([-0.5, 0.6])):
+        start = (MIDDLE + np.linalg.pinv(PUSH) @ offset)[None]
+        (found,) = s.polish(start, 1)
+        d = np.linalg.norm(offset)
+        g = (offset / d) @ PUSH * WIDTH
+        move = -d * g / (g @ g)
+        move *= min(1.0, 0.1 / np.linalg.norm(move))
+        stepped = np.clip(start[0] + move * WIDTH, BOUNDS.lower, BOUNDS.upper)
+        before, after = (np.linalg.norm(PUSH @ x - AT) for x in (start[0], stepped))
+        np.testing.assert_allclose(found, stepped if after < before else start[0], atol=1e-9)
+    np.testing.assert_array_equal(s.polish(start, 0), start)
+    (arrived,) = s.polish(start, 40)
+    assert np.linalg.norm(PUSH @ arrived - AT) < 1e-3
+
+
+def test_a_squeeze_finds_what_is_allowed():
+    s = search(limits=MOTOR)
+    s.margin = 0.6
+    start = np.random.default_rng(0).uniform(BOUNDS.lower, BOUNDS.upper, (8, 5))
+    start[:, 0] = -0.95
+    found = s.squeeze(start, np.random.default_rng(1))
+    rank = s.rank(s.mean(found))
+    assert len(found) == 8
+    assert (np.diff(rank) >= 0).all()
+    assert rank[0] < 0.1
+    done = np.tile(MIDDLE, (3, 1))
+    s.margin = 0.1
+    np.testing.assert_array_equal(s.squeeze(done, np.random.default_rng(1)), done)  # nothing to mend
+
+
+def test_a_strike_that_misses_all_whips_by_a_quarter_of_the_radius_is_good_enough():
+    s = search()
+    enough = norm.cdf((0.06 - 0.015) / 0.005) - norm.cdf((-0.06 - 0.015) / 0.005) - 0.2 * 0.015
+    assert s.sure(enough + 1e-9)
+    assert not s.sure(enough - 1e-9)
+
+
+def test_past_strikes_and_their_neighbours_are_candidates():
+    effort = Effort(pool=1, polished=1, steps=0, whips=2, population=2, rounds=0)
+    found = planned(1e-6, past=[tuple(MIDDLE)], effort=effort)
+    np.testing.assert_allclose(found.strike, MIDDLE)
+    assert found.reason.startswith("of 10 candidates")
+    assert planned(1e-6, effort=effort).reason.startswith("of 1 candidates")
+
+
+def test_neighbours_and_draws_scatter_by_parts_of_the_ranges():
+    """Around past strikes 0.05 of a range, around the best 0.04."""
+    s, whips = search(1e-6), belief(1e-6).sample(np.random.default_rng(0), 2)
+    everything = Effort(pool=1, polished=999, steps=0, whips=2, population=2, rounds=0)
+    strikes, _, number = s.look(np.random.default_rng(0), [tuple(MIDDLE)] * 60, everything, whips)
+    assert number == 60 * 9 + 1
+    around = (strikes[:number] - MIDDLE) / WIDTH
+    around = around[np.abs(around).max(axis=1) > 0]
+    np.testing.assert_allclose(np.sqrt((around[:-1] ** 2).mean(axis=0)), 0.05, rtol=0.15)
+    one = Effort(pool=1, polished=1, steps=0, whips=2, population=300, rounds=1)
+    strikes, scores, _ = s.look(np.random.default_rng(24), [], one, whips)
+    draws = (strikes[-300:] - strikes[0]) / WIDTH
+    np.testing.assert_allclose(draws.std(axis=0), 0.04, rtol=0.15)
+    np.testing.assert_allclose(scores, s.score(strikes, whips))
+
+
+def test_rounds_refine_over_the_samples():
+    one = {"pool": 30, "polished": 1, "steps": 0, "whips": 8, "population": 16}
+    misses = [planned(1e-6, effort=Effort(**one, rounds=rounds)).mean_miss for rounds in (0, 12)]
+    assert misses[1] < min(0.02, misses[0])
+
+
+def test_limits_speed_and_checks_are_obeyed_where_they_can_be():
+    weak = MotorLimits("weak", stall_torque=1.2, no_load_speed=10.0, stall_current=1.0)  # |q_i| <= 0.54
+    found = planned(0.05, limits=weak)
+    assert found.usage is not None
+    assert found.usage <= 0.9 + 1e-9
+    assert found.usage == pytest.approx(2 * np.abs(found.strike[:2]).max() / 1.2)
+    assert f"within {found.usage:.0%} of what the motors give" in found.reason
+    fast = planned(0.05, speed=5.5)
+    assert 4 * fast.strike[4] >= 5.5
+    assert fast.allowed
+    beyond = planned(0.05, speed=7.0)  # 6 m/s is the most
+    assert not beyond.allowed
+    assert "no faster one was found, though 7 m/s were asked for" in beyond.reason
+    feeble = MotorLimits("feeble", stall_torque=0.1, no_load_speed=10.0, stall_current=1.0)
+    none = planned(0.05, limits=feeble, bounds=StrikeBounds((-1.0, 0.2, 0.0, 0.0, 0.5), (-0.2, 1.0, 2.0, 1.0, 1.5)))
+    assert not none.allowed
+    assert none.usage is not None
+    assert none.usage > 1
+    assert f"asks for {none.usage:.0%} of them" in none.reason
+
+
+def test_what_is_refused_leaves_more_of_the_motors_free():
+    asked: list[float] = []
+
+    def check(strike: Strike) -> str | None:
+        asked.append(float(np.abs(strike.q_i).max()))
+        return None if asked[-1] <= 0.72 else "too much"
+
+    strong = Target(tuple(PUSH @ np.array([-0.85, 0.5, 1.0, 0.5, 1.0])), 0.06)
+    found = planned(0.02, strong, limits=MOTOR, check=check)
+    assert found.allowed
+    assert np.abs(found.strike[:2]).max() <= 0.72
+    never = planned(0.02, strong, limits=MOTOR, check=lambda strike: "never")
+    assert not never.allowed
+    without: list[Strike] = []
+    planned(0.02, strong, check=lambda strike: without.append(strike) or "no")
+    assert len(without) == planner.CHECKED
+
+
+def test_efforts_are_checked():
+    for name in ("pool", "polished", "whips"):
+        with pytest.raises(InputError, match=name):
+            Effort(**{name: 0})
+        Effort(**{name: 1})

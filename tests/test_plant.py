@@ -1,0 +1,113 @@
+"""The names and numbers of a plant: what is changed, how it scales with the nodes, and slopes by differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.identification.plant import LUMPED, PROFILE, Plant, lumping, slopes
+from whiptool.impedance import OIAC, ConstantImpedance, Controller
+from whiptool.models import preset
+from whiptool.models.parameters import WhipParameters
+from whiptool.models.profile import WhipProfile
+
+LEMON = preset("lemon2024")
+PROFILE_OF_ALL = WhipProfile(0.9, 0.2, 0.02, 0.007, 0.3, 0.4, 0.5, 0.1, 0.01, 0.003)
+PLANT = Plant(LEMON, Controller(OIAC(), torque_limit=3.0))
+PROFILED = Plant(LEMON, Controller(), PROFILE_OF_ALL)
+
+
+def test_a_change_changes_what_it_names_and_nothing_else():
+    changes = {"whip.k": 0.5, "arm.mass[1]": 0.7, "gravity": 3.7, "law.beta": 0.1, "torque_limit": 2.0}
+    changed, before = PLANT.changed(changes), PLANT.values()
+    assert changed.values() == before | changes
+    assert PLANT.values() == before
+    assert changed.model.gravity == 3.7
+    assert changed.controller is not None
+    assert changed.controller.torque_limit == 2.0
+    assert changed.controller.law.parameters()["beta"].tolist() == [0.1]
+    with pytest.raises(InputError, match="one of"):
+        PLANT.changed({"whip.colour": 1.0})
+    with pytest.raises(InputError):
+        PLANT.changed({"whip.k": -1.0})
+
+
+def test_matrices_of_a_law_are_changed_entry_by_entry():
+    plant = Plant(LEMON, Controller(ConstantImpedance(((1.0, 2.0), (3.0, 4.0)))))
+    law = plant.changed({"law.K[1]": 20.0, "law.K[3]": 40.0, "law.B[0]": 9.0}).controller.law  # type: ignore[union-attr]
+    assert law.parameters()["K"].tolist() == [1.0, 20.0, 3.0, 40.0]
+    assert law.parameters()["B"].tolist() == [9.0, 1.43, 1.43, 3.93]
+
+
+def test_a_profile_stands_in_place_of_the_whips_numbers():
+    values = PROFILED.values()
+    assert {f"profile.{name}" for name in PROFILE} <= set(values)
+    assert not any(name.startswith(("whip.k", "whip.m", "whip.l", "whip.b")) for name in values)
+    assert "whip.dry_friction" in values
+    longer = PROFILED.changed({"profile.length": 1.2, "whip.dry_friction": 1e-3})
+    assert longer.model.whip.length == pytest.approx(1.2)
+    np.testing.assert_allclose(longer.model.whip.dry_friction, 1e-3)
+    tip = np.r_[np.zeros(11), 0.003]  # does not grow with the whip
+    mass, before = longer.model.whip.per_node("m") - tip, PROFILED.model.whip.per_node("m") - tip
+    np.testing.assert_allclose(mass, before * 1.2 / 0.9)
+
+
+def test_more_nodes_are_the_same_whip():
+    """Uniform: length, mass, total drag and the bending of the whole are kept."""
+    whip = WhipParameters(N=10, l=0.08, m=0.02, k=0.3, b=0.05, drag=1e-3, cubic_stiffness=0.7, rest_angle=0.01)
+    plant = Plant(type(LEMON)(arm=LEMON.arm, whip=whip))
+    finer = plant.with_nodes(25).model.whip
+    assert finer.N == 25
+    assert finer.length == pytest.approx(0.8)
+    assert finer.per_node("m").sum() == pytest.approx(0.2)
+    assert finer.per_node("drag").sum() == pytest.approx(1e-2)
+    assert 25 * finer.per_node("rest_angle")[-1] == pytest.approx(0.1)
+    for name in ("k", "b"):  # in series: a moment M bends the whole by N M / k
+        assert 25 / finer.per_node(name)[-1] == pytest.approx(10 / whip.per_node(name)[-1])
+    # M = c theta^3 with theta the whole bend over N: the whole bends by N (M / c)^(1/3)
+    assert 25**3 / finer.per_node("cubic_stiffness")[-1] == pytest.approx(10**3 / 0.7)
+    assert finer.hinge_mass == whip.hinge_mass
+    back = plant.with_nodes(25).with_nodes(10).model.whip
+    assert back.l == pytest.approx(0.08)
+    with pytest.raises(InputError, match="a value per node"):
+        Plant(PROFILED.model).with_nodes(20)
+    lumped = Plant(LEMON, None, PROFILE_OF_ALL).with_nodes(20)
+    np.testing.assert_allclose(lumped.model.whip.per_node("k"), PROFILE_OF_ALL.lump(20).per_node("k"))
+
+
+def test_blocks_hold_the_models_numbers():
+    blocks = PLANT.quantities()
+    np.testing.assert_array_equal(blocks["arm.mass"], LEMON.arm.per_link("mass"))
+    np.testing.assert_array_equal(blocks["whip.k"], LEMON.whip.per_node("k"))
+    assert blocks["whip.hinge_mass"].tolist() == [LEMON.whip.hinge_mass]
+    assert blocks["gravity"].tolist() == [LEMON.gravity]
+    assert blocks["law.beta"].tolist() == [0.6]
+    assert blocks["torque_limit"].tolist() == [3.0]
+    assert "torque_limit" not in Plant(LEMON, Controller()).quantities()
+    assert not any(name.startswith("law") for name in Plant(LEMON).quantities())
+
+
+@pytest.mark.parametrize("plant", [PLANT, PROFILED], ids=["uniform", "profile"])
+def test_slopes_are_those_of_differences(plant):
+    names = [x for x in plant.values() if x != "whip.friction_velocity"]
+    known, found = plant.values(), slopes(plant, names)
+    for name, slope in zip(names, found, strict=True):
+        h = 1e-6 * max(abs(known[name]), 1e-3)
+        both = [plant.changed({name: known[name] + s * h}).quantities() for s in (1, 0 if known[name] == 0 else -1)]
+        for block, exact in slope.items():
+            by_difference = (both[0][block] - both[1][block]) / (h if known[name] == 0 else 2 * h)
+            scale = max(1.0, float(np.abs(exact).max()))
+            np.testing.assert_allclose(by_difference / scale, exact / scale, atol=2e-5, err_msg=f"{block} by {name}")
+    with pytest.raises(InputError, match="parameter"):
+        slopes(plant, ["whip.colour"])
+
+
+def test_lumping_in_casadi_is_that_of_numpy():
+    """Two derivations of the same hats, at two numbers of nodes."""
+    for N in (3, 12):
+        found = dict(zip(LUMPED, lumping(N)[0](np.array([getattr(PROFILE_OF_ALL, x) for x in PROFILE])), strict=True))
+        lumped = PROFILE_OF_ALL.lump(N)
+        for name, block in found.items():
+            own = lumped.hinge_mass if name == "hinge_mass" else lumped.per_node(name)
+            np.testing.assert_allclose(np.ravel(block.full()), own, rtol=1e-12, atol=1e-15)

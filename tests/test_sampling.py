@@ -1,0 +1,85 @@
+"""Readings of a sampled path against the polynomial that it is, integrated by SciPy, and against its convergence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from whiptool.identification.sampling import POINTS, Readings
+
+START, INTERVAL, COUNT = 0.3, 0.05, 21
+GRID = START + INTERVAL * np.arange(COUNT)
+QUINTIC = np.polynomial.Polynomial([0.3, -1.0, 2.0, 0.7, -3.0, 1.1], domain=[0, 1], window=[0, 1])
+AT = np.array([0.3, 0.312, 0.35, 0.4777, 0.801, 1.2, 1.263, 1.3])
+
+
+def read(at: np.ndarray, exposure: float = 0.0) -> Readings:
+    return Readings(at, exposure=exposure, start=START, interval=INTERVAL, count=COUNT)
+
+
+PATH = np.stack([QUINTIC(GRID), np.ones(COUNT)], axis=1)[:, None, :]  # one marker, (S, 1, 2)
+FIRST = np.zeros(len(AT), int)
+
+
+def test_a_polynomial_of_the_fifth_degree_is_read_exactly():
+    value, velocity = read(AT).value(PATH, FIRST), read(AT).velocity(PATH, FIRST)
+    np.testing.assert_allclose(value[:, 0], QUINTIC(AT), atol=1e-11)
+    np.testing.assert_allclose(velocity[:, 0], QUINTIC.deriv()(AT), atol=1e-9)
+    np.testing.assert_allclose(value[:, 1], 1.0)
+    np.testing.assert_allclose(velocity[:, 1], 0.0, atol=1e-11)
+
+
+def test_an_exposure_is_a_mean():
+    inside, e = np.array([0.45, 0.8, 1.2499]), 0.1
+    readings = read(inside, e)
+    mean = [quad(QUINTIC, t - e / 2, t + e / 2)[0] / e for t in inside]
+    rate = [(QUINTIC(t + e / 2) - QUINTIC(t - e / 2)) / e for t in inside]
+    np.testing.assert_allclose(readings.value(PATH, np.zeros(3, int))[:, 0], mean, atol=1e-10)
+    np.testing.assert_allclose(readings.velocity(PATH, np.zeros(3, int))[:, 0], rate, atol=1e-9)
+
+
+def test_before_and_after_the_path_it_stands_still():
+    outside = np.array([-5.0, 0.2999, 1.3001, 9.0])
+    value = read(outside).value(PATH, np.zeros(4, int))
+    np.testing.assert_allclose(value[:, 0], QUINTIC([0.3, 0.3, 1.3, 1.3]), atol=1e-11)
+    np.testing.assert_allclose(read(outside).velocity(PATH, np.zeros(4, int)), 0, atol=1e-14)
+    half = read(np.array([START]), 0.1)  # a Gauss node counts as inside or outside as a whole
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    at = START + 0.05 * nodes
+    expected = weights / 2 @ QUINTIC(np.maximum(at, START))
+    np.testing.assert_allclose(half.value(PATH, np.zeros(1, int))[0, 0], expected, atol=1e-11)
+    moving = weights / 2 @ (QUINTIC.deriv()(at) * (at >= START))
+    np.testing.assert_allclose(half.velocity(PATH, np.zeros(1, int))[0, 0], moving, atol=1e-9)
+
+
+def test_errors_fall_with_the_sixth_power_of_the_interval():
+    errors = []
+    for count in (41, 81):
+        grid = np.linspace(0, 2, count)
+        at = np.linspace(0.31, 1.77, 50)
+        readings = Readings(at, exposure=0.0, start=0.0, interval=2 / (count - 1), count=count)
+        errors.append(np.abs(readings.value(np.sin(5 * grid)[:, None, None], np.zeros(50, int))[:, 0] - np.sin(5 * at)))
+    assert 5.5 < np.log2(errors[0].max() / errors[1].max()) < 6.8
+    assert POINTS == 6
+
+
+def test_each_reading_is_of_its_own_quantity_and_direction():
+    rng = np.random.default_rng(0)
+    path = rng.normal(size=(4, COUNT, 3, 2))  # four directions, three markers
+    at, which = GRID[[2, 7, 11, 20, 0]], np.array([2, 0, 1, 1, 2])
+    found = read(at).value(path, which)
+    assert found.shape == (4, 5, 2)
+    for k, (i, marker) in enumerate(zip([2, 7, 11, 20, 0], which)):
+        np.testing.assert_allclose(found[:, k], path[:, i, marker], atol=1e-10)
+
+
+@pytest.mark.parametrize("t", [0.4321, 1.1])
+def test_the_derivative_by_time_is_that_of_differences(t):
+    h = 1e-6
+    rng = np.random.default_rng(1)
+    path = rng.normal(size=(COUNT, 1, 2))
+    ahead, behind = (read(np.array([x]), 0.02).value(path, np.zeros(1, int)) for x in (t + h, t - h))
+    np.testing.assert_allclose(
+        read(np.array([t]), 0.02).velocity(path, np.zeros(1, int)), (ahead - behind) / (2 * h), rtol=1e-5
+    )

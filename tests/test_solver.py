@@ -1,0 +1,216 @@
+"""The solver of many recordings against SciPy on the whole system, and its parts against their definitions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import least_squares, lsq_linear
+
+from whiptool.identification.solver import Block, Status, huber, reduce, solve, weigh
+
+RNG = np.random.default_rng(0)
+
+
+@pytest.mark.parametrize("limit", [0.5, 1.345])
+def test_hubers_loss_is_the_integral_of_its_influence(limit):
+    """psi(r) = r within the limit, the limit beyond; the weight is psi(r) / r."""
+    r = np.array([-3.0, -limit, -0.3, 0.0, 0.2, limit, 7.0])
+    cost, weight = huber(r, limit)
+    psi = lambda x: np.clip(x, -limit, limit)  # noqa: E731
+    assert cost == pytest.approx(sum(quad(psi, 0, x)[0] for x in r))
+    np.testing.assert_allclose(weight[r != 0], psi(r[r != 0]) / r[r != 0])
+    assert weight[3] == 1
+    assert huber(r, None)[0] == pytest.approx((r**2).sum() / 2)
+    np.testing.assert_array_equal(huber(r, None)[1], 1)
+
+
+def block(rows: int, shared: int, own: int) -> Block:
+    return Block(RNG.normal(size=rows), RNG.normal(size=(rows, shared)), RNG.normal(size=(rows, own)))
+
+
+def test_a_reduced_block_has_the_same_least_squares_without_its_own_unknowns():
+    b = block(20, 3, 2)
+    head, rest = reduce(b)
+    assert head.shape == (2, 2 + 3 + 1)
+    assert np.allclose(np.tril(head[:, :2], -1), 0)
+    z = RNG.normal(size=3)
+    own = np.linalg.lstsq(b.B, -(b.r + b.A @ z), rcond=None)[0]
+    least = ((b.r + b.A @ z + b.B @ own) ** 2).sum()
+    assert ((rest @ np.r_[z, 1.0]) ** 2).sum() == pytest.approx(least)
+    np.testing.assert_allclose(np.linalg.solve(head[:, :2], -(head[:, 2:5] @ z + head[:, 5])), own)
+    damped = reduce(b, np.array([2.0, 0.5]))[1]
+    D = np.diag([2.0, 0.5])
+    own = np.linalg.lstsq(np.vstack([b.B, D]), np.r_[-(b.r + b.A @ z), 0, 0], rcond=None)[0]
+    least = ((b.r + b.A @ z + b.B @ own) ** 2).sum() + ((D @ own) ** 2).sum()
+    assert ((damped @ np.r_[z, 1.0]) ** 2).sum() == pytest.approx(least)
+
+
+def test_weights_count_in_the_squares():
+    b, w = block(5, 2, 1), np.array([1.0, 4.0, 0.25, 9.0, 0.0])
+    found = weigh(b, w)
+    for mine, plain in ((found.r, b.r), (found.A, b.A), (found.B, b.B)):
+        np.testing.assert_allclose(mine.T @ mine, plain.T @ (w[:, None] * plain if plain.ndim == 2 else w * plain))
+
+
+T = np.linspace(0, 1, 25)
+NOISE = 0.2 * RNG.standard_normal((3, 25)) * (1 + 4 * (T > 0.8))
+
+
+def decay(z: np.ndarray, own: list[np.ndarray], derivatives: bool) -> list[Block]:
+    """`z0 exp(-z1 t) + x_i sin(5 t)` of three recordings, the true numbers 2, 1.5 and -1, 0, 1."""
+    e, s = np.exp(-z[1] * T), np.sin(5 * T)
+    blocks = []
+    for i, x in enumerate(own):
+        y = 2 * np.exp(-1.5 * T) + (i - 1) * s + NOISE[i]
+        A = np.stack([e, -z[0] * T * e], axis=1) if derivatives else np.zeros((0, 0))
+        blocks.append(Block(z[0] * e + x[0] * s - y, A, s[:, None] if derivatives else np.zeros((0, 0))))
+    return blocks
+
+
+def theirs(upper: float, loss: float | None) -> least_squares:
+    def flat(u):
+        return np.concatenate([b.r for b in decay(u[:2], [u[2:3], u[3:4], u[4:]], False)])
+
+    robust = {} if loss is None else {"loss": "huber", "f_scale": loss}
+    bounds = ([0, 0, -9, -9, -9], [10, upper, 9, 9, 9])
+    return least_squares(flat, [1, 0.5, 0, 0, 0], bounds=bounds, xtol=1e-14, ftol=1e-14, gtol=1e-14, **robust)
+
+
+@pytest.mark.parametrize("upper", [9.0, 1.0])
+@pytest.mark.parametrize("loss", [None, 0.3])
+def test_it_ends_where_scipy_does(upper, loss):
+    mine = solve(
+        decay, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.array([10.0, upper]), loss=loss,
+        tolerance=1e-12,
+    )  # fmt: skip
+    best = theirs(upper, loss)
+    np.testing.assert_allclose(np.r_[mine.z, np.concatenate(mine.own)], best.x, atol=2e-5)
+    assert mine.cost == pytest.approx(best.cost, rel=1e-9)
+    assert mine.status is Status.CONVERGED
+    costs = [cost for cost, _, _ in mine.history]
+    assert costs[-1] == mine.cost
+    assert (np.diff(costs) < 0).all()
+    assert len(mine.history) - 1 <= mine.evaluations
+    assert bool(mine.z[1] == 1.0) is (upper == 1.0)
+
+
+def test_a_loose_tolerance_stops_sooner():
+    tight, loose = (
+        solve(
+            decay,
+            np.array([1.0, 0.5]),
+            [np.zeros(1)] * 3,
+            lower=np.zeros(2),
+            upper=np.full(2, 10.0),
+            tolerance=tolerance,
+        )
+        for tolerance in (1e-10, 1e-2)
+    )
+    assert loose.evaluations < tight.evaluations
+    assert loose.status is Status.CONVERGED
+    # what is left to fall is below the tolerance, per mean squared residual
+    assert loose.cost - tight.cost < 3e-2 * 2 * tight.cost / 75
+
+
+def test_only_the_first_residuals_are_robust():
+    """The last ten residuals of each block count in full, however large."""
+
+    def flat(u):
+        return np.concatenate([b.r for b in decay(u[:2], [u[2:3], u[3:4], u[4:]], False)])
+
+    def cost(u):
+        total = 0.0
+        for r in np.split(flat(u), 3):
+            total += huber(r[:15], 0.3)[0] + (r[15:] ** 2).sum() / 2
+        return total
+
+    mine = solve(
+        decay, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.full(2, 10.0), loss=0.3,
+        robust=[15, 15, 15], tolerance=1e-12,
+    )  # fmt: skip
+    at = np.r_[mine.z, np.concatenate(mine.own)]
+    assert mine.cost == pytest.approx(cost(at))
+    gradient = [(cost(at + h) - cost(at - h)) / 2e-5 for h in 1e-5 * np.eye(5)]
+    np.testing.assert_allclose(gradient, 0, atol=1e-3)
+
+
+def test_blocks_without_unknowns_of_their_own_may_follow():
+    """Such as a prior: here of the first number, 3 +- 0.1."""
+
+    def with_prior(z, own, derivatives):
+        return [
+            *decay(z, own, derivatives),
+            Block(np.array([(z[0] - 3) / 0.1]), np.array([[10.0, 0.0]]), np.zeros((1, 0))),
+        ]
+
+    mine = solve(
+        with_prior, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.full(2, 10.0), tolerance=1e-12
+    )
+
+    def flat(u):
+        return np.concatenate([b.r for b in with_prior(u[:2], [u[2:3], u[3:4], u[4:]], False)])
+
+    best = least_squares(flat, [1, 0.5, 0, 0, 0], xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    np.testing.assert_allclose(np.r_[mine.z, np.concatenate(mine.own)], best.x, atol=2e-5)
+
+
+def test_a_linear_problem_takes_few_steps():
+    """Damping falls by ten at each: it is gone after a few."""
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(30, 5)), rng.normal(size=30)
+    found = solve(
+        lambda z, own, derivatives: [Block(A @ z - b, A, np.zeros((30, 0)))],
+        np.zeros(5), [np.zeros(0)], lower=np.full(5, -9.0), upper=np.full(5, 9.0), tolerance=1e-12,
+    )  # fmt: skip
+    assert found.evaluations <= 5
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_linear_problems_with_bounds_are_those_of_scipy(seed):
+    """Several bounds active at once, on either side."""
+    rng = np.random.default_rng(seed)
+    A, b = rng.normal(size=(30, 5)), 3 * rng.normal(size=30)
+    lower, upper = np.full(5, -0.2), np.full(5, 0.15)
+    mine = solve(
+        lambda z, own, derivatives: [Block(A @ z - b, A, np.zeros((30, 0)))],
+        np.zeros(5), [np.zeros(0)], lower=lower, upper=upper, tolerance=1e-13,
+    )  # fmt: skip
+    np.testing.assert_allclose(mine.z, lsq_linear(A, b, (lower, upper), tol=1e-14).x, atol=1e-5)
+
+
+def test_how_a_solution_ends():
+    bounds = {"lower": np.zeros(2), "upper": np.full(2, 10.0)}
+    start = [np.zeros(1)] * 3
+    few = solve(decay, np.array([1.0, 0.5]), start, max_iterations=1, **bounds)
+    assert few.status is Status.STEPS
+    assert len(few.history) == 2
+
+    def broken(z, own, derivatives):
+        return [Block(np.array([np.inf]), np.zeros((1, 2)), np.zeros((1, 1)))]
+
+    assert solve(broken, np.ones(2), start[:1], **bounds).status is Status.DIVERGED
+
+    def steep(z, own, derivatives):
+        return [Block(np.ones(1), np.array([[1e51, 0.0]]), np.zeros((1, 1)))]
+
+    assert solve(steep, np.ones(2), start[:1], **bounds).status is Status.DIVERGED
+
+    def wall(z, own, derivatives):  # says that it falls, and does not
+        return [Block(np.array([1.0 + np.abs(z - 1).sum()]), np.array([[1.0, 1.0]]), np.zeros((1, 1)))]
+
+    stuck = solve(wall, np.ones(2), start[:1], tolerance=0.0, **bounds)
+    assert stuck.status is Status.STUCK
+    np.testing.assert_array_equal(stuck.z, 1)
+
+
+def test_a_start_beyond_its_bounds_is_brought_inside():
+    seen = []
+
+    def watched(z, own, derivatives):
+        seen.append(z.copy())
+        return decay(z, own, derivatives)
+
+    solve(watched, np.array([-5.0, 99.0]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.full(2, 10.0))
+    np.testing.assert_array_equal(seen[0], [0.0, 10.0])
+    assert all((z >= 0).all() and (z <= 10).all() for z in seen)

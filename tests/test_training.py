@@ -1,0 +1,121 @@
+"""Algorithm 1 on a tip that flies straight: what a learner is shown, when it explores, and what an episode tells."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from fake_rollout import SPEED, StraightFlight
+
+from whiptool.rl.settings import settings_for
+from whiptool.rl.task import StrikeTask, reward
+from whiptool.rl.training import Plan, Training, make_learner
+from whiptool.strike import StrikeBounds
+from whiptool.zone import Disc
+
+BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 1.0, 0.3, 0.8, 2.0))
+ZONE = Disc((1.0, 0.0), 0.5)
+
+
+def training(plan: Plan, *, observation: str = "goal", strikes: int = 2, seed: int = 0) -> Training:
+    task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, observation=observation, strikes=strikes)  # type: ignore[arg-type]
+    generator = torch.Generator().manual_seed(seed)
+    settings = settings_for("ddpg", hidden=(4,), batch_size=4)
+    return Training(make_learner("ddpg", settings, task, generator), task, plan)
+
+
+class Watch:
+    """Keeps what the learner is shown, and lets it learn nothing."""
+
+    def __init__(self, run: Training) -> None:
+        self.shown, self.updates, self.acted = [], [], []
+        act = run.learner.act
+        run.learner.learn = self.learn  # type: ignore[method-assign]
+        run.learner.act = lambda obs: self.acted.append(obs) or act(obs)  # type: ignore[method-assign,assignment]
+
+    def learn(self, new, *, update=True):
+        self.shown.append(new)
+        self.updates.append(update)
+        return {"critic": 1.5}
+
+
+def test_episodes_show_their_strikes_and_keep_their_targets():
+    run = training(Plan(episodes=5, trials=30, random_episodes=2))
+    watch, task, previous = Watch(run), run.task, None
+    for number in range(1, 6):
+        targets, obs = task.targets.copy(), run.obs.copy()
+        diverged = task.n_diverged
+        (episode,) = run.run(episodes=1)
+        new = watch.shown[-1]
+        strikes = task.to_strikes(new.action.numpy().astype(float))
+        near = StraightFlight().approach(strikes, targets, t_stay=task.t_stay)
+        distance = np.where(near.diverged, task.penalty, near.distance)
+        hit = distance <= 0.06
+        np.testing.assert_allclose(new.obs, task.normalise(obs), rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(new.reward, reward(distance, 0.06), rtol=1e-5)
+        np.testing.assert_array_equal(new.terminated, hit)
+        np.testing.assert_allclose(new.next_obs, task.normalise(task.look(near, targets)), rtol=1e-5, atol=1e-6)
+        assert (episode.number, episode.strikes) == (number, 30 * number)
+        assert episode.mean_reward == pytest.approx(reward(distance, 0.06).mean())
+        assert episode.share_hit == hit.mean()
+        assert episode.diverged == diverged + near.diverged.sum()
+        assert episode.losses == {"critic": 1.5}
+        truncated = ~hit & (np.zeros(30) if previous is None else previous).astype(bool)
+        over = hit | truncated
+        kept = np.all(task.targets == targets, axis=1)
+        np.testing.assert_array_equal(kept, ~over)
+        assert ZONE.contains(task.targets).all()
+        np.testing.assert_allclose(run.obs[over], task.first_look(task.targets[over]))
+        previous = ~over  # these lanes have one strike behind them
+    assert watch.updates == [False, False, True, True, True]
+    assert len(watch.acted) == 3
+    explored = np.concatenate([new.action.numpy() for new in watch.shown[:2]])
+    assert explored.min() < -0.9
+    assert explored.max() > 0.9
+    assert abs(explored.mean()) < 0.15
+    assert run.run() == []
+
+
+def test_runs_end_with_the_plan_the_number_or_the_time():
+    run = training(Plan(episodes=6, trials=3, random_episodes=6))
+    numbers = []
+    run.run(lambda episode: numbers.append(episode.number), episodes=2)
+    assert numbers == [1, 2]
+    assert run.run(max_seconds=0.0) == []
+    assert len(run.run(episodes=9)) == 4
+
+
+def test_the_discount_is_that_of_the_observation():
+    for observation, discount in (("goal", 0.0), ("paper", 0.99), ("relative", 0.99)):
+        learner = training(Plan(), observation=observation).learner
+        assert (learner.discount, learner.n_obs, learner.n_act) == (discount, 6 if discount == 0 else 4, 5)
+
+
+def test_relabelled_strikes_are_those_of_the_straight_line():
+    run = training(Plan(episodes=3, trials=40, random_episodes=3, hindsight=2))
+    run.task.rollout.wild_above = 9.0  # type: ignore[attr-defined]
+    before = run.task.reset(run.task.targets)
+    added = []
+    run.learner.replay.add = added.append  # type: ignore[attr-defined]
+    run.run(episodes=1)
+    *relabelled, struck = added
+    assert len(relabelled) == 2
+    strikes = run.task.to_strikes(struck.action.double().numpy())
+    direction = StraightFlight().directions(strikes)
+    hits = 0
+    for new in relabelled:
+        assert torch.equal(new.action, struck.action)
+        targets = np.array(ZONE.centre) + ZONE.radius * new.obs[:, 4:].double().numpy()
+        near = StraightFlight().approach(strikes, targets, t_stay=run.task.t_stay)
+        distance = np.linalg.norm(near.tip - targets, axis=1)
+        np.testing.assert_allclose(new.reward, reward(distance, 0.06), rtol=1e-3, atol=1e-3)
+        np.testing.assert_array_equal(new.terminated, distance <= 0.06)
+        after = np.hstack([near.tip, SPEED * direction, targets])
+        np.testing.assert_allclose(new.next_obs, run.task.normalise(after), atol=2e-4)
+        seen = np.hstack([before[:, :4], targets])
+        np.testing.assert_allclose(new.obs, run.task.normalise(seen), atol=1e-5)
+        hits += int(new.terminated.sum())
+    assert hits > 20
+    assert math.isfinite(float(struck.reward.mean()))

@@ -1,0 +1,105 @@
+"""Zones: areas by counting, uniformity by moments, cells by the points that made them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from fake_rollout import SPEED, StraightFlight
+
+from whiptool.objective import T_STAY
+from whiptool.strike import StrikeBounds
+from whiptool.zone import Disc, Region, random_paths, reachable_region, sample
+
+DISC = Disc((0.4, -0.2), 0.3)
+CELLS = Region(np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2], [0.6, -0.4]]), 0.2)
+
+
+@pytest.mark.parametrize("zone", [DISC, CELLS])
+def test_area_and_containment_by_counting(zone):
+    lower, upper = zone.box
+    points = np.random.default_rng(0).uniform(lower - 0.1, upper + 0.1, (200_000, 2))
+    share = zone.contains(points).mean()
+    assert share * np.prod(upper - lower + 0.2) == pytest.approx(zone.area, rel=0.02)
+    inside = points[zone.contains(points)]
+    np.testing.assert_allclose(inside.min(axis=0), lower, atol=0.01)
+    np.testing.assert_allclose(inside.max(axis=0), upper, atol=0.01)
+
+
+@pytest.mark.parametrize("zone", [DISC, CELLS])
+def test_places_are_uniform(zone):
+    """As many in each part as its area says: parts are squares of a grid, areas by counting."""
+    rng = np.random.default_rng(1)
+    points = sample(zone, 40_000, rng)
+    assert zone.contains(points).all()
+    lower, upper = zone.box
+    everywhere = rng.uniform(lower, upper, (400_000, 2))
+    everywhere = everywhere[zone.contains(everywhere)]
+    grid = [np.linspace(a, b, 6) for a, b in zip(lower, upper, strict=True)]
+    got, wanted = (np.histogram2d(*p.T, bins=grid)[0] / len(p) for p in (points, everywhere))
+    assert np.abs(got - wanted).max() < 0.006
+
+
+def test_a_disc_by_its_numbers():
+    place = DISC.place(np.array([[0.0, 1.0, 0.0], [0.25, 0.25, 0.9], [0.5, 0.0, 0.0]]))
+    np.testing.assert_allclose(place, [[0.7, -0.2], [0.4, -0.05], [0.4, -0.2]], atol=1e-15)
+    assert DISC.area == pytest.approx(math.pi * 0.09)
+    np.testing.assert_allclose(DISC.box, [[0.1, -0.5], [0.7, 0.1]])
+    unit = Disc((0.0, 0.0), 1.0)
+    assert unit.contains(np.array([[1.0, 0.0], [0.0, -1.0], [0.8, 0.601], [np.nan, 0.0]])).tolist() == [1, 1, 0, 0]
+    assert unit.contains(np.zeros((2, 3, 2))).shape == (2, 3)
+
+
+def test_cells_by_their_numbers():
+    place = CELLS.place(np.array([[0.0, 0.5, 0.25], [0.3, 0.0, 0.0], [0.999, 1.0, 0.5], [1.0, 0.5, 0.5]]))
+    np.testing.assert_allclose(place, [[0.1, 0.05], [0.2, 0.0], [0.8, -0.3], [0.7, -0.3]])
+    points = [[0.1, 0.1], [0.1, 0.3], [0.3, 0.3], [0.7, -0.3], [0.7, -0.1], [np.nan, 0.1], [9.0, 0.1], [0.1, -9.0]]
+    assert CELLS.contains(np.array(points)).tolist() == [1, 1, 0, 1, 0, 0, 0, 0]
+    assert CELLS.contains(np.array([[-0.01, 0.1], [0.81, -0.3], [0.7, -0.41], [0.1, 0.41]])).tolist() == [0] * 4
+    assert CELLS.contains(np.array([points[:4], points[4:]])).shape == (2, 4)
+    assert CELLS.area == pytest.approx(4 * 0.04)
+    np.testing.assert_allclose(CELLS.box, [[0.0, -0.4], [0.8, 0.4]])
+
+
+def test_cells_come_back_from_a_file(tmp_path):
+    CELLS.save(tmp_path / "region.npz")
+    back = Region.load(tmp_path / "region.npz")
+    assert back.cell == CELLS.cell
+    np.testing.assert_array_equal(back.corners, CELLS.corners)
+
+
+BOUNDS = StrikeBounds((0.0, 0.0, 0.1, 0.2, 0.05), (math.pi / 2, 0.5, 0.3, 0.8, 0.1))
+
+
+def test_random_paths_are_all_there():
+    rng = np.random.default_rng(3)
+    parts = list(random_paths(StraightFlight(), BOUNDS, 4100, rng, rate=10.0))
+    assert [len(part) for part in parts] == [4096, 4]
+
+
+@pytest.mark.parametrize(("rate", "cell"), [(200.0, 0.05), (10.0, 0.05)])
+def test_the_reachable_region_of_straight_flights(rate, cell):
+    """A quarter of a disc of 2 m/s times the shortest strike and rest, samples nearer or farther apart than cells."""
+    region = reachable_region(StraightFlight(), BOUNDS, speed=1.9, count=3000, cell=cell, rate=rate, seed=1)
+    low, high = SPEED * (0.05 + T_STAY), SPEED * (0.1 + T_STAY)
+    centres = region.corners + cell / 2
+    distance = np.hypot(*centres.T)
+    grid = (np.stack(np.meshgrid(np.arange(-30, 40), np.arange(-30, 40)), axis=-1).reshape(-1, 2) + 0.5) * cell
+    quarter = grid[(grid > 0).all(axis=1)]
+    sure = quarter[np.hypot(*quarter.T) < low - 0.1 - (SPEED / rate if rate < 50 else 0)]
+    assert region.contains(sure[np.hypot(*sure.T) > 0.1]).all()
+    assert (distance < high + cell).all()
+    assert (centres > 0).all()  # no flight begins behind the origin
+    assert len(reachable_region(StraightFlight(), BOUNDS, speed=2.1, count=500, cell=cell, rate=rate).corners) == 0
+
+
+def test_the_reachable_region_ends_at_reach():
+    longest = StraightFlight.model.reach / SPEED - T_STAY
+    far = StrikeBounds((0.0, 0.0, 0.1, 0.2, longest - 0.01), (math.pi / 2, 0.5, 0.3, 0.8, longest))
+    region = reachable_region(StraightFlight(), far, speed=1.9, count=3000, cell=0.05, rate=100.0)
+    corners = region.corners[:, None] + 0.05 * np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    farthest = np.hypot(*np.moveaxis(corners, -1, 0)).max(axis=1)
+    reach = StraightFlight.model.reach
+    assert farthest.max() <= reach
+    assert farthest.max() > reach - 0.05

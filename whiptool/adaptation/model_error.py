@@ -1,0 +1,81 @@
+"""How far a whip's tip may pass from where its model has it: Student's t, its scale learned from residuals.
+
+A whip that no model holds (a bead, a soft joint, an odd taper) is fitted best by some other whip, and passes a target
+elsewhere than that one. How far differs from whip to whip by more than a factor of ten. So the variance of this error
+is unknown, too: with a scaled inverse chi-squared prior it stays of that form, and the error itself follows Student's
+t (Gelman et al., Bayesian Data Analysis, 3rd edition, Sect. 2.6 and 3.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, stdtr
+
+from whiptool.models.parameters import number
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Student's t of the signed distance between predicted and true path where they pass the target.
+
+    Args:
+        scale: [m]
+        freedom: Degrees of freedom; infinite: a normal distribution of that standard error.
+
+    Raises:
+        InputError: The scale is negative, or the freedom not positive.
+    """
+
+    scale: float = 0.0
+    freedom: float = np.inf
+
+    def __post_init__(self) -> None:
+        number("scale of the model error", self.scale, low=0)
+        if self.freedom != np.inf:
+            number("degrees of freedom of the model error", self.freedom, low=0, strict=True)
+
+    def updated(self, variance: float, readings: float, strikes: float) -> ModelError:
+        """Return the distribution after errors were seen.
+
+        The scale is that of the posterior after so many independent readings. The residuals of one strike, many as
+        they are, tell how well the whip is modelled in that strike: another one may go better or worse, and a strike
+        is worth one degree of freedom.
+
+        Args:
+            variance: Mean square of the errors [m^2].
+            readings: How many independent ones there were; with none the distribution stays.
+            strikes: In how many strikes.
+        """
+        if self.freedom == np.inf or readings == 0:
+            return self
+        prior, seen = self.freedom * self.scale**2, readings * variance
+        return ModelError(float(np.sqrt((prior + seen) / (self.freedom + readings))), self.freedom + strikes)
+
+    def hit_probability(self, miss: np.ndarray, radius: float, *, blur: float = 0.0) -> np.ndarray:
+        """Return the probability that a strike of a predicted miss distance passes within a radius.
+
+        Args:
+            miss: Predicted miss distances [m], any shape.
+            radius: [m]
+            blur: Least scale [m], which a search needs: without it what hits surely is all of one height.
+
+        Returns:
+            Like `miss`.
+        """
+        scale = max(float(np.hypot(self.scale, blur)), 1e-12)
+        low, high = (-radius - miss) / scale, (radius - miss) / scale
+        if self.freedom == np.inf:
+            return ndtr(high) - ndtr(low)
+        return stdtr(self.freedom, high) - stdtr(self.freedom, low)
+
+    def drawn(self, miss: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Return miss distances [m] with an error drawn for each, like `miss`."""
+        draws = rng.standard_normal(np.shape(miss))
+        if self.freedom != np.inf:
+            draws = rng.standard_t(self.freedom, np.shape(miss))
+        return np.abs(miss + self.scale * draws)
+
+
+NONE = ModelError()

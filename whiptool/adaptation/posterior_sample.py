@@ -1,0 +1,210 @@
+"""A weighted sample of the posterior of a whip's numbers, where the normal distribution of a belief is not enough.
+
+A belief is normal around the most probable whip, from derivatives there. Each number's interval is about right so;
+the region of all numbers together is too small, because the posterior bends: numbers that trade off do so along curves,
+and what cannot be negative stops at zero. `benchmarks/posterior.py` measures both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+from scipy.stats import multivariate_t
+
+from whiptool.adaptation.posterior import TIMESTEP, Learned, usable
+from whiptool.adaptation.prior import Belief
+from whiptool.errors import InputError
+from whiptool.identification.predict import Predictor
+from whiptool.identification.recording import StrikeRecording
+
+ROUNDS, SIZE = 5, 240  # proposals, and draws of each
+_TAILS = 6.0  # degrees of freedom of a proposal
+_ENOUGH = 3.0  # effective draws per number, of which the next proposal's moments are taken
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
+class PosteriorSample:
+    """Draws of m numbers, weighted.
+
+    Args:
+        names: Of the numbers, as in the belief.
+        z: Draws, each number as a solver sees it, (S, m).
+        values: The same in their own units, (S, m).
+        weights: They sum to 1, (S,).
+        log_density: Of the posterior at the draws, up to a constant, (S,).
+    """
+
+    names: tuple[str, ...]
+    z: np.ndarray
+    values: np.ndarray
+    weights: np.ndarray
+    log_density: np.ndarray
+
+    @property
+    def effective(self) -> float:
+        """So many independent draws would tell as much (Kong 1992)."""
+        return effective_size(np.log(np.maximum(self.weights, 1e-300)))
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Return the equal-tailed interval of a number, in its own unit.
+
+        Raises:
+            InputError: The name is not among the numbers.
+        """
+        if name not in self.names:
+            raise InputError("number", name, "one of " + ", ".join(self.names))
+        column = self.values[:, self.names.index(name)]
+        order = np.argsort(column)
+        below = np.cumsum(self.weights[order]) - self.weights[order] / 2
+        low, high = np.interp([(1 - level) / 2, (1 + level) / 2], below, column[order])
+        return float(low), float(high)
+
+    def level_of(self, log_density: float) -> float:
+        """Return the probability of the smallest region that holds a point of this density: 0.95 lies on the edge of
+        the 95 % region of highest density."""
+        return float(self.weights[self.log_density > log_density].sum())
+
+
+def sample_posterior(
+    prior: Belief,
+    recordings: Sequence[StrikeRecording],
+    learned: Learned,
+    *,
+    rng: np.random.Generator,
+    contacts: Mapping[str, float] | None = None,
+    rounds: int = ROUNDS,
+    size: int = SIZE,
+) -> PosteriorSample:
+    """Sample what recordings and prior together say, by rollouts of the compiled model.
+
+    Args:
+        prior: Before any recording.
+        recordings, contacts: As given to `whiptool.adaptation.posterior.update`.
+        learned: What it returned; recordings that it refused are left out here, too.
+        rng: Of the draws.
+        rounds, size: As in `importance_sample`.
+
+    Raises:
+        InputError: No recording was used.
+    """
+    used = [r for r in recordings if r.source in learned.rmse]
+    density = log_posterior(prior, used, learned.redundancy, contacts=contacts)
+    belief = learned.belief
+    z, weights, log_density = importance_sample(density, belief.z, belief.covariance, rng=rng, rounds=rounds, size=size)
+    values = np.array([list(belief.values(x).values()) for x in z])
+    return PosteriorSample(belief.names, z, values, weights, log_density)
+
+
+def log_posterior(
+    prior: Belief,
+    recordings: Sequence[StrikeRecording],
+    redundancy: float,
+    *,
+    contacts: Mapping[str, float] | None = None,
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the logarithm of the posterior density, up to a constant, as a function of draws (S, m).
+
+    Args:
+        prior: Before the recordings; no number lies beyond its bounds.
+        recordings: Of the whip.
+        redundancy: So many readings are worth one: their errors correlate.
+        contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
+
+    Raises:
+        InputError: There is no usable recording.
+    """
+    planned = contacts or {}
+    cuts = [usable(recording, planned.get(recording.source))[0] for recording in recordings]
+    used = [cut for cut in cuts if cut is not None]
+    if not used:
+        raise InputError("recordings", "none that is used", "one or more")
+    of_plant = tuple(name for name in prior.names if name != "delay")
+    predictor = Predictor(used, prior.plant, drive="command", shared=of_plant, timestep=TIMESTEP)
+    lower, upper = (np.array([getattr(v, end) for v in prior.variables]) for end in ("lower", "upper"))
+    whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
+
+    def density(z: np.ndarray) -> np.ndarray:
+        log = -0.5 * (((z - prior.z) @ whitening.T) ** 2).sum(axis=1)
+        inside = ((z >= lower) & (z <= upper)).all(axis=1)
+        log[~inside] = -np.inf
+        plants = [prior.at(x) for x in z[inside]]
+        delays = [prior.values(x).get("delay", 0.0) for x in z[inside]]
+        for i in range(len(used)):
+            off = (predictor.many(i, plants, delays) - predictor.measured[i]) / predictor.sigma[i]
+            misfit = (off**2).sum(axis=1)
+            log[inside] -= 0.5 / redundancy * np.where(np.isfinite(misfit), misfit, np.inf)
+        return log
+
+    return density
+
+
+def importance_sample(
+    log_density: Callable[[np.ndarray], np.ndarray],
+    centre: np.ndarray,
+    covariance: np.ndarray,
+    *,
+    rng: np.random.Generator,
+    rounds: int = ROUNDS,
+    size: int = SIZE,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Adaptive multiple importance sampling (Cornuet, Marin, Mira and Robert 2012, Scand. J. Stat. 39).
+
+    Every round draws from Student's t with the moments of all draws so far, and weighs them all by the mixture of all
+    proposals. While few draws carry the weight, their logarithms are tempered for the moments, and mixed with the
+    first covariance.
+
+    Args:
+        log_density: Of draws (S, m), up to a constant; minus infinity where nothing lies.
+        centre, covariance: Of the first proposal, (m,) and (m, m).
+        rng: Of the draws.
+        rounds, size: How many proposals, and draws of each.
+
+    Returns:
+        Draws (S, m), their weights (S,), which sum to 1, and their log densities (S,).
+
+    Raises:
+        InputError: The density is zero at all draws.
+    """
+    m, first = len(centre), covariance
+    proposals, draws, log = [], np.zeros((0, m)), np.zeros(0)
+    log_weights = np.zeros(0)
+    for _ in range(rounds):
+        proposals.append(multivariate_t(centre, covariance * (_TAILS - 2) / _TAILS, df=_TAILS, seed=rng))  # type: ignore[arg-type]
+        new = proposals[-1].rvs(size).reshape(size, m)
+        draws, log = np.vstack([draws, new]), np.concatenate([log, log_density(new)])
+        mixture = _log_sum([p.logpdf(draws) for p in proposals], axis=0) - np.log(len(proposals))
+        log_weights = log - mixture
+        if not np.isfinite(log_weights).any():
+            raise InputError("posterior", "a density of zero at all draws", "draws that reach where it is not zero")
+        weights = _tempered(log_weights, _ENOUGH * m)
+        centre = weights @ draws
+        off = draws - centre
+        share = min(1.0, 1 / float(weights @ weights) / (2 * _ENOUGH * m))
+        covariance = share * (off.T * weights) @ off + (1 - share) * first
+    return draws, np.exp(log_weights - _log_sum(log_weights)), log
+
+
+def effective_size(log_weights: np.ndarray) -> float:
+    """Return how many equal weights are worth as much."""
+    return float(np.exp(2 * _log_sum(log_weights) - _log_sum(2 * log_weights)))
+
+
+def _tempered(log_weights: np.ndarray, enough: float) -> np.ndarray:
+    """Weights to the highest power up to 1 at which enough of them count."""
+
+    def lacking(power: float) -> float:
+        return effective_size(power * log_weights) - enough
+
+    power = 1.0
+    if lacking(1.0) < 0 and np.isfinite(log_weights).sum() > enough:
+        power = float(brentq(lacking, 1e-9, 1.0))  # type: ignore[arg-type]
+    return np.exp(power * log_weights - _log_sum(power * log_weights))
+
+
+def _log_sum(values: ArrayLike, axis: int | None = None) -> np.ndarray:
+    return np.asarray(logsumexp(values, axis=axis))

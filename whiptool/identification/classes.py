@@ -1,0 +1,124 @@
+"""Classes of parameters: what a fit knows of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from whiptool.identification.uncertainty import Uncertainty
+from whiptool.identification.variables import Variable
+
+PINNED = 0.1  # standard error, relative, up to which a number counts as pinned
+MISFIT = 3.0  # residuals over what the recordings state, from which a fit explains nothing
+TRADED = 0.9  # correlation from which two numbers trade off
+_UNSEEN = 0.1  # relative change along an unseen direction from which a number is unseen itself
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One free number after the fit.
+
+    Args:
+        name, value, start: In its own unit.
+        kind: `pinned`: known to 10 % or better (a delay, rotation or shift, whose zero is arbitrary, to a tenth of its
+            usual size); `weak`: not; `traded`: with all others known it would be pinned, but its error goes with that
+            of `partner`; `flat`: the recordings do not see it; `at bound`: its bound stopped it;
+            `withdrawn`: the model does not explain the readings, and no standard error holds. Every class assumes that
+            the model's form is right.
+        error: Standard error: relative where the number is positive, else in its unit; NaN if flat.
+        interval: 95 % interval; None where there is none to give (flat, at bound, withdrawn).
+        alone: Standard error if all other numbers were known.
+        partner, correlation: The number it is most correlated with, and how much.
+    """
+
+    name: str
+    value: float
+    start: float
+    kind: str
+    error: float
+    interval: tuple[float, float] | None
+    alone: float
+    partner: str | None
+    correlation: float
+
+
+def classify(uncertainty: Uncertainty, starts: Sequence[float], level: float = 0.95) -> list[Parameter]:
+    """Every shared unknown with its class, error and interval.
+
+    Args:
+        uncertainty: At the best end of all starts.
+        starts: First value of each unknown.
+        level: Of the intervals.
+    """
+    U = uncertainty
+    errors, alone = np.sqrt(np.diag(U.stated)), _alone(U)
+    half = student.ppf((1 + level) / 2, U.freedom) * errors
+    unseen = np.linalg.norm(U.flat_changes, axis=0) > _UNSEEN
+    sizes = [_own_size(v, z) for v, z in zip(U.variables, U.z, strict=True)]
+    explained = U.residual_variance <= MISFIT**2
+    found = []
+    for i, (v, start) in enumerate(zip(U.variables, starts, strict=True)):
+        j = _partner(U, i)
+        kind = _kind(
+            v.lower + 1e-6 < U.z[i] < v.upper - 1e-6,
+            unseen=bool(unseen[i]),
+            error=errors[i] / sizes[i] if sizes[i] else np.inf,
+            alone=alone[i] / sizes[i] if sizes[i] else np.inf,
+            correlation=0.0 if j is None else float(abs(U.correlation[i, j])),
+        )
+        if not explained and kind not in ("flat", "at bound"):
+            kind = "withdrawn"
+        unit = 1.0 if v.log else v.scale
+        interval = None
+        if kind not in ("flat", "at bound", "withdrawn"):
+            interval = v.value(U.z[i] - half[i]), v.value(U.z[i] + half[i])
+        found.append(
+            Parameter(
+                name=v.name,
+                value=v.value(U.z[i]),
+                start=start,
+                kind=kind,
+                error=float("nan") if unseen[i] else float(errors[i] * unit),
+                interval=interval,
+                alone=float(alone[i] * unit),
+                partner=None if j is None else U.variables[j].name,
+                correlation=0.0 if j is None else float(U.correlation[i, j]),
+            )
+        )
+    return found
+
+
+def _own_size(v: Variable, z: float) -> float:
+    """What an error of z is large or small against: the number itself, however large such numbers usually are; the
+    usual size where its zero is arbitrary."""
+    if v.log:
+        return 1.0
+    return max(abs(z), 1.0) if v.arbitrary_zero else abs(z)
+
+
+def _kind(inside: bool, *, unseen: bool, error: float, alone: float, correlation: float) -> str:
+    """The class of a number whose errors are relative."""
+    if unseen:
+        return "flat"
+    if not inside:
+        return "at bound"
+    if error <= PINNED:
+        return "pinned"
+    return "traded" if correlation >= TRADED and alone <= PINNED else "weak"
+
+
+def _alone(U: Uncertainty) -> np.ndarray:
+    """Standard error of each z if all others were known, (G,)."""
+    information = np.sqrt(((U.directions * U.singular_values[:, None]) ** 2).sum(axis=0))
+    with np.errstate(divide="ignore"):
+        return U.units / information
+
+
+def _partner(U: Uncertainty, i: int) -> int | None:
+    """Which unknown the i-th is most correlated with."""
+    others = np.abs(U.correlation[i]).copy()
+    others[i] = -1
+    return int(others.argmax()) if len(others) > 1 else None
