@@ -280,7 +280,8 @@ def test_what_the_model_does_not_explain_comes_with_a_warning(tracks, capsys, tm
     assert result["misfit"] > 10
     assert "not to be trusted" in result["warning"]
     assert result["warning"] in said.err
-    assert {(p["class"], p["interval"]) for p in result["parameters"]} <= {("withdrawn", None), ("at bound", None)}
+    claims_nothing = {("withdrawn", None), ("at bound", None), ("flat", None)}  # where the fit ends depends on rounding
+    assert {(p["class"], p["interval"]) for p in result["parameters"]} <= claims_nothing
     assert "not to be trusted" in (tmp_path / "run" / "report.html").read_text()
 
 
