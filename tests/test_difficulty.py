@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.strike import default_bounds
-from whiptool.zone import Disc, Region
+from whiptool.zone import Disc, ReachableDisc, Region
 
 
 def scene(radius: float) -> Scene:
@@ -65,7 +67,12 @@ def test_random_strikes_hit_as_often_as_other_random_strikes(found):
 
 
 def test_zones_have_names_and_words():
-    assert zone_named("0.3", scene(0.1), None) == Disc((1.3, 0.0), 0.3)  # pyright: ignore[reportArgumentType]
+    reach = preset("lemon2024").reach
+    assert zone_named("0.2", scene(0.1), None) == Disc((1.3, 0.0), 0.2)  # pyright: ignore[reportArgumentType]
+    wide = zone_named("0.3", scene(0.1), None)  # pyright: ignore[reportArgumentType]
+    assert wide == ReachableDisc(Disc((1.3, 0.0), 0.3), reach)
+    assert zone_named("0.2", replace(scene(0.1), zone=wide), None) == Disc((1.3, 0.0), 0.2)  # pyright: ignore[reportArgumentType]
+    assert words(wide) == f"what is within reach ({reach:.3f} m) of a disc of radius 0.3 m around (1.3, 0) m"
     assert words(Disc((1.3, 0.0), 0.3)) == "a disc of radius 0.3 m around (1.3, 0) m"
     assert words(Region(np.zeros((50, 2)), 0.2)) == "wherever the tip can pass with 3 m/s, 2.00 m^2"
     assert sentence({"one_strike_hits": 0.92, "random_strikes_hit": 0.086}) == (

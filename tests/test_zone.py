@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 from fake_rollout import SPEED, StraightFlight
 
+from whiptool.errors import InputError
 from whiptool.objective import T_STAY
 from whiptool.strike import StrikeBounds
-from whiptool.zone import Disc, Region, random_paths, reachable_region, sample
+from whiptool.zone import Disc, ReachableDisc, Region, disc_within_reach, random_paths, reachable_region, sample
 
 DISC = Disc((0.4, -0.2), 0.3)
 CELLS = Region(np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2], [0.6, -0.4]]), 0.2)
+CUT = ReachableDisc(Disc((1.3, 0.0), 0.3), 1.514)
+MOSTLY_BEYOND = ReachableDisc(Disc((-0.9, 0.9), 0.6), 1.1)
 
 
-@pytest.mark.parametrize("zone", [DISC, CELLS])
+@pytest.mark.parametrize("zone", [DISC, CELLS, CUT])
 def test_area_and_containment_by_counting(zone):
     lower, upper = zone.box
     points = np.random.default_rng(0).uniform(lower - 0.1, upper + 0.1, (200_000, 2))
@@ -27,7 +30,7 @@ def test_area_and_containment_by_counting(zone):
     np.testing.assert_allclose(inside.max(axis=0), upper, atol=0.01)
 
 
-@pytest.mark.parametrize("zone", [DISC, CELLS])
+@pytest.mark.parametrize("zone", [DISC, CELLS, CUT, MOSTLY_BEYOND])
 def test_places_are_uniform(zone):
     """As many in each part as its area says: parts are squares of a grid, areas by counting."""
     rng = np.random.default_rng(1)
@@ -49,6 +52,21 @@ def test_a_disc_by_its_numbers():
     unit = Disc((0.0, 0.0), 1.0)
     assert unit.contains(np.array([[1.0, 0.0], [0.0, -1.0], [0.8, 0.601], [np.nan, 0.0]])).tolist() == [1, 1, 0, 0]
     assert unit.contains(np.zeros((2, 3, 2))).shape == (2, 3)
+
+
+def test_of_a_disc_is_left_what_is_within_reach():
+    """The area of two circles that cut each other is in tables; a disc around the shoulder is cut to a smaller one."""
+    d, r, reach = 1.3, 0.3, 1.514
+    beside, behind = (d**2 + r**2 - reach**2) / (2 * d * r), (d**2 + reach**2 - r**2) / (2 * d * reach)
+    chord = math.sqrt((-d + r + reach) * (d + r - reach) * (d - r + reach) * (d + r + reach)) / 2
+    assert CUT.area == pytest.approx(r**2 * math.acos(beside) + reach**2 * math.acos(behind) - chord, rel=1e-6)
+    assert ReachableDisc(Disc((0.0, 0.0), 1.0), 0.5).area == pytest.approx(math.pi / 4, rel=1e-3)
+    assert disc_within_reach(DISC, 2.0) is DISC
+    assert disc_within_reach(CUT.disc, reach) == CUT
+    edge = np.array([[1.513, 0.0], [1.515, 0.0], [1.3, 0.299], [1.3, 0.301], [np.nan, 0.0]])
+    assert CUT.contains(edge).tolist() == [1, 0, 1, 0, 0]
+    with pytest.raises(InputError, match=r"comes within 0\.500 m of the shoulder"):
+        disc_within_reach(Disc((0.9, 0.0), 0.3), 0.5)
 
 
 def test_cells_by_their_numbers():

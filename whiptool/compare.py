@@ -35,7 +35,7 @@ class ComparisonOptions(cli.SimulationOptions):
     """What `compare` and `reproduce` share; the zone's centre is --target."""
 
     zone_radius: float = 0.1
-    """Targets are drawn from the disc of this radius around --target [m]."""
+    """Targets are drawn from what the model can reach of the disc of this radius around --target [m]."""
     targets: int = 300
     """Number of random targets, the same for all methods."""
     target_seed: int = 0
@@ -86,7 +86,7 @@ class ComparisonOptions(cli.SimulationOptions):
         from whiptool.models.compiled import TIMESTEP
         from whiptool.models.modes import steady_timestep
         from whiptool.objective import Target
-        from whiptool.zone import Disc
+        from whiptool.zone import Disc, disc_within_reach
 
         if self.simulator != "compiled":
             raise InputError("--simulator", self.simulator, "compiled")
@@ -99,12 +99,12 @@ class ComparisonOptions(cli.SimulationOptions):
             raise InputError("--target-seed", self.target_seed, "a whole number >= 0")
         model, controller = self.build_model(), self.build_controller()
         self.build_target().check_reach(model)
-        zone = Disc(self.target, self.zone_radius)  # type: ignore[arg-type]
-        Target((zone.centre[0], zone.centre[1]), self.hit_radius)
+        disc = Disc(self.target, self.zone_radius)  # type: ignore[arg-type]
+        Target((disc.centre[0], disc.centre[1]), self.hit_radius)
         scene = Scene(
             model=model,
             controller=controller,
-            zone=zone,
+            zone=disc_within_reach(disc, model.reach),
             targets=self.targets,
             target_seed=self.target_seed,
             radii=(self.hit_radius, *self.tighter),

@@ -41,7 +41,7 @@ class TrainOptions(cli.SimulationOptions):
     method: str = "sac"
     """sac, td3, ddpg or ppo."""
     zone_radius: float = 0.1
-    """Targets are drawn from the disc of this radius around --target [m]."""
+    """Targets are drawn from what the model can reach of the disc of this radius around --target [m]."""
     zone: Path | None = None
     """Draw targets from the region in this file instead (see whiptool.zone.Region)."""
     observation: str = "goal"
@@ -192,12 +192,13 @@ class _Run:
         self._cut_table()
 
     def _zone(self, model):
-        from whiptool.zone import Disc, Region
+        from whiptool.zone import Disc, Region, disc_within_reach
 
         if self.options.zone is not None:
             return Region.load(self.options.zone)
         self.options.build_target().check_reach(model)
-        return Disc(self.options.target, self.options.zone_radius)  # type: ignore[arg-type]
+        disc = Disc(self.options.target, self.options.zone_radius)  # type: ignore[arg-type]
+        return disc_within_reach(disc, model.reach)
 
     def _cut_table(self) -> None:
         """Leave those episodes in the table that the checkpoint holds; what came after it will be made again."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import number
@@ -83,6 +85,78 @@ class Disc:
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Whether points lie in the disc."""
         return np.hypot(points[..., 0] - self.centre[0], points[..., 1] - self.centre[1]) <= self.radius
+
+
+@dataclass(frozen=True)
+class ReachableDisc:
+    """The part of a disc that lies within reach of the shoulder, which the disc's rim leaves.
+
+    Args:
+        disc: All of it.
+        reach: Largest distance of a target from the shoulder [m].
+
+    Raises:
+        InputError: No point of the disc lies within reach.
+    """
+
+    disc: Disc
+    reach: float
+
+    def __post_init__(self) -> None:
+        nearest = max(0.0, math.hypot(*self.disc.centre) - self.disc.radius)
+        if nearest >= self.reach:
+            raise InputError(
+                "zone",
+                f"a disc of radius {self.disc.radius:g} m around {self.disc.centre} m",
+                f"one that comes within {self.reach:.3f} m of the shoulder, the model's reach",
+            )
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of the rectangle around it [m]."""
+        lower, upper = self.disc.box
+        return np.maximum(lower, -self.reach), np.minimum(upper, self.reach)
+
+    @property
+    def area(self) -> float:
+        """[m^2]"""
+        return float(self._areas[1][-1])
+
+    def place(self, uniform: np.ndarray) -> np.ndarray:
+        """Points of the disc within reach: at random by the area up to their radius, and then on their arc."""
+        r = np.interp(uniform[:, 1] * self.area, self._areas[1], self._areas[0])
+        outward = math.atan2(self.disc.centre[1], self.disc.centre[0])
+        angle = outward + np.pi + (2 * uniform[:, 0] - 1) * self._half_arc(r)
+        return np.array(self.disc.centre) + np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points lie in the disc and within reach."""
+        return self.disc.contains(points) & (np.hypot(points[..., 0], points[..., 1]) <= self.reach)
+
+    @cached_property
+    def _areas(self) -> tuple[np.ndarray, np.ndarray]:
+        """Radii [m], and the area within each of them [m^2], by the trapezoidal rule."""
+        r = np.linspace(0, self.disc.radius, 20_001)
+        return r, cumulative_trapezoid(2 * r * self._half_arc(r), r, initial=0)
+
+    def _half_arc(self, r: np.ndarray) -> np.ndarray:
+        """Half the angle [rad] of a circle about the disc's centre that lies within reach, by the law of cosines.
+
+        It lies around the direction from the disc's centre to the shoulder.
+        """
+        distance = math.hypot(*self.disc.centre)
+        cosine = (r**2 + distance**2 - self.reach**2) / np.maximum(2 * r * distance, 1e-300)
+        return np.arccos(np.clip(cosine, -1, 1))
+
+
+def disc_within_reach(disc: Disc, reach: float) -> Disc | ReachableDisc:
+    """Return the disc itself where all of it lies within reach [m] of the shoulder, else the part that does.
+
+    Raises:
+        InputError: No point of it does.
+    """
+    whole = math.hypot(*disc.centre) + disc.radius <= reach
+    return disc if whole else ReachableDisc(disc, reach)
 
 
 @dataclass(frozen=True, eq=False)

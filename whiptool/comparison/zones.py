@@ -12,7 +12,7 @@ from whiptool.comparison.store import Store
 from whiptool.comparison.units import Scene
 from whiptool.errors import InputError
 from whiptool.strike import default_bounds
-from whiptool.zone import Disc, Region, Zone, reachable_region
+from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region
 
 FAST = "fast"
 SPEED = 3.0  # [m/s] at least, of the tip in the fast region
@@ -65,15 +65,18 @@ def check_zone(name: str, option: str) -> None:
 
 
 def zone_named(name: str, scene: Scene, store: Store, *, quick: bool = False) -> Zone:
-    """The fast region, or the disc of a radius [m] around the middle of a scene's zone."""
+    """The fast region, or what is within reach of the disc of a radius [m] around the middle of a scene's zone."""
     if name == FAST:
         return fast_region(scene, store, quick=quick)
-    x, y = np.mean(scene.zone.box, axis=0).tolist()
-    return Disc((x, y), float(name))
+    around = scene.zone.disc if isinstance(scene.zone, ReachableDisc) else scene.zone
+    x, y = np.mean(around.box, axis=0).tolist()
+    return disc_within_reach(Disc((x, y), float(name)), scene.model.reach)
 
 
 def words(zone: Zone) -> str:
     """A zone, for people."""
     if isinstance(zone, Disc):
         return f"a disc of radius {zone.radius:g} m around ({zone.centre[0]:g}, {zone.centre[1]:g}) m"
+    if isinstance(zone, ReachableDisc):
+        return f"what is within reach ({zone.reach:.3f} m) of {words(zone.disc)}"
     return f"wherever the tip can pass with {SPEED:g} m/s, {zone.area:.2f} m^2"
