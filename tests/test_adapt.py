@@ -24,11 +24,11 @@ from whiptool.comparison import Comparison, Scene
 from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
+from whiptool.impedance.files import controller_to_table
 from whiptool.models.compiled import CompiledRollout
 from whiptool.models.presets import preset
 from whiptool.models.trajectory import joint_points
 from whiptool.objective import Target
-from whiptool.optimize import controller_table
 from whiptool.report import Table
 from whiptool.reproduction import adapt as reproduction
 from whiptool.reproduction import whole_chain
@@ -335,7 +335,7 @@ def test_earlier_strikes_of_another_compensation_are_refused(first, tmp_path):
     own = adapt.prepare(dataclasses.replace(options, known=())).prior.plant.controller
     assert own is not None
     for masses in ((0.25, 0.274, 0.2), own.compensated, None):
-        table = controller_table(dataclasses.replace(own, compensated=masses))
+        table = controller_to_table(dataclasses.replace(own, compensated=masses))
         dataclasses.replace(recording, controller=table).save(tmp_path / "old.npz")
         if masses in (own.compensated, None):
             assert len(adapt.prepare(options).recordings) == 1

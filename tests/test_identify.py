@@ -16,16 +16,16 @@ import tomli_w
 from whiptool import identify, optimize
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.identification.gather import gather
-from whiptool.identification.inputs import common_controller, controller_from_table, full_name, profile_of, read_prior
+from whiptool.identification.inputs import common_controller, full_name, profile_of, read_prior
 from whiptool.identification.plant import Plant
 from whiptool.identification.readers import open_video, read_recording
 from whiptool.identification.readers.tracks import write_csv
 from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.strike_plane import check_one_plane, fit_plane
 from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.impedance.files import controller_to_table
 from whiptool.models import CompiledRollout, preset, read_model, write_model
 from whiptool.models.trajectory import joint_points
-from whiptool.optimize import controller_table
 from whiptool.rig.camera.model import camera_preset, expose, measurement_sigma
 from whiptool.strike import Strike, default_bounds
 
@@ -84,7 +84,7 @@ def tracks(strikes):
                 t_points=np.stack([x.t_points for x in seen], axis=1),
                 exposure=CAMERA.exposure,
                 strike=strike,
-                controller=controller_table(CONTROLLER),
+                controller=controller_to_table(CONTROLLER),
                 joints_t=log,
                 joints_q=joints + 1e-4 * rng.normal(size=joints.shape),
                 target=TARGET,
@@ -127,7 +127,7 @@ def films(strikes, tmp_path_factory):
         said = {"strike": strike, "target": np.array(TARGET), "t_stay": T_STAY}
         sidecar = write_video(folder / f"film{i}.mkv", frames_of(virtual), synthetic=True, **said)
         table = tomllib.loads(sidecar.read_text())
-        sidecar.write_text(tomli_w.dumps({**table, "controller": controller_table(CONTROLLER)}))
+        sidecar.write_text(tomli_w.dumps({**table, "controller": controller_to_table(CONTROLLER)}))
         truths.append(virtual.truths)
     return folder, truths
 
@@ -416,7 +416,7 @@ def test_nodes_are_chosen_by_the_held_out_error(capsys, tmp_path):
         names.append(tmp_path / f"whip{i}.npz")
         tip = tip + 5e-4 * rng.normal(size=tip.shape)
         recording = StrikeRecording(t=t, points=tip[:, None], markers=("tip",), sigma=np.array(5e-4), strike=strike)
-        dataclasses.replace(recording, controller=controller_table(CONTROLLER), source=f"whip{i}").save(names[-1])
+        dataclasses.replace(recording, controller=controller_to_table(CONTROLLER), source=f"whip{i}").save(names[-1])
     words = [
         "--model",
         tmp_path / "whip.toml",
@@ -447,7 +447,7 @@ def bare(tracks, tmp_path_factory):
     dataclasses.replace(some, points=some.points[:, :1], markers=("tip",), sigma=some.sigma[:, :1],
                         t_points=some.t_points[:, :1]).save(folder / "tip.npz")  # fmt: skip
     dataclasses.replace(some, strike=None).save(folder / "commandless.npz")
-    other = controller_table(Controller(law=ConstantImpedance()))
+    other = controller_to_table(Controller(law=ConstantImpedance()))
     dataclasses.replace(some, controller=other).save(folder / "other.npz")
     dataclasses.replace(some, controller={"law": "magic"}).save(folder / "magic.npz")
     (folder / "notes.txt").write_text("no recording")
@@ -551,18 +551,6 @@ def test_a_recorded_camera_gives_the_frames_that_were_filmed(films):
         color.read()
 
 
-def test_controllers_come_back_from_their_tables():
-    for controller in (
-        CONTROLLER,
-        Controller(law=ConstantImpedance(), torque_limit=20.0),
-        Controller(control_period=1e-3, compensated=(0.25, 0.274, 0.144)),
-    ):
-        assert controller_from_table(controller_table(controller)) == controller
-    for bad in ({"law": "oiac", "b": 1}, {"law": "oiac", "a": -1}, {"law": "constant", "K": "x"}, {}):
-        with pytest.raises(InputError):
-            controller_from_table(bad)
-
-
 def test_recordings_share_a_controller():
     """One from before the compensated masses were written down goes with one that has them."""
     t = np.arange(5) / 60
@@ -573,7 +561,7 @@ def test_recordings_share_a_controller():
 
     def of(*controllers: Controller) -> list[StrikeRecording]:
         return [
-            dataclasses.replace(r, controller=controller_table(c)) for r, c in zip(strikes, controllers, strict=True)
+            dataclasses.replace(r, controller=controller_to_table(c)) for r, c in zip(strikes, controllers, strict=True)
         ]
 
     assert common_controller(of(plain, told)) == common_controller(of(told, plain)) == told

@@ -10,7 +10,6 @@ import pytest
 from whiptool.errors import InputError
 from whiptool.identification.inputs import (
     common_controller,
-    controller_from_table,
     full_name,
     profile_of,
     read_marker,
@@ -18,7 +17,7 @@ from whiptool.identification.inputs import (
     split,
 )
 from whiptool.identification.plant import Plant
-from whiptool.impedance import OIAC, ConstantImpedance, Controller
+from whiptool.impedance import OIAC, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import Model, WhipParameters
 
@@ -115,23 +114,6 @@ def test_markers_are_read_and_checked(tmp_path):
         file.write_text(text)
         with pytest.raises(InputError):
             read_marker(str(file))
-
-
-def test_controllers_are_read_and_checked():
-    assert controller_from_table({"law": "oiac", "a": 0.1, "feedforward": True}) == Controller(
-        OIAC(a=0.1), feedforward=True
-    )
-    constant = controller_from_table({"law": "constant", "K": [[1.0, 0.0], [0.0, 2.0]], "torque_limit": 3.0})
-    assert constant.torque_limit == 3.0
-    assert isinstance(constant.law, ConstantImpedance)
-    for table in (
-        {"law": "magic"},
-        {"law": "oiac", "colour": 1},
-        {"law": "oiac", "a": -1.0},
-        {"law": "oiac", "a": "x"},
-    ):
-        with pytest.raises(InputError, match="controller"):
-            controller_from_table(table)
 
 
 def recording(source: str, **table) -> SimpleNamespace:

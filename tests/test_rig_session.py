@@ -22,7 +22,7 @@ from whiptool.rig.loop import LoopOptions
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")
 
-from whiptool.optimize import controller_table
+from whiptool.impedance.files import controller_to_table
 from whiptool.rig import main
 from whiptool.rig.camera.model import camera_preset
 from whiptool.rig.camera.source import Frame
@@ -73,7 +73,7 @@ def test_a_rig_compensates_the_weights_that_its_owner_knows_of() -> None:
     assert struck.truth is not None
     assert struck.recording is not None
     held = Controller(OIAC(), control_period=0.002)
-    assert struck.recording.controller == controller_table(CONTROLLER.reckoning_with(MODEL))
+    assert struck.recording.controller == controller_to_table(CONTROLLER.reckoning_with(MODEL))
     own, rigs = (
         wt.CompiledRollout(heavy, c).approach(STRIKE.vector[None], (1.2, 0.1), t_stay=0.3)
         for c in (held, held.reckoning_with(MODEL))

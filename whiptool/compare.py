@@ -194,15 +194,15 @@ def open_folder(command: str, options: Any, comparison: Comparison):
     Raises:
         InputError: It cannot be made, or holds a run with another configuration.
     """
+    from whiptool.impedance.files import controller_to_table
     from whiptool.models.files import model_to_table
-    from whiptool.optimize import controller_table
     from whiptool.runs import RunFolder, code_version, default_folder
 
     config = {
         "command": command,
         "options": cli.as_plain(replace(options, **NOT_CONFIGURATION)),
         "model": model_to_table(comparison.scene.model),
-        "controller": controller_table(comparison.scene.controller),
+        "controller": controller_to_table(comparison.scene.controller),
     }
     if options.resume is None:
         return RunFolder.create(options.out or default_folder(command), {"version": code_version(), **config})

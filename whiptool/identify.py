@@ -190,8 +190,8 @@ class _Run:
 
     def _write_inputs(self) -> None:
         """The run folder, with its configuration and the recordings as they are fitted."""
+        from whiptool.impedance.files import controller_to_table
         from whiptool.models.files import model_to_table
-        from whiptool.optimize import controller_table
         from whiptool.runs import RunFolder, default_folder
 
         assert self.plant.controller is not None
@@ -207,7 +207,7 @@ class _Run:
                 for (r, out), file in zip(pairs, self.files, strict=True)
             ],
             "model": model_to_table(self.plant.model),
-            "controller": controller_table(self.plant.controller),
+            "controller": controller_to_table(self.plant.controller),
         }
         self.folder = RunFolder.create(self.options.out or default_folder("identify"), config)
         (self.folder.path / RECORDINGS).mkdir()
@@ -286,7 +286,7 @@ class _Run:
 
     def _summary(self, plant: Plant) -> dict[str, Any]:
         from whiptool.identification.summary import fit_table
-        from whiptool.optimize import controller_table
+        from whiptool.impedance.files import controller_to_table
 
         assert plant.controller is not None
         plane = None
@@ -304,7 +304,7 @@ class _Run:
             "model": self.model.name,
             "N": self.N,
             "nodes": [{"N": n, "rmse": a, "held_out_rmse": b} for n, a, b in self.tried],
-            "controller": controller_table(plant.controller),
+            "controller": controller_to_table(plant.controller),
             "controller_assumed": self.assumed,
             "plane": plane,
             "synthetic": self.synthetic,

@@ -66,6 +66,7 @@ class _Run:
     """One search: everything is checked before anything is written."""
 
     def __init__(self, options: OptimizeOptions) -> None:
+        from whiptool.impedance.files import controller_to_table
         from whiptool.models.files import model_to_table
         from whiptool.objective import Objective
         from whiptool.optimizers import find_method
@@ -104,7 +105,7 @@ class _Run:
             "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION)),
             "bounds": {k: list(v) for k, v in asdict(self.objective.bounds).items()},
             "model": model_to_table(self.model),
-            "controller": controller_table(self.controller),
+            "controller": controller_to_table(self.controller),
         }
         if options.resume is None:
             self.folder = RunFolder.create(
@@ -199,6 +200,7 @@ class _Run:
         return {"miss_distance": distance, "difference": None if distance is None else distance - expected}
 
     def _summary(self, result, *, reference: dict) -> dict:
+        from whiptool.impedance.files import controller_to_table
         from whiptool.strike import strike_names
 
         names = strike_names(self.model.arm)
@@ -218,7 +220,7 @@ class _Run:
             "n_diverged": result.n_diverged,
             "wall_time": result.wall_time,
             "reference": reference,
-            "controller": controller_table(self.controller),
+            "controller": controller_to_table(self.controller),
             "model": self.model.name,
             "seed": self.options.seed,
             "version": self.version,
@@ -257,19 +259,6 @@ class _Run:
         lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
         lines.append(f"  run folder     {self.folder.path} ({', '.join(files)})")
         return "\n".join(lines)
-
-
-def controller_table(controller) -> dict:
-    """The controller as plain data: its law's name and numbers, and its options."""
-    table = {"law": controller.law.kind}
-    table |= {k: [list(row) for row in v] if isinstance(v, tuple) else v for k, v in asdict(controller.law).items()}
-    options = {
-        "feedforward": controller.feedforward,
-        "torque_limit": controller.torque_limit,
-        "control_period": controller.control_period,
-        "compensated": None if controller.compensated is None else list(controller.compensated),
-    }
-    return table | {k: v for k, v in options.items() if v is not None}
 
 
 def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:

@@ -74,9 +74,10 @@ def _export(options: SimulateOptions, model) -> None:
 
 
 def _play(options: SimulateOptions, model, strike) -> None:
+    from whiptool.impedance.files import controller_to_table
     from whiptool.models.files import model_to_table
     from whiptool.objective import Objective
-    from whiptool.optimize import controller_table, outcome_lines, save_strike, strike_lines
+    from whiptool.optimize import outcome_lines, save_strike, strike_lines
     from whiptool.runs import RunFolder, code_version, default_folder
     from whiptool.strike import StrikeBounds, strike_names
 
@@ -93,7 +94,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
             "command": "simulate",
             "options": cli.as_plain(replace(options, out=None, export=None, json=False, video=True)),
             "model": model_to_table(model),
-            "controller": controller_table(controller),
+            "controller": controller_to_table(controller),
         },
     )
     outcome = objective.judge(trajectory)
@@ -112,7 +113,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "simulator": options.simulator,
         "engine": rollout.engine,
         "timestep": rollout.timestep,
-        "controller": controller_table(controller),
+        "controller": controller_to_table(controller),
         "model": model.name,
         "version": code_version(),
     }

@@ -135,8 +135,8 @@ class _Run:
             ) from None
         torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
 
+        from whiptool.impedance.files import controller_to_table
         from whiptool.models.files import model_to_table
-        from whiptool.optimize import controller_table
         from whiptool.rl.settings import settings_for
         from whiptool.rl.task import StrikeTask
         from whiptool.rl.training import Plan, Training, make_learner
@@ -177,7 +177,7 @@ class _Run:
             "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION)),
             "settings": cli.as_plain(settings),
             "model": model_to_table(model),
-            "controller": controller_table(controller),
+            "controller": controller_to_table(controller),
         }
         if options.resume is None:
             self.folder = RunFolder.create(

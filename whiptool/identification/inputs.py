@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,14 @@ from whiptool.identification.plant import LUMPED, Plant
 from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.variables import Prior, variable
-from whiptool.impedance import LAWS, Controller
+from whiptool.impedance import Controller
+from whiptool.impedance.files import controller_from_table
 from whiptool.models.files import read_toml
 from whiptool.models.parameters import Model, number
 from whiptool.models.profile import WhipProfile
 from whiptool.rig.markers import Marker
 
 _GROUPS = ("whip", "profile", "law")  # that a short name is looked up in
-_OPTIONS = ("feedforward", "torque_limit", "control_period", "compensated")
 
 
 def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tuple[list[str], list[str]]:
@@ -152,29 +152,6 @@ def read_marker(path: str | None) -> Marker | None:
         raise error.within(f"{path}: ") from None
     except (TypeError, ValueError) as error:
         raise InputError(path, str(table)[:80], f"radius, and hue, saturation or value ({error})") from None
-
-
-def controller_from_table(table: Mapping[str, Any]) -> Controller:
-    """What `whiptool.optimize.controller_table` wrote.
-
-    Raises:
-        InputError: The law or a key is unknown, or a value breaks its rule.
-    """
-    numbers = dict(table)
-    law = numbers.pop("law", None)
-    if law not in LAWS:
-        raise InputError("controller.law", law, ", ".join(LAWS))
-    options = {key: numbers.pop(key) for key in _OPTIONS if key in numbers}
-    known = [f.name for f in dataclasses.fields(LAWS[law])]  # type: ignore[arg-type]
-    for key in numbers:
-        if key not in known:
-            raise InputError(f"controller.{key}", numbers[key], "one of " + ", ".join(("law", *known, *_OPTIONS)))
-    try:
-        return Controller(law=LAWS[law](**numbers), **options)
-    except InputError as error:
-        raise error.within("controller.") from None
-    except (TypeError, ValueError) as error:
-        raise InputError("controller", str(table)[:80], f"a controller's numbers ({error})") from None
 
 
 def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:

@@ -37,7 +37,7 @@ class StrikeRecording:
             different times); default: t for all.
         exposure: A point is the mean of its marker's path over this span around `t_points` [s].
         strike: What was commanded.
-        controller: Of the arm, as `whiptool.optimize.controller_table` writes it.
+        controller: Of the arm, as `whiptool.impedance.files.controller_to_table` writes it.
         joints_t: Times of the joint log [s], (S,), strictly increasing.
         joints_q: Measured joints of the arm [rad], (S, a).
         target: Its position [m].

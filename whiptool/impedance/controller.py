@@ -32,7 +32,7 @@ class Controller:
             None: those of the model that it is rolled out with. A rig's controller knows only what its owner believes.
 
     Raises:
-        InputError: A number is not positive.
+        InputError: A number is not positive, or `feedforward` is neither true nor false.
     """
 
     law: Law = field(default_factory=lambda: oiac_preset("table4"))
@@ -42,6 +42,8 @@ class Controller:
     compensated: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.feedforward, bool):
+            raise InputError("feedforward", self.feedforward, "true or false")
         if self.compensated is not None:
             masses = tuple(number("compensated", m, low=0, strict=True) for m in self.compensated)
             object.__setattr__(self, "compensated", masses)

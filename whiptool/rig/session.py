@@ -159,7 +159,7 @@ class TwinRig:
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """As `Rig.strike`."""
-        from whiptool.optimize import controller_table
+        from whiptool.impedance.files import controller_to_table
 
         truth, period = self.truth, 1.0 / self.options.rate
         start = strike.q_i if self._at_once else (0.0,) * self.model.arm.n
@@ -199,7 +199,7 @@ class TwinRig:
             run.cycles,
             self.model,
             track=self._film(path),
-            controller=controller_table(self.controller.reckoning_with(self.model)),
+            controller=controller_to_table(self.controller.reckoning_with(self.model)),
             target=self.target,
             t_stay=self.options.t_stay,
             source="twin",
@@ -272,7 +272,7 @@ class HardwareRig:
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """As `Rig.strike`."""
-        from whiptool.optimize import controller_table
+        from whiptool.impedance.files import controller_to_table
         from whiptool.rig.filming import Filming
 
         if self.confirm is not None and not self.confirm(strike):
@@ -305,7 +305,7 @@ class HardwareRig:
             run.cycles,
             self.model,
             track=seen,
-            controller=controller_table(self.controller.reckoning_with(self.model)),
+            controller=controller_to_table(self.controller.reckoning_with(self.model)),
             target=self.target,
             t_stay=self.options.t_stay,
             source=self.port,

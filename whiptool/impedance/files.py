@@ -1,0 +1,74 @@
+"""Controllers as TOML tables and files: read with every mistake named, written so that they read back the same."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
+from whiptool.impedance.law import LAWS
+from whiptool.models.files import read_toml
+
+TABLE = "controller"  # name of the table in a file
+_OPTIONS = tuple(f.name for f in dataclasses.fields(Controller) if f.name != "law")
+
+
+def controller_to_table(controller: Controller) -> dict[str, Any]:
+    """Return the controller as plain data: its law's name and numbers, and those options that are set."""
+    numbers = dataclasses.asdict(controller.law)  # type: ignore[call-overload]
+    options = {name: getattr(controller, name) for name in _OPTIONS}
+    table = {"law": controller.law.kind, **numbers, **options}
+    return {key: _plain(value) for key, value in table.items() if value is not None}
+
+
+def controller_from_table(table: Mapping[str, Any]) -> Controller:
+    """Return the controller that `controller_to_table` described.
+
+    Raises:
+        InputError: The law or a key is unknown, or a value breaks its rule; the key is named.
+    """
+    numbers = dict(table)
+    law = numbers.pop("law", None)
+    if law not in LAWS:
+        raise InputError("controller.law", law, ", ".join(LAWS))
+    options = {key: numbers.pop(key) for key in _OPTIONS if key in numbers}
+    known = [f.name for f in dataclasses.fields(LAWS[law])]  # type: ignore[arg-type]
+    for key in numbers:
+        if key not in known:
+            raise InputError(f"controller.{key}", numbers[key], "one of " + ", ".join(("law", *known, *_OPTIONS)))
+    try:
+        return Controller(law=LAWS[law](**numbers), **options)
+    except InputError as error:
+        raise error.within("controller.") from None
+    except (TypeError, ValueError) as error:
+        raise InputError("controller", str(table)[:80], f"a controller's numbers ({error})") from None
+
+
+def read_controller(path: Path) -> Controller:
+    """Return the controller in the table `[controller]` of a TOML file, such as the `config.toml` of a run folder.
+
+    Raises:
+        InputError: The file cannot be read, has no such table, or says something that is not allowed.
+    """
+    table = read_toml(path).get(TABLE)
+    if not isinstance(table, Mapping):
+        raise InputError("file", str(path), f"a TOML file with a table [{TABLE}]")
+    try:
+        return controller_from_table(table)
+    except InputError as error:
+        raise error.within(f"{path}: ") from None
+
+
+def write_controller(controller: Controller, path: Path) -> None:
+    """Write a controller as a TOML file that `read_controller` reads back the same."""
+    Path(path).write_text(tomli_w.dumps({TABLE: controller_to_table(controller)}), encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """Return tuples, also nested ones, as lists."""
+    return [_plain(x) for x in value] if isinstance(value, tuple) else value
