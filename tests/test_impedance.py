@@ -61,7 +61,7 @@ def test_presets():
     with pytest.raises(InputError, match="printed, table4"):
         oiac_preset("table5")
     assert ConstantImpedance().K == ((29.5, 14.3), (14.3, 39.3))  # Eq. 22
-    for wrong in ({"a": 0}, {"a": -1}, {"beta": -1}, {"C": float("nan")}):
+    for wrong in ({"a": 0}, {"a": -1}, {"beta": -1}, {"C": -0.5}, {"C": float("nan")}):
         with pytest.raises(InputError):
             OIAC(**wrong)
 
@@ -99,6 +99,21 @@ def test_compensated_masses_are_checked_and_those_of_a_model_are_the_default():
         Controller(compensated=(0.1, -0.1, 0.1))
     with pytest.raises(InputError, match="3 masses"):
         Controller(compensated=(0.1, 0.1)).check_fits(model.arm)
+
+
+def test_numbers_of_a_controller_have_names_and_are_checked():
+    """A law's single numbers by name, its matrices row by row, the torque limit where there is one."""
+    law = OIAC(a=0.1, beta=0.5, C=4.0)
+    assert Controller(law).parameters() == {"law.a": 0.1, "law.beta": 0.5, "law.C": 4.0}
+    assert Controller(law, torque_limit=9.0).parameters()["torque_limit"] == 9.0
+    matrices = Controller(ConstantImpedance(((1.0, 2.0), (3.0, 4.0)), ((5.0, 6.0), (7.0, 8.0)))).parameters()
+    expected = {f"law.{name}[{i}]": float(4 * j + i + 1) for j, name in enumerate("KB") for i in range(4)}
+    assert matrices == expected
+    for wrong in ({"torque_limit": 0.0}, {"torque_limit": -1.0}, {"control_period": 0.0}, {"control_period": np.inf}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            Controller(**wrong)
+    with pytest.raises(InputError, match="feedforward"):
+        Controller(feedforward="yes")  # type: ignore[arg-type]
 
 
 def test_cost_of_a_strike_against_its_definition():
