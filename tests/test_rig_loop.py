@@ -269,7 +269,9 @@ def test_reference_of_the_loop_is_the_strikes():
     )
 
 
-@pytest.mark.parametrize("script", ["rig.py", "rig_faults.py", pytest.param("replan.py", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "script", ["rig.py", "rig_faults.py", "emulator_load.py", pytest.param("replan.py", marks=pytest.mark.slow)]
+)
 def test_benchmarks_run(script):
     root = Path(__file__).parent.parent
     command = [sys.executable, str(root / "benchmarks" / script), "--json", "--quick"]
@@ -280,6 +282,9 @@ def test_benchmarks_run(script):
         assert result["cycles_per_second"] > 0
         assert result["paced_cycles"] > 0
         assert set(result["detection_ms"]) >= {"drop", "hot", "unplug"}
+    elif script == "emulator_load.py":
+        assert result["command_scans_found"] == result["tries"] == 1
+        assert result["lockstep_repeats"]
     elif script == "replan.py":
         assert result["kin"]["number"] == 3
         assert 0 < result["kin"]["learn"] < result["kin"]["both"]

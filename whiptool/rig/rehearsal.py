@@ -14,7 +14,7 @@ from whiptool.models.trajectory import Trajectory, complete_trajectory
 from whiptool.rig.caps import CappedLoop, Caps
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE
 from whiptool.rig.emulator.motor import Motor
-from whiptool.rig.emulator.server import TwinOptions
+from whiptool.rig.emulator.options import TwinOptions
 from whiptool.rig.limits import XM430, MotorLimits
 from whiptool.rig.safety import Guards
 from whiptool.strike import Strike

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from whiptool.cli import parse, run
 from whiptool.errors import InputError
 
+PATIENCE = 1.0  # [s] that a reply may take
+
 
 @dataclass(frozen=True, kw_only=True)
 class ServoOptions:
@@ -31,7 +33,13 @@ class ServoOptions:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
+    """Entry point; returns the exit status.
+
+    A reply may take `PATIENCE`, once. The SDK gives a ping up after 34 ms: two periods of a USB adapter's latency timer
+    (16 ms) and 2 ms. That is plenty for a servo, but no time for an emulated one that shares its processor with others,
+    nor for this process: beside eight busy ones on two cores, fewer than half of the pings came back so soon. The SDK's
+    own scan, a broadcast ping, waits 0.8 s. A servo that is not there costs a second for each baud rate that is tried.
+    """
 
     def command() -> int:
         from whiptool.rig.dynamixel.bus import DynamixelBus, NoReply
@@ -43,7 +51,7 @@ def main(args: Sequence[str] | None = None) -> int:
             raise InputError("--set-baud", o.set_baud, ", ".join(map(str, rate)))
         if o.set_id is not None and len(o.ids) != 1:
             raise InputError("--set-id", o.set_id, "together with one id in --ids")
-        with DynamixelBus(o.port, o.ids, baud=o.baud, timeout=1.0) as bus:
+        with DynamixelBus(o.port, o.ids, baud=o.baud, timeout=PATIENCE) as bus:
             if o.reboot is not None:
                 bus.instruct(o.reboot, 8)
                 print(f"servo {o.reboot} reboots")

@@ -39,7 +39,7 @@ def main(args: Sequence[str] | None = None) -> int:
     def command() -> int:
         from whiptool.models.files import find_model
         from whiptool.rig.emulator.motor import HARDWARE, Motor
-        from whiptool.rig.emulator.server import TwinOptions
+        from whiptool.rig.emulator.options import TwinOptions
 
         o = parse(EmulatorOptions, prog="python -m whiptool.rig.emulator", description=__doc__ or "", args=words)
         options = TwinOptions(

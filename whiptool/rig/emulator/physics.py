@@ -17,6 +17,8 @@ from whiptool.models.posture import start_posture
 from whiptool.models.reference import ReferenceRollout
 from whiptool.rig.emulator.servo import Servo
 
+STILL = (1e-4, 1e-3)  # speed [rad/s] and acceleration [rad/s2] of every joint; an encoder counts 1.5e-3 rad
+
 
 class Physics:
     """Arm and whip, driven by servos' motors.
@@ -34,6 +36,8 @@ class Physics:
         command_delay: A goal acts this long after it was written [s].
         sample_delay: The registers show the state of this long ago [s].
         record_period: A sample of the trajectory every so often [s].
+        record: Keep the trajectory.
+        rests: Time passes without integration while torque is off and nothing moves.
     """
 
     def __init__(
@@ -48,6 +52,8 @@ class Physics:
         command_delay: float = 0.0,
         sample_delay: float = 0.0,
         record_period: float = 1e-3,
+        record: bool = True,
+        rests: bool = False,
     ) -> None:
         if len(servos) != model.arm.n:
             raise InputError("servos", len(servos), f"{model.arm.n}, one per arm joint")
@@ -62,6 +68,7 @@ class Physics:
             self._mj.dof_armature[i] = servo.motor.inertia
         self._command_delay, self._sample_delay = command_delay, sample_delay
         self._record_steps = max(1, round(record_period / self.timestep))
+        self._rests, self._kept = rests, None if record else 0
         self.reset(start)
 
     def reset(self, start: Sequence[float] | None = None) -> None:
@@ -77,7 +84,7 @@ class Physics:
         self._goals: deque[tuple[float, list[float]]] = deque()
         self._acting = [0.0] * a
         self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
-        self._rows: list[tuple] = []
+        self._rows: deque[tuple] = deque(maxlen=self._kept)
         self._currents, self._torques = [0.0] * a, [0.0] * a
         self._record()
         self.show()
@@ -87,12 +94,35 @@ class Physics:
         """Simulated time [s]."""
         return self.steps * self.timestep
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether time passes without integration; slower than `STILL` is stiction, not movement."""
+        if not self._rests or any(self._currents) or any(servo.torque_on for servo in self.servos):
+            return False  # the acceleration of a step with current says nothing of the next one without
+        speed, acceleration = STILL
+        return bool(np.abs(self.data.qvel).max() < speed and np.abs(self.data.qacc).max() < acceleration)
+
     def advance_to(self, t: float) -> None:
         """Integrate up to time t [s]."""
-        mj, data, servos, h = self._mj, self.data, self.servos, self.timestep
-        end = round(t / h)
+        end = round(t / self.timestep)
         if end <= self.steps:
             return
+        if self.at_rest:
+            self._stay_until(end)
+        else:
+            self._step_until(end)
+        self.show()
+
+    def _stay_until(self, end: int) -> None:
+        """Let time pass for the servos alone: no current flows, and nothing moves."""
+        dt, self.steps = (end - self.steps) * self.timestep, end
+        for servo in self.servos:
+            servo.current = 0.0
+            servo.age(dt)
+        self._record()
+
+    def _step_until(self, end: int) -> None:
+        mj, data, servos, h = self._mj, self.data, self.servos, self.timestep
         a = len(servos)
         motors = [servo.motor for servo in servos]
         delayed = self._sample_delay > 0
@@ -129,7 +159,6 @@ class Physics:
                 goals = self._wanted()  # a watchdog or a shutdown may have ended them
             if any(acting):
                 self.last_driven = self.t
-        self.show()
 
     def _wanted(self) -> list[float]:
         return [servo.goal() for servo in self.servos]

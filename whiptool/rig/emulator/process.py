@@ -19,7 +19,8 @@ import numpy as np
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.emulator.faults import Fault
-from whiptool.rig.emulator.server import Server, TwinOptions
+from whiptool.rig.emulator.options import TwinOptions
+from whiptool.rig.emulator.server import Server
 
 
 class Client(Protocol):

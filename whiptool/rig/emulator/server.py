@@ -10,103 +10,24 @@ import sys
 import termios
 import time
 import tty
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
 from typing import Any
 
-from whiptool.errors import InputError
-from whiptool.models.parameters import Model, number
-from whiptool.models.presets import preset
-from whiptool.rig.dynamixel.control_table import BAUD_RATES, Units
+from whiptool.rig.dynamixel.control_table import BAUD_RATES
 from whiptool.rig.emulator.faults import Fault, Faults, mangle
 from whiptool.rig.emulator.instructions import Chain, beats
-from whiptool.rig.emulator.motor import Motor
+from whiptool.rig.emulator.options import TwinOptions
 from whiptool.rig.emulator.packets import Packet, Parser
-from whiptool.rig.emulator.physics import Physics
-from whiptool.rig.emulator.servo import Protection, Servo
 
 # With the wall clock [s]:
 SILENCE = 0.02  # a packet that stops for longer is given up (the servo's 1.5 ms, with room for a busy host)
-AT_ONCE = 0.002  # of simulated time that is caught up with before the next answer
+AT_ONCE = 0.001  # of simulated time that is caught up with before the next answer
 LAG = 0.1  # simulated time that falls further behind is lost
+PAUSE = 0.001  # how long bytes are waited for before time goes on
+PAUSE_AT_REST = 0.05  # likewise while nothing moves: registers are brought up to date when bytes come
 _TCGETS2 = 0x802C542A  # of Linux; tells any rate, where termios.tcgetattr knows the classical ones only
-
-
-@dataclass(frozen=True)
-class TwinOptions:
-    """What is emulated, and how its time runs.
-
-    Args:
-        model: Whip, arm, gravity; default: the preset `lemon2024`.
-        motor: Of every joint; default: the XM430-W350 without friction. `HARDWARE` has friction and inertia.
-        start: Arm posture at time 0 [rad], the whip hanging; default: straight down.
-        lockstep: Time advances by `period` with every write of Goal Current, and not otherwise: runs repeat exactly.
-            False: it runs with the wall clock.
-        period: Control period in lock-step [s].
-        command_delay: A goal acts this long after it was written [s].
-        sample_delay: The servos show the state of this long ago [s].
-        fineness: Counts of the registers are this many times finer than the real ones (1); a power of 2, to see what
-            quantisation costs.
-        ids: Of the servos, shoulder first; default: 1, 2, ..
-        baud: Bits per second that the servos are set to.
-        return_delay: Value of Return Delay Time(9), in 2 us; the factory's is 250.
-        timestep, integrator: MuJoCo's step [s], and how it steps; default: the reference rollout's.
-        protection: When a servo shuts itself down.
-    """
-
-    model: Model = field(default_factory=lambda: preset("lemon2024"))
-    motor: Motor = field(default_factory=Motor)
-    start: tuple[float, ...] | None = None
-    lockstep: bool = True
-    period: float = 0.002
-    command_delay: float = 0.0
-    sample_delay: float = 0.0
-    fineness: int = 1
-    ids: tuple[int, ...] = ()
-    baud: int = 1_000_000
-    return_delay: int = 0
-    timestep: float | None = None
-    integrator: str | None = None
-    protection: Protection = field(default_factory=Protection)
-
-    def __post_init__(self) -> None:
-        number("period", self.period, low=1e-5, high=1.0)
-        for name in ("command_delay", "sample_delay"):
-            number(name, getattr(self, name), low=0, high=0.5)
-        if self.baud not in BAUD_RATES.values():
-            raise InputError("baud", self.baud, ", ".join(map(str, BAUD_RATES.values())))
-        ids = self.ids or tuple(range(1, self.model.arm.n + 1))
-        if len(set(ids)) != self.model.arm.n or not all(0 <= id <= 252 for id in ids):
-            raise InputError("ids", ids, f"{self.model.arm.n} different numbers from 0 to 252")
-        object.__setattr__(self, "ids", ids)
-
-    def make_servos(self) -> list[Servo]:
-        """The servos, as they are after power on."""
-        rate = next(value for value, bps in BAUD_RATES.items() if bps == self.baud)
-        return [
-            Servo(
-                id,
-                self.motor,
-                units=Units(self.fineness),
-                baud=rate,
-                return_delay=self.return_delay,
-                protection=self.protection,
-            )
-            for id in self.ids
-        ]
-
-    def make_physics(self, servos: Sequence[Servo]) -> Physics:
-        """What they move."""
-        return Physics(
-            self.model,
-            servos,
-            start=self.start,
-            timestep=self.timestep,
-            integrator=self.integrator,
-            period=self.period,
-            command_delay=self.command_delay,
-            sample_delay=self.sample_delay,
-        )
 
 
 def _speed(fd: int) -> int:
@@ -120,7 +41,8 @@ class Server:
 
     Args:
         options: What is emulated.
-        control: A `multiprocessing.connection.Connection` on which commands come; None: none come.
+        control: A `multiprocessing.connection.Connection` on which commands come. None: none come, nobody can ask what
+            happened, and so nothing is kept of it.
         clock: Where wall-clock time comes from [s].
     """
 
@@ -130,7 +52,7 @@ class Server:
         self.options, self.control, self._clock = options, control, clock
         self._lost = 0.0  # [s] of wall-clock time that this machine was too slow for
         self.servos = options.make_servos()
-        self.physics = options.make_physics(self.servos)
+        self.physics = options.make_physics(self.servos, record=control is not None)
         self.chain = Chain(self.servos, self._beat)
         self._master = self._slave = -1
         self.port = self._open()
@@ -141,12 +63,14 @@ class Server:
         self._late: list[bytes] = []
         self._taken = self._given = 0  # bytes from the client and to it
         self._heard = self._zero = self._clock()
-        self.goal_writes: list[tuple[float, int]] = []  # simulated time, largest Goal Current after it
-        self.torque_changes: list[tuple[float, int, bool]] = []  # simulated time, servo, on
+        kept = None if self.control is not None else 0
+        self.goal_writes: deque[tuple[float, int]] = deque(maxlen=kept)  # simulated time, largest Goal Current after it
+        self.torque_changes: deque[tuple[float, int, bool]] = deque(maxlen=kept)  # simulated time, servo, on
         self._was_on = [False] * len(self.servos)
 
     def _open(self) -> str:
         self._master, self._slave = pty.openpty()
+        os.set_blocking(self._master, False)  # a client that does not read must not stop the servos
         tty.setraw(self._slave)  # bytes are bytes; and held open, so that a client may come and go
         return os.ttyname(self._slave)
 
@@ -186,12 +110,16 @@ class Server:
         """Go on towards the wall clock's time, no further at once than an answer may wait for."""
         if self.options.lockstep:
             return
-        if self._behind > LAG:
-            self._lose(self._behind - LAG)
-        self.physics.advance_to(self.t + min(self._behind, AT_ONCE))
+        behind = self._behind
+        if not self.physics.at_rest:
+            self._lose(behind - LAG)
+            behind = min(behind, AT_ONCE)
+        self.physics.advance_to(self.t + behind)
         self._happen()
 
     def _lose(self, seconds: float) -> None:
+        if seconds <= 0:
+            return
         self._zero += seconds
         if not self._lost:
             print("whiptool: this machine is too slow: the servos' time falls behind the clock", file=sys.stderr)
@@ -224,25 +152,41 @@ class Server:
 
     def serve(self) -> None:
         """Answer until the control connection says `quit` or goes away."""
-        while True:
-            wanted = [fd for fd in (self._master, self.control) if fd is not None and fd != -1]
-            wait = 0.05 if self.options.lockstep else 0.0 if self._behind > AT_ONCE else 0.001
-            ready = select.select(wanted, [], [], wait)[0]
-            if self._master in ready:
-                self._take()
+        while self._round():
+            pass
+
+    def _round(self) -> bool:
+        """Wait for bytes or a command, answer, go on in time; False: stop."""
+        wanted = [fd for fd in (self._master, self.control) if fd is not None and fd != -1]
+        begun = self._clock()
+        ready = select.select(wanted, [], [], self._pause())[0]
+        if self._master in ready:
+            self._take()
+        else:
+            if begun - self._heard > SILENCE and not self.options.lockstep:
+                self.parser.reset()  # silence is what was seen: a busy machine may keep us from bytes that came in time
             self._keep_up()
-            if self.control is not None and self.control in ready:
-                try:
-                    sent, name, *args = self.control.recv()
-                    self._hear(sent)
-                    if not self._command(name, *args):
-                        return
-                except (EOFError, OSError):
-                    return
+        if self.control is None or self.control not in ready:
+            return True
+        try:
+            sent, name, *args = self.control.recv()
+            self._hear(sent)
+            return self._command(name, *args)
+        except (EOFError, OSError):
+            return False
+
+    def _pause(self) -> float | None:
+        """How long to wait for bytes [s]; None: until they come."""
+        if self.options.lockstep:
+            return None
+        if self.physics.at_rest and not self.parser.pending:
+            return PAUSE_AT_REST
+        return 0.0 if self._behind > AT_ONCE else PAUSE
 
     def _hear(self, sent: int) -> None:
         """Handle every byte that a client has sent so far, before what it wants on the control connection."""
         while self._taken < sent and self._master >= 0:
+            select.select([self._master], [], [])
             self._take()
 
     def _take(self) -> None:
@@ -251,18 +195,15 @@ class Server:
         self._bytes(data)
 
     def _bytes(self, data: bytes) -> None:
-        now = self._clock()
-        if self.parser.pending and now - self._heard > SILENCE and not self.options.lockstep:
-            self.parser.reset()
-        self._heard = now
+        self._heard = self._clock()
         speed = _speed(self._master)
         deaf = [BAUD_RATES[servo.get("baud_rate")] != speed for servo in self.servos]
         if all(deaf):
             data = bytes((byte * 167 + 59) & 0xFF for byte in data)  # what another baud rate makes of it
         for servo, is_deaf in zip(self.servos, deaf, strict=True):
             servo.deaf = is_deaf
+        self._keep_up()  # what is read is of now
         for packet in self.parser.feed(data):
-            self._keep_up()
             self._packet(packet)
 
     def _packet(self, packet: Packet) -> None:
@@ -311,7 +252,8 @@ class Server:
 
     def _send(self, data: bytes) -> None:
         if self._master >= 0:
-            self._given += os.write(self._master, data)
+            with suppress(BlockingIOError):  # full, for nobody reads: what does not fit is lost, as on any line
+                self._given += os.write(self._master, data)
 
     # -- control -------------------------------------------------------------------------------------------------
 

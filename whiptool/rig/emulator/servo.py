@@ -267,7 +267,7 @@ class Servo:
         """Let dt seconds pass: watchdog, temperature, overload."""
         p = self.protection
         power = self.current**2 * self.motor.resistance
-        self.temperature += (p.ambient + p.heating * power - self.temperature) * dt / p.warming_time
+        self.temperature += (p.ambient + p.heating * power - self.temperature) * min(dt / p.warming_time, 1.0)
         self._overloaded = self._overloaded + dt if abs(self.current) > p.overload_current else 0.0
         error = 0
         if self._overloaded > p.overload_time:
