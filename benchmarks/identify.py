@@ -16,7 +16,7 @@ figures are root mean squares over the sets; those of recordings without noise s
 The second table counts how often 95 % intervals cover the truth, with three kinds of errors.
 Needs `pip install "mujoco[sysid]"`.
 
-    python benchmarks/identify.py [--quick] [--json]
+    python benchmarks/identify.py [--quick] [--pairs 10] [--fits 400] [--only peer|coverage] [--json]
 """
 
 from __future__ import annotations
@@ -280,11 +280,16 @@ def main() -> None:
     """Fit and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one set and its mirror image; 10 fits a kind of errors")
+    parser.add_argument("--pairs", type=int, default=10, help="sets of recordings, each with its mirror image")
+    parser.add_argument("--fits", type=int, default=400, help="fits whose intervals are counted, a kind of errors")
     parser.add_argument("--only", choices=("peer", "coverage"), help="one of the two tables")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     arguments = parser.parse_args()
     logging.getLogger("absl").setLevel(logging.ERROR)
-    bench, pairs, seeds = Bench.make(), 1 if arguments.quick else 10, 10 if arguments.quick else 400
+    pairs, seeds = (1, 10) if arguments.quick else (arguments.pairs, arguments.fits)
+    if min(pairs, seeds) < 1:
+        parser.error("--pairs and --fits are whole numbers >= 1")
+    bench = Bench.make()
     report: dict = {}
     if arguments.only != "coverage":
         report |= {"sets": 2 * pairs, **compare(bench, pairs)}
