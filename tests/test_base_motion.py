@@ -10,6 +10,7 @@ from whiptool.errors import InputError
 from whiptool.identification.motion import (
     HANDLE_JERK,
     JOINT_JERK,
+    REST,
     SHORTEST,
     HandleMotion,
     JointMotion,
@@ -44,6 +45,23 @@ def test_a_spline_is_weighted_least_squares():
     knots = 0.2 * np.arange(-5, 11)
     theirs = make_lsq_spline(t[seen], values[seen], knots, k=5, w=1 / sigma[seen])
     np.testing.assert_allclose(c, theirs.c, rtol=1e-4, atol=1e-4)
+
+
+def test_what_begins_at_rest_has_no_first_rate():
+    """Noise leaves the first rate of a spline at random; known to be at rest it is a thousandth. No other changes."""
+    rng, t = np.random.default_rng(1), np.linspace(0, 1, 200)
+    values = np.stack([t**3, -(t**2)], axis=1) + 1e-3 * rng.normal(size=(200, 2))
+    loose, still = (SmoothSpline(start=0.0, end=1.0, knots=0.1, jerk=1e3, d=2, at_rest=x) for x in (False, True))
+    rates = [
+        s.basis(np.array([0.0, 0.5]), 1) @ s.fit(t, values, np.full(200, 1e-3)).reshape(-1, 2) for s in (loose, still)
+    ]
+    assert np.abs(rates[0][0]).max() > 0.02
+    assert np.abs(rates[1][0]).max() < REST
+    np.testing.assert_allclose(rates[1][1], rates[0][1], atol=0.01)
+    extra = still.penalty[len(loose.penalty) :]
+    np.testing.assert_allclose(extra @ np.ones(2 * still.size), 0, atol=1e-6)  # a constant is at rest
+    line = make_lsq_spline(t, t, 0.1 * np.arange(-5, 16), k=5).c
+    np.testing.assert_allclose(extra @ np.kron(line, [1, -2]), np.array([1, -2]) / REST, rtol=1e-6)
 
 
 def test_the_jerk_of_usual_size_bridges_gaps():

@@ -12,7 +12,7 @@ from scipy.stats import binom
 
 from whiptool.errors import InputError
 from whiptool.identification.dynamics import SwingStructure
-from whiptool.identification.fit import Options, choose_nodes, fit
+from whiptool.identification.fit import Options, choose_nodes, fit, predict
 from whiptool.identification.paths import Lanes, PathEngine
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import PROFILE, Plant, lumping
@@ -245,6 +245,27 @@ def test_command_joints_and_handle_tell_the_same_whip():
             assert (found[name].kind != "flat") == seen
             assert (found[name].interval is not None) == seen
         assert found.uncertainty.flat.sum() == (0 if seen else 1)
+
+
+@pytest.mark.parametrize(("drive", "own"), [("joints", ()), ("handle", ()), ("joints", ("shift_x",))])
+def test_a_held_out_recording_is_predicted_without_a_look_at_what_is_judged(drive, own):
+    """Tips that are moved aside leave the prediction where it was; from joints it errs hardly more than the camera."""
+    seen = film(LEMON, STRIKES[0], np.random.default_rng(5), markers=("tip", "handle"), sigma=1e-3)
+    points, second = seen.points.copy(), len(seen.t) // 2 + 1
+    points[second if own else 0 :, 0] += np.random.default_rng(6).normal(0, 0.1, 2)
+    moved = dataclasses.replace(seen, points=points)
+    options = Options(drive=drive, per_recording=own, knots=0.05)
+    before, after = (predict([r], Plant(LEMON), {}, options)[0] for r in (seen, moved))
+    for marker, path in before.path.items():
+        np.testing.assert_allclose(after.path[marker], path, atol=1e-9)
+    assert (before.predicted_from is None) == (not own)
+    tip = before.channels[:, 1] == 0
+    assert tip.all() == (drive == "handle")  # readings that drive the whip are not judged
+    chi = np.sqrt(np.mean((before.residuals / before.sigma)[tip] ** 2))
+    assert chi < (1.5 if drive == "joints" else 3)
+    unseen = seen.without(np.array([[True, False]] * len(seen.t)))
+    with pytest.raises(InputError, match="show the whip"):
+        predict([unseen], Plant(LEMON), {}, Options(drive="handle"))
 
 
 def test_clock_and_camera_pose_come_back():

@@ -356,7 +356,7 @@ class _Run:
         held_out = summary["held_out_rmse"]
         said = "none held out" if held_out is None else f"{1e3 * held_out:.3g} mm held out"
         if any(r.predicted_from is not None for r in self.found.held_out):
-            said += " (second half; the first half gave the first state)"
+            said += " (second half; the first half gave what is unknown of each)"
         lines.append(f"  error RMS   {1e3 * summary['rmse']:.3g} mm fitted, {said}")
         if self.plane is not None:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")

@@ -199,7 +199,8 @@ class SwingDrive(Drive):
             used |= {name for name, f in (("rest_angle", "rest_curvature"), ("drag", "drag")) if f"profile.{f}" in free}
         self.structure = SwingStructure.of(n=whip.N, moving=True, point_masses=True, used=tuple(used))
         make = {"joints": self._measured_joints, "handle": self._tracked_handle, "passive": self._still}[kind]
-        self.motion: Motion = make(recording, plant, h, {} if knots is None else {"knots": knots})
+        # a whip that hangs at rest hangs from a hand at rest: the tip would keep any speed that its base begins with
+        self.motion: Motion = make(recording, plant, h, {"knots": knots, "at_rest": not unknown})
         self.unknowns = {"motion": self.motion.start}
         if kind == "passive":
             self.unknowns["start"] = released(recording, plant, _hand(recording))

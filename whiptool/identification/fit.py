@@ -17,7 +17,7 @@ from whiptool.identification.results import Fit, RecordingFit, Run, judge_starts
 from whiptool.identification.solver import Solution, Status
 from whiptool.identification.variables import variables_of
 
-_KNOWN = 0.5  # share of a held-out recording's frames that its first state is fitted to, where it is free
+_KNOWN = 0.5  # share of a held-out recording's frames that its own unknowns are fitted to, if it has any
 
 __all__ = ["Fit", "Options", "RecordingFit", "best_nodes", "choose_nodes", "fit", "predict"]
 
@@ -36,9 +36,7 @@ def fit(
         recordings: To fit.
         plant: Where the first start begins; what is not free stays as it is.
         free: Names of numbers of the plant, or of nuisance that all recordings share.
-        held_out: Recordings to predict only. Of their own unknowns only those are fitted that have to be (nuisance,
-            the motion of a tracked handle, from the handle alone). Where the first state is free, the first half of the
-            frames fits it, and the second half is predicted; a pendulum's free swing begins at its first sample.
+        held_out: Recordings to predict only, see `predict`.
         options: See `Options`.
 
     Raises:
@@ -96,6 +94,10 @@ def predict(
 ) -> list[RecordingFit]:
     """Recordings that were not fitted beside what the plant predicts of them.
 
+    What drives the whip is known: the command, the measured joints, the tracked handle. Where a recording has unknowns
+    of its own (a first state, nuisance), the first half of its frames fits them, and the second half is predicted; a
+    pendulum's free swing begins at its first sample.
+
     Args:
         recordings: To predict.
         plant: As identified.
@@ -103,7 +105,10 @@ def predict(
         options: Those of the fit.
 
     Returns:
-        Each recording's residuals; where its first state is free, those of the second half of its frames.
+        Each recording's residuals, those of readings that were known left out.
+
+    Raises:
+        InputError: A recording holds nothing but what has to be known of it.
     """
     own = options.per_recording
     if options.drive == "free":  # encoders saw how it began
@@ -116,15 +121,15 @@ def predict(
     )
     z = np.array([v.z(nuisance[v.name]) for v in problem.variables])
     start = problem.predictor.start
-    if not any(len(x) for x in start):
+    every, unknown = range(len(start)), bool(own) or problem.starts_free
+    if not unknown and options.drive != "handle":  # the motion begins as the joints alone tell it
         return problem.compare(Solution(z, start, 0.0, Status.CONVERGED))
-    every = range(len(start))
-    handle = [problem.of_marker(i, "handle") for i in every] if options.drive == "handle" else None
-    if not problem.starts_free:
-        return problem.compare(problem.solve(z, fixed=True, known=None if own else handle))
-    known = [problem.first(i, _KNOWN) for i in every]
-    if handle is not None:
-        known = [np.maximum(x, y) for x, y in zip(known, handle, strict=True)]
+    known = [problem.first(i, _KNOWN if unknown else 0.0) for i in every]
+    if options.drive == "handle":
+        known = [np.maximum(x, problem.of_marker(i, "handle")) for i, x in zip(every, known, strict=True)]
+    for recording, x in zip(recordings, known, strict=True):
+        if x.all():
+            raise InputError("held-out recording", recording.source, "one whose last frames show the whip, too")
     return problem.compare(problem.solve(z, fixed=True, known=known), known)
 
 

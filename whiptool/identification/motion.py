@@ -16,6 +16,7 @@ from whiptool.models.parameters import ArmParameters
 DEGREE = 5  # accelerations are then twice differentiable
 SHORTEST = 0.02  # [s] between knots
 HANDLE_JERK, JOINT_JERK = 3e3, 1e4  # [m/s^3], [rad/s^3]: usual size, a weak prior that bridges gaps
+REST = 1e-3  # [m/s], [rad/s]: usual speed of what is at rest
 _FINEST = 1e-6  # [rad] of a joint log
 
 
@@ -27,9 +28,10 @@ class SmoothSpline:
         knots: Their spacing [s].
         jerk: Root mean square of the third derivative.
         d: Number of quantities.
+        at_rest: Whether they are known to begin at rest: a priori their first rates are about `REST`.
     """
 
-    def __init__(self, *, start: float, end: float, knots: float, jerk: float, d: int) -> None:
+    def __init__(self, *, start: float, end: float, knots: float, jerk: float, d: int, at_rest: bool = False) -> None:
         pieces = max(1, int(np.ceil((end - start) / knots)))
         inner = np.linspace(start, end, pieces + 1)
         space = inner[1] - inner[0]
@@ -39,7 +41,10 @@ class SmoothSpline:
         self._basis = BSpline(self._knots, np.eye(self.size), DEGREE)
         middles = (inner[1:] + inner[:-1]) / 2
         # noise of this size, independent from knot to knot
-        self.penalty = np.kron(self.basis(middles, 3) / jerk, np.eye(d))  # (rows, size d)
+        rows = self.basis(middles, 3) / jerk
+        if at_rest:
+            rows = np.vstack([rows, self.basis(inner[:1], 1) / REST])
+        self.penalty = np.kron(rows, np.eye(d))  # (rows, size d)
 
     def basis(self, t: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Values of the basis at times t (T,), or of a derivative: (T, size). Coefficient c[j, i] is entry j d + i."""
@@ -126,6 +131,7 @@ class HandleMotion:
         instants: Times at which the base is wanted [s], (I,), equally spaced.
         joints: Number of joints of the arm that is not there.
         knots: Spacing of the spline's knots [s]; default: 1.5 frames.
+        at_rest: Whether the handle is at rest at the first instant.
     """
 
     def __init__(
@@ -137,10 +143,10 @@ class HandleMotion:
         *,
         joints: int,
         knots: float | None = None,
+        at_rest: bool = False,
     ) -> None:
-        spline = SmoothSpline(
-            start=instants[0], end=instants[-1], knots=knots or _spacing(t, 1.5), jerk=HANDLE_JERK, d=2
-        )
+        knots = knots or _spacing(t, 1.5)
+        spline = SmoothSpline(start=instants[0], end=instants[-1], knots=knots, jerk=HANDLE_JERK, d=2, at_rest=at_rest)
         self.start = spline.fit(t, points, sigma)
         self.rows, self.mean = spline.penalty, np.zeros(len(spline.penalty))
         self._bases = p, v, a = tuple(spline.basis(instants, i) for i in range(3))
@@ -167,20 +173,30 @@ class JointMotion:
         arm: Its lengths matter only.
         instants: Times at which the base is wanted [s], (I,).
         knots: Spacing of the spline's knots [s]; default: two samples of the log.
+        at_rest: Whether the arm is at rest at the first instant.
 
     Raises:
         InputError: The log has another number of joints than the arm, or too few samples.
     """
 
     def __init__(
-        self, t: np.ndarray, q: np.ndarray, arm: ArmParameters, instants: np.ndarray, *, knots: float | None = None
+        self,
+        t: np.ndarray,
+        q: np.ndarray,
+        arm: ArmParameters,
+        instants: np.ndarray,
+        *,
+        knots: float | None = None,
+        at_rest: bool = False,
     ) -> None:
         if q.shape[1] != arm.n or len(t) < 8:
             raise InputError(
                 "joints_q", f"shape {q.shape}", f"8 or more samples of {arm.n} joints, as many as the arm has"
             )
         knots = knots or _spacing(t, 2)
-        spline = SmoothSpline(start=instants[0], end=instants[-1], knots=knots, jerk=JOINT_JERK, d=arm.n)
+        spline = SmoothSpline(
+            start=instants[0], end=instants[-1], knots=knots, jerk=JOINT_JERK, d=arm.n, at_rest=at_rest
+        )
         inside = (t >= instants[0] - knots) & (t <= instants[-1] + knots)
         # the log's noise, from differences that no smooth motion has
         noise = np.median(np.abs(np.diff(q, n=4, axis=0))) / 0.6745 / math.sqrt(math.comb(8, 4))

@@ -271,7 +271,8 @@ class Problem:
         for i, p in enumerate(predictions):
             judged = np.full(len(p.value), True) if known is None else known[i] == 0
             channels = P.channels[i][judged]
-            residuals = (p.value - P.measured[i])[judged]
+            residuals, frames = (p.value - P.measured[i])[judged], P.channels[i][:, 0]
+            first = channels[:, 0].min()
             t, path = P.path(i, plant, nuisance, solution.own[i])
             found.append(
                 RecordingFit(
@@ -285,7 +286,7 @@ class Problem:
                     own=dict(zip(P.own_names(i), map(float, solution.own[i]), strict=True)),
                     t=t,
                     path=path,
-                    predicted_from=None if judged.all() else float(P.recordings[i].t[channels[:, 0].min()]),
+                    predicted_from=float(P.recordings[i].t[first]) if first > frames.min() else None,
                 )
             )
         return found

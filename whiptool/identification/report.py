@@ -112,6 +112,9 @@ def parameters_section(fit: Fit) -> Section:
     return Section("Parameters", said)
 
 
+_KNOWN = {"handle": "the handle's path was", "joints": "the measured joints were"}
+
+
 def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Section:
     rows = [["recording", "", "frames", "RMS [mm]", "RMS / stated error", "down-weighted"]]
     for r, f, kind in pairs:
@@ -128,11 +131,11 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
         )
         if any(f.predicted_from is not None for f in fit.held_out):
             said += (
-                " Their first state is unknown: the first half of the frames fitted it, and the error is that of the "
-                "second half."
+                " They have unknowns of their own: the first half of the frames fitted these, and the error is that of "
+                "the second half."
             )
-        if fit.drive == "handle":
-            said += " Of a held-out recording only the handle's path was known; the tip magnifies its errors."
+        if fit.drive in _KNOWN:
+            said += f" Of the motion of a held-out recording only {_KNOWN[fit.drive]} known."
     alike = [(r, kind, s) for r, f, kind in pairs if (s := similarity_of(r, f)) is not None]
     return Section("Fit and held-out error", [Text(said), Table(rows), _similarities(alike), Text(_RHO)])
 

@@ -32,7 +32,7 @@ class RecordingFit:
         own: The recording's own unknowns by name.
         t: Times of the predicted path [s], (S,).
         path: Predicted path of each marker, (S, 2) [m] or (S, 1) [rad], in the recording's frame and clock.
-        predicted_from: Frame time from which on it was predicted [s]; what was read before fitted its first state and
+        predicted_from: Frame time from which on it was predicted [s]; what was read before fitted its own unknowns and
             is not among the residuals. None: all of it was fitted or predicted.
     """
 
