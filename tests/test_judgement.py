@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation import judgement
-from whiptool.adaptation.judgement import CLAIMED, Judgement, hit_probability, judge, judge_seen
+from whiptool.adaptation.judgement import CLAIMED, Judgement, judge, judge_seen
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller, oiac_preset
@@ -64,7 +64,9 @@ def test_a_normal_error_across_the_path():
     rng = np.random.default_rng(0)
     for miss, error, radius in ((0.05, 0.01, 0.06), (0.002, 0.03, 0.02), (0.1, 0.02, 0.06)):
         share = np.mean(np.abs(miss + error * rng.standard_normal(200_000)) <= radius)
-        assert float(hit_probability(np.array(miss), error, radius)) == pytest.approx(share, abs=0.005)
+        judged = judge_seen(miss, Target((1.0, 0.0), radius), error)
+        assert (judged.miss, judged.error) == (miss, error)
+        assert judged.probability == pytest.approx(share, abs=0.005)
     assert judge_seen(0.01, Target((1.0, 0.0), 0.06)).hit
     assert not judge_seen(0.0002, Target((1.0, 0.0), 0.0005)).hit
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from whiptool.adaptation.model_error import ModelError
+from whiptool.adaptation.model_error import ModelError, probability_within
 from whiptool.errors import InputError
 
 
@@ -15,6 +15,12 @@ def test_hit_probability_is_the_share_of_draws_that_hit(scale: float, freedom: f
     draws = error.drawn(np.repeat(predicted[:, None], 200_000, axis=1), np.random.default_rng(0))
     shares = (draws <= radius).mean(axis=1)
     np.testing.assert_allclose(error.hit_probability(predicted, radius), shares, atol=0.004)
+
+
+def test_each_path_may_have_an_error_of_its_own() -> None:
+    at, errors = np.array([0.05, 0.07]), np.array([0.01, 0.03])
+    each = [ModelError(x).hit_probability(at, 0.06)[i] for i, x in enumerate(errors)]
+    np.testing.assert_allclose(probability_within(0.06, at, errors), each)
 
 
 def test_no_error_is_certain() -> None:

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.special import logsumexp, ndtr
+from scipy.special import logsumexp
 
+from whiptool.adaptation.model_error import probability_within
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.identification.recording import StrikeRecording
 from whiptool.models.compiled import CompiledRollout
@@ -53,14 +54,9 @@ class Judgement:
         return f"{100 * self.miss:.2f} ± {100 * self.error:.2f} cm"
 
 
-def hit_probability(miss: np.ndarray, error: np.ndarray | float, radius: float) -> np.ndarray:
-    """That a tip that is thought to pass at a distance, with a normal error across its path, passes within a radius."""
-    return ndtr((radius - miss) / error) - ndtr((-radius - miss) / error)
-
-
 def judge_seen(miss: float, target: Target, error: float = NOISE) -> Judgement:
     """From a miss distance alone, as a port without a recording tells it [m]."""
-    return Judgement(miss, error, float(hit_probability(np.array(miss), error, target.hit_radius)))
+    return Judgement(miss, error, float(probability_within(target.hit_radius, np.array(miss), error)))
 
 
 def judge(
@@ -157,7 +153,8 @@ def _weighed(
     miss, error = np.array(distances), np.array(errors)
     mean = float((weight * miss).sum())
     spread = math.sqrt(float((weight * (error**2 + (miss - mean) ** 2)).sum()))
-    return Judgement(mean, spread, float((weight * hit_probability(miss, error, target.hit_radius)).sum()))
+    hits = probability_within(target.hit_radius, miss, error)
+    return Judgement(mean, spread, float((weight * hits).sum()))
 
 
 def _matern(lag: np.ndarray, pace: float) -> np.ndarray:

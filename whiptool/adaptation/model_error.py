@@ -65,10 +65,7 @@ class ModelError:
             Like `miss`.
         """
         scale = max(float(np.hypot(self.scale, blur)), 1e-12)
-        low, high = (-radius - miss) / scale, (radius - miss) / scale
-        if self.freedom == np.inf:
-            return ndtr(high) - ndtr(low)
-        return stdtr(self.freedom, high) - stdtr(self.freedom, low)
+        return probability_within(radius, miss, scale, self.freedom)
 
     def drawn(self, miss: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return miss distances [m] with an error drawn for each, like `miss`."""
@@ -76,6 +73,26 @@ class ModelError:
         if self.freedom != np.inf:
             draws = rng.standard_t(self.freedom, np.shape(miss))
         return np.abs(miss + self.scale * draws)
+
+
+def probability_within(
+    radius: float, miss: np.ndarray, scale: np.ndarray | float, freedom: float = np.inf
+) -> np.ndarray:
+    """Return the probability that a path passes a target within a radius.
+
+    Args:
+        radius: [m]
+        miss: Distance at which it is thought to pass [m], any shape.
+        scale: Of the error across the path [m], one number or like `miss`; positive.
+        freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
+
+    Returns:
+        Like `miss`.
+    """
+    low, high = (-radius - miss) / scale, (radius - miss) / scale
+    if freedom == np.inf:
+        return ndtr(high) - ndtr(low)
+    return stdtr(freedom, high) - stdtr(freedom, low)
 
 
 NONE = ModelError()
