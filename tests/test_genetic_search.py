@@ -125,7 +125,36 @@ def test_seeds_and_the_settings():
     assert all(np.array_equal(a, b) for a, b in zip(same[0], same[1], strict=True))
     assert not np.array_equal(same[0][0], same[2][0])
     assert [len(x) for x in same[0]] == [20, 20, 20]
-    for wrong in ({"population": 3}, {"tournament": 0}, {"tournament": 21}, {"crossover": 1.1}, {"mutation": -0.1}):
-        with pytest.raises(InputError):
-            GASettings(**wrong)
     GASettings(population=4, tournament=4)
+
+
+WRONG = {
+    "population": (3, 20.0, True, "20", math.nan, math.inf, -5, 10**9),
+    "tournament": (0, 21, 2.0, None, -1),
+    "crossover": (1.1, -0.1, "0.9", math.nan, math.inf),
+    "mutation": (1.1, -0.1, None, math.nan),
+    "crossover_eta": (-1, math.nan, math.inf, "15", 1e9),
+    "mutation_eta": (-1, math.nan, math.inf, [], 1e9),
+    "d_max": (0, -1.0, math.nan, math.inf, "far", 1e12),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_settings_that_no_search_can_run_with_are_refused(name):
+    for value in WRONG[name]:
+        with pytest.raises(InputError, match=name):
+            GASettings(**{name: value})
+
+
+def test_extreme_settings_that_are_allowed_run():
+    every = {"crossover_eta": 0, "mutation_eta": 0}, {"crossover_eta": 1000, "mutation_eta": 1000}, {"d_max": 10**6}
+    for some in every:
+        assert len(generations(3, first_gene, **some)) == 3
+
+
+def test_children_that_are_their_parents_end_the_search():
+    with pytest.raises(InputError, match=r"crossover, mutation: .*one of them > 0"):
+        GASettings(crossover=0, mutation=0)
+    recorder = Recorder(3, first_gene)
+    genetic_search(recorder, seed=0, settings=GASettings(crossover=1e-12, mutation=0))  # type: ignore[arg-type]
+    assert len(recorder.seen) == 1

@@ -348,6 +348,14 @@ def test_settings_are_checked():
     for method, wrong in (
         ("sac", {"alpha": -1}),
         ("sac", {"batch_size": 2.5}),
+        ("sac", {"batch_size": True}),
+        ("sac", {"batch_size": 10**9}),
+        ("sac", {"alpha": "0.2"}),
+        ("sac", {"hidden": 256}),
+        ("sac", {"hidden": (2.5,)}),
+        ("sac", {"hidden": ("256",)}),
+        ("sac", {"hidden": (256, 10**9)}),
+        ("ppo", {"kl_target": 0.0}),
         ("sac", {"updates": 0}),
         ("td3", {"delay": 0}),
         ("ddpg", {"discount": 1.1}),
@@ -360,7 +368,7 @@ def test_settings_are_checked():
     ):
         with pytest.raises(InputError):
             settings_for(method, **wrong)
-    for wrong in ({"episodes": 0}, {"trials": 1}, {"random_episodes": -1}, {"hindsight": -1}):
+    for wrong in ({"episodes": 0}, {"episodes": True}, {"trials": 1}, {"random_episodes": -1}, {"hindsight": -1}):
         with pytest.raises(InputError):
             Plan(**wrong)
     with pytest.raises(InputError, match=", ".join(SETTINGS)):

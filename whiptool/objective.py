@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.models.parameters import Model, number
+from whiptool.models.parameters import Model, number, whole
 from whiptool.models.stepping import time_grid
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.strike import Strike, StrikeBounds, default_bounds
@@ -172,9 +172,7 @@ class Objective:
         self.t_stay = number("t_stay", t_stay, low=0)
         longest = np.array([self.bounds.upper[-1] + self.t_stay])
         time_grid(longest, timestep=rollout.timestep, control_period=None)  # refuses what would never end
-        if max_trials is not None and max_trials < 1:
-            raise InputError("max trials", max_trials, "a whole number >= 1")
-        self.max_trials = max_trials
+        self.max_trials = None if max_trials is None else whole("max trials", max_trials)
         self.max_time = None if max_time is None else number("max time", max_time, low=0, strict=True)
         self.stop_at_hit, self.limits = stop_at_hit, limits
         self.trials: list[Trial] = []

@@ -20,6 +20,7 @@ from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.sag import Sag, expected_sag
 from whiptool.errors import InputError
 from whiptool.identification.recording import StrikeRecording
+from whiptool.models import parameters
 from whiptool.models.parameters import Model
 from whiptool.objective import Target
 from whiptool.rig.limits import MotorLimits
@@ -67,8 +68,10 @@ class Options:
 
     def __post_init__(self) -> None:
         for name in ("max_strikes", "starts"):
-            if getattr(self, name) < 1:
-                raise InputError(name.replace("_", " "), getattr(self, name), "a whole number >= 1")
+            parameters.whole(name.replace("_", " "), getattr(self, name))
+        parameters.whole("seed", self.seed, low=0)
+        for name, value in {"t_stay": self.t_stay, "speed": self.speed, "stop at": self.stop_at or 0.0}.items():
+            parameters.number(name, value, low=0)
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.adaptation.prior import Belief, fresh_terms
-from whiptool.errors import InputError
 from whiptool.identification.plant import Plant
 from whiptool.models.compiled import CompiledRollout
+from whiptool.models.parameters import whole
 from whiptool.models.trajectory import Approach
 from whiptool.objective import Target
 from whiptool.rig.limits import MotorLimits
@@ -49,8 +49,9 @@ class Effort:
 
     def __post_init__(self) -> None:
         for name in ("pool", "polished", "whips"):
-            if getattr(self, name) < 1:
-                raise InputError(name, getattr(self, name), "a whole number >= 1")
+            whole(name, getattr(self, name))
+        for name in ("steps", "population", "rounds"):
+            whole(name, getattr(self, name), low=0)
 
 
 FIRST = Effort(pool=256, polished=16, whips=32, population=12, rounds=6)  # there is time before the first strike

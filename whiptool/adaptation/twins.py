@@ -15,7 +15,7 @@ import numpy as np
 from whiptool.adaptation.materials import Stock, stock_of_model, uniform_whip
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
-from whiptool.models.parameters import Model, WhipParameters
+from whiptool.models.parameters import Model, WhipParameters, whole
 from whiptool.rig.emulator.motor import HARDWARE, Motor
 from whiptool.rig.session import TwinTruth
 
@@ -80,8 +80,7 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     """
     if family not in FAMILIES:
         raise InputError("family", family, ", ".join(FAMILIES))
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError("seed", seed, "a whole number >= 0")
+    seed = whole("seed", seed, low=0)
     own = None if stock is not None else model.whip
     stock = stock or stock_of_model(model)
     rng = np.random.default_rng([FAMILIES.index("strange") if family == "stranger" else FAMILIES.index(family), seed])

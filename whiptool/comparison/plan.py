@@ -9,6 +9,7 @@ from whiptool.comparison.difficulty import DifficultyUnit
 from whiptool.comparison.learner_unit import LearnerUnit
 from whiptool.comparison.units import Scene, SearchUnit
 from whiptool.errors import InputError
+from whiptool.models.parameters import whole
 
 PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6
 LEARNERS = ("sac", "td3", "ddpg", "ppo")
@@ -61,8 +62,7 @@ class Comparison:
             "cap": self.scene.cap,
             "hit radii": len(self.scene.radii),
         }.items():
-            if value < 1:
-                raise InputError(name, value, "a whole number >= 1")
+            whole(name, value)
         if set(LEARNERS) & set(self.methods):
             try:
                 from whiptool.rl.training import Plan

@@ -15,6 +15,7 @@ from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import TOLERANCE, Block, Solution, huber, solve
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
+from whiptool.models.parameters import number, whole
 
 HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Huber 1981)
 # usual size of a recording's own unknowns around their first guess: a wide prior that leaves none undetermined
@@ -60,10 +61,13 @@ class Options:
     tolerance: float = TOLERANCE
 
     def __post_init__(self) -> None:
-        if self.starts < 1:
-            raise InputError("starts", self.starts, "a whole number >= 1")
-        if not self.dispersion >= 1:
-            raise InputError("dispersion", self.dispersion, "a factor >= 1")
+        whole("starts", self.starts)
+        whole("seed", self.seed, low=0)
+        whole("max_iterations", self.max_iterations)
+        number("dispersion", self.dispersion, low=1)
+        for name in ("loss", "timestep", "knots", "tolerance"):
+            if (value := getattr(self, name)) is not None:
+                number(name, value, low=0, strict=True)
         if self.pieces and self.drive != "free":
             raise InputError("pieces", self.pieces, "none, but for free swing")
 

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from whiptool.errors import InputError
 from whiptool.models.chain import Chain, bias_forces, chain_of, mass_matrix, passive_torque
-from whiptool.models.parameters import Model
+from whiptool.models.parameters import Model, whole
 from whiptool.models.posture import start_posture
 
 
@@ -132,8 +132,7 @@ def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = N
     free = slice(a if fixed_arm else 0, n)
     m = n - a if fixed_arm else n
     k = m if count is None else count
-    if isinstance(k, bool) or not isinstance(k, (int, np.integer)) or not 1 <= k <= m:
-        raise InputError("count", count, f"a whole number from 1 to {m}")
+    k = whole("count", k, high=m)
     linear = linearise(model, start_posture(model, np.zeros((1, a)))[0])
     M, C, K = (matrix[free, free] for matrix in (linear.M, linear.C, linear.K))
     squares, undamped = eigh(K, M)  # columns with x^T M x = 1

@@ -33,6 +33,16 @@ def number(name: str, value: object, *, low: float = -math.inf, high: float = LA
     return x
 
 
+def whole(name: str, value: object, *, low: int = 1, high: int | None = None) -> int:
+    """`value` as an int from `low` to `high`."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+        x = int(value)
+        if x >= low and (high is None or x <= high):
+            return x
+    span = f">= {low}" if high is None else f"from {low} to {high}"
+    raise InputError(name, value, f"a whole number {span}")
+
+
 @dataclass(frozen=True)
 class WhipParameters:
     """Lumped whip (Fig. 2, Table 2): N point masses on massless links, joined by springs and dampers.
@@ -91,9 +101,7 @@ class WhipParameters:
     _JOINT: ClassVar = ("k", "b", "rest_angle", "dry_friction", "cubic_stiffness")
 
     def __post_init__(self) -> None:
-        if isinstance(self.N, bool) or not isinstance(self.N, (int, np.integer)) or not 1 <= self.N <= 200:
-            raise InputError("N", self.N, "a whole number of nodes from 1 to 200")
-        object.__setattr__(self, "N", int(self.N))
+        object.__setattr__(self, "N", whole("N", self.N, high=200))
         for name, (low, strict) in self._LOW.items():
             value = getattr(self, name)
             if isinstance(value, (list, tuple, np.ndarray)):

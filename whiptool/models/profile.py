@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.errors import InputError
-from whiptool.models.parameters import WhipParameters, number
+from whiptool.models.parameters import WhipParameters, number, whole
 
 _QUADRATURE = np.polynomial.legendre.leggauss(8)  # exact to degree 15 on each half hat
 
@@ -61,8 +60,7 @@ class WhipProfile:
         `theta_j = int hat_j kappa ds`; with `M = EI kappa + eta dkappa/dt`, slow bending gives
         `1/k_j = int hat_j / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free.
         """
-        if isinstance(N, bool) or not isinstance(N, (int, np.integer)) or N < 1:
-            raise InputError("N", N, "a whole number >= 1")
+        N = whole("N", N)
         l = self.length / N
         x, w = _QUADRATURE
         x, w = (x + 1) / 2, w / 2  # on [0, 1]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import number
+from whiptool.models.parameters import number, whole
 from whiptool.objective import Objective
 
 
@@ -33,12 +33,16 @@ class GASettings:
     d_max: float | None = None
 
     def __post_init__(self) -> None:
-        if self.population < 4 or not 1 <= self.tournament <= self.population:
-            raise InputError(
-                "population, tournament", (self.population, self.tournament), "population >= 4, 1 <= tournament <= it"
-            )
+        whole("population", self.population, low=4, high=1_000_000)
+        whole("tournament", self.tournament, high=self.population)
         for name in ("crossover", "mutation"):
             number(name, getattr(self, name), low=0, high=1)
+        if self.crossover == self.mutation == 0:
+            raise InputError("crossover, mutation", (0, 0), "one of them > 0", "children would be like their parents")
+        for name in ("crossover_eta", "mutation_eta"):
+            number(name, getattr(self, name), low=0, high=1e3)
+        if self.d_max is not None:
+            number("d_max", self.d_max, low=0, high=1e6, strict=True)
 
 
 def fitness(distance: np.ndarray, d_max: float) -> np.ndarray:
@@ -47,7 +51,7 @@ def fitness(distance: np.ndarray, d_max: float) -> np.ndarray:
 
 
 def genetic_search(objective: Objective, *, seed: int, settings: GASettings | None = None) -> None:
-    """Evolve random strikes by selection, crossover and mutation until the objective stops it.
+    """Evolve random strikes by selection, crossover and mutation until the objective stops it, or no child is new.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -84,7 +88,8 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
     )
     while True:
         generation = algorithm.ask()
-        assert generation is not None
+        if generation is None:  # no child differs from what was tried
+            return
         strikes = lower + np.clip(generation.get("X"), 0, 1) * (upper - lower)
         misses = np.array([outcome.miss_distance for outcome in objective.batch(strikes)])
         Evaluator().eval(StaticProblem(box, F=-fitness(misses, d_max)[:, None]), generation)

@@ -22,6 +22,7 @@ from gymnasium.vector.utils import batch_space
 from whiptool.errors import InputError
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models import CompiledRollout, Model, find_model
+from whiptool.models.parameters import whole
 from whiptool.models.trajectory import joint_points
 from whiptool.objective import HIT_RADIUS, T_STAY
 from whiptool.rl.task import Step, StrikeTask
@@ -184,9 +185,7 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012
 
     def __init__(self, num_envs: int = 1, **options: Any) -> None:
-        if num_envs < 1:
-            raise InputError("num_envs", num_envs, "a whole number >= 1")
-        self.num_envs, self.task = num_envs, make_task(**options)
+        self.num_envs, self.task = whole("num_envs", num_envs), make_task(**options)
         self.single_observation_space, self.single_action_space = spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

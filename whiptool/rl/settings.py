@@ -9,7 +9,9 @@ import dataclasses
 from dataclasses import dataclass
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import LARGEST, number
+from whiptool.models.parameters import LARGEST, number, whole
+
+_WIDEST, _MOST = 10_000, 1_000_000  # layer; any other whole number. What is beyond is a slip, and fills memory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,15 +30,17 @@ class Settings:
     discount: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.hidden or any(h < 1 for h in self.hidden):
-            raise InputError("hidden", self.hidden, "one or more layer sizes >= 1")
+        if not isinstance(self.hidden, (tuple, list)) or not self.hidden:
+            raise InputError("hidden", self.hidden, "one or more layer sizes")
+        for size in self.hidden:
+            whole("hidden", size, high=_WIDEST)
         for f in dataclasses.fields(self):
             value = getattr(self, f.name)
             if str(f.type).startswith("float") and value is not None:
                 high = 1 if f.name in ("discount", "tau") else LARGEST
-                number(f.name, value, low=0, high=high, strict=f.name in ("learning_rate", "spread"))
-            elif f.type == "int" and (not isinstance(value, int) or value < 1):
-                raise InputError(f.name, value, "a whole number >= 1")
+                number(f.name, value, low=0, high=high, strict=f.name in ("learning_rate", "spread", "kl_target"))
+            elif f.type == "int":
+                whole(f.name, value, high=_MOST)
 
     def discount_for(self, observation: str) -> float:
         """gamma under an observation."""

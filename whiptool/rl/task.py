@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.compiled import CompiledRollout
-from whiptool.models.parameters import number
+from whiptool.models.parameters import number, whole
 from whiptool.models.trajectory import Approach, joint_points
 from whiptool.objective import HIT_RADIUS, T_STAY
 from whiptool.strike import StrikeBounds, default_bounds
@@ -94,11 +94,9 @@ class StrikeTask:
         if reward not in REWARDS:
             raise InputError("reward", reward, ", ".join(REWARDS))
         self._reward = REWARDS[reward]
-        if not isinstance(strikes, int) or strikes < 1:
-            raise InputError("strikes", strikes, "a whole number >= 1")
         self.rollout, self.zone, self.observation = rollout, zone or Disc(), observation
         self.hit_radius = number("hit radius", hit_radius, low=0, strict=True)
-        self.strikes, self.t_stay = strikes, number("t_stay", t_stay, low=0)
+        self.strikes, self.t_stay = whole("strikes", strikes), number("t_stay", t_stay, low=0)
         self.bounds = bounds or default_bounds(rollout.model.arm)
         self.lower, self.upper = self.bounds.box
         self.n_act = len(self.lower)

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from whiptool.errors import InputError
+from whiptool.models.parameters import whole
 from whiptool.rl import hindsight
 from whiptool.rl.ddpg import DDPG
 from whiptool.rl.learner import Learner, OffPolicyLearner
@@ -54,8 +55,7 @@ class Plan:
 
     def __post_init__(self) -> None:
         for name, low in (("episodes", 1), ("trials", 2), ("random_episodes", 0), ("hindsight", 0)):
-            if getattr(self, name) < low:
-                raise InputError(name, getattr(self, name), f"a whole number >= {low}")
+            whole(name, getattr(self, name), low=low)
 
 
 @dataclass(frozen=True)
