@@ -165,6 +165,18 @@ def test_every_key_of_a_sidecar_is_documented():
         assert re.search(rf"`{key}\b", keys), key
 
 
+def test_every_key_of_a_pendulum_and_its_swings_is_documented():
+    from whiptool.identification.readers.angles import EACH, LINK, SHARED, SIDECAR
+
+    text = (DOCS / "file-formats.md").read_text(encoding="utf-8")
+
+    def documented(header: str) -> list[str]:
+        return [word for row in tables(text, header) for word in re.findall(r"`(?:links\[\])?\.?(\w+)`", row[0])]
+
+    assert sorted(documented("| key | unit | default | of a pendulum |")) == sorted((*LINK, *EACH, *SHARED))
+    assert sorted(documented("| key | unit | default | of a swing's file |")) == sorted(SIDECAR)
+
+
 def test_every_option_of_a_strike_is_in_the_tables_of_formats():
     """The formats that are read are those that are listed."""
     from whiptool.identification.readers import READERS

@@ -29,12 +29,13 @@ from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.readers.parsing import parsing, whole_file
 from whiptool.identification.readers.table import read_columns
 from whiptool.models.files import read_toml
-from whiptool.models.parameters import ArmLink, number
+from whiptool.models.parameters import ArmLink, number, whole
 
-_KEYS = ("zero", "angle_units", "relative", "sigma", "every")
-_LINK = ("mass", "length", "com", "inertia", "friction")
-_EACH = ("dry_friction", "drag")
-_SHARED = ("gravity", "friction_velocity")
+# keys of the file beside a recording, and of a pendulum's file: of a link, and beside the links
+SIDECAR = ("zero", "angle_units", "relative", "sigma", "every")
+LINK = ("mass", "length", "com", "inertia", "friction")
+EACH = ("dry_friction", "drag")
+SHARED = ("gravity", "friction_velocity")
 _SIGMA = 1e-3  # [rad]
 
 
@@ -47,21 +48,21 @@ def read_pendulum(path: Path | str) -> Pendulum:
     table = read_toml(Path(path))
     links = table.get("links")
     for key in table:
-        if key not in ("links", *_SHARED):
-            raise InputError(f"{path}: {key}", table[key], "one of the keys links, " + ", ".join(_SHARED))
+        if key not in ("links", *SHARED):
+            raise InputError(f"{path}: {key}", table[key], "one of the keys links, " + ", ".join(SHARED))
     if not isinstance(links, list) or not links or not all(isinstance(link, Mapping) for link in links):
         raise InputError(f"{path}: links", links, "one table [[links]] per link, or more")
     for i, link in enumerate(links):
         for key in link:
-            if key not in (*_LINK, *_EACH):
-                raise InputError(f"{path}: links[{i}].{key}", link[key], "one of " + ", ".join((*_LINK, *_EACH)))
+            if key not in (*LINK, *EACH):
+                raise InputError(f"{path}: links[{i}].{key}", link[key], "one of " + ", ".join((*LINK, *EACH)))
         for key in ("mass", "length"):
             if key not in link:
                 raise InputError(f"{path}: links[{i}].{key}", None, "a number > 0", "it is missing")
     try:
-        made = tuple(ArmLink(**{key: x for key, x in link.items() if key in _LINK}) for link in links)
-        each = {key: tuple(link.get(key, 0.0) for link in links) for key in _EACH}
-        return Pendulum(made, **each, **{key: table[key] for key in _SHARED if key in table})
+        made = tuple(ArmLink(**{key: x for key, x in link.items() if key in LINK}) for link in links)
+        each = {key: tuple(link.get(key, 0.0) for link in links) for key in EACH}
+        return Pendulum(made, **each, **{key: table[key] for key in SHARED if key in table})
     except InputError as error:
         raise error.within(f"{path}: ") from None
 
@@ -69,10 +70,10 @@ def read_pendulum(path: Path | str) -> Pendulum:
 def write_pendulum(pendulum: Pendulum, path: Path) -> None:
     """Write a pendulum as a TOML file that `read_pendulum` reads back the same."""
     links = [
-        {key: getattr(link, key) for key in _LINK} | {key: getattr(pendulum, key)[i] for key in _EACH}
+        {key: getattr(link, key) for key in LINK} | {key: getattr(pendulum, key)[i] for key in EACH}
         for i, link in enumerate(pendulum.links)
     ]
-    table = {**{key: getattr(pendulum, key) for key in _SHARED}, "links": links}
+    table = {**{key: getattr(pendulum, key) for key in SHARED}, "links": links}
     Path(path).write_text(tomli_w.dumps(table), encoding="utf-8")
 
 
@@ -87,8 +88,8 @@ def read_angles(path: Path | str) -> list[AngleRecording]:
         raise InputError("recording", str(path), "angles as .npz or .csv")
     side = read_toml(path.with_suffix(".toml")) if path.with_suffix(".toml").is_file() else {}
     for key in side:
-        if key not in _KEYS:
-            raise InputError(f"{path.with_suffix('.toml')}: {key}", side[key], "one of " + ", ".join(_KEYS))
+        if key not in SIDECAR:
+            raise InputError(f"{path.with_suffix('.toml')}: {key}", side[key], "one of " + ", ".join(SIDECAR))
     with parsing(path, path.suffix[1:].upper()):
         t, angle, velocity = (_from_npz if path.suffix.lower() == ".npz" else _from_csv)(path)
         count = len(angle)
@@ -136,9 +137,7 @@ def _recording(
     units = side.get("angle_units", "rad")
     if units not in ("rad", "deg"):
         raise InputError("angle_units", units, "rad or deg")
-    every = side.get("every", 1)
-    if not isinstance(every, int) or isinstance(every, bool) or every < 1:
-        raise InputError("every", every, "a whole number from 1 on")
+    every = whole("every", side.get("every", 1))
     zero = number("zero", side.get("zero", 0.0))
     sigma = number("sigma", side.get("sigma", _SIGMA), low=0, strict=True)
     q = angle - zero if not side.get("relative", False) else angle - zero * np.eye(1, angle.shape[1])[0]
