@@ -1,0 +1,344 @@
+"""What a fit says in numbers and words: units, tip paths, errors, what is unseen, the table for JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from whiptool.identification import summary
+from whiptool.identification.classes import Parameter
+from whiptool.identification.correlation import Autoregression
+from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.results import Fit, RecordingFit, Run
+from whiptool.identification.similarity import similarity
+from whiptool.identification.solver import Solution, Status
+from whiptool.identification.uncertainty import Uncertainty
+from whiptool.identification.variables import Variable, variable
+from whiptool.models.parameters import ArmLink
+
+K, M, B = (variable(f"whip.{name}", 1.0) for name in "kmb")
+DELAY, TURN, DRAG = variable("delay", 0.0), variable("rotation", 0.0), variable("whip.drag", 0.0)
+INDEPENDENT = Autoregression(np.zeros(0), np.ones(1), 1.0)
+
+
+def seen(variables: list[Variable], z: list[float], rows: list[list[float]], units: list[float]) -> Uncertainty:
+    """What is known where readings change with z by `rows`: a direction is unseen whose singular value is below 1."""
+    rows_in_units = np.array(rows) * units
+    _, s, directions = np.linalg.svd(np.vstack([rows_in_units, np.zeros((len(z), len(z)))]))
+    flat = s < 1
+    kept = directions[~flat] / s[~flat][:, None] * units
+    covariance = kept.T @ kept
+    sd = np.sqrt(np.diag(covariance)) + (np.diag(covariance) == 0)
+    return Uncertainty(
+        variables=tuple(variables),
+        z=np.array(z),
+        covariance=covariance,
+        correlation=covariance / np.outer(sd, sd),
+        singular_values=s,
+        directions=directions,
+        units=np.array(units, float),
+        flat=flat,
+        condition_number=math.inf,
+        residual_variance=1.21,
+        freedom=12.0,
+        sandwich=covariance,
+        whiteness=math.nan,
+        errors=INDEPENDENT,
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("whip.k[3]", "N m/rad"), ("whip.cubic_stiffness", "N m/rad^3"), ("whip.l", "m"), ("whip.drag_ratio", ""),
+        ("profile.length", "m"), ("profile.bending_damping", "N m^2 s"), ("profile.density_taper", ""),
+        ("arm.inertia[0]", "kg m^2"), ("arm.friction[1]", "N m s/rad"), ("link.dry_friction[0]", "N m"),
+        ("law.beta", "s"), ("law.K[0]", "N m/rad"), ("law.a", ""), ("arm.drag", ""),
+        ("delay", "s"), ("gravity", "m/s^2"), ("scale", ""), ("clamp", "rad"), ("nobody.k", ""),
+    ],
+)  # fmt: skip
+def test_units(name, unit):
+    assert summary.unit_of(name) == unit
+
+
+def parameter(name: str, value: float, kind: str = "pinned", **told) -> Parameter:
+    usual = {"start": 1.0, "error": 0.05, "interval": None, "alone": 0.01, "partner": None, "correlation": 0.0}
+    return Parameter(name, value, kind=kind, **{**usual, **told})
+
+
+def fitted(uncertainty: Uncertainty, parameters: list[Parameter], **told) -> Fit:
+    end = Solution(np.zeros(1), [], 2.0, Status.STEPS, [(3.0, 1.0, 0.0), (2.0, 1.0, 0.1)], 5)
+    usual = {
+        "plant": Pendulum((ArmLink(1.0, 1.0),)), "drive": "command", "nuisance": {"delay": 0.01}, "recordings": (),
+        "held_out": (), "runs": (Run({"whip.k": 1.0}, {"whip.k": 2.0}, end),), "wall_time": 1.5,
+    }  # fmt: skip
+    return Fit(parameters=tuple(parameters), uncertainty=uncertainty, **{**usual, **told})
+
+
+def test_parameters_in_lines():
+    U = seen([K, M], [math.log(6.0), math.log(2.0)], [[100.0, -100.0]], [1, 1])
+    parameters = [
+        parameter("whip.k", 0.123456789, interval=(0.1, 0.2)),
+        parameter("scale", 1.0, "traded", partner="whip.k", correlation=-0.98765),
+        parameter("delay", 0.0, "weak", partner="scale", correlation=0.5),
+        parameter("whip.m", 2.0, "flat", partner="scale", correlation=0.5),
+        parameter("whip.b", 2.0, "weak"),
+    ]
+    lines = summary.parameter_lines(fitted(U, parameters))
+    assert [" ".join(line.split()) for line in lines[:5]] == [
+        "whip.k 0.12346 N m/rad 0.1 to 0.2 pinned",
+        "scale 1 none traded with whip.k (-0.988)",
+        "delay 0 s none weak with scale (+0.500)",
+        "whip.m 2 kg none flat",
+        "whip.b 2 N m s/rad none weak",
+    ]
+    assert {line.index("none") for line in lines[1:5]} == {2 + len("whip.k") + 2 + 24 + 1}
+    assert lines[5].startswith("  not seen: whip.k and whip.m all multiplied")
+    assert lines[6].startswith("  whip.k / whip.m: 3, ")
+    assert len(lines) == 7
+
+
+def test_errors_are_those_of_all_readings_together():
+    """A recording with more readings counts for more."""
+    some = [residuals_of(np.array(x)) for x in ([3.0, -4.0], [0.0] * 6)]
+    assert summary.root_mean_square(some) == pytest.approx(math.sqrt(25 / 8))
+    assert summary.root_mean_square([]) is None
+
+
+def residuals_of(r: np.ndarray, **told) -> RecordingFit:
+    K = len(r)
+    usual = {
+        "source": "film", "residuals": r, "measured": np.zeros(K), "sigma": np.full(K, 2.0), "weight": np.ones(K),
+        "channels": np.stack([np.arange(K), np.zeros(K, int), np.zeros(K, int)], axis=1), "markers": ("tip",),
+        "own": {}, "t": np.zeros(0), "path": {},
+    }  # fmt: skip
+    return RecordingFit(**{**usual, **told})
+
+
+T = np.linspace(0, 1, 12)
+TIP = np.stack([np.cos(3 * T), np.sin(2 * T) + 2], axis=1)
+OFF = np.stack([0.01 * T, 0.02 * np.cos(9 * T)], axis=1)
+
+
+def filmed(markers: tuple[str, ...]) -> tuple[StrikeRecording, RecordingFit]:
+    """Two markers, the tip among them or not, whose readings come in any order; frame 4 is missing."""
+    points = np.stack([TIP, TIP + 5.0], axis=1)
+    late = T[:, None] + np.array([0.0, 0.004])
+    recording = StrikeRecording(T, points, markers, t_points=late, target=(0.0, 2.5), source="folder/film.csv")
+    rows = [(i, j, axis) for i in range(12) if i != 4 for j in range(2) for axis in range(2)]
+    channels = np.array(rows)[np.random.default_rng(0).permutation(len(rows))]
+    measured = points[tuple(channels.T)]
+    found = residuals_of(OFF[channels[:, 0], channels[:, 2]], measured=measured, channels=channels, markers=markers)
+    return recording, found
+
+
+@pytest.mark.parametrize(
+    ("markers", "which"), [(("tip", "handle"), 0), (("handle", "tip"), 1), (("node1", "node2"), 1)]
+)
+def test_the_tips_paths_or_the_last_markers(markers, which):
+    recording, found = filmed(markers)
+    t, measured, predicted, name = summary.tip_paths(recording, found)
+    kept = np.arange(12) != 4
+    assert name == markers[which]
+    np.testing.assert_allclose(t, T[kept] + 0.004 * which)
+    np.testing.assert_allclose(measured, (TIP + 5.0 * which)[kept])
+    np.testing.assert_allclose(predicted, (TIP + 5.0 * which + OFF)[kept])
+
+
+def test_similarity_is_that_of_the_tips_paths():
+    recording, found = filmed(("tip", "handle"))
+    kept = np.arange(12) != 4
+    expected = similarity(T[kept], TIP[kept], (TIP + OFF)[kept], target=(0.0, 2.5))
+    assert summary.similarity_of(recording, found) == expected
+    few = found.channels[:, 0] < 4
+    parts = {name: getattr(found, name)[few] for name in ("residuals", "measured", "channels", "sigma", "weight")}
+    assert summary.similarity_of(recording, dataclasses.replace(found, **parts)) is None
+
+
+def test_facts_of_recordings():
+    a, b = (StrikeRecording(T, TIP[:, None], ("tip",), source=f"{x}/film.csv", sha256="ab") for x in "12")
+    facts = summary.recording_facts([a, b])
+    assert list(facts) == ["film.csv", "2/film.csv"]  # one name, two files
+    assert facts["film.csv"] == "1/film.csv; camera not named; 12 frames; seen: tip 12; sha256 ab"
+
+
+# what is unseen
+
+
+def test_a_common_factor():
+    """Readings of k / m alone."""
+    U = seen([K, M, B], [0, 0, 0], [[50, -50, 0], [0, 50, -50]], [1, 1, 1])
+    assert summary.flat_directions(U) == [
+        "whip.k, whip.m and whip.b all multiplied by the same factor: only their ratios are seen"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("power", "words"), [(2, "whip.m by -0.5 %"), (3, "whip.m by -0.33 %"), (-2, "whip.m by +0.5 %")]
+)
+def test_a_product_of_powers(power, words):
+    """Readings of k m^p: k goes with m^-p, told by a hundredth of the number that changes most."""
+    (said,) = summary.flat_directions(seen([K, M], [0, 0], [[40, 40 * power]], [1, 1]))
+    assert said == f"changed together, whip.k by +1 %, {words}: the predictions stay as they are"
+
+
+def test_numbers_that_may_be_zero_change_by_their_own_unit():
+    """Readings of ln k + 20 delay, and of delay + 3 rotation: counted in units of 0.01 s and 0.01 rad."""
+    (said,) = summary.flat_directions(seen([K, DELAY], [0.0, 0.1], [[40, 40 * 20 * 0.01]], [1, 10]))
+    assert said == "changed together, whip.k by +1 %, delay by -0.0005 s: the predictions stay as they are"
+    (said,) = summary.flat_directions(seen([DELAY, TURN], [0.0, 0.0], [[40, 120]], [10, 10]))
+    assert said == "changed together, delay by +0.01 s, rotation by -0.0033 rad: the predictions stay as they are"
+
+
+def test_an_inertia_that_may_vanish_changes_by_its_unit():
+    """Its room is wider than a factor of e: of m^4 I a hundredth of m takes 4 hundredths of I = 0.03 kg m^2."""
+    mass, inertia = (variable(f"link.{name}[0]", 1.0) for name in ("mass", "inertia"))
+    (said,) = summary.flat_directions(seen([mass, inertia], [0.0, math.log(0.03)], [[40, 10]], [1, 5]))
+    assert said == (
+        "changed together, link.mass[0] by +1 %, link.inertia[0] by -0.0012 kg m^2: the predictions stay as they are"
+    )
+
+
+@pytest.mark.parametrize(
+    ("of", "z", "row", "unit", "said"),
+    [
+        (K, 0.0, 0.5, 1, "whip.k alone: known to no better than a factor of 7.4"),  # e^2
+        (K, 0.0, 0.1, 1, "whip.k alone: any value would do as well"),
+        (K, 0.0, 0.0, 1, "whip.k alone: any value would do as well"),
+        (DRAG, 2.0, 0.02, 20, "whip.drag alone: its standard error is 0.05 N s^2/m^2"),  # 1 / 0.02, of 1e-3
+        (DELAY, 0.0, 0.09, 10, "delay alone: its standard error is 0.11 s"),  # 1 / 0.09, of 0.01 s
+        (DELAY, 0.0, 0.0005, 10, "delay alone: any value would do as well"),
+    ],
+)
+def test_a_number_alone(of, z, row, unit, said):
+    """Standard error: what moves the readings by one standard error of theirs."""
+    U = seen([of, B], [z, 0.0], [[row, 0], [0, 99]], [unit, 1])
+    assert summary.flat_directions(U) == [said]
+
+
+def test_bounds_of_what_is_just_seen():
+    step, edge = 1.0, 1e-9
+    assert "factor" in summary._bound(K, step, 0.2 + edge)
+    assert "any value" in summary._bound(K, step, 0.2)
+    assert "standard error" in summary._bound(DELAY, step, 0.01 + edge)
+    assert "any value" in summary._bound(DELAY, step, 0.01)
+    assert summary._bound(variable("whip.drag_ratio", 1.0), 1.0, 0.5) == "its standard error is 2"
+
+
+def test_numbers_with_a_small_part_are_left_out():
+    """A twentieth of a direction and less is not worth a word."""
+    for part, named in ((0.04, "whip.k alone"), (0.08, "changed together")):
+        (said,) = summary.flat_directions(seen([K, M], [0, 0], [[-99 * part, 99]], [1, 1]))
+        assert said.startswith(named)
+
+
+def test_everything_seen_needs_no_words():
+    U = seen([K, M], [0, 0], [[99, 0], [0, 99]], [1, 1])
+    assert summary.flat_directions(U) == []
+    assert summary.seen_ratios(U) == {}
+
+
+def test_ratios_that_are_seen():
+    """k / m by its own measured slope, 100 per unit of its logarithm; b / m by 50."""
+    z = [math.log(x) for x in (6.0, 2.0, 5.0)]
+    U = seen([K, M, B], z, [[100, -100, 0], [0, -50, 50]], [1, 1, 1])
+    ratios, spread = summary.seen_ratios(U), student.ppf(0.975, 12)
+    assert list(ratios) == ["whip.k / whip.m", "whip.b / whip.m"]
+    for (value, (low, high)), true, slope in zip(ratios.values(), (3.0, 2.5), (100, 50), strict=True):
+        assert value == pytest.approx(true)
+        assert math.log(high / true) == pytest.approx(spread / slope)
+        assert math.log(true / low) == pytest.approx(spread / slope)
+    without_m = seen([K, B], z[:2], [[100, -100]], [1, 1])
+    assert list(summary.seen_ratios(without_m)) == ["whip.k / whip.b"]  # over the last
+    (said,) = summary.flat_directions(seen([K, M], [0, 0], [[40, 80]], [1, 1]))
+    assert summary.seen_ratios(seen([K, M], [0, 0], [[40, 80]], [1, 1])) == {}, said  # k m^2 is seen, k / m is not
+    assert summary.seen_ratios(seen([K, DELAY], [0, 0], [[40, 80]], [1, 10])) == {}  # no ratio to a delay
+
+
+# the table
+
+
+@pytest.mark.parametrize(
+    ("x", "finite"), [(None, None), (math.nan, None), (-math.inf, None), (3, 3), (np.float64(0.5), 0.5), (0.0, 0.0)]
+)
+def test_numbers_that_json_has(x, finite):
+    assert summary.finite(x) == finite
+    assert type(summary.finite(x)) is type(finite)
+
+
+def test_a_fit_as_plain_data():
+    z = [math.log(6.0), math.log(2.0)]
+    U = seen([K, M], z, [[100, -100]], [1, 1])
+    recording, found = filmed(("tip", "handle"))
+    angles = AngleRecording(T, TIP, np.zeros((2, 2)), source="swing")
+    swing = residuals_of(
+        np.array([0.3, -0.4, 0.0]), weight=np.array([1.0, 0.5, 0.99]), predicted_from=0.5,
+        own={"motion[0]": 1.0, "start[1]": 2.0},
+    )  # fmt: skip
+    parameters = [
+        parameter("whip.k", 6.0, interval=(5.0, math.inf), partner="whip.m", correlation=0.9, start=4.0),
+        parameter("whip.m", 2.0, "flat", error=math.nan, alone=math.inf),
+    ]
+    table = summary.fit_table(fitted(U, parameters, recordings=(found,), held_out=(swing,)), [recording], [angles])
+    assert json.loads(json.dumps(table, allow_nan=False)) == table
+    assert table["parameters"] == [
+        {
+            "name": "whip.k", "value": 6.0, "unit": "N m/rad", "start": 4.0, "class": "pinned", "standard_error": 0.05,
+            "interval": [5.0, None], "standard_error_if_all_others_were_known": 0.01, "partner": "whip.m",
+            "correlation": 0.9,
+        },
+        {
+            "name": "whip.m", "value": 2.0, "unit": "kg", "start": 1.0, "class": "flat", "standard_error": None,
+            "interval": None, "standard_error_if_all_others_were_known": None, "partner": None, "correlation": 0.0,
+        },
+    ]  # fmt: skip
+    assert table["starts"] == [
+        {
+            "start": {"whip.k": 1.0}, "values": {"whip.k": 2.0}, "cost": 2.0, "cost_over_best": 1.0, "failed": False,
+            "status": "steps", "steps": 1, "evaluations": 5,
+        }
+    ]  # fmt: skip
+    said = {
+        "status": "steps", "message": Status.STEPS.value, "drive": "command", "intervals_from": "covariance",
+        "condition_number": None, "residual_variance": 1.21, "residual_correlation": None, "nuisance": {"delay": 0.01},
+        "rmse": pytest.approx(np.sqrt(np.mean(OFF[np.arange(12) != 4] ** 2))), "fit_time": 1.5,
+        "held_out_rmse": pytest.approx(0.5 / math.sqrt(3)), "flat_directions": summary.flat_directions(U),
+        "singular_values": pytest.approx([100 * math.sqrt(2), 0]), "correlation": U.correlation.tolist(),
+    }  # fmt: skip
+    assert {name: table[name] for name in said} == said
+    ((low, high),) = [ratio["interval"] for ratio in table["ratios"]]
+    assert table["ratios"] == [{"name": "whip.k / whip.m", "value": pytest.approx(3.0), "interval": [low, high]}]
+    one, two = table["recordings"]
+    assert (one["held_out"], two["held_out"]) == (False, True)
+    assert (one["source"], two["source"]) == ("folder/film.csv", "swing")
+    assert one["similarity"]["hit_point"] == summary.similarity_of(recording, found).hit_point  # type: ignore[union-attr]
+    assert len(one["similarity"]["rho"]) == 2
+    assert (one["predicted_from"], one["down_weighted"], one["n_residuals"]) == (None, 0, 44)
+    told = {
+        "similarity": None, "predicted_from": 0.5, "down_weighted": 2, "own": {"start[1]": 2.0}, "n_residuals": 3,
+        "rmse": pytest.approx(0.5 / math.sqrt(3)), "rms_over_stated_error": pytest.approx(0.25 / math.sqrt(3)),
+    }  # fmt: skip
+    assert {name: two[name] for name in told} == told
+
+
+def test_a_start_that_never_began():
+    end = Solution(np.zeros(1), [], math.inf, Status.DIVERGED)
+    U = seen([K], [0.0], [[9.0]], [1])
+    runs = (Run({}, {}, end, over_best=math.inf, failed=True),)
+    table = summary.fit_table(fitted(U, [parameter("whip.k", 1.0)], runs=runs), [], [])
+    (start,) = table["starts"]
+    assert (start["steps"], start["cost"], start["cost_over_best"], start["failed"]) == (0, None, None, True)
+    assert (table["rmse"], table["held_out_rmse"]) == (None, None)
+
+
+def test_intervals_of_correlated_errors_say_so():
+    U = seen([K], [0.0], [[9.0]], [1])
+    errors = Autoregression(np.array([0.5]), np.array([1.0, 0.5]), 0.75)
+    correlated = Uncertainty(**{**vars(U), "errors": errors})
+    assert summary.fit_table(fitted(correlated, []), [], [])["intervals_from"] == "correlated errors"
