@@ -130,6 +130,19 @@ def frames(last: int = 150, hidden: int = -1):
         yield t, np.full(2, np.nan) if i < hidden else HOME + VELOCITY * (t - 1.5)
 
 
+@pytest.mark.parametrize("update", ["time", "aim"])
+def test_later_frames_change_the_strike_only_where_it_is_aimed_again(few, update):
+    """The target turns aside after the plan: t0 alone cannot follow it, and nothing but t0 may change with `time`."""
+    aside = 0.08 * np.array([-VELOCITY[1], VELOCITY[0]]) / np.linalg.norm(VELOCITY)
+    turning = [(t, point + max(t, 0.0) * aside) for t, point in frames()]
+    plans = list(
+        intercept(turning, few, decide=0.0, rng=RNG(0), update=update, motion="straight", camera=Camera(60, 1e-3))
+    )
+    changed = [plan.strike != plans[0].strike for plan in plans[1:]]
+    assert len(changed) >= 2
+    assert any(changed) == (update == "aim")
+
+
 @pytest.mark.parametrize(("update", "count"), [("none", 1), ("time", 3), ("aim", 3)])
 def test_a_watched_target_is_planned_on_and_updated(few, update, count):
     plans = list(

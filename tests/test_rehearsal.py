@@ -7,9 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from whiptool.impedance import OIAC, Controller
+from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import CompiledRollout, preset
 from whiptool.models.trajectory import Trajectory
+from whiptool.rig.caps import CappedLoop
+from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.guards import Guards
 from whiptool.rig.limits import XM430, MotorLimits
 from whiptool.rig.rehearsal import CHATTER, _chatter, _verdict, rehearse
@@ -114,3 +116,44 @@ def test_a_rehearsal_is_the_strike_that_the_other_engine_plays():
     assert found.chatter < 0.4
     late = rehearse(MODEL, Controller(OIAC()), strike, rate=400.0, t_stay=0.1)
     assert len(late.trajectory.t) == 511  # 510.4 cycles
+
+
+def test_the_loop_sees_the_posture_in_counts_from_the_middle(monkeypatch):
+    """At rest on whole counts there is no error: the first torque is gravity's alone (Eq. 3), by hand.
+
+    What is asked then acts until the next cycle: the physics goes to the end of each.
+    """
+    times, usual = [], Physics.advance_to
+    monkeypatch.setattr(Physics, "advance_to", lambda self, t: (times.append(t), usual(self, t))[1])
+    count = 2 * np.pi / 4096
+    strike = Strike((-150 * count, 400 * count), (0.5, 1.0), 1.2)
+    found = rehearse(MODEL, Controller(ConstantImpedance()), strike, t_stay=0.01)
+    (first, second), whip, g = MODEL.arm.links, float(MODEL.whip.mass), MODEL.gravity
+    upper = first.mass * first.com + (second.mass + whip) * first.length
+    lower = second.mass * second.com + whip * second.length
+    a, b = strike.q_i[0], sum(strike.q_i)
+    gravity = g * np.array([upper * np.sin(a) + lower * np.sin(b), lower * np.sin(b)])
+    np.testing.assert_allclose(found.trajectory.tau[0], gravity, atol=1e-6)
+    np.testing.assert_allclose(times, 0.002 * np.arange(1, 606), atol=1e-12)  # (1.2 + 0.01) s
+
+
+@pytest.mark.parametrize("what", ["physics", "torque"])
+def test_what_is_not_finite_is_refused(what, monkeypatch):
+    """A step that ends in no number, and a torque of which one joint's is none."""
+    cycles = []
+
+    def broken(self, *args):
+        cycles.append(args)
+        if len(cycles) > 3:
+            if what == "physics":
+                raise ValueError("cannot convert float NaN to integer")
+            return np.array([np.nan, 0.0])
+        return usual(self, *args)
+
+    owner, name = (Physics, "advance_to") if what == "physics" else (CappedLoop, "torque")
+    usual = getattr(owner, name)
+    monkeypatch.setattr(owner, name, broken)
+    found = rehearse(MODEL, Controller(ConstantImpedance()), Strike((-0.6, 0.2), (0.7, 1.2), 1.5), t_stay=0.01)
+    assert found.trajectory.diverged
+    assert found.refused is not None
+    assert found.refused.startswith("the controller is unstable at 500 Hz")
