@@ -15,6 +15,7 @@ from whiptool.identification.motion import (
     HandleMotion,
     JointMotion,
     SmoothSpline,
+    StillMotion,
 )
 from whiptool.models.parameters import ArmLink, ArmParameters
 
@@ -31,6 +32,17 @@ def test_a_spline_passes_through_what_it_can_and_derives_as_it_should():
     assert c.shape == (spline.size,) == (10 + 5,)
     for derivative in range(4):
         np.testing.assert_allclose(spline.basis(I, derivative) @ c, p.deriv(derivative)(I), atol=2e-6)
+
+
+def test_a_base_that_stays_has_a_place_and_nothing_unknown():
+    motion = StillMotion(np.array([0.3, -0.1]), 7, joints=2)
+    moved = motion.at(np.zeros(0))
+    assert motion.start.shape == motion.mean.shape == (0,)
+    assert motion.rows.shape == (0, 0)
+    np.testing.assert_array_equal(moved.place, np.tile([0.3, -0.1], (7, 1)))
+    assert moved.d_place.shape == (0, 7, 2)
+    assert not moved.inputs.any()
+    assert not moved.q_i.any()
 
 
 def test_a_spline_is_weighted_least_squares():

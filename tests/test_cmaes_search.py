@@ -50,7 +50,8 @@ def test_it_converges_and_begins_again():
     assert not np.array_equal(search(1, valley, 4)[0], seen[0])
 
 
-def test_strikes_are_those_of_the_box():
-    (first,) = search(1, valley, 0)
+def test_strikes_are_those_of_the_box_and_nothing_is_printed(capsys):
+    (first, _) = search(2, valley, 0)
+    assert capsys.readouterr() == ("", "")
     assert ((first >= 0) & (first <= 1)).all()
     assert (UPPER > LOWER).all()

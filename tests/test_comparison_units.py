@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -101,7 +105,23 @@ def test_nothing_is_compared_with_nothing():
     for wrong in ({"seeds": 0}, {"scene": scene(targets=0)}, {"scene": scene(cap=0)}, {"scene": scene(radii=())}):
         with pytest.raises(InputError):
             Comparison(**{"scene": scene(), "methods": ("random",), **wrong})
+    with pytest.raises(InputError, match="tarot"):
+        Comparison(scene=scene(), methods=("random", "tarot"))
     Comparison(scene=scene(targets=1, cap=1, radii=(0.1,)), methods=("random",), seeds=1)
+
+
+@pytest.mark.parametrize(("rewards", "kept"), [([1.0, 2.0], [1.0, 2.0]), ([1.0, 2.0, 3.0], [1.0, 2.0]), ([1.0], [])])
+def test_a_checkpoint_is_taken_up_where_its_history_reaches(rewards, kept, tmp_path, monkeypatch):
+    """Two episodes are done: what the history holds beyond them is cut, and one that is shorter is not believed."""
+    monkeypatch.setattr("whiptool.rl.training.load_checkpoint", lambda path: {"done": 2})
+    loaded: list[Path] = []
+    training = SimpleNamespace(done=2, load=loaded.append)
+    checkpoint = Checkpoint(tmp_path / "unit.pt")
+    assert checkpoint.load(training) == {"rewards": [], "seconds": 0.0}
+    checkpoint.path.touch()
+    checkpoint.history.write_text(json.dumps({"rewards": rewards, "seconds": 3.0}))
+    assert checkpoint.load(training)["rewards"] == kept
+    assert loaded == ([checkpoint.path] if kept else [])
 
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))

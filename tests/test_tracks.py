@@ -52,6 +52,18 @@ def test_a_linear_track_is_linear_least_squares(name):
     np.testing.assert_allclose(track.covariance, np.kron(one, np.eye(2)), rtol=1e-5, atol=1e-12)
 
 
+@pytest.mark.parametrize("motion", ["straight", "ballistic", "pendulum"])
+def test_a_track_does_not_depend_on_when_the_clock_began(motion):
+    """The same frames a quarter of an hour later."""
+    swing = Pendulum(pivot=(1.0, 0.9))
+    points = swing.positions(np.array([np.log(0.6), 0.5, 0.3]), FRAMES - 2.0)
+    points = points + np.random.default_rng(1).normal(0, SIGMA, points.shape)
+    pivot = (1.0, 0.9) if motion == "pendulum" else None
+    early, late = (fit_track(FRAMES + x, points, sigma=SIGMA, motion=motion, pivot=pivot) for x in (0.0, 900.0))
+    np.testing.assert_allclose(late.numbers, early.numbers, rtol=1e-5, atol=1e-7)
+    assert late.chi2 == pytest.approx(early.chi2, rel=1e-6)
+
+
 def test_the_motion_of_the_smallest_bic_is_chosen():
     """Drifts from none to a clear one, each of many noises: still and straight are told apart where BIC says so."""
     chosen = []
