@@ -120,6 +120,7 @@ def test_bad_input_gets_one_line(words: list[str], said: list[str], tmp_path: Pa
     error = capsys.readouterr().err.strip()
     assert "\n" not in error
     assert all(word in error for word in said), error
+    assert not (tmp_path / "run").exists()  # where the corrected command goes
 
 
 class Pretend:
@@ -143,11 +144,11 @@ class Pretend:
 
 def test_a_search_has_the_rig_as_its_objective(tmp_path: Path) -> None:
     rig = Pretend()
-    rollout = RigRollout(rig, MODEL, folder=tmp_path)
+    rollout = RigRollout(lambda number: rig, MODEL, folder=tmp_path)
     result = search(Objective(rollout, Target(), max_trials=20, stop_at_hit=True), "random", seed=1)
     assert result.first_hit == 9  # 0.5 / 9 < 0.06
     assert len(list(tmp_path.glob("strike-*"))) == rig.calls
-    refused = RigRollout(Pretend(refuse=True), MODEL)
+    refused = RigRollout(lambda number: Pretend(refuse=True), MODEL)
     lost = search(Objective(refused, Target(), max_trials=3), "random", seed=1)
     assert lost.n_diverged == 3
 
@@ -164,6 +165,42 @@ def test_a_resumed_search_strikes_only_what_is_left(tmp_path: Path, monkeypatch:
     assert main(["learn", "--resume", str(tmp_path / "run")]) == 0
     assert rig.calls == 9
     assert len((tmp_path / "run/trials.csv").read_text().splitlines()) == 7
+
+
+class PowerCut(BaseException):
+    """The run ends here."""
+
+
+def test_every_strike_of_a_search_is_on_record_when_the_next_begins(tmp_path: Path, monkeypatch) -> None:
+    """Also within a batch of CMA-ES; the strike that was not finished is struck again, in its own folder."""
+    from whiptool.rig import command
+
+    class Fails(Pretend):
+        def strike(self, strike, *, folder=None):
+            if self.calls == 3:
+                raise PowerCut
+            return super().strike(strike, folder=folder)
+
+    run, rig = tmp_path / "run", Fails()
+    monkeypatch.setattr(command, "_make_rig", lambda *_: rig)
+    words = ["learn", "--method", "cmaes", "--max-trials", "6", "--hit-radius", "1e-6", "--out", str(run)]
+    with pytest.raises(PowerCut):
+        main(words)
+    assert len((run / "trials.csv").read_text().splitlines()) == 1 + 3
+    again = Pretend()
+    monkeypatch.setattr(command, "_make_rig", lambda *_: again)
+    assert main(["learn", "--resume", str(run)]) == 0
+    assert again.calls == 3
+    assert sorted(path.name for path in run.glob("strike-*")) == [f"strike-000{i}" for i in range(1, 7)]
+
+
+def test_a_search_on_the_rig_strikes_no_more_after_a_hit(tmp_path: Path, monkeypatch) -> None:
+    from whiptool.rig import command
+
+    rig = Pretend()
+    monkeypatch.setattr(command, "_make_rig", lambda *_: rig)
+    assert main(["learn", "--method", "cmaes", "--hit-radius", "0.2", "--out", str(tmp_path / "run")]) == 0
+    assert rig.calls == 3  # 0.5 / 3 < 0.2
 
 
 class Ticking:

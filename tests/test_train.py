@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -15,7 +16,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from whiptool import train  # noqa: E402
+from whiptool import train, whole_files  # noqa: E402
+from whiptool.rl import event_log  # noqa: E402
 from whiptool.rl.training import load_checkpoint  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -90,7 +92,7 @@ def test_a_full_disk_leaves_the_last_checkpoint(
 
     def on_a_full_disk(self):
         if self.done == 5:
-            (run / f".{train.CHECKPOINT}.tmp").symlink_to("/dev/full")
+            (run / f".tmp-{train.CHECKPOINT}").symlink_to("/dev/full")
         return episode(self)
 
     with monkeypatch.context() as patch:
@@ -102,6 +104,37 @@ def test_a_full_disk_leaves_the_last_checkpoint(
     assert str(run / train.CHECKPOINT) in error
     assert not list(run.glob(".*"))
     assert load_checkpoint(run / train.CHECKPOINT)["done"] <= 5
+
+
+@pytest.mark.parametrize("file", [train.EPISODES, "tensorboard/events*"])
+def test_a_full_disk_leaves_whole_lines_and_events(
+    file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    run, append_whole = tmp_path / "run", whole_files.append_whole
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def on_a_full_disk(path: Path, content: str | bytes) -> None:
+        if len(rows(run)) == 5 and path.match(file):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 20, limit[1]))
+        append_whole(path, content)
+
+    with monkeypatch.context() as patch:
+        for module in (train, event_log):
+            patch.setattr(module, "append_whole", on_a_full_disk)
+        assert train.main([*SHORT, "--out", str(run)]) == 1
+    resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    (path,) = run.glob(file)
+    assert error == f"whiptool: [Errno 27] File too large: '{path}'"
+    assert (run / train.EPISODES).read_text().endswith("\n")
+    assert [int(row["number"]) for row in rows(run)] == [1, 2, 3, 4, 5]
+    seen = EventAccumulator(str(run / "tensorboard")).Reload().Scalars("mean_reward")
+    assert [event.step for event in seen] == ([1, 2, 3, 4, 5] if file == train.EPISODES else [1, 2, 3, 4])
+    assert [event.value for event in seen] == pytest.approx(
+        [float(row["mean_reward"]) for row in rows(run)][: len(seen)]
+    )
 
 
 def test_nan_ends_with_the_last_good_checkpoint(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from whiptool import cli
 from whiptool.errors import InputError
 from whiptool.rig.command import RigOptions
+from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation, Step
@@ -130,26 +131,20 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
 
 
 def _adapt(words: list[str]) -> int:
-    from whiptool.runs import RunFolder, code_version, default_folder, write_whole
-
     options = cli.parse_resumable(
         AdaptOptions, command="adapt", description=_ABOUT, args=words, not_configuration=_NOT_CONFIGURATION
     )
     adaptation = prepare(options)
     config = {"command": "adapt", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
-    if options.resume is None:
-        folder = RunFolder.create(options.out or default_folder("adapt"), {"version": code_version(), **config})
-    else:
-        folder = RunFolder.open(options.resume)
-        cli.check_same_run(folder, config)
-    adaptation.folder = folder.path
-    steps: list[Step] = []
-    adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
-    summary = _summary(steps)
-    write_whole(folder.path / REPORT, _page(adaptation, steps, options))
-    folder.write_result(summary)
-    print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
-    return 0 if summary["hit"] else 1
+    with cli.open_folder(options, "adapt", config) as folder:
+        adaptation.folder = folder.path
+        steps: list[Step] = []
+        adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
+        summary = _summary(steps)
+        write_whole(folder.path / REPORT, _page(adaptation, steps, options))
+        folder.write_result(summary)
+        print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
+        return 0 if summary["hit"] else 1
 
 
 def _refuse_idle(options: AdaptOptions, *, tip: bool) -> None:

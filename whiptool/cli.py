@@ -141,13 +141,13 @@ def parse_resumable(
     Raises:
         InputError: The folder is of another command, or an option given beside `--resume` differs from the stored one.
     """
-    from whiptool.runs import RunFolder
+    from whiptool.runs import read_config
 
     prog, words = f"whiptool {command}", list(sys.argv[1:] if args is None else args)
     parsed: Any = parse(options, prog=prog, description=description, args=words)
     if parsed.resume is None:
         return parsed
-    config = RunFolder.open(parsed.resume).config
+    config = read_config(parsed.resume)
     table = config.get("options")
     if config.get("command") != command or not isinstance(table, dict):
         raise InputError("--resume", str(parsed.resume), f"a folder that `{prog}` made, its config whole")
@@ -168,6 +168,26 @@ def parse_resumable(
                 "leave it out, or start a new run",
             )
     return again
+
+
+def open_folder(options: Any, name: str, config: dict) -> RunFolder:
+    """The folder that a command writes its run in: a new one, or that of the run to resume.
+
+    Args:
+        options: With fields `out` and `resume`.
+        name: Of a new folder, unless `--out` names it.
+        config: The configuration as it is resolved now, without the version of the code.
+
+    Raises:
+        InputError: It cannot be made, another process writes in it, or it holds a run with another configuration.
+    """
+    from whiptool.runs import RunFolder, code_version, default_folder
+
+    if options.resume is None:
+        return RunFolder.create(options.out or default_folder(name), {"version": code_version(), **config})
+    folder = RunFolder.open(options.resume)
+    check_same_run(folder, config)
+    return folder
 
 
 def check_same_run(folder: RunFolder, config: dict) -> None:

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
     from whiptool.comparison import Comparison, Series
+    from whiptool.runs import RunFolder
 
 QUICK: dict[str, Any] = {
     "targets": 12,
@@ -157,7 +159,12 @@ def _main(args: Sequence[str] | None) -> int:
     if options.zone not in ("disc", "fast"):
         raise InputError("--zone", options.zone, "disc, fast")
     comparison = options.comparison(options.methods, options.observation)
-    folder = open_folder("compare", given, comparison)
+    with open_folder("compare", given, comparison) as folder:
+        return _compare(options, comparison, folder)
+
+
+def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder) -> int:
+    """Work on what is not done yet, write everything, tell people or programs."""
     start = time.monotonic()
     from whiptool.comparison import Store, collect, difficulty
     from whiptool.comparison.zones import fast_region, words
@@ -196,7 +203,6 @@ def open_folder(command: str, options: Any, comparison: Comparison):
     """
     from whiptool.impedance.files import controller_to_table
     from whiptool.models.files import model_to_table
-    from whiptool.runs import RunFolder, code_version, default_folder
 
     config = {
         "command": command,
@@ -204,11 +210,7 @@ def open_folder(command: str, options: Any, comparison: Comparison):
         "model": model_to_table(comparison.scene.model),
         "controller": controller_to_table(comparison.scene.controller),
     }
-    if options.resume is None:
-        return RunFolder.create(options.out or default_folder(command), {"version": code_version(), **config})
-    folder = RunFolder.open(options.resume)
-    cli.check_same_run(folder, config)
-    return folder
+    return cli.open_folder(options, command, config)
 
 
 def save(folder: Path, series: Sequence[Series], about: str) -> str:
@@ -222,8 +224,8 @@ def save(folder: Path, series: Sequence[Series], about: str) -> str:
     if any(one.learned for one in series):
         parts.append(tables.as_markdown(tables.convention_table(series)))
     text = "\n\n".join(parts) + "\n"
-    (folder / "table.csv").write_text(tables.as_csv(series), encoding="utf-8")
-    (folder / "table.md").write_text(text, encoding="utf-8")
+    write_whole(folder / "table.csv", tables.as_csv(series))
+    write_whole(folder / "table.md", text)
     save_comparison(folder, series)
     return text
 

@@ -16,11 +16,13 @@ import tyro
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
     from whiptool.identification.plant import Plant
     from whiptool.identification.results import Fit
     from whiptool.impedance import Controller
+    from whiptool.runs import RunFolder
 
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"
 
@@ -67,11 +69,13 @@ class IdentifyOptions:
     """Seed of the starts."""
     out: Path | None = None
     """Run folder; default: runs/identify-DATE-TIME."""
+    resume: Path | None = None
+    """Go on with the killed run in this folder: the fit is made anew, to the same end."""
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
 
 
-NOT_CONFIGURATION: dict[str, Any] = {"out": None, "json": False}
+NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
 _EXAMPLE = (
     "Fit a whip's parameters to recorded strikes. "
     "Example: python -m whiptool.identify strike1.csv strike2.csv strike3.csv --free k b m --out fitted"
@@ -84,23 +88,28 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse(IdentifyOptions, prog="whiptool identify", description=_EXAMPLE, args=args)
+    options = cli.parse_resumable(
+        IdentifyOptions, command="identify", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
+    )
     check_options(options)
     if options.drive == "free":
         from whiptool.identify_pendulum import identify_pendulum
 
         return identify_pendulum(options)
     run = _Run(options)
-    run.fit()
-    return run.report()
+    with run.open_folder() as folder:
+        run.write_recordings(folder)
+        run.fit()
+        return run.report(folder)
 
 
 def check_options(options: IdentifyOptions) -> None:
     """Refuse options that break a rule of their own."""
     from whiptool.identification.drives import DRIVES
+    from whiptool.runs import check_new
 
-    if options.out is not None and options.out.is_dir() and any(options.out.iterdir()):
-        raise InputError("--out", str(options.out), "a folder that is new or empty")
+    if options.out is not None:
+        check_new(options.out)  # before hours of film are tracked
     if not options.recordings:
         raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
     if options.drive not in DRIVES:
@@ -150,7 +159,6 @@ class _Run:
         )
         self._check_fit()
         self.version = code_version()
-        self._write_inputs()
 
     def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
         """Read or track all recordings, and find their plane; the controller that they hold."""
@@ -188,31 +196,33 @@ class _Run:
         own = self.options.per_recording
         Predictor([*self.recordings, *self.held_out], self.plant, drive=self.options.drive, shared=self.free, own=own)
 
-    def _write_inputs(self) -> None:
-        """The run folder, with its configuration and the recordings as they are fitted."""
+    def open_folder(self) -> RunFolder:
+        """The run folder, with its configuration."""
         from whiptool.impedance.files import controller_to_table
         from whiptool.models.files import model_to_table
-        from whiptool.runs import RunFolder, default_folder
 
         assert self.plant.controller is not None
         pairs = [(r, False) for r in self.recordings] + [(r, True) for r in self.held_out]
-        self.files = _file_names([r.source for r, _ in pairs])
+        files = _file_names([r.source for r, _ in pairs])
         config = {
-            "version": self.version,
             "command": "identify",
             "options": cli.as_plain(replace(self.options, **NOT_CONFIGURATION)),
             "free": list(self.free),
             "recordings": [
                 {"source": r.source, "sha256": r.sha256, "held_out": out, "file": f"{RECORDINGS}/{file}"}
-                for (r, out), file in zip(pairs, self.files, strict=True)
+                for (r, out), file in zip(pairs, files, strict=True)
             ],
             "model": model_to_table(self.plant.model),
             "controller": controller_to_table(self.plant.controller),
         }
-        self.folder = RunFolder.create(self.options.out or default_folder("identify"), config)
-        (self.folder.path / RECORDINGS).mkdir()
-        for (recording, _), file in zip(pairs, self.files, strict=True):
-            recording.save(self.folder.path / RECORDINGS / file)
+        return cli.open_folder(self.options, "identify", config)
+
+    def write_recordings(self, folder: RunFolder) -> None:
+        """Keep the recordings as they are fitted."""
+        recordings = [*self.recordings, *self.held_out]
+        (folder.path / RECORDINGS).mkdir(exist_ok=True)
+        for recording, file in zip(recordings, _file_names([r.source for r in recordings]), strict=True):
+            recording.save(folder.path / RECORDINGS / file)
 
     def fit(self) -> None:
         """Fit, for every number of nodes that is to be tried."""
@@ -255,7 +265,7 @@ class _Run:
             + (cure if self.options.drive == "command" else "check the recordings")
         )
 
-    def report(self) -> int:
+    def report(self, folder: RunFolder) -> int:
         """Write everything, tell people or programs."""
         from whiptool.identification.plant import Plant
         from whiptool.identification.report import sections
@@ -263,14 +273,14 @@ class _Run:
         from whiptool.models.files import write_model
         from whiptool.report import to_html
 
-        plant, path = self.found.plant, self.folder.path
+        plant, path = self.found.plant, folder.path
         assert isinstance(plant, Plant)
         write_model(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
-        summary = self._summary(plant)
-        self.folder.write_result(summary)
+        summary = self._summary(plant, path)
+        folder.write_result(summary)
         parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
         html = to_html("Identified whip", self._subtitle(), self._facts(), parts)
-        (path / REPORT).write_text(html, encoding="utf-8")
+        write_whole(path / REPORT, html)
         if self.found.status is not Status.CONVERGED:
             self._say(f"not converged: {self.found.status.value}; more --starts or a nearer --model may help")
         if self.found.failed:
@@ -278,13 +288,13 @@ class _Run:
             self._say(f"{number} of {starts} starts failed: they ended far above the best, which alone is judged")
         if self.warning is not None:
             self._say(self.warning)
-        print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary))
+        print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary, path))
         return 0
 
     def _say(self, line: str) -> None:
         print(f"whiptool: {line}", file=sys.stderr)
 
-    def _summary(self, plant: Plant) -> dict[str, Any]:
+    def _summary(self, plant: Plant, path: Path) -> dict[str, Any]:
         from whiptool.identification.summary import fit_table
         from whiptool.impedance.files import controller_to_table
 
@@ -308,8 +318,8 @@ class _Run:
             "controller_assumed": self.assumed,
             "plane": plane,
             "synthetic": self.synthetic,
-            "identified": str(self.folder.path / IDENTIFIED),
-            "report": str(self.folder.path / REPORT),
+            "identified": str(path / IDENTIFIED),
+            "report": str(path / REPORT),
             "seed": self.options.seed,
             "version": self.version,
         }
@@ -346,7 +356,7 @@ class _Run:
             facts["strike plane"] = str(self.plane)
         return facts | recording_facts([*self.recordings, *self.held_out])
 
-    def _text(self, summary: dict[str, Any]) -> str:
+    def _text(self, summary: dict[str, Any], path: Path) -> str:
         from whiptool.identification.summary import parameter_lines
 
         lines = [
@@ -365,7 +375,7 @@ class _Run:
         )
         if self.assumed:
             lines.append(f"  controller  {self.options.controller} {self.options.preset}, assumed: no recording says")
-        lines.append(f"  run folder  {self.folder.path} ({REPORT}, {IDENTIFIED}, {RECORDINGS})")
+        lines.append(f"  run folder  {path} ({REPORT}, {IDENTIFIED}, {RECORDINGS})")
         return "\n".join(lines)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from whiptool import cli
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
     from whiptool.identification.results import Fit
@@ -54,10 +55,11 @@ def identify_pendulum(options: IdentifyOptions) -> int:
         pieces=options.pieces,
     )
     train, unseen = ([swings[name] for name in names] for names in (fitted, held_out))
-    folder = _folder(options, free, fitted, held_out)
-    print(f"whiptool: fitting {len(free)} parameters to {len(train)} swings, {options.starts} starts", file=sys.stderr)
-    found = fit(train, guess, free, held_out=unseen, options=how)
-    return _report(options, found, train, unseen, folder)
+    with _folder(options, free, fitted, held_out) as folder:
+        parameters = f"{len(free)} parameters to {len(train)} swings, {options.starts} starts"
+        print(f"whiptool: fitting {parameters}", file=sys.stderr)
+        found = fit(train, guess, free, held_out=unseen, options=how)
+        return _report(options, found, train, unseen, folder)
 
 
 def full_names(names: tuple[str, ...], pendulum: Pendulum) -> tuple[str, ...]:
@@ -81,16 +83,14 @@ def full_names(names: tuple[str, ...], pendulum: Pendulum) -> tuple[str, ...]:
 
 def _folder(options: IdentifyOptions, free: tuple[str, ...], fitted: list[str], held_out: list[str]) -> Any:
     from whiptool.identify import NOT_CONFIGURATION
-    from whiptool.runs import RunFolder, code_version, default_folder
 
     config = {
-        "version": code_version(),
         "command": "identify",
         "options": cli.as_plain(dataclasses.replace(options, **NOT_CONFIGURATION)),
         "free": list(free),
         "recordings": [{"source": x, "held_out": x in held_out} for x in (*fitted, *held_out)],
     }
-    return RunFolder.create(options.out or default_folder("identify"), config)
+    return cli.open_folder(options, "identify", config)
 
 
 def _report(
@@ -110,7 +110,7 @@ def _report(
     folder.write_result(summary)
     facts = {"started from": options.model, "swings": f"{len(train)} fitted, {len(unseen)} held out"}
     page = to_html("Identified pendulum", f"{found.status.value.capitalize()}.", facts, sections(found, train, unseen))
-    (folder.path / REPORT).write_text(page, encoding="utf-8")
+    write_whole(folder.path / REPORT, page)
     if found.failed:
         number, starts = len(found.failed), len(found.runs)
         print(f"whiptool: {number} of {starts} starts failed: they ended far above the best", file=sys.stderr)

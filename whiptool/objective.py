@@ -219,7 +219,7 @@ class Objective:
 
         Raises:
             SearchStopped: The budget ended within the batch (the trials up to its end are counted), or one of them
-                was the hit to stop at (all are counted).
+                was the hit to stop at (all are counted, but of a rollout that is `one_by_one` no later ones).
         """
         strikes = np.array(strikes, float, ndmin=2)  # a copy: optimizers reuse their buffers
         width = 2 * self.rollout.model.arm.n + 1
@@ -231,11 +231,25 @@ class Objective:
         if room <= 0:
             raise SearchStopped("trials")
         admitted = strikes[:room]
-        outcomes = self._replay(admitted)
-        fresh = admitted[len(outcomes) :]
+        together = 1 if getattr(self.rollout, "one_by_one", False) else len(admitted)
+        outcomes: list[Outcome] = []
+        for first in range(0, len(admitted), together):
+            outcomes += self._counted(admitted[first : first + together])
+        if len(admitted) < len(strikes):
+            raise SearchStopped("trials")
+        return outcomes
+
+    def _counted(self, strikes: np.ndarray) -> list[Outcome]:
+        """Outcomes of strikes, each a trial; those that an earlier run recorded are not rolled out again.
+
+        Raises:
+            SearchStopped: One of them was the hit to stop at.
+        """
+        outcomes = self._replay(strikes)
+        fresh = strikes[len(outcomes) :]
         if len(fresh):
             outcomes += self._roll(fresh)
-        for vector, outcome in zip(admitted, outcomes, strict=True):
+        for vector, outcome in zip(strikes, outcomes, strict=True):
             trial = Trial(len(self.trials) + 1, tuple(map(float, vector)), outcome)
             self.trials.append(trial)
             if self.best is None or outcome.miss_distance < self.best.outcome.miss_distance:
@@ -244,8 +258,6 @@ class Objective:
                 self._on_trial(trial)
         if self.stop_at_hit and any(outcome.hit for outcome in outcomes):
             raise SearchStopped("hit")
-        if len(admitted) < len(strikes):
-            raise SearchStopped("trials")
         return outcomes
 
     def gradient(self, strike: np.ndarray | Sequence[float]) -> tuple[Outcome, np.ndarray]:

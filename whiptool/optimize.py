@@ -59,7 +59,8 @@ def _main(args: Sequence[str] | None) -> int:
         OptimizeOptions, command="optimize", description=_EXAMPLE, args=args, not_configuration=_NOT_CONFIGURATION
     )
     run = _Run(options)
-    return run.report(run.search())
+    with run.folder:
+        return run.report(run.search())
 
 
 class _Run:
@@ -71,8 +72,9 @@ class _Run:
         from whiptool.objective import Objective
         from whiptool.optimizers import find_method
         from whiptool.rig.limits import limits_preset
-        from whiptool.runs import TRIALS, RunFolder, TrialLog, code_version, default_folder
+        from whiptool.runs import code_version
         from whiptool.strike import StrikeBounds, default_bounds
+        from whiptool.trial_log import TRIALS, TrialLog
 
         self.options = options
         find_method(options.method)
@@ -107,13 +109,7 @@ class _Run:
             "model": model_to_table(self.model),
             "controller": controller_to_table(self.controller),
         }
-        if options.resume is None:
-            self.folder = RunFolder.create(
-                options.out or default_folder(options.method.replace(":", "-")), {"version": self.version, **config}
-            )
-        else:
-            self.folder = RunFolder.open(options.resume)
-            cli.check_same_run(self.folder, config)
+        self.folder = cli.open_folder(options, options.method.replace(":", "-"), config)
         self.log = TrialLog(self.folder.path / TRIALS, self.model.arm)
         self.recorded = self.log.read() if options.resume else []
 
@@ -297,7 +293,7 @@ def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float
 
     from whiptool.page import strike_page
     from whiptool.plots import save_strike_figures
-    from whiptool.runs import write_whole
+    from whiptool.whole_files import write_whole
 
     trajectory.save(folder / "trajectory.npz")
     save_strike_figures(folder, trajectory, model, target.position, target.hit_radius, label)

@@ -22,6 +22,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory, joint_points
+from whiptool.whole_files import whole
 
 # Okabe and Ito's colour-blind safe palette
 COLORS = {
@@ -295,7 +296,8 @@ def save_convergence(
 
 def _save(figure: Figure, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    with whole(path) as unfinished:
+        figure.savefig(unfinished)
     return path
 
 

@@ -7,12 +7,18 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import tyro
 
 from whiptool import cli
 from whiptool.compare import NOT_CONFIGURATION, ComparisonOptions, open_folder
 from whiptool.errors import InputError
+from whiptool.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from whiptool.comparison import Comparison
+    from whiptool.runs import RunFolder
 
 REPORT = "report.html"
 
@@ -58,11 +64,9 @@ def _main(args: Sequence[str] | None) -> int:
         ReproduceOptions, command="reproduce", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
     )
     options = given.resolved()
-    from whiptool.comparison import Store
     from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
     from whiptool.comparison.zones import check_zone
-    from whiptool.report import to_html
-    from whiptool.reproduction import ALL, PARTS, Context
+    from whiptool.reproduction import PARTS
 
     if options.what not in (*PARTS, "all"):
         raise InputError("what to reproduce", options.what, ", ".join((*PARTS, "all")))
@@ -75,7 +79,16 @@ def _main(args: Sequence[str] | None) -> int:
         check_zone(zone, "--further-zones")
     comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
     further = options.comparison(options.further_methods, options.further_observation)
-    folder = open_folder("reproduce", given, comparison)
+    with open_folder("reproduce", given, comparison) as folder:
+        return _reproduce(options, comparison, further, folder)
+
+
+def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Comparison, folder: RunFolder) -> int:
+    """Work on what is not done yet, write the report, tell people or programs."""
+    from whiptool.comparison import Store
+    from whiptool.report import to_html
+    from whiptool.reproduction import ALL, PARTS, Context
+
     store = Store(folder.path, workers=options.workers, cluster=options.cluster)
     context = Context(
         comparison,
@@ -97,7 +110,7 @@ def _main(args: Sequence[str] | None) -> int:
             _facts(options, comparison),
             sections,
         )
-        (folder.path / REPORT).write_text(text, encoding="utf-8")  # after each part: a killed run has shown something
+        write_whole(folder.path / REPORT, text)  # after each part: a killed run has shown something
     claims = [asdict(claim) for section in sections for claim in section.claims]
     summary = {
         "what": options.what,

@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.whole_files import write_whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +68,7 @@ def _export(options: SimulateOptions, model) -> None:
     target = options.build_target()
     xml, missing = export_xml(model, target=np.array(target.position))
     try:
-        options.export.write_text(xml, encoding="utf-8")
+        write_whole(options.export, xml)
     except OSError as error:
         raise InputError("--export", str(options.export), f"a file that can be written ({error.strerror})") from None
     print(f"wrote {options.export}; it does not hold {'; '.join(missing)}", file=sys.stderr)
@@ -87,16 +88,13 @@ def _play(options: SimulateOptions, model, strike) -> None:
     anywhere = StrikeBounds((-1.0,) * (n - 1) + (0.1,), (1.0,) * n)  # one strike needs no box
     objective = Objective(rollout, target, t_stay=options.t_stay, bounds=anywhere, check_reach=False)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
-    folder = RunFolder.create(
-        options.out or default_folder("simulate"),
-        {
-            "version": code_version(),
-            "command": "simulate",
-            "options": cli.as_plain(replace(options, out=None, export=None, json=False, video=True)),
-            "model": model_to_table(model),
-            "controller": controller_to_table(controller),
-        },
-    )
+    config = {
+        "version": code_version(),
+        "command": "simulate",
+        "options": cli.as_plain(replace(options, out=None, export=None, json=False, video=True)),
+        "model": model_to_table(model),
+        "controller": controller_to_table(controller),
+    }
     outcome = objective.judge(trajectory)
     summary = {
         "strike": dict(zip(strike_names(model.arm), map(float, strike.vector), strict=True)),
@@ -117,10 +115,10 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "model": model.name,
         "version": code_version(),
     }
-    folder.write_result(summary)
-    files = save_strike(
-        folder.path, trajectory, model, target, options.controller_label(), D=strike.D, video=options.video
-    )
+    label = options.controller_label()
+    with RunFolder.create(options.out or default_folder("simulate"), config) as folder:
+        folder.write_result(summary)
+        files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
         return
@@ -128,7 +126,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     print(
         "\n".join(
             [
-                f"one strike: {model.name}, {options.controller_label()}, {engine}",
+                f"one strike: {model.name}, {label}, {engine}",
                 *strike_lines(summary["strike"]),
                 *outcome_lines(outcome, target),
                 f"  run folder     {folder.path} ({', '.join(files)})",

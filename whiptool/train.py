@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import sys
 import time
@@ -13,6 +14,7 @@ from typing import Any
 
 from whiptool import cli
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.whole_files import append_whole, write_whole
 
 CHECKPOINT, EPISODES = "checkpoint.pt", "episodes.csv"
 _HYPERPARAMETERS = (
@@ -120,7 +122,9 @@ def _main(args: Sequence[str] | None) -> int:
     options = cli.parse_resumable(
         TrainOptions, command="train", description=_EXAMPLE, args=args, not_configuration=_NOT_CONFIGURATION
     )
-    return _Run(options).train()
+    run = _Run(options)
+    with run.folder:
+        return run.train()
 
 
 class _Run:
@@ -140,7 +144,6 @@ class _Run:
         from whiptool.rl.settings import settings_for
         from whiptool.rl.task import StrikeTask
         from whiptool.rl.training import Plan, Training, make_learner
-        from whiptool.runs import RunFolder, code_version, default_folder
 
         self.options = options
         if options.simulator != "compiled":
@@ -179,13 +182,7 @@ class _Run:
             "model": model_to_table(model),
             "controller": controller_to_table(controller),
         }
-        if options.resume is None:
-            self.folder = RunFolder.create(
-                options.out or default_folder(options.method), {"version": code_version(), **config}
-            )
-        else:
-            self.folder = RunFolder.open(options.resume)
-            cli.check_same_run(self.folder, config)
+        self.folder = cli.open_folder(options, options.method, config)
         self.checkpoint, self.table = self.folder.path / CHECKPOINT, self.folder.path / EPISODES
         if options.resume is not None and self.checkpoint.exists():
             self.training.load(self.checkpoint)
@@ -203,36 +200,33 @@ class _Run:
     def _cut_table(self) -> None:
         """Leave those episodes in the table that the checkpoint holds; what came after it will be made again."""
         lines = self.table.read_text(encoding="utf-8").splitlines(keepends=True) if self.table.exists() else []
-        self.table.write_text("".join(lines[: 1 + self.training.done if self.training.done else 0]), encoding="utf-8")
+        write_whole(self.table, "".join(lines[: 1 + self.training.done if self.training.done else 0]))
 
     def train(self) -> int:
         """Train with a progress bar, log every episode, and strike at test targets at the end."""
-        from torch.utils.tensorboard import SummaryWriter
         from tqdm import tqdm
 
+        from whiptool.rl.event_log import EventLog
         from whiptool.rl.learner import Diverged
 
         training, options = self.training, self.options
         start = time.monotonic()
-        with (
-            SummaryWriter(str(self.folder.path / "tensorboard"), purge_step=training.done + 1) as board,
-            tqdm(
-                total=training.plan.episodes,
-                initial=training.done,
-                unit=" episodes",
-                desc=options.method,
-                file=sys.stderr,
-                dynamic_ncols=True,
-                leave=False,
-            ) as bar,
-        ):
+        board = EventLog(self.folder.path / "tensorboard", first_step=training.done + 1)
+        with tqdm(
+            total=training.plan.episodes,
+            initial=training.done,
+            unit=" episodes",
+            desc=options.method,
+            file=sys.stderr,
+            dynamic_ncols=True,
+            leave=False,
+        ) as bar:
 
             def on_episode(episode) -> None:
                 self._log(episode)
-                for name, value in {"mean_reward": episode.mean_reward, "share_hit": episode.share_hit}.items():
-                    board.add_scalar(name, value, episode.number)
-                for name, value in episode.losses.items():
-                    board.add_scalar(f"loss/{name}", value, episode.number)
+                losses = {f"loss/{name}": value for name, value in episode.losses.items()}
+                whole = {"mean_reward": episode.mean_reward, "share_hit": episode.share_hit}
+                board.add(whole | losses, episode.number)
                 if episode.number % options.checkpoint_every == 0:
                     training.save(self.checkpoint)
                 bar.set_postfix_str(f"reward {episode.mean_reward:.1f}, hits {episode.share_hit:.0%}", refresh=False)
@@ -258,12 +252,12 @@ class _Run:
 
         row = {k: v for k, v in asdict(episode).items() if k != "losses"}
         row |= {name: episode.losses.get(name, "") for name in LOSSES[self.options.method]}
-        new = self.table.stat().st_size == 0
-        with self.table.open("a", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, list(row), lineterminator="\n")
-            if new:
-                writer.writeheader()
-            writer.writerow(row)
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(row), lineterminator="\n")
+        if self.table.stat().st_size == 0:
+            writer.writeheader()
+        writer.writerow(row)
+        append_whole(self.table, text.getvalue())
 
     def _report(self, seconds: float) -> None:
         """Eq. 21 under every convention, as a file and for people."""

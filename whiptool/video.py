@@ -25,6 +25,7 @@ from whiptool.models.mujoco_model import build_spec, set_posture
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory, joint_points
 from whiptool.plots import COLORS
+from whiptool.whole_files import whole
 
 logger = logging.getLogger("whiptool")
 
@@ -107,7 +108,23 @@ def render_video(
         used, frames = "matplotlib", _matplotlib_frames(film, model, target, hit_radius)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)
+    with whole(path) as unfinished:
+        _encode(unfinished, film, frames, fps, progress)
+    return used
+
+
+def _encode(
+    path: Path,
+    film: _Film,
+    frames: Iterator[np.ndarray],
+    fps: float,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Write frames as a film.
+
+    Raises:
+        OSError: It cannot be written.
+    """
     writer = imageio_ffmpeg.write_frames(
         path,
         film.size,
@@ -124,11 +141,16 @@ def render_video(
             writer.send(frame)
             if progress is not None:
                 progress(i + 1, len(film.q))
+    except OSError:
+        raise OSError("ffmpeg ended before the last frame; the disk may be full") from None
     finally:
         writer.close()
-    if not path.is_file() or not path.stat().st_size:
-        raise OSError(f"{path}: ffmpeg wrote no video")
-    return used
+    try:
+        written, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+    except RuntimeError:  # no film at all
+        written = 0
+    if written != len(film.q):
+        raise OSError(f"ffmpeg wrote {written} of {len(film.q)} frames; the disk may be full")
 
 
 def _film(

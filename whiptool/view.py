@@ -157,7 +157,7 @@ def _write_page(folder: Path, strike: StrikeRun) -> None:
     import numpy as np
 
     from whiptool.page import strike_page
-    from whiptool.runs import write_whole
+    from whiptool.whole_files import write_whole
 
     target = np.array(strike.target.position)
     page = strike_page(strike.model, strike.trajectory, target, strike.target.hit_radius, label=strike.label)
@@ -169,10 +169,8 @@ def _write_video(folder: Path, strike: StrikeRun) -> None:
 
     from whiptool.video import render_video
 
-    unfinished = folder / f".{VIDEO}"  # an interrupted one is not taken for the video next time
     target = np.array(strike.target.position)
-    render_video(unfinished, strike.trajectory, strike.model, target, strike.target.hit_radius)
-    unfinished.replace(folder / VIDEO)
+    render_video(folder / VIDEO, strike.trajectory, strike.model, target, strike.target.hit_radius)
 
 
 def play(strike: StrikeRun) -> bool:

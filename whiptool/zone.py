@@ -16,6 +16,7 @@ from whiptool.errors import InputError
 from whiptool.models.parameters import number
 from whiptool.objective import T_STAY, TARGET
 from whiptool.strike import StrikeBounds
+from whiptool.whole_files import write_npz
 
 RADIUS = 0.1  # [m], Sect. 3.1.1
 
@@ -198,7 +199,7 @@ class Region:
 
     def save(self, path: Path) -> None:
         """Write an NPZ file, without pickle."""
-        np.savez_compressed(path, corners=self.corners, cell=self.cell)
+        write_npz(path, {"corners": self.corners, "cell": self.cell})
 
     @classmethod
     def load(cls, path: Path) -> Region:

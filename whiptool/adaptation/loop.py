@@ -24,8 +24,8 @@ from whiptool.models import parameters
 from whiptool.models.parameters import Model
 from whiptool.objective import Target
 from whiptool.rig.limits import MotorLimits
-from whiptool.runs import write_whole
 from whiptool.strike import Strike, StrikeBounds
+from whiptool.whole_files import write_whole
 
 UNSURE = 0.5  # probability of a hit below which a plan is looked for once more, as hard as the first one
 _LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # beside the belief

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.comparison.units import Scene
-from whiptool.runs import write_whole
+from whiptool.whole_files import write_whole
 
 CHECKPOINT_EVERY = 10  # episodes
 MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy

@@ -14,7 +14,8 @@ from whiptool.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHODS, Comp
 from whiptool.comparison.series import Series, collect
 from whiptool.errors import InputError
 from whiptool.models.files import read_toml
-from whiptool.runs import CONFIG, write_whole
+from whiptool.runs import CONFIG
+from whiptool.whole_files import write_whole
 
 FORMAT = 1  # raised when a key changes its meaning
 _PLAIN = ("method", "observation", "convention", "hit_radius", "training_trials", "n_diverged", "wall_time")

@@ -13,7 +13,7 @@ from typing import Any
 from whiptool.comparison.learner_unit import Checkpoint
 from whiptool.comparison.units import Unit
 from whiptool.errors import InputError
-from whiptool.runs import write_whole
+from whiptool.whole_files import write_whole
 from whiptool.workers import work_on
 
 

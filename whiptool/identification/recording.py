@@ -13,6 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.strike import Strike
+from whiptool.whole_files import write_npz
 
 FORMAT = 1  # of the NPZ file; raised when a key changes its meaning
 DEFAULT_SIGMA = 1e-3  # [m]
@@ -194,8 +195,7 @@ class StrikeRecording:
         arrays["controller"] = None if self.controller is None else json.dumps(self.controller)
         arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
         try:
-            with Path(path).open("wb") as file:  # given a name, NumPy would append .npz to it
-                np.savez_compressed(file, format=np.int64(FORMAT), **arrays)
+            write_npz(Path(path), {"format": np.int64(FORMAT), **arrays})
         except OSError as error:
             raise InputError("recording", str(path), f"a file that can be written ({error.strerror})") from None
 

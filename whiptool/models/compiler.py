@@ -16,6 +16,8 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from whiptool.whole_files import write_whole
+
 log = logging.getLogger("whiptool")
 
 # no -ffast-math: it would remove the tests for NaN
@@ -123,8 +125,8 @@ def load_library(generated: str, driver: str, defines: dict[str, float]) -> ctyp
             log.warning("cached %s does not load (%s); compiling again", library.name, error)
     with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as build:
         source, driver_file, output = Path(build, "generated.c"), Path(build, "driver.cpp"), Path(build, "out.so")
-        source.write_text(generated)
-        driver_file.write_text(driver)
+        write_whole(source, generated)
+        write_whole(driver_file, driver)
         command = [compiler, *options, f'-DGENERATED="{source}"', str(driver_file), "-o", str(output), "-lm"]
         run = _run(command)
         if run.returncode != 0:

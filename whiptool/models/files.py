@@ -13,6 +13,7 @@ from whiptool.errors import InputError
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
+from whiptool.whole_files import write_whole
 
 
 def _build(cls: type, table: object, place: str, **ready):
@@ -96,7 +97,7 @@ def read_model(path: Path) -> Model:
 
 def write_model(model: Model, path: Path) -> None:
     """Write a model as a TOML file that `read_model` reads back the same."""
-    Path(path).write_text(tomli_w.dumps(model_to_table(model)), encoding="utf-8")
+    write_whole(Path(path), tomli_w.dumps(model_to_table(model)))
 
 
 def find_model(name: str) -> Model:

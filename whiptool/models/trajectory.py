@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from whiptool.models.parameters import Model
+from whiptool.whole_files import write_npz
 
 if TYPE_CHECKING:
     from whiptool.impedance.controller import Controller
@@ -99,7 +100,7 @@ class Trajectory:
     def save(self, path: Path) -> None:
         """Write an NPZ file, without pickle."""
         arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
-        np.savez_compressed(path, **arrays)
+        write_npz(path, arrays)
 
     @classmethod
     def load(cls, path: Path) -> Trajectory:

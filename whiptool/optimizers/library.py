@@ -14,6 +14,7 @@ from whiptool.models.compiled import CompiledRollout
 from whiptool.objective import T_STAY, Objective
 from whiptool.optimizers.result import Result
 from whiptool.strike import StrikeBounds
+from whiptool.whole_files import write_npz
 
 RATE = 250.0  # [1/s] of the stored paths: the straight line between samples is then within about a millimetre
 _AT_ONCE = 512
@@ -62,7 +63,7 @@ class StrikeLibrary:
 
     def save(self, path: Path) -> None:
         """Write an NPZ file, without pickle."""
-        np.savez_compressed(path, strikes=self.strikes, paths=self.paths)
+        write_npz(path, {"strikes": self.strikes, "paths": self.paths})
 
     @classmethod
     def load(cls, path: Path) -> StrikeLibrary:

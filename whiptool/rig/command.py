@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,11 @@ from whiptool import cli
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
     from whiptool.optimizers import Result
+    from whiptool.rig.session import Rig
+    from whiptool.runs import RunFolder
+    from whiptool.strike import StrikeBounds
 
 WORDS = ("strike", "learn")
 TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
@@ -174,10 +178,10 @@ def _strike(words: list[str]) -> int:
     strike, target = Strike.from_vector(options.strike), options.build_target()
     rig = _make_rig(options, model, controller)
     config = {"command": "rig strike", "version": code_version(), "options": cli.as_plain(replace(options, out=None))}
-    folder = RunFolder.create(options.out or default_folder("rig"), config)
-    struck = rig.strike(strike, folder=folder.path)
-    summary = _summary(struck, target)
-    folder.write_result(summary)
+    with RunFolder.create(options.out or default_folder("rig"), config) as folder:
+        struck = rig.strike(strike, folder=folder.path)
+        summary = _summary(struck, target)
+        folder.write_result(summary)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
     else:
@@ -227,10 +231,7 @@ def _lines(struck, summary: dict, target) -> list[str]:
 
 def _learn(words: list[str]) -> int:
     """A search whose objective is the rig."""
-    from whiptool.objective import Objective
-    from whiptool.optimizers import find_method, search
-    from whiptool.rig.session import RigRollout
-    from whiptool.runs import TRIALS, RunFolder, TrialLog, code_version, default_folder
+    from whiptool.optimizers import find_method
     from whiptool.strike import StrikeBounds, default_bounds
 
     options = cli.parse_resumable(
@@ -242,13 +243,29 @@ def _learn(words: list[str]) -> int:
     bounds = StrikeBounds(options.lower or usual.lower, options.upper or usual.upper)
     rig = _make_rig(options, model, controller)
     config = {"command": "rig learn", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
-    if options.resume is None:
-        path = options.out or default_folder("rig-" + options.method)
-        folder = RunFolder.create(path, {"version": code_version(), **config})
-    else:
-        folder = RunFolder.open(options.resume)
-        cli.check_same_run(folder, config)
-    rollout = RigRollout(rig, model, folder=folder.path)
+
+    def make(number: int) -> Rig:
+        """The rig of a strike's number: a twin's noise is that strike's own, lest a resumed run see another."""
+        if options.port != "twin":
+            return rig
+        return _make_rig(replace(options, seed=1000 * options.seed + number), model, controller)
+
+    with cli.open_folder(options, "rig-" + options.method, config) as folder:
+        return _search(options, make, model, bounds, folder)
+
+
+def _search(
+    options: LearnOptions, make: Callable[[int], Rig], model: Model, bounds: StrikeBounds, folder: RunFolder
+) -> int:
+    """Strike until it hits, every strike written as it happens; tell people or programs."""
+    from whiptool.objective import Objective
+    from whiptool.optimizers import search
+    from whiptool.rig.session import RigRollout
+    from whiptool.trial_log import TRIALS, TrialLog
+
+    log = TrialLog(folder.path / TRIALS, model.arm)
+    recorded = log.read()
+    rollout = RigRollout(make, model, folder=folder.path, done=len(recorded))
     objective = Objective(
         rollout,
         options.build_target(),
@@ -257,8 +274,6 @@ def _learn(words: list[str]) -> int:
         max_trials=options.max_trials,
         stop_at_hit=True,
     )
-    log = TrialLog(folder.path / TRIALS, model.arm)
-    recorded = log.read() if options.resume else []
 
     def on_trial(trial) -> None:
         if trial.number > len(recorded):

@@ -7,12 +7,14 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.whole_files import append_to
 
 
 class Phase(IntEnum):
@@ -71,17 +73,17 @@ class CycleLog:
         head = {"format": _MAGIC, "joints": joints, "about": about or {}}
         self._head = (json.dumps(head) + "\n").encode()
         self._memory = bytearray(self._head)
-        self._file: BinaryIO | None = None
+        self._file: FileIO | None = None
         if path is not None:
             self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115  # closed by `close`
-            self._file.write(self._head)
+            append_to(self._file, self._head)
 
     def append(self, row: Sequence[float]) -> None:
         """One cycle, the columns of `Cycles` in order, flat."""
         data = self._row.pack(*row)
         self._memory += data
         if self._file is not None:
-            self._file.write(data)
+            append_to(self._file, data)
 
     def cycles(self) -> Cycles:
         """What was written so far."""

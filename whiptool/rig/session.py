@@ -319,17 +319,19 @@ class RigRollout:
     """A rig in a simulator's place: what any search or learner can have as its objective, strike by strike.
 
     Args:
-        rig: Hardware or twin.
+        make: The rig, hardware or twin, for a strike's number.
         model: What its owner believes; for bounds and reach.
-        folder: Every strike leaves a folder here; None: nothing is left.
+        folder: Strike 7 leaves `strike-0007` here; None: nothing is left.
+        done: Strikes that a run made before it was killed.
 
     A strike that the rig refuses, or that ends in a fault, counts as diverged, and no further than that.
     """
 
     engine = "rig"
+    one_by_one = True
 
-    def __init__(self, rig: Rig, model: Model, *, folder: Path | None = None) -> None:
-        self.rig, self.model, self.folder = rig, model, folder
+    def __init__(self, make: Callable[[int], Rig], model: Model, *, folder: Path | None = None, done: int = 0) -> None:
+        self.make, self.model, self.folder, self._done = make, model, folder, done
         self.timestep = 1e-3
         self.struck: list[Struck | None] = []
 
@@ -337,13 +339,12 @@ class RigRollout:
         """One strike after the other; see `whiptool.models.CompiledRollout.approach`."""
         found = []
         for vector in np.atleast_2d(strikes):
-            folder = None
+            number, folder = self._done + len(self.struck) + 1, None
             if self.folder is not None:
-                number = 1 + sum(1 for _ in self.folder.glob("strike-*"))
                 folder = self.folder / f"strike-{number:04d}"
-                folder.mkdir(parents=True)
+                folder.mkdir(parents=True, exist_ok=True)  # a strike that was killed is struck again
             try:
-                struck = self.rig.strike(Strike.from_vector(vector), folder=folder)
+                struck = self.make(number).strike(Strike.from_vector(vector), folder=folder)
             except InputError:  # refused before it began
                 struck = None
             self.struck.append(struck)
@@ -358,7 +359,7 @@ class RigRollout:
         Raises:
             WhiptoolError: Hardware does not tell.
         """
-        struck = self.rig.strike(strike)
+        struck = self.make(self._done + len(self.struck) + 1).strike(strike)
         if struck.truth is None:
             raise WhiptoolError("a rig's whip is only seen by its camera: there is no trajectory of all joints")
         return struck.truth

@@ -23,7 +23,7 @@ from whiptool.rl.sac import SAC
 from whiptool.rl.settings import Settings
 from whiptool.rl.task import StrikeTask
 from whiptool.rl.td3 import TD3
-from whiptool.runs import write_whole
+from whiptool.whole_files import write_whole
 
 LEARNERS: dict[str, type[Learner]] = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "ppo": PPO}
 LOSSES = {

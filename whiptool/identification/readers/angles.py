@@ -30,6 +30,7 @@ from whiptool.identification.readers.parsing import parsing, whole_file
 from whiptool.identification.readers.table import read_columns
 from whiptool.models.files import read_toml
 from whiptool.models.parameters import ArmLink, number, whole
+from whiptool.whole_files import write_whole
 
 # keys of the file beside a recording, and of a pendulum's file: of a link, and beside the links
 SIDECAR = ("zero", "angle_units", "relative", "sigma", "every")
@@ -74,7 +75,7 @@ def write_pendulum(pendulum: Pendulum, path: Path) -> None:
         for i, link in enumerate(pendulum.links)
     ]
     table = {**{key: getattr(pendulum, key) for key in SHARED}, "links": links}
-    Path(path).write_text(tomli_w.dumps(table), encoding="utf-8")
+    write_whole(Path(path), tomli_w.dumps(table))
 
 
 def read_angles(path: Path | str) -> list[AngleRecording]:

@@ -16,6 +16,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.posture import start_posture
 from whiptool.models.reference import ReferenceRollout
 from whiptool.rig.emulator.servo import Servo
+from whiptool.whole_files import write_npz
 
 STILL = (1e-4, 1e-3)  # speed [rad/s] and acceleration [rad/s2] of every joint; an encoder counts 1.5e-3 rad
 
@@ -200,4 +201,4 @@ class Physics:
 
     def save(self, path: Path) -> None:
         """Write `trajectory()` to an NPZ file, without pickle."""
-        np.savez_compressed(path, **self.trajectory())  # type: ignore[arg-type]
+        write_npz(Path(path), self.trajectory())

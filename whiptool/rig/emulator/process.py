@@ -21,6 +21,7 @@ from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.emulator.faults import Fault
 from whiptool.rig.emulator.options import TwinOptions
 from whiptool.rig.emulator.server import Server
+from whiptool.whole_files import write_npz
 
 
 class Client(Protocol):
@@ -118,7 +119,7 @@ class Emulator:
 
     def save(self, path: Path | str) -> None:
         """Write `trajectory()` to an NPZ file, without pickle."""
-        np.savez_compressed(path, **self.trajectory())  # type: ignore[arg-type]
+        write_npz(Path(path), self.trajectory())
 
     def reset(self, start: Sequence[float] | None = None) -> None:
         """As new, at time 0, all faults mended; `port` may change."""
