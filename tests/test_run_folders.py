@@ -17,7 +17,7 @@ import pytest
 from whiptool import optimize
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.identification.recording import StrikeRecording
-from whiptool.models import preset
+from whiptool.models import Trajectory, preset
 from whiptool.objective import Outcome, Trial
 from whiptool.rig.cyclelog import CycleLog, Cycles
 from whiptool.run_lock import LOCK
@@ -50,7 +50,22 @@ def trial(number: int) -> Trial:
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory) -> Path:
+def plain():
+    """Searches without figures and MuJoCo, for speed."""
+
+    def save_strike(folder: Path, trajectory: Trajectory, *_, **__) -> list[str]:
+        trajectory.save(folder / "trajectory.npz")
+        return []
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(optimize, "save_strike", save_strike)
+        patch.setattr(optimize._Run, "_replay", lambda *_: {"miss_distance": None, "difference": None})
+        patch.setattr("whiptool.plots.save_convergence", lambda *_, **__: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def alone(plain, tmp_path_factory) -> Path:
     """A search that nothing disturbs."""
     run = tmp_path_factory.mktemp("alone") / "run"
     assert optimize.main([*SEARCH, "--out", str(run)]) == 0
