@@ -99,11 +99,13 @@ def test_the_lock_of_a_killed_process_is_stale(tmp_path: Path) -> None:
     )
     words = [sys.executable, "-c", program, str(tmp_path / "run")]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "holds\n"
-        with pytest.raises(InputError, match=f"process {process.pid} "):
-            RunFolder.open(tmp_path / "run")
-        process.kill()
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "holds\n"
+            with pytest.raises(InputError, match=f"process {process.pid} "):
+                RunFolder.open(tmp_path / "run")
+        finally:
+            process.kill()
     assert (tmp_path / "run" / LOCK).exists()
     (tmp_path / "run" / ".tmp-result.json").write_text("{")
     with RunFolder.open(tmp_path / "run") as folder:
