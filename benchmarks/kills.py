@@ -30,7 +30,7 @@ from whiptool.whole_files import append_whole
 RUN, RECORD = "run", "kills.jsonl"
 STRIKES = ((-1.2, 0.9, 1.2, 0.3, 0.7), (-1.0, 0.5, 1.4, 0.6, 0.8), (-0.8, 0.7, 1.1, 0.4, 0.6))
 COMMANDS = {
-    "optimize": "optimize --method cmaes --target 1.25 0.05 --no-stop-at-hit --max-trials 200 --timestep 0.002 "
+    "optimize": "optimize --method cmaes --target 1.25 0.05 --no-stop-at-hit --max-trials 2000 --timestep 0.002 "
     "--no-video --preset printed",
     "train": "train --episodes 12 --random-episodes 2 --trials 16 --tests 5 --checkpoint-every 2 --timestep 0.001",
     "compare": "compare --targets 6 --seeds 1 --cap 12 --episodes 20 --trials 8 --random-episodes 4 --methods ga sac "

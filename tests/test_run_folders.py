@@ -8,8 +8,10 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -221,6 +223,19 @@ def test_what_does_not_fit_leaves_no_half(writer: str, there: bool, tmp_path: Pa
 def test_an_error_without_a_number_names_the_file_too(tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r"film\.mp4: no frames"), whole(tmp_path / "film.mp4"):
         raise OSError("no frames")
+
+
+@pytest.mark.parametrize("room", [True, False])
+def test_a_film_is_whole_or_not_there(room: bool, tmp_path: Path, disk) -> None:
+    from whiptool import video
+
+    film = SimpleNamespace(size=(64, 64), q=range(5))
+    frames = (np.full((64, 64, 3), 40 * i, np.uint8) for i in range(5))
+    disk(resource.RLIM_INFINITY if room else 100)
+    expected = nullcontext() if room else pytest.raises(OSError, match=r"strike\.mp4: .* the disk may be full")
+    with expected, whole(tmp_path / "strike.mp4") as unfinished:
+        video._encode(unfinished, film, frames, 25.0, None)  # type: ignore[arg-type]
+    assert [path.name for path in tmp_path.iterdir()] == (["strike.mp4"] if room else [])
 
 
 def test_a_record_of_cycles_keeps_whole_rows(tmp_path: Path, disk) -> None:
