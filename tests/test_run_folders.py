@@ -26,7 +26,7 @@ from whiptool.run_lock import LOCK
 from whiptool.runs import CONFIG, RESULT, RunFolder
 from whiptool.strike import Strike
 from whiptool.trial_log import TRIALS, TrialLog
-from whiptool.whole_files import append_whole, whole, write_npz, write_whole
+from whiptool.whole_files import append_whole, replacing, write_npz, write_whole
 
 ARM = preset("lemon2024").arm
 SEARCH = ["--no-video", "--method", "random", "--target", "1.25", "0.05", "--no-stop-at-hit", "--timestep", "0.002"]
@@ -221,7 +221,7 @@ def test_what_does_not_fit_leaves_no_half(writer: str, there: bool, tmp_path: Pa
 
 
 def test_an_error_without_a_number_names_the_file_too(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match=r"film\.mp4: no frames"), whole(tmp_path / "film.mp4"):
+    with pytest.raises(OSError, match=r"film\.mp4: no frames"), replacing(tmp_path / "film.mp4"):
         raise OSError("no frames")
 
 
@@ -233,7 +233,7 @@ def test_a_film_is_whole_or_not_there(room: bool, tmp_path: Path, disk) -> None:
     frames = (np.full((64, 64, 3), 40 * i, np.uint8) for i in range(5))
     disk(resource.RLIM_INFINITY if room else 100)
     expected = nullcontext() if room else pytest.raises(OSError, match=r"strike\.mp4: .* the disk may be full")
-    with expected, whole(tmp_path / "strike.mp4") as unfinished:
+    with expected, replacing(tmp_path / "strike.mp4") as unfinished:
         video._encode(unfinished, film, frames, 25.0, None)  # type: ignore[arg-type]
     assert [path.name for path in tmp_path.iterdir()] == (["strike.mp4"] if room else [])
 

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from whiptool.comparison.series import NAMES, Series
 from whiptool.plots import COLORS, STYLE
-from whiptool.whole_files import whole
+from whiptool.whole_files import replacing
 
 OBSERVATION_COLORS = {"paper": COLORS["vermilion"], "relative": COLORS["orange"], "goal": COLORS["blue"]}
 _SEARCH, _RANDOM = COLORS["green"], "0.55"
@@ -164,5 +164,5 @@ def comparison_figures(series: Sequence[Series]) -> dict[str, Figure]:
 def save_comparison(folder: Path, series: Sequence[Series]) -> None:
     """Write `bars.png` and `ecdf.png`."""
     for name, figure in comparison_figures(series).items():
-        with matplotlib.rc_context(STYLE), whole(folder / f"{name}.png") as unfinished:
+        with matplotlib.rc_context(STYLE), replacing(folder / f"{name}.png") as unfinished:
             figure.savefig(unfinished)

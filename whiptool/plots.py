@@ -22,7 +22,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory, joint_points
-from whiptool.whole_files import whole
+from whiptool.whole_files import replacing
 
 # Okabe and Ito's colour-blind safe palette
 COLORS = {
@@ -296,7 +296,7 @@ def save_convergence(
 
 def _save(figure: Figure, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole(path) as unfinished:
+    with replacing(path) as unfinished:
         figure.savefig(unfinished)
     return path
 

@@ -25,7 +25,7 @@ from whiptool.models.mujoco_model import build_spec, set_posture
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory, joint_points
 from whiptool.plots import COLORS
-from whiptool.whole_files import whole
+from whiptool.whole_files import replacing
 
 logger = logging.getLogger("whiptool")
 
@@ -108,7 +108,7 @@ def render_video(
         used, frames = "matplotlib", _matplotlib_frames(film, model, target, hit_radius)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole(path) as unfinished:
+    with replacing(path) as unfinished:
         _encode(unfinished, film, frames, fps, progress)
     return used
 

@@ -14,7 +14,7 @@ _UNFINISHED = ".tmp-"
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def replacing(path: Path) -> Iterator[Path]:
     """A name beside the file's own to write it under; it takes the file's name when the block ends without an error.
 
     Raises:
@@ -38,7 +38,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
     Raises:
         OSError: The disk is full, or the like; it names the file.
     """
-    with whole(path) as unfinished:
+    with replacing(path) as unfinished:
         unfinished.write_bytes(_encoded(content))
 
 
