@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from whiptool import optimize
+from whiptool import cli, optimize
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.identification.recording import StrikeRecording
 from whiptool.models import Trajectory, preset
@@ -321,3 +321,15 @@ def test_a_first_line_cut_off_is_an_empty_log(tmp_path: Path) -> None:
     (tmp_path / TRIALS).write_bytes(logged(tmp_path / TRIALS, 1)[0][:-5])
     assert TrialLog(tmp_path / TRIALS, ARM).read() == []
     assert (tmp_path / TRIALS).read_bytes() == b""
+
+
+@pytest.mark.parametrize("resumable", [True, False])
+def test_an_interruption_says_how_to_go_on(resumable, tmp_path, capsys):
+    def command() -> int:
+        with RunFolder.create(tmp_path / "run", {"command": "x"}, resumable=resumable):
+            raise KeyboardInterrupt
+
+    assert cli.run(command) == 130
+    said = capsys.readouterr().err
+    assert said.startswith("whiptool: interrupted")
+    assert (f"go on with --resume {tmp_path / 'run'}" in said) == resumable

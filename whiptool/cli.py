@@ -184,7 +184,9 @@ def open_folder(options: Any, name: str, config: dict) -> RunFolder:
     from whiptool.runs import RunFolder, code_version, default_folder
 
     if options.resume is None:
-        return RunFolder.create(options.out or default_folder(name), {"version": code_version(), **config})
+        return RunFolder.create(
+            options.out or default_folder(name), {"version": code_version(), **config}, resumable=True
+        )
     folder = RunFolder.open(options.resume)
     check_same_run(folder, config)
     return folder
@@ -230,8 +232,8 @@ def run(command: Callable[[], int]) -> int:
     except (WhiptoolError, OSError, MemoryError) as error:
         print(f"whiptool: {' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("whiptool: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as interruption:
+        print("; ".join(["whiptool: interrupted", *getattr(interruption, "__notes__", [])]), file=sys.stderr)
         return 130
 
 

@@ -59,20 +59,22 @@ class RunFolder:
     """A folder that holds one run, and is this process's alone until `close`.
 
     As a context manager it is closed in the end; a new one in which an error of whiptool's own left nothing but the
-    configuration is removed, so that the corrected command finds the place free.
+    configuration is removed, so that the corrected command finds the place free. An interruption gets a note that says
+    how to go on.
 
     Args:
         path: An existing folder.
         lock: Held on it.
         new: Whether this process made the run.
+        resumable: Whether the command can go on with it.
     """
 
-    def __init__(self, path: Path, lock: RunLock, *, new: bool) -> None:
-        self.path, self._lock, self._new = path, lock, new
+    def __init__(self, path: Path, lock: RunLock, *, new: bool, resumable: bool) -> None:
+        self.path, self._lock, self._new, self._resumable = path, lock, new, resumable
 
     @classmethod
-    def create(cls, path: Path, config: Mapping) -> RunFolder:
-        """A new folder with its configuration.
+    def create(cls, path: Path, config: Mapping, *, resumable: bool = False) -> RunFolder:
+        """A new folder with its configuration, and whether its command can go on with it.
 
         Raises:
             InputError: It cannot be written, is not empty, or another process writes in it.
@@ -91,7 +93,7 @@ class RunFolder:
                 raise
         except OSError as error:
             raise InputError("--out", str(path), f"a folder that can be written ({error.strerror})") from None
-        return cls(path, lock, new=True)
+        return cls(path, lock, new=True, resumable=resumable)
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
@@ -107,7 +109,7 @@ class RunFolder:
         except OSError as error:
             raise InputError("--resume", str(path), f"a folder that can be written ({error.strerror})") from None
         remove_unfinished(path)
-        return cls(path, lock, new=False)
+        return cls(path, lock, new=False, resumable=True)
 
     @property
     def config(self) -> dict:
@@ -128,6 +130,8 @@ class RunFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if isinstance(error, KeyboardInterrupt) and self._resumable:
+            error.add_note(f"go on with --resume {self.path}")
         refused = self._new and isinstance(error, WhiptoolError)
         if refused and {entry.name for entry in self.path.iterdir()} <= {CONFIG, LOCK}:
             (self.path / CONFIG).unlink()

@@ -240,9 +240,6 @@ class _Run:
                     f"the last good checkpoint is {self.checkpoint}" if self.checkpoint.exists() else "none was saved"
                 )
                 raise WhiptoolError(f"{error}; {kept}") from None
-            except KeyboardInterrupt:  # perhaps within an episode: the last checkpoint stands
-                print(f"whiptool: interrupted; go on with --resume {self.folder.path}", file=sys.stderr)
-                return 130
         self._report(time.monotonic() - start)
         return 0
 

@@ -48,6 +48,8 @@ class _Number:
 
     def error(self, size: float) -> str:
         """An error with its unit."""
+        if self.relative and size >= 1:
+            return f"{100 * size:.0f} %"
         return f"{100 * size:.2g} %" if self.relative else f"{size:.2g} {unit_of(self.name)}".strip()
 
 
