@@ -42,6 +42,10 @@ class Bowl:
         return Outcome(float(self.miss(strike))), (strike - MINIMUM) / max(float(self.miss(strike)), 1e-300)
 
 
+def test_a_round_is_64_strikes_of_which_8_are_refined():
+    assert (BATCH, REFINED, STEPS) == (64, 8, 60)
+
+
 def test_one_refinement_finds_the_minimum():
     bowl = Bowl()
     start = np.array([0.9, -0.8, 5.5, 0.4, 0.5])

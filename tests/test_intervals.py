@@ -62,6 +62,14 @@ def test_chance_does_not_count_as_targets():
     assert half_width(mean_interval(trials), 1) < 0.9 * np.hypot(seeds, naive)
 
 
+def test_targets_that_vary_less_than_chance_add_nothing():
+    """What seeds and targets do together cancels in every seed's and every target's mean: only the seeds are left."""
+    noise = np.random.default_rng(2).normal(0, 5, (3, 50))
+    noise += noise.mean() - noise.mean(axis=0) - noise.mean(axis=1)[:, None]
+    both = mean_interval(20 + SHIFTS[:, None] + noise)
+    assert both == pytest.approx(mean_interval(np.tile((20 + SHIFTS)[:, None], 50)))
+
+
 def test_what_targets_have_in_common_is_the_covariance_of_the_seeds():
     """Beyond chance, targets' means vary as much as two seeds vary together, averaged over all pairs of seeds."""
     trials = EASE + SHIFTS[:, None] + np.random.default_rng(1).integers(0, 60, (3, 50))

@@ -294,6 +294,22 @@ def test_the_passes_of_ppo():
     assert all(torch.equal(x, learner.state_dict()["actor"][name]) for name, x in state.items())
 
 
+@pytest.mark.parametrize("method", ["sac", "td3", "ddpg", "ppo"])
+def test_a_learner_takes_up_where_another_was(method):
+    """Of another seed, and then of the other's weights and draws: both go on alike."""
+    settings, sizes = settings_for(method, hidden=(4,)), {"n_obs": OBS, "n_act": ACT, "discount": DISCOUNT}
+    generators = [torch.Generator().manual_seed(seed) for seed in (0, 1)]
+    one, other = (LEARNERS[method](settings, **sizes, generator=g) for g in generators)  # type: ignore[arg-type]
+    singles = [Transitions(*(x.float() for x in vars(transitions(seed)).values())) for seed in (2, 3)]
+    one.learn(singles[0])
+    obs = singles[1].obs
+    assert not torch.equal(one.act(obs, deterministic=True), other.act(obs, deterministic=True))
+    other.load_state_dict(copy.deepcopy(one.state_dict()))
+    assert torch.equal(one.act(obs), other.act(obs))
+    assert one.learn(singles[1]) == other.learn(singles[1])
+    assert torch.equal(one.act(obs, deterministic=True), other.act(obs, deterministic=True))
+
+
 def test_every_transition_is_stored_and_learned_from_as_often_as_told():
     learner = make("ddpg", updates=3, batch_size=4)
     assert isinstance(learner, OffPolicyLearner)
