@@ -543,35 +543,6 @@ def test_command_line_hits_and_resumes(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (["--target", "5", "0"], "target"),
-        (["--family", "odd"], "family"),
-        (["--camera", "odd"], "--camera"),
-        (["--camera", "none"], "--camera"),
-        (["--max-strikes", "0"], "max strikes"),
-        (["--starts", "0"], "starts"),
-        (["--whip", "odd"], "whip"),
-        (["--limits", "odd"], "limits"),
-        (["--seed", "-1"], "seed"),
-        (["--prior", "/nowhere.toml"], "nowhere"),
-        (["--known", "/nowhere.npz"], "nowhere"),
-        (["--true-model", "lemon2024"], "--true-model"),
-        (["--port", "/dev/null"], "--camera"),
-        (["--camera", "tip", "--rate", "50"], "--rate"),
-        (["--simulator", "reference"], "--simulator"),
-        (["--least-speed", "-1"], "--least-speed"),
-    ],
-)
-def test_bad_input_is_one_line(words, named, tmp_path, capsys):
-    assert adapt.main([*words, "--out", str(tmp_path / "run")]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert named in said
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
     "line",
     ['"odd" = {value = 1, error = 1}', '"whip.k" = 3', '"whip.k" = {value = 1, error = -1}', "odd"],
 )

@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pytest
 
-from whiptool.adaptation.judgement import Judgement
 from whiptool.adaptation.loop import Adaptation, Options, Step
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.planner import Effort, Plan
@@ -17,6 +16,7 @@ from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
 from whiptool.adaptation.report import PANELS, SHOWN, lines, sections
 from whiptool.adaptation.twins import draw_twin
+from whiptool.identification.judgement import Judgement
 from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.compiled import CompiledRollout

@@ -16,6 +16,7 @@ import pytest
 from processes import HANG
 
 from whiptool import workers
+from whiptool.compare import CompareOptions
 from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
 from whiptool.comparison.learner_unit import Checkpoint, one_torch_thread
 from whiptool.comparison.plan import deterministic
@@ -273,6 +274,28 @@ def test_a_unit_that_kills_every_worker_is_given_up_after_the_others(tmp_path):
     assert set(found) == {"a", "b", "c"}
 
 
+def test_no_more_processes_than_units_and_cores(monkeypatch, capsys):
+    """100,000 workers are neither forked for two units nor on a machine with fewer cores."""
+    asked = []
+
+    class Full(Exception):
+        pass
+
+    def pool(max_workers, **_):
+        asked.append(max_workers)
+        raise Full
+
+    monkeypatch.setattr("joblib.externals.loky.process_executor.ProcessPoolExecutor", pool)
+    with pytest.raises(Full):
+        dict(workers.work_on({"a": 1, "b": 2}, _refuse, workers=100_000))
+    assert asked == [2]
+    cores = max(2, os.cpu_count() or 1)
+    assert CompareOptions(workers=100_000).processes() == cores
+    assert capsys.readouterr().err == f"whiptool: --workers 100000: {cores} are used, as there are cores\n"
+    assert CompareOptions(workers=1).processes() == 1
+    assert capsys.readouterr().err == ""
+
+
 def _refuse(unit: str) -> str:
     from whiptool.errors import InputError
 
@@ -288,17 +311,6 @@ def test_a_units_own_error_comes_with_its_name(count):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("--methods", "sca"), "method"),
-        (("--observation", "god"), "observation"),
-        (("--tighter", "0.07"), "--tighter"),
-        (("--workers", "0"), "--workers"),
-        (("--targets", "0"), "targets"),
-        (("--seeds", "0"), "seeds"),
-        (("--cap", "0"), "cap"),
-        (("--episodes", "0"), "episodes"),
-        (("--target", "9", "9"), "target"),
-        (("--simulator", "reference"), "--simulator"),
-        (("--zone", "slow"), "--zone"),
         (("--cluster", "127.0.0.1:1"), "--cluster"),
         (("--cluster", "nowhere"), "--cluster"),
     ],

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation import judgement
-from whiptool.adaptation.judgement import CLAIMED, Judgement, judge, judge_seen
+from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.identification.judgement import Frames, Judgement, _closest, weigh
 from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.compiled import CompiledRollout
 from whiptool.models.presets import preset
-from whiptool.objective import Target
+from whiptool.objective import CLAIMED, Target
 from whiptool.strike import Strike
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
@@ -83,7 +84,7 @@ def test_the_discrepancy_is_what_a_normal_process_given_frames_is():
     points = np.stack([4 * (FRAMES - 0.5), 0 * FRAMES], axis=1) + truth + noise * rng.standard_normal(truth.shape)
     target = Target((0.1, 0.03), 0.03)
     cells = np.array([size]), np.array([pace])
-    judged = judgement._weighed(T, base[None], FRAMES, points, np.full(len(FRAMES), noise), target, *cells)
+    judged = weigh(T, base[None], Frames(FRAMES, points, np.full(len(FRAMES), noise)), target, *cells)
     gain = (root @ root.T)[: len(T), len(T) :]
     solved = gain @ np.linalg.inv((root @ root.T)[len(T) :, len(T) :] + noise**2 * np.eye(len(FRAMES)))
     residual = points - np.stack([4 * (FRAMES - 0.5), 0 * FRAMES], axis=1)
@@ -92,7 +93,7 @@ def test_the_discrepancy_is_what_a_normal_process_given_frames_is():
         drawn = root @ rng.standard_normal((len(every), 2))
         seen = drawn[len(T) :] + noise * rng.standard_normal((len(FRAMES), 2))
         moved = base + drawn[: len(T)] + solved @ (residual - seen)
-        misses.append(float(judgement._closest(moved[None], np.array(target.position))[0][0]))
+        misses.append(float(_closest(moved[None], np.array(target.position))[0][0]))
     assert judged.miss == pytest.approx(np.mean(misses), abs=0.001)
     assert judged.error == pytest.approx(np.std(misses), rel=0.25)
     assert judged.probability == pytest.approx(np.mean(np.array(misses) <= 0.03), abs=0.05)
@@ -100,7 +101,7 @@ def test_the_discrepancy_is_what_a_normal_process_given_frames_is():
 
 def test_the_closest_approach_is_between_points():
     paths = np.array([[[-1.0, 0.0], [1.0, 0.5], [3.0, 0.5]], [[2.0, 2.0], [2.0, 3.0], [2.0, 4.0]]])
-    distance, when = judgement._closest(paths, np.array([0.0, 1.0]))
+    distance, when = _closest(paths, np.array([0.0, 1.0]))
     np.testing.assert_allclose(distance, [0.75 * 2 / np.hypot(2, 0.5), np.hypot(2, 1)])  # of a line and a point
     assert when.tolist() == [0, 0]
 
@@ -121,8 +122,8 @@ def test_stated_probabilities_and_errors_hold_over_many_strikes(path):
         place = passing((t, true), rng.uniform(0.03, 0.09))
         target = Target(place, 0.06)
         noise = np.full(len(frames), 0.005)
-        judged = judgement._weighed(t, points[None], frames, seen, noise, target, judgement._SIZES, judgement._PACES)
-        miss = float(judgement._closest(true[None], np.array(place))[0][0])
+        judged = weigh(t, points[None], Frames(frames, seen, noise), target, judgement._SIZES, judgement._PACES)
+        miss = float(_closest(true[None], np.array(place))[0][0])
         stated.append(judged.probability)
         hits.append(miss <= 0.06)
         scores.append((miss - judged.miss) / judged.error)

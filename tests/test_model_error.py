@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from whiptool.adaptation.model_error import ModelError, probability_within
+from whiptool.adaptation.model_error import ModelError
 from whiptool.errors import InputError
+from whiptool.objective import probability_within
 
 
 @pytest.mark.parametrize(("scale", "freedom"), [(0.01, 1.5), (0.03, 4.0), (0.02, np.inf)])

@@ -43,7 +43,9 @@ def test_a_strike_leaves_a_recording_that_identification_reads(tmp_path: Path, c
     assert summary["fault"] is None
     assert summary["torque_off"]
     assert summary["missed"] == 0
-    assert abs(summary["miss_distance"] - summary["true_miss_distance"]) < 0.01
+    assert 0 < summary["miss_error"] < 0.01
+    assert abs(summary["miss_distance"] - summary["true_miss_distance"]) < 4 * summary["miss_error"]
+    assert summary["hit"] == (summary["hit_probability"] >= 0.9)
     recording = read_recording(out / "recording.npz")
     assert recording.strike == STRIKE
     assert recording.target == (1.2, 0.1)
@@ -107,16 +109,11 @@ def test_the_camera_clock_and_the_true_whip_are_the_twins_own() -> None:
     [
         (["strike", *WORDS, "--preset", "table4"], ["unstable at 500 Hz"]),
         (["strike", "--strike", "-1.3", "0.4", "1.7", "1.4", "0.45"], ["XM430", "N m"]),
-        (["strike", *WORDS, "--camera", "webcam"], ["webcam", "points"]),
         (["strike", *WORDS, "--port", "/dev/nowhere", "--camera", "none", "--yes"], ["/dev/nowhere"]),
-        (["strike", *WORDS, "--port", "/dev/x", "--true-model", "lemon2024"], ["--true-model", "twin"]),
-        (["whip"], ["whip", "strike, learn"]),
-        (["learn", "--method", "sgd"], ["sgd", "cmaes"]),
     ],
 )
-def test_bad_input_gets_one_line(words: list[str], said: list[str], tmp_path: Path, capsys) -> None:
-    out = [] if words == ["whip"] else ["--out", str(tmp_path / "run")]
-    assert main([*words, *out]) in (1, 2)
+def test_a_refused_strike_gets_one_line(words: list[str], said: list[str], tmp_path: Path, capsys) -> None:
+    assert main([*words, "--out", str(tmp_path / "run")]) in (1, 2)
     error = capsys.readouterr().err.strip()
     assert "\n" not in error
     assert all(word in error for word in said), error
@@ -135,6 +132,11 @@ class Pretend:
             raise InputError("strike", "x", "y")
         return self
 
+    def judged(self, target):
+        from whiptool.identification.judgement import Judgement
+
+        return Judgement(0.5 / self.calls, 0.004, 1.0)
+
     def approach(self, target):
         from whiptool.models.trajectory import Approach
 
@@ -146,7 +148,9 @@ def test_a_search_has_the_rig_as_its_objective(tmp_path: Path) -> None:
     rig = Pretend()
     rollout = RigRollout(lambda number: rig, MODEL, folder=tmp_path)
     result = search(Objective(rollout, Target(), max_trials=20, stop_at_hit=True), "random", seed=1)
-    assert result.first_hit == 9  # 0.5 / 9 < 0.06
+    assert result.first_hit == 10  # 0.5 / 9 < 0.06, but not for certain enough: the camera's error is 4 mm
+    assert result.outcome is not None
+    assert result.outcome.miss_error == 0.004
     assert len(list(tmp_path.glob("strike-*"))) == rig.calls
     refused = RigRollout(lambda number: Pretend(refuse=True), MODEL)
     lost = search(Objective(refused, Target(), max_trials=3), "random", seed=1)
@@ -164,6 +168,11 @@ def test_a_resumed_search_strikes_only_what_is_left(tmp_path: Path, monkeypatch:
     (tmp_path / "run/trials.csv").write_text("".join(table[:4]))  # three strikes, as after a kill
     assert main(["learn", "--resume", str(tmp_path / "run")]) == 0
     assert rig.calls == 9
+    header, *rows = [line.split(",") for line in (tmp_path / "run/trials.csv").read_text().splitlines()]
+    assert header[-1] == "miss_error"
+    assert [row[-1] for row in rows] == ["0.004"] * 6
+    best = json.loads((tmp_path / "run/result.json").read_text())
+    assert (best["miss_error"], best["hit"]) == (0.004, False)
     assert len((tmp_path / "run/trials.csv").read_text().splitlines()) == 7
 
 

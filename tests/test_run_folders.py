@@ -149,7 +149,7 @@ COMMANDS = {
     "simulate": ["--strike", "-1.2", "0.9", "1.2", "0.3", "0.7", "--no-video"],
     "identify": ["strike.npz"],
     "adapt": ["--target", "1.2", "0.1", "--camera", "tip", "--whip", "uniform"],
-    "train": ["--episodes", "2", "--random-episodes", "2", "--trials", "2"],
+    "train": ["--episodes", "2", "--random-episodes", "1", "--trials", "2"],
     "compare": ["--quick", "--methods", "random"],
     "reproduce": ["fig5", "--quick"],
     "rig strike": ["--strike", "-0.622", "0.221", "0.705", "2.122", "1.176", "--camera", "points"],

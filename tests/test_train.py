@@ -158,26 +158,3 @@ def test_nan_ends_with_the_last_good_checkpoint(
     assert "nan" in error
     assert train.CHECKPOINT in error
     assert load_checkpoint(tmp_path / "run" / train.CHECKPOINT)["done"] == 4
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["--method", "a3c"], ["a3c", "sac, td3, ddpg, ppo"]),
-        (["--observation", "pixels"], ["pixels", "paper, relative, goal"]),
-        (["--method", "ppo", "--alpha", "0.1"], ["alpha", "kl_target"]),
-        (["--method", "ppo", "--hindsight", "2"], ["hindsight", "replay"]),
-        (["--hindsight", "2", "--observation", "paper"], ["hindsight", "goal"]),
-        (["--trials", "1"], ["trials", ">= 2"]),
-        (["--simulator", "reference"], ["simulator", "compiled"]),
-        (["--learning-rate", "-1"], ["learning_rate", "> 0"]),
-        (["--target", "9", "9"], ["target", "reach"]),
-        (["--zone", "nowhere.npz"], ["nowhere.npz"]),
-    ],
-)
-def test_bad_input_gets_one_line(args: list[str], words: list[str], capsys, tmp_path: Path) -> None:
-    assert train.main([*args, "--out", str(tmp_path / "run")]) == 2
-    error = capsys.readouterr().err.strip()
-    assert "\n" not in error
-    assert all(word in error for word in words), error
-    assert not (tmp_path / "run").exists()

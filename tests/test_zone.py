@@ -121,3 +121,10 @@ def test_the_reachable_region_ends_at_reach():
     reach = StraightFlight.model.reach
     assert farthest.max() <= reach
     assert farthest.max() > reach - 0.05
+
+
+def test_a_radius_that_holds_all_within_reach_says_nothing():
+    """The farthest point within reach lies on the far side of the shoulder."""
+    disc_within_reach(Disc((1.3, 0.0), 2.79), 1.5)
+    with pytest.raises(InputError, match=r"radius of the zone: got 2\.8; allowed: less than 2\.800 m"):
+        disc_within_reach(Disc((1.3, 0.0), 2.8), 1.5)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from whiptool import cli
 from whiptool.errors import InputError
-from whiptool.rig.command import RigOptions
+from whiptool.options import refuse_idle, whole
+from whiptool.rig.command import ArmOptions
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -21,11 +22,12 @@ if TYPE_CHECKING:
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
 UNFELT = 0.01  # part of a motor's line that is left for the drag and dry friction that a check leaves out
+FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
 REPORT = "report.html"
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptOptions(RigOptions):
+class AdaptOptions(ArmOptions):
     """Strike, film, identify again and plan again, until an unknown whip hits."""
 
     camera: str = "points"
@@ -46,7 +48,8 @@ class AdaptOptions(RigOptions):
     whip: str = "profile"
     """What is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
     prior: str | None = None
-    """TOML file of lines such as "profile.length" = {value = 0.9, error = 0.05}, in place of the wide default."""
+    """TOML file of lines such as "profile.length" = {value = 0.9, error = 0.05}, laid over the wide default: what it
+    does not name stays as it is."""
     known: tuple[str, ...] = ()
     """Recordings (.npz) of earlier strikes with the same whip."""
     limits: str | None = None
@@ -65,6 +68,40 @@ class AdaptOptions(RigOptions):
     """Of the twin's whip and of everything random."""
     resume: Path | None = None
     """Go on with the run in this folder: its strikes are not struck again."""
+
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.adaptation.prior import WHIPS
+        from whiptool.adaptation.twins import FAMILIES
+        from whiptool.models.parameters import number
+        from whiptool.rig.limits import limits_preset
+
+        super().check()
+        if self.port == "twin" and self.camera not in CAMERAS:
+            raise InputError("--camera", self.camera, ", ".join(CAMERAS) + " with --port twin")
+        if self.port != "twin" and self.camera != "realsense" and not self.camera.endswith(".db3"):
+            raise InputError("--camera", self.camera, "realsense or a .db3 recording, with a real arm")
+        self._refuse_idle()
+        _stock(self)
+        for name, given, known in (("--family", self.family, FAMILIES), ("--whip", self.whip, WHIPS)):
+            if given not in known:
+                raise InputError(name, given, ", ".join(known))
+        if self.limits is not None:
+            limits_preset(self.limits)
+        number("--least-speed", self.least_speed, low=0, high=FASTEST_TIP)
+        whole("--max-strikes", self.max_strikes)
+        whole("--starts", self.starts, high=1000)
+
+    def _refuse_idle(self) -> None:
+        """Options that would change nothing are not taken for ones that did."""
+        idle: dict[str, str] = {}
+        if self.port == "twin":
+            idle |= dict.fromkeys(("approach_speed", "settle"), "nothing: the twin stands where its strike begins")
+            if self.camera == "tip":
+                idle |= dict.fromkeys(("rate", "friction", "latency"), "nothing with --camera tip, which has no servos")
+        else:
+            idle["family"] = "nothing, unless --port twin is given"
+        refuse_idle(self, idle)
 
 
 _NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "yes": False}
@@ -93,18 +130,15 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.adaptation.planner import FIRST, NEXT
     from whiptool.adaptation.prior import read_belief
     from whiptool.identification.recording import StrikeRecording
-    from whiptool.models.parameters import number
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.limits import limits_preset
     from whiptool.strike import StrikeBounds, default_bounds
 
     tip = options.port == "twin" and options.camera == "tip"
-    _refuse_idle(options, tip=tip)
     stock, target = _stock(options), options.build_target()
     model = options.build_model() if stock is None else stock.owned(options.build_model())
     controller = _controller(options, model)
     target.check_reach(model)
-    speed = number("--least-speed", options.least_speed, low=0)
     limits = options.limits or (None if tip else "xm430")
     usual = default_bounds(model.arm)
     slow = StrikeBounds((*usual.lower[:-1], SLOW), usual.upper)
@@ -114,7 +148,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         seed=options.seed,
         t_stay=options.t_stay,
         limits=None if limits is None else limits_preset(limits),
-        speed=speed,
+        speed=options.least_speed,
         bounds=usual if limits is None else slow,
         check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
         first=FIRST if limits is None else replace(FIRST, pool=1024),
@@ -122,10 +156,10 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         still=options.still,
         wiggle=options.wiggle,
     )
+    known = [StrikeRecording.load(path) for path in options.known]
     motor = None if tip else HARDWARE if options.friction else Motor()
     prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor, stock=stock)
     port = _port(options, model, controller, stock)
-    known = [StrikeRecording.load(path) for path in options.known]
     _refuse_other_weights(known, prior.plant.controller)
     return Adaptation(prior, port, target, loop, folder, recordings=known)
 
@@ -145,21 +179,6 @@ def _adapt(words: list[str]) -> int:
         folder.write_result(summary)
         print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
         return 0 if summary["hit"] else 1
-
-
-def _refuse_idle(options: AdaptOptions, *, tip: bool) -> None:
-    """Options that would change nothing are not taken for ones that did."""
-    compiled = "nothing: plans and fits are compiled, at 0.5 ms"
-    idle: dict[str, str] = dict.fromkeys(("simulator", "timestep", "integrator"), compiled)
-    idle["cap"] = "nothing: no strike is planned that the loop would have to cap"
-    if options.port == "twin":
-        idle |= dict.fromkeys(("approach_speed", "settle"), "nothing: the twin stands where its strike begins")
-    if tip:
-        idle |= dict.fromkeys(("rate", "friction", "latency"), "nothing with --camera tip, which has no servos")
-    usual = {f.name: f.default for f in fields(options)}
-    for name, allowed in idle.items():
-        if getattr(options, name) != usual[name]:
-            raise InputError("--" + name.replace("_", "-"), getattr(options, name), allowed)
 
 
 def _refuse_other_weights(recordings, controller) -> None:
@@ -219,26 +238,19 @@ def _port(options: AdaptOptions, model, controller, stock):
     """What strikes and films."""
     from whiptool.adaptation.ports import RigPort, TipPort
     from whiptool.adaptation.twins import draw_twin
-    from whiptool.rig.command import _make_rig
+    from whiptool.rig.command import hardware_rig, loop_options
     from whiptool.rig.emulator.motor import HARDWARE, Motor
-    from whiptool.rig.loop import LoopOptions
     from whiptool.rig.session import TwinRig
 
-    if options.true_model is not None:
-        raise InputError("--true-model", options.true_model, "nothing: the twin's whip is drawn, see --family")
     target = options.build_target().position
     if options.port != "twin":
-        if options.camera in CAMERAS or options.camera == "none":
-            raise InputError("--camera", options.camera, "realsense or a .db3 recording, with a real arm")
-        rig = _make_rig(options, model, controller)
+        rig = hardware_rig(options, model, controller, loop_options(options))
         return RigPort(lambda number: rig, target)
-    if options.camera not in CAMERAS:
-        raise InputError("--camera", options.camera, ", ".join(CAMERAS) + " with --port twin")
     twin = draw_twin(options.family, options.seed, model, controller, stock)
     if options.camera == "tip":
         return TipPort(twin, target, t_stay=options.t_stay)
     camera = "d435-infrared" if options.camera == "twin" else options.camera
-    loop = LoopOptions(rate=options.rate, t_stay=options.t_stay, delay=options.latency)
+    loop = loop_options(options)
 
     def make(number: int) -> TwinRig:
         seed = 1000 * options.seed + number

@@ -1,4 +1,4 @@
-"""What the command lines share: options, parsing, and errors as one line."""
+"""What the command lines share: parsing, and errors as one line."""
 
 from __future__ import annotations
 
@@ -6,129 +6,110 @@ import dataclasses
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from whiptool import __version__
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.options import Options
 
 if TYPE_CHECKING:
-    from whiptool.impedance import Controller
-    from whiptool.models.parameters import Model
-    from whiptool.objective import Rollout, Target
+    from pathlib import Path
+
     from whiptool.runs import RunFolder
 
-T = TypeVar("T")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulationOptions:
-    """What is simulated, and how."""
-
-    target: tuple[float, ...] = (1.3, 0.0)
-    """Target position x y [m], from the shoulder, y up."""
-    hit_radius: float = 0.06
-    """The target is hit when the tip comes this close [m]."""
-    t_stay: float = 0.3
-    """The strike is watched this long after the movement ended [s]."""
-    model: str = "lemon2024"
-    """Preset (lemon2024, nah2020-n10, nah2020-n15, nah2020-n20, nah2020-fitted) or the path of a .toml file."""
-    controller: str = "oiac"
-    """Control law: oiac or constant (Eq. 22)."""
-    preset: str = "table4"
-    """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4)."""
-    feedforward: bool = False
-    """Add the torque that the bare arm needs to follow the reference."""
-    torque_limit: float | None = None
-    """Largest joint torque [N m]."""
-    control_period: float | None = None
-    """Hold the torque for this long [s], as a rig does."""
-    simulator: str = "compiled"
-    """compiled (CasADi) or reference (MuJoCo)."""
-    timestep: float | None = None
-    """Integration step [s]; default: 0.00025 compiled, less for stiff whips; at most 0.0001 reference."""
-    integrator: str | None = None
-    """Of the reference: RK4, Euler, implicit or implicitfast; default: RK4 unless the whip is too stiff for it."""
-
-    def build_model(self) -> Model:
-        """The model that `--model` names."""
-        from whiptool.models.files import find_model
-
-        return find_model(self.model)
-
-    def build_controller(self) -> Controller:
-        """The controller that the options describe."""
-        from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
-
-        if self.controller not in ("oiac", "constant"):
-            raise InputError("--controller", self.controller, "oiac, constant")
-        oiac = oiac_preset(self.preset)  # checked in any case
-        return Controller(
-            law=oiac if self.controller == "oiac" else ConstantImpedance(),
-            feedforward=self.feedforward,
-            torque_limit=self.torque_limit,
-            control_period=self.control_period,
-        )
-
-    def build_target(self) -> Target:
-        """Target position and hit radius."""
-        from whiptool.objective import Target
-
-        return Target(self.target, self.hit_radius)
-
-    def build_rollout(self, model: Model, controller: Controller) -> Rollout:
-        """The simulator that `--simulator` names."""
-        if self.integrator is not None and self.simulator != "reference":
-            raise InputError("--integrator", self.integrator, "nothing, unless --simulator reference is given")
-        if self.simulator == "compiled":
-            from whiptool.models.compiled import TIMESTEP, CompiledRollout
-            from whiptool.models.modes import steady_timestep
-
-            timestep = steady_timestep(model, TIMESTEP) if self.timestep is None else self.timestep
-            return CompiledRollout(model, controller, timestep=timestep)
-        if self.simulator == "reference":
-            from whiptool.models.reference import ReferenceRollout
-
-            return ReferenceRollout(model, controller, timestep=self.timestep, integrator=self.integrator)
-        raise InputError("--simulator", self.simulator, "compiled, reference")
-
-    def controller_label(self) -> str:
-        """The controller in words, for people."""
-        name = "constant impedance" if self.controller == "constant" else f"OIAC {self.preset}"
-        return name + (" with feedforward" if self.feedforward else "")
+T = TypeVar("T", bound=Options)
 
 
 def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None) -> T:
     """The command line as an instance of a frozen dataclass.
 
+    An option that takes several values is not given without one, unless the class names it in `may_be_empty`.
+
     Raises:
-        InputError: It does not parse; the argument is named.
+        InputError: It does not parse, an option is there twice, or a value breaks a rule of its own; it is named.
         SystemExit: `--help` was printed.
     """
+    return _checked(_parsed(options, prog=prog, description=description, args=args, default=default))
+
+
+def _parsed(
+    options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None
+) -> T:
+    """As `parse`, values not checked: those of a run to be resumed are in its folder."""
     import tyro
     from tyro import _errors as tyro_errors
+
+    words = list(sys.argv[1:] if args is None else args)
 
     def refuse(event: Any) -> None:
         argument = getattr(event, "argument", None)
         name = argument.lowered.name_or_flags[0] if argument is not None else "command line"
         if isinstance(event, tyro_errors.UnrecognizedArgs):
-            raise InputError("command line", " ".join(event.tokens), "the options that --help lists")
+            flag = next((x for x in event.tokens if x.startswith("--")), "command line")
+            raise InputError(flag, " ".join(event.tokens), "the options that --help lists")
+        if isinstance(event, tyro_errors.MissingArgs):
+            raise InputError(event.missing_arguments[0].arg.lowered.name_or_flags[0], None, "a value (see --help)")
         if isinstance(event, tyro_errors.InvalidChoice):
             raise InputError(name, event.value, ", ".join(event.choices))
         if isinstance(event, tyro_errors.BadValue):
             raise InputError(name, event.offending_value, "a value (see --help)")
         if isinstance(event, tyro_errors.InstantiationFailure):
-            raise InputError(name, _given(name, args), "a value of its type", event.message)
-        raise InputError("command line", " ".join(args if args is not None else sys.argv[1:]), "what --help shows")
+            raise InputError(name, _given(name, words), "a value of its type", event.message)
+        raise InputError("command line", " ".join(words), "what --help shows")
 
+    flags = _flags(words)
     with tyro_errors.on_parse_error(refuse):
         extra: dict[str, Any] = {} if default is None else {"default": default}
-        return tyro.cli(options, prog=prog, description=description, args=args, **extra)
+        parsed = tyro.cli(options, prog=prog, description=description, args=words, **extra)
+    for f in dataclasses.fields(parsed):
+        flag, needs = "--" + f.name.replace("_", "-"), f.name not in getattr(options, "may_be_empty", ())
+        if needs and flag in flags and getattr(parsed, f.name) == ():
+            raise InputError(flag, "nothing", "one value or more")
+    return parsed
+
+
+def _checked(options: T) -> T:
+    """The same options.
+
+    Raises:
+        InputError: A value breaks a rule of its own; the option is named.
+    """
+    try:
+        options.check()
+    except InputError as error:
+        name = error.name.replace(" ", "_")  # what the library calls an argument
+        if name not in {f.name for f in dataclasses.fields(options)}:
+            raise
+        raise InputError("--" + name.replace("_", "-"), error.given, error.allowed, error.fix) from None
+    return options
+
+
+def _flags(words: Sequence[str]) -> list[str]:
+    """The options on a command line, `--no-video` as `--video`.
+
+    Raises:
+        InputError: One is there twice; only the last would count.
+    """
+    flags: list[str] = []
+    for word in words:
+        if word.startswith("--"):
+            flag = "--" + word.split("=")[0].removeprefix("--").replace("_", "-").removeprefix("no-")
+            if flag in flags:
+                raise InputError(flag, "twice", "an option once")
+            flags.append(flag)
+    return flags
 
 
 def parse_resumable(
-    options: type[T], *, command: str, description: str, args: Sequence[str] | None, not_configuration: dict[str, Any]
+    options: type[T],
+    *,
+    command: str,
+    description: str,
+    args: Sequence[str] | None,
+    not_configuration: dict[str, Any],
+    changeable: Sequence[str] = (),
+    quick: Mapping[str, Any] | None = None,
 ) -> T:
     """As `parse`, for a command with `--out` and `--resume`: a resumed run's options come from its folder.
 
@@ -136,7 +117,9 @@ def parse_resumable(
         options: Their class, with fields `out` and `resume`.
         command: Its name, as in `python -m whiptool.COMMAND`.
         description, args: As in `parse`.
-        not_configuration: Options that do not make the run another one, and their defaults.
+        not_configuration: Options of this call alone, which the folder does not hold, and their defaults.
+        changeable: Options that do not make the run another one: they are as in the folder, unless they are given anew.
+        quick: Values that `--quick` sets where an option is not given.
 
     Raises:
         InputError: The folder is of another command, or an option given beside `--resume` differs from the stored one.
@@ -144,30 +127,45 @@ def parse_resumable(
     from whiptool.runs import read_config
 
     prog, words = f"whiptool {command}", list(sys.argv[1:] if args is None else args)
-    parsed: Any = parse(options, prog=prog, description=description, args=words)
+    parsed: Any = _parsed(options, prog=prog, description=description, args=words)
     if parsed.resume is None:
-        return parsed
+        if not quick or not parsed.quick:
+            return _checked(parsed)
+        mine = {f.name for f in dataclasses.fields(parsed)}
+        small: Any = options(**{name: value for name, value in quick.items() if name in mine})
+        return parse(options, prog=prog, description=description, args=words, default=small)
     config = read_config(parsed.resume)
     table = config.get("options")
     if config.get("command") != command or not isinstance(table, dict):
         raise InputError("--resume", str(parsed.resume), f"a folder that `{prog}` made, its config whole")
-    fields: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
-    try:
-        stored = options(**fields)
-    except TypeError as error:
-        raise InputError("--resume", str(parsed.resume), f"a folder of {prog} ({error})") from None
+    stored: Any = stored_options(options, table, parsed.resume)
     again: Any = parse(options, prog=prog, description=description, args=words, default=stored)
     if again.out is not None:
         raise InputError("--out", str(again.out), "nothing beside --resume: a resumed run stays in its folder")
-    for name, value in as_plain(dataclasses.replace(again, **not_configuration)).items():
-        if table.get(name, not_configuration.get(name)) != value:
+    now, begun = as_plain(again), as_plain(stored)
+    for name in {f.name for f in dataclasses.fields(again)} - {*not_configuration, *changeable}:
+        if now.get(name) != begun.get(name):
             raise InputError(
                 f"--{name.replace('_', '-')}",
-                value,
-                f"{table.get(name)!r}, as the run was begun",
+                now.get(name),
+                f"{begun.get(name)!r}, as the run was begun",
                 "leave it out, or start a new run",
             )
     return again
+
+
+def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
+    """The options that a run folder holds; what may be None and is not there was None, as TOML has no such value.
+
+    Raises:
+        InputError: They are not the options of this command.
+    """
+    fields: dict[str, Any] = {f.name: None for f in dataclasses.fields(options) if "None" in str(f.type)}
+    fields |= {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
+    try:
+        return options(**fields)
+    except TypeError as error:
+        raise InputError("--resume", str(path), f"a folder of this command and version ({error})") from None
 
 
 def open_folder(options: Any, name: str, config: dict) -> RunFolder:
@@ -200,7 +198,7 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
     """
     stored = folder.config
     for part, value in config.items():
-        if stored.get(part) != value:
+        if part != "options" and stored.get(part) != value:  # `parse_resumable` compares these one by one
             raise InputError(
                 "--resume",
                 str(folder.path),
@@ -209,9 +207,8 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
             )
 
 
-def _given(flag: str, args: Sequence[str] | None) -> str:
+def _given(flag: str, words: list[str]) -> str:
     """What stood behind a flag on the command line."""
-    words = list(args if args is not None else sys.argv[1:])
     if flag not in words:
         return ""
     behind = words[words.index(flag) + 1 :]

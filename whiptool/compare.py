@@ -7,12 +7,22 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.options import (
+    MANY_TARGETS,
+    ModelOptions,
+    SimulatedControllerOptions,
+    StepOptions,
+    TargetOptions,
+    check_training,
+    refuse_idle,
+    whole,
+)
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -31,10 +41,14 @@ QUICK: dict[str, Any] = {
     "further_methods": ("directl", "sac"),
 }
 
+LEARNING = ("observation", "episodes", "trials", "random_episodes", "further_episodes", "hindsight")
+
 
 @dataclass(frozen=True, kw_only=True)
-class ComparisonOptions(cli.SimulationOptions):
+class ComparisonOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, StepOptions):
     """What `compare` and `reproduce` share; the zone's centre is --target."""
+
+    may_be_empty: ClassVar[tuple[str, ...]] = ("tighter", "further_zones")
 
     zone_radius: float = 0.1
     """Targets are drawn from what the model can reach of the disc of this radius around --target [m]."""
@@ -58,7 +72,7 @@ class ComparisonOptions(cli.SimulationOptions):
     """Episodes under observations other than paper; default: as --episodes."""
     hindsight: int = 0
     """Relabelled copies of every strike (sac, td3, ddpg under observation goal)."""
-    workers: int = min(os.cpu_count() or 1, 8)
+    workers: int | None = None
     """Processes on this machine; default: one per core, at most 8. The results do not depend on it."""
     cluster: str | None = None
     """Work on a Ray cluster: its address, or auto for the one that this machine belongs to."""
@@ -71,12 +85,35 @@ class ComparisonOptions(cli.SimulationOptions):
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
 
-    def resolved(self):
-        """These options, with the quick value of whatever was left at its default if `quick`."""
-        if not self.quick:
-            return self
-        defaults = {f.name: f.default for f in fields(self)}
-        return replace(self, **{k: v for k, v in QUICK.items() if k in defaults and getattr(self, k) == defaults[k]})
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.models.parameters import number
+
+        super().check()
+        for radius in self.tighter:
+            if not 0 < radius < self.hit_radius or self.tighter.count(radius) > 1:
+                allowed = f"different hit radii between 0 and --hit-radius, {self.hit_radius:g} m"
+                raise InputError("--tighter", radius, allowed)
+        number("--zone-radius", self.zone_radius, low=0, strict=True)
+        whole("--targets", self.targets, high=MANY_TARGETS)
+        whole("--target-seed", self.target_seed, low=0)
+        whole("--seeds", self.seeds, high=10_000)
+        whole("--cap", self.cap, high=MANY_TARGETS)
+        check_training(self.episodes, self.trials, self.random_episodes, self.hindsight)
+        if self.further_episodes is not None:
+            whole("--further-episodes", self.further_episodes)
+        if self.workers is not None:
+            whole("--workers", self.workers)
+        if self.cluster is not None:
+            refuse_idle(self, {"workers": "nothing beside --cluster, which has its own"})
+
+    def processes(self) -> int:
+        """How many to work in on this machine; more than there are cores would only wait for each other."""
+        cores = os.cpu_count() or 1
+        if self.workers is not None and self.workers > max(2, cores):
+            print(f"whiptool: --workers {self.workers}: {max(2, cores)} are used, as there are cores", file=sys.stderr)
+            return max(2, cores)
+        return min(cores, 8) if self.workers is None else self.workers
 
     def comparison(self, methods: Sequence[str], observations: Sequence[str]) -> Comparison:
         """What they describe.
@@ -85,20 +122,9 @@ class ComparisonOptions(cli.SimulationOptions):
             InputError: An option breaks its rule.
         """
         from whiptool.comparison import Comparison, Scene
-        from whiptool.models.compiled import TIMESTEP
-        from whiptool.models.modes import steady_timestep
         from whiptool.objective import Target
         from whiptool.zone import Disc, disc_within_reach
 
-        if self.simulator != "compiled":
-            raise InputError("--simulator", self.simulator, "compiled")
-        for radius in self.tighter:
-            if not 0 < radius < self.hit_radius:
-                raise InputError("--tighter", radius, f"hit radii between 0 and --hit-radius, {self.hit_radius:g} m")
-        if self.workers < 1:
-            raise InputError("--workers", self.workers, "a whole number >= 1")
-        if self.target_seed < 0:
-            raise InputError("--target-seed", self.target_seed, "a whole number >= 0")
         model, controller = self.build_model(), self.build_controller()
         self.build_target().check_reach(model)
         disc = Disc(self.target, self.zone_radius)  # type: ignore[arg-type]
@@ -112,7 +138,7 @@ class ComparisonOptions(cli.SimulationOptions):
             radii=(self.hit_radius, *self.tighter),
             cap=self.cap,
             t_stay=self.t_stay,
-            timestep=steady_timestep(model, TIMESTEP) if self.timestep is None else self.timestep,
+            timestep=self.step_for(model),
         )
         return Comparison(
             scene=scene,
@@ -138,8 +164,30 @@ class CompareOptions(ComparisonOptions):
     zone: str = "disc"
     """Where targets are drawn: disc (of --zone-radius), or fast: wherever the tip of random strikes is fast (3 m/s)."""
 
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.comparison.plan import LEARNERS, OBSERVATIONS
+        from whiptool.optimizers import find_method
 
-NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "workers": 1, "cluster": None}
+        super().check()
+        for method in self.methods:
+            find_method(method)
+        for observation in self.observation:
+            if observation not in OBSERVATIONS:
+                raise InputError("--observation", observation, ", ".join(OBSERVATIONS))
+        usual = CompareOptions(**{k: v for k, v in QUICK.items() if hasattr(self, k)}) if self.quick else None
+        if not set(LEARNERS) & set(self.methods):
+            refuse_idle(self, dict.fromkeys(LEARNING, "nothing without a learner among --methods"), usual)
+        if set(self.observation) == {"paper"}:
+            refuse_idle(self, {"further_episodes": "nothing with --observation paper alone"}, usual)
+        if self.zone not in ("disc", "fast"):
+            raise InputError("--zone", self.zone, "disc, fast")
+        if self.zone == "fast":
+            refuse_idle(self, dict.fromkeys(("target", "zone_radius"), "nothing beside --zone fast"))
+
+
+NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
+CHANGEABLE = ("workers", "cluster")
 _EXAMPLE = (
     "Trials to the first hit of many random targets, method by method (Fig. 6). "
     "Example: python -m whiptool.compare --quick --methods directl sac --observation goal"
@@ -152,14 +200,17 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    given = cli.parse_resumable(
-        CompareOptions, command="compare", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
+    options = cli.parse_resumable(
+        CompareOptions,
+        command="compare",
+        description=_EXAMPLE,
+        args=args,
+        not_configuration=NOT_CONFIGURATION,
+        changeable=CHANGEABLE,
+        quick=QUICK,
     )
-    options = given.resolved()
-    if options.zone not in ("disc", "fast"):
-        raise InputError("--zone", options.zone, "disc, fast")
     comparison = options.comparison(options.methods, options.observation)
-    with open_folder("compare", given, comparison) as folder:
+    with open_folder("compare", options, comparison) as folder:
         return _compare(options, comparison, folder)
 
 
@@ -169,7 +220,9 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
     from whiptool.comparison import Store, collect, difficulty
     from whiptool.comparison.zones import fast_region, words
 
-    store = Store(folder.path, workers=options.workers, cluster=options.cluster)
+    scene = comparison.scene
+    options.warn_if_coarse(scene.model, scene.controller, options.target, scene.t_stay)
+    store = Store(folder.path, workers=options.processes(), cluster=options.cluster)
     if options.zone == "fast":
         region = fast_region(comparison.scene, store, quick=options.quick)
         comparison = replace(comparison, scene=replace(comparison.scene, zone=region))

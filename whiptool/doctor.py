@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from whiptool import __version__, cli
+from whiptool.options import Options
 
 CORE = ("casadi", "pin", "mujoco", "nlopt", "numpy", "scipy", "matplotlib", "tyro", "pymoo")
 EXTRAS = {
@@ -25,7 +26,7 @@ EXTRAS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class DoctorOptions:
+class DoctorOptions(Options):
     """Check the installation and this machine."""
 
     json: bool = False

@@ -16,6 +16,7 @@ import tyro
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.options import LawOptions, refuse_idle, whole
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -24,11 +25,12 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.runs import RunFolder
 
+OF_WHIPS = ("per_recording", "nodes", "profile", "prior", "tip")  # options that speak of whips and cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"
 
 
 @dataclass(frozen=True, kw_only=True)
-class IdentifyOptions:
+class IdentifyOptions(LawOptions):
     """Fit a whip's parameters to recorded strikes."""
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
@@ -45,8 +47,8 @@ class IdentifyOptions:
     """Where the fit starts: a preset (lemon2024, nah2020-fitted, ...) or the path of a .toml file."""
     controller: str = "oiac"
     """Used only where the recordings do not hold it: oiac or constant (Eq. 22)."""
-    preset: str = "table4"
-    """Likewise, OIAC parameters: printed or table4."""
+    preset: str | None = None
+    """Likewise, OIAC parameters: printed or table4; default: table4."""
     held_out: tuple[str, ...] | None = None
     """Recordings to predict and not to fit: how many, from the end, or their paths; default: of three or more, one."""
     per_recording: tuple[str, ...] = ()
@@ -74,6 +76,37 @@ class IdentifyOptions:
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
 
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.identification.drives import DRIVES
+        from whiptool.identification.inputs import read_marker
+        from whiptool.models.parameters import number
+
+        super().check()
+        if not self.recordings:
+            raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
+        if self.drive not in DRIVES:
+            raise InputError("--drive", self.drive, ", ".join(DRIVES))
+        if self.drive != "free":
+            refuse_idle(self, {"pieces": "nothing but with --drive free"})
+        if self.drive != "passive":
+            refuse_idle(self, {"clamp": "nothing but with --drive passive: the model's k speaks of the hinge"})
+        if self.drive != "command":
+            refuse_idle(self, dict.fromkeys(("controller", "preset"), "nothing but with --drive command"))
+        if self.loss not in ("huber", "none"):
+            raise InputError("--loss", self.loss, "huber, none")
+        whole("--seed", self.seed, low=0)
+        whole("--starts", self.starts, high=1000)
+        if self.clamp is not None:
+            number("--clamp", self.clamp)
+        for piece in self.pieces:
+            number("--pieces", piece, low=0, strict=True)
+        if len(set(self.nodes)) < len(self.nodes) or not all(1 <= n <= 200 for n in self.nodes):
+            raise InputError("--nodes", self.nodes, "different whole numbers from 1 to 200")
+        if self.drive == "free":
+            refuse_idle(self, dict.fromkeys(OF_WHIPS, "nothing with --drive free"))
+        read_marker(self.tip)
+
 
 NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
 _EXAMPLE = (
@@ -88,10 +121,13 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
+    from whiptool.runs import check_new
+
     options = cli.parse_resumable(
         IdentifyOptions, command="identify", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
     )
-    check_options(options)
+    if options.out is not None:
+        check_new(options.out)  # before hours of film are tracked
     if options.drive == "free":
         from whiptool.identify_pendulum import identify_pendulum
 
@@ -103,29 +139,6 @@ def _main(args: Sequence[str] | None) -> int:
         return run.report(folder)
 
 
-def check_options(options: IdentifyOptions) -> None:
-    """Refuse options that break a rule of their own."""
-    from whiptool.identification.drives import DRIVES
-    from whiptool.runs import check_new
-
-    if options.out is not None:
-        check_new(options.out)  # before hours of film are tracked
-    if not options.recordings:
-        raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
-    if options.drive not in DRIVES:
-        raise InputError("--drive", options.drive, ", ".join(DRIVES))
-    if options.pieces and options.drive != "free":
-        raise InputError("--pieces", options.pieces, "none but with --drive free")
-    if options.clamp is not None and options.drive != "passive":
-        raise InputError("--clamp", options.clamp, "none but with --drive passive", "the model's k speaks of the hinge")
-    if options.loss not in ("huber", "none"):
-        raise InputError("--loss", options.loss, "huber, none")
-    if not 0 <= options.seed < 2**31:
-        raise InputError("--seed", options.seed, "a whole number from 0 to 2147483647")
-    if not 1 <= options.starts <= 1000:
-        raise InputError("--starts", options.starts, "a whole number from 1 to 1000")
-
-
 class _Run:
     """One identification: everything is checked before anything is written."""
 
@@ -133,12 +146,13 @@ class _Run:
         from whiptool.identification.inputs import full_name, profile_of, read_prior, split
         from whiptool.identification.plant import Plant
         from whiptool.identification.problem import HUBER, Options
+        from whiptool.impedance import Controller
         from whiptool.models.files import find_model
         from whiptool.runs import code_version
 
         self.options = options
         self.model = find_model(options.model)
-        fallback = cli.SimulationOptions(controller=options.controller, preset=options.preset).build_controller()
+        fallback = Controller(law=options.build_law())
         names, held_out = split(options.recordings, options.held_out)
         profile = profile_of(self.model, options.model) if options.profile else None
         if not options.free:
@@ -147,6 +161,9 @@ class _Run:
             full_name(name, Plant(self.model, fallback, profile, options.clamp))
         controller = self._gather(names, held_out)
         self.assumed = controller is None and options.drive == "command"
+        if controller is not None:
+            held = "nothing: the recordings hold their controller"
+            refuse_idle(options, dict.fromkeys(("controller", "preset"), held))
         self.plant = Plant(self.model, controller or fallback, profile, options.clamp)
         self.free = tuple(full_name(name, self.plant) for name in options.free)
         self.how = Options(
@@ -162,11 +179,15 @@ class _Run:
 
     def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
         """Read or track all recordings, and find their plane; the controller that they hold."""
-        from whiptool.identification.gather import gather
+        from whiptool.identification.gather import gather, may_be_filmed
         from whiptool.identification.inputs import common_controller, read_marker
         from whiptool.identification.strike_plane import check_one_plane, fit_plane
 
         tip = read_marker(self.options.tip)
+        if tip is not None and not any(may_be_filmed(name) for name in (*names, *held_out)):
+            raise InputError(
+                "--tip", self.options.tip, "nothing: no recording is a film, in which the tip is looked for"
+            )
         handle = self.options.drive == "handle"
         found = [gather(name, tip=tip, handle=handle) for name in (*names, *held_out)]
         recordings = [recording for recording, _ in found]
@@ -186,8 +207,6 @@ class _Run:
         nodes = self.options.nodes
         if nodes and not self.held_out:
             raise InputError("--nodes", nodes, "a recording held out, whose error chooses N", "give --held-out 1")
-        if len(set(nodes)) < len(nodes) or not all(1 <= n <= 200 for n in nodes):
-            raise InputError("--nodes", nodes, "different whole numbers from 1 to 200")
         if nodes and self.how.prior is not None and any(n.startswith("whip.") for n in self.how.prior.names):
             raise InputError("--prior", self.how.prior.names, "no numbers per node beside --nodes", "give --profile")
         self.plants = {N: self.plant.with_nodes(N) for N in nodes} or {self.model.whip.N: self.plant}
@@ -345,7 +364,7 @@ class _Run:
             "started from": f"{options.model}",
         }  # fmt: skip
         if options.drive == "command":
-            facts["controller"] = f"{options.controller} {options.preset}, assumed: no recording says" if self.assumed \
+            facts["controller"] = f"{options.law_label()}, assumed: no recording says" if self.assumed \
                 else "as the recordings hold it"  # fmt: skip
         own = (*options.per_recording, *(("first state",) if options.drive == "passive" else ()))
         if own:
@@ -374,7 +393,7 @@ class _Run:
             f"  misfit      {self.misfit:.2f} (errors over what the recordings state; about 1 if all is right)"
         )
         if self.assumed:
-            lines.append(f"  controller  {self.options.controller} {self.options.preset}, assumed: no recording says")
+            lines.append(f"  controller  {self.options.law_label()}, assumed: no recording says")
         lines.append(f"  run folder  {path} ({REPORT}, {IDENTIFIED}, {RECORDINGS})")
         return "\n".join(lines)
 

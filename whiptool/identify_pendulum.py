@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from whiptool.identification.results import Fit
     from whiptool.identify import IdentifyOptions
 
-_NEEDLESS = ("per_recording", "nodes", "profile", "prior", "tip", "clamp")  # options that speak of whips and cameras
-
 
 def identify_pendulum(options: IdentifyOptions) -> int:
     """Read, fit, write the run folder, and tell people or programs; the exit status.
@@ -32,9 +30,6 @@ def identify_pendulum(options: IdentifyOptions) -> int:
     from whiptool.identification.problem import HUBER, Options
     from whiptool.identification.readers.angles import read_angles, read_pendulum
 
-    for name in _NEEDLESS:
-        if getattr(options, name):
-            raise InputError(f"--{name.replace('_', '-')}", getattr(options, name), "nothing, with --drive free")
     if not options.model.endswith(".toml"):
         raise InputError("--model", options.model, "a pendulum's .toml file, with --drive free", "see the file formats")
     guess = read_pendulum(options.model)

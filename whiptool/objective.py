@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from scipy.special import ndtr, stdtr
 
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.parameters import Model, number, whole
@@ -22,6 +23,27 @@ if TYPE_CHECKING:
 HIT_RADIUS = 0.06  # [m], Eq. 17
 T_STAY = 0.3  # [s], not printed in the paper
 TARGET = (1.3, 0.0)  # [m], centre of the target zone; not printed in the paper
+CLAIMED = 0.9  # probability from which a hit is claimed of a strike whose miss was measured
+
+
+def probability_within(
+    radius: float, miss: np.ndarray, scale: np.ndarray | float, freedom: float = np.inf
+) -> np.ndarray:
+    """Return the probability that a path passes a target within a radius.
+
+    Args:
+        radius: [m]
+        miss: Distance at which it is thought to pass [m], any shape.
+        scale: Of the error across the path [m], one number or like `miss`; positive.
+        freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
+
+    Returns:
+        Like `miss`.
+    """
+    low, high = (-radius - miss) / scale, (radius - miss) / scale
+    if freedom == np.inf:
+        return ndtr(high) - ndtr(low)
+    return stdtr(freedom, high) - stdtr(freedom, low)
 
 
 class Rollout(Protocol):
@@ -58,12 +80,23 @@ class Target:
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "hit_radius", number("hit radius", self.hit_radius, low=0, strict=True))
 
-    def check_reach(self, model: Model) -> None:
-        """Refuse a target that the stretched arm and whip cannot come near.
+    def check_radius(self, model: Model) -> None:
+        """Refuse a hit radius that holds all that is within reach.
 
         Raises:
-            InputError: It lies farther from the shoulder than reach and hit radius.
+            InputError: It does.
         """
+        farthest = math.hypot(*self.position) + model.reach
+        if self.hit_radius >= farthest:
+            raise InputError("hit radius", self.hit_radius, f"less than {farthest:.3f} m: no strike misses by more")
+
+    def check_reach(self, model: Model) -> None:
+        """Refuse a target that the stretched arm and whip cannot come near, or cannot miss.
+
+        Raises:
+            InputError: It lies farther from the shoulder than reach and hit radius, or see `check_radius`.
+        """
+        self.check_radius(model)
         distance = math.hypot(*self.position)
         if distance > model.reach + self.hit_radius:
             raise InputError(
@@ -81,13 +114,14 @@ class Outcome:
     Args:
         miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged, or if the objective's
             limits refuse it.
-        hit: Whether that is within the hit radius.
+        hit: Whether that is within the hit radius; where the distance was measured, with a probability of `CLAIMED`.
         time: When the tip was closest [s].
         tip: Where it was then (x, y) [m].
         tip_velocity: Its velocity then (x, y) [m/s].
         max_joint_speed: Largest speed of each arm joint [rad/s].
         max_torque: Largest torque of each arm joint [N m].
         diverged: Whether the rollout broke off.
+        miss_error: Standard error of the miss distance [m]; None: it was not measured but computed.
     """
 
     miss_distance: float
@@ -98,6 +132,7 @@ class Outcome:
     max_joint_speed: tuple[float, ...]
     max_torque: tuple[float, ...]
     diverged: bool
+    miss_error: float | None = None
 
     @property
     def tip_speed(self) -> float:
@@ -320,13 +355,21 @@ class Objective:
         diverged = bool(near.diverged[i]) or not np.isfinite(near.distance[i])
         lost = diverged or beyond > 0
         distance = self.penalty * (2 - 1 / (1 + beyond)) if lost else float(near.distance[i])
+        error = None if lost or near.error is None else float(near.error[i])
         return Outcome(
             miss_distance=distance,
-            hit=not lost and distance <= self.target.hit_radius,
+            hit=not lost and self._hits(distance, error),
             time=float(near.time[i]),
             tip=tuple(map(float, near.tip[i])),
             tip_velocity=tuple(map(float, near.velocity[i])),
             max_joint_speed=tuple(map(float, near.max_joint_speed[i])),
             max_torque=tuple(map(float, near.max_torque[i])),
             diverged=diverged,
+            miss_error=error,
         )
+
+    def _hits(self, distance: float, error: float | None) -> bool:
+        """Whether a hit is claimed."""
+        if error is None:
+            return distance <= self.target.hit_radius
+        return bool(probability_within(self.target.hit_radius, np.array(distance), error) >= CLAIMED)

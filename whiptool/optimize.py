@@ -8,14 +8,18 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.options import ModelOptions, SimulatedControllerOptions, SimulatorOptions, TargetOptions, whole
+
+if TYPE_CHECKING:
+    from whiptool.strike import StrikeBounds
 
 
 @dataclass(frozen=True, kw_only=True)
-class OptimizeOptions(cli.SimulationOptions):
+class OptimizeOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, SimulatorOptions):
     """Find a strike with which the tip of the whip hits a target."""
 
     method: str = "directl"
@@ -44,8 +48,25 @@ class OptimizeOptions(cli.SimulationOptions):
     video: bool = True
     """Render the strike as a video."""
 
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.models.parameters import number
+        from whiptool.optimizers import find_method
+        from whiptool.rig.limits import limits_preset
 
-_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "video": True}
+        super().check()
+        find_method(self.method)
+        if self.method == "gradient" and self.simulator == "reference":
+            raise InputError("--method", self.method, "one without derivatives, beside --simulator reference")
+        if self.limits is not None:
+            limits_preset(self.limits)
+        if self.max_time is not None:
+            number("--max-time", self.max_time, low=0, strict=True)
+        whole("--max-trials", self.max_trials)
+        whole("--seed", self.seed, low=0)
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
 
 
@@ -56,7 +77,12 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _main(args: Sequence[str] | None) -> int:
     options = cli.parse_resumable(
-        OptimizeOptions, command="optimize", description=_EXAMPLE, args=args, not_configuration=_NOT_CONFIGURATION
+        OptimizeOptions,
+        command="optimize",
+        description=_EXAMPLE,
+        args=args,
+        not_configuration=_NOT_CONFIGURATION,
+        changeable=("video",),
     )
     run = _Run(options)
     with run.folder:
@@ -70,26 +96,17 @@ class _Run:
         from whiptool.impedance.files import controller_to_table
         from whiptool.models.files import model_to_table
         from whiptool.objective import Objective
-        from whiptool.optimizers import find_method
         from whiptool.rig.limits import limits_preset
         from whiptool.runs import code_version
-        from whiptool.strike import StrikeBounds, default_bounds
         from whiptool.trial_log import TRIALS, TrialLog
 
         self.options = options
-        find_method(options.method)
         limits = None if options.limits is None else limits_preset(options.limits)
-        if not 0 <= options.seed < 2**31:
-            raise InputError("--seed", options.seed, "a whole number from 0 to 2147483647")
         self.model, self.controller = options.build_model(), options.build_controller()
         self.target = options.build_target()
         self.target.check_reach(self.model)
-        bounds = None
-        if options.lower is not None or options.upper is not None:
-            usual = default_bounds(self.model.arm) if self.model.arm.n == 2 else None
-            lower = options.lower if options.lower is not None else usual and usual.lower
-            upper = options.upper if options.upper is not None else usual and usual.upper
-            bounds = StrikeBounds(lower or (), upper or ())
+        self.controller.check_fits(self.model.arm)
+        bounds = bounds_within(options.lower, options.upper, self.model)
         self.rollout = options.build_rollout(self.model, self.controller)
         self.objective = Objective(
             self.rollout,
@@ -152,6 +169,7 @@ class _Run:
         replayed = self._replay(result)
         summary = self._summary(result, reference=replayed)
         trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
+        summary["warning"] = self._refine(result, trajectory)
         if self.objective.limits is not None:
             usage = self.objective.limits.violation(trajectory) + 1
             summary |= {"n_refused": self.objective.n_refused, "motor_usage": usage if isfinite(usage) else None}
@@ -195,6 +213,27 @@ class _Run:
         distance = seen.miss_distance
         return {"miss_distance": distance, "difference": None if distance is None else distance - expected}
 
+    def _refine(self, result, trajectory) -> str | None:
+        """What a finer step says otherwise of the winning strike's peaks; said on stderr, too."""
+        import numpy as np
+
+        from whiptool.models.refinement import refine
+
+        if result.outcome.diverged or self.objective.refuses(result.outcome):
+            return None
+        warning = refine(
+            self.model,
+            self.controller,
+            result.strike,
+            trajectory,
+            timestep=self.rollout.timestep,
+            t_stay=self.options.t_stay,
+            target=np.array(self.target.position),
+        ).warning
+        if warning is not None:
+            print(f"whiptool: {warning}", file=sys.stderr)
+        return warning
+
     def _summary(self, result, *, reference: dict) -> dict:
         from whiptool.impedance.files import controller_to_table
         from whiptool.strike import strike_names
@@ -216,6 +255,7 @@ class _Run:
             "n_diverged": result.n_diverged,
             "wall_time": result.wall_time,
             "reference": reference,
+            "warning": None,
             "controller": controller_to_table(self.controller),
             "model": self.model.name,
             "seed": self.options.seed,
@@ -255,6 +295,24 @@ class _Run:
         lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
         lines.append(f"  run folder     {self.folder.path} ({', '.join(files)})")
         return "\n".join(lines)
+
+
+def bounds_within(lower: tuple[float, ...] | None, upper: tuple[float, ...] | None, model) -> StrikeBounds:
+    """The box of strikes that `--lower` and `--upper` give; the usual bounds where they are not given.
+
+    Raises:
+        InputError: They are not of this arm, or cross.
+    """
+    from whiptool.strike import StrikeBounds, default_bounds
+
+    numbers = 2 * model.arm.n + 1
+    for name, given in (("--lower", lower), ("--upper", upper)):
+        if given is not None and len(given) != numbers:
+            raise InputError(name, given, f"{numbers} numbers, for an arm of {model.arm.n} joints")
+    if lower is not None and upper is not None:
+        return StrikeBounds(lower, upper)
+    usual = default_bounds(model.arm)
+    return StrikeBounds(lower or usual.lower, upper or usual.upper)
 
 
 def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:

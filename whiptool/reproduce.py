@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import tyro
 
 from whiptool import cli
-from whiptool.compare import NOT_CONFIGURATION, ComparisonOptions, open_folder
+from whiptool.compare import CHANGEABLE, NOT_CONFIGURATION, QUICK, ComparisonOptions, open_folder
 from whiptool.errors import InputError
+from whiptool.options import MANY_TARGETS, refuse_idle, whole
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -47,6 +48,36 @@ class ReproduceOptions(ComparisonOptions):
     further_observation: tuple[str, ...] = ("goal",)
     """What learners see there."""
 
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.comparison.plan import OBSERVATIONS
+        from whiptool.comparison.zones import check_zone
+        from whiptool.optimizers import find_method
+        from whiptool.reproduction import PARTS
+
+        super().check()
+        if self.what not in (*PARTS, "all"):
+            raise InputError("what to reproduce", self.what, ", ".join((*PARTS, "all")))
+        whole("--whips", self.whips, high=MANY_TARGETS)
+        whole("--whip-targets", self.whip_targets, high=MANY_TARGETS)
+        _check_rows(self.rows)
+        for method in self.further_methods:
+            find_method(method)
+        for observation in self.further_observation:
+            if observation not in OBSERVATIONS:
+                raise InputError("--further-observation", observation, ", ".join(OBSERVATIONS))
+        reach = self.build_model().reach
+        for zone in self.further_zones:
+            check_zone(zone, "--further-zones", self.target, reach)
+        if self.what != "adapt":
+            refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows"), "nothing but with adapt"))
+        usual = ReproduceOptions(**QUICK) if self.quick else None
+        further = ("further_zones", "further_methods", "further_observation")
+        if self.what not in ("fig6", "all"):
+            refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
+        elif not self.further_zones:
+            refuse_idle(self, dict.fromkeys(further[1:], "nothing without --further-zones"), usual)
+
 
 _EXAMPLE = (
     "The paper's figures and tables, its numbers beside those measured here, in one HTML file; `all` takes hours, and "
@@ -60,26 +91,20 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    given = cli.parse_resumable(
-        ReproduceOptions, command="reproduce", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
+    options = cli.parse_resumable(
+        ReproduceOptions,
+        command="reproduce",
+        description=_EXAMPLE,
+        args=args,
+        not_configuration=NOT_CONFIGURATION,
+        changeable=CHANGEABLE,
+        quick=QUICK,
     )
-    options = given.resolved()
     from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
-    from whiptool.comparison.zones import check_zone
-    from whiptool.reproduction import PARTS
 
-    if options.what not in (*PARTS, "all"):
-        raise InputError("what to reproduce", options.what, ", ".join((*PARTS, "all")))
-    if options.whips < 1:
-        raise InputError("--whips", options.whips, "a whole number >= 1")
-    if options.whip_targets < 1:
-        raise InputError("--whip-targets", options.whip_targets, "a whole number >= 1")
-    _check_rows(options.rows)
-    for zone in options.further_zones:
-        check_zone(zone, "--further-zones")
     comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
     further = options.comparison(options.further_methods, options.further_observation)
-    with open_folder("reproduce", given, comparison) as folder:
+    with open_folder("reproduce", options, comparison) as folder:
         return _reproduce(options, comparison, further, folder)
 
 
@@ -89,7 +114,9 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     from whiptool.report import to_html
     from whiptool.reproduction import ALL, PARTS, Context
 
-    store = Store(folder.path, workers=options.workers, cluster=options.cluster)
+    scene = comparison.scene
+    options.warn_if_coarse(scene.model, scene.controller, options.target, scene.t_stay)
+    store = Store(folder.path, workers=options.processes(), cluster=options.cluster)
     context = Context(
         comparison,
         store,

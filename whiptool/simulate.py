@@ -5,18 +5,19 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.options import ModelOptions, SimulatedControllerOptions, SimulatorOptions, TargetOptions, refuse_idle
 from whiptool.whole_files import write_whole
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateOptions(cli.SimulationOptions):
+class SimulateOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, SimulatorOptions):
     """Play one strike and save its trajectory, figures and video."""
 
     strike: tuple[float, ...] | None = None
@@ -30,6 +31,19 @@ class SimulateOptions(cli.SimulationOptions):
     video: bool = True
     """Render the strike as a video."""
 
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.strike import Strike
+
+        super().check()
+        if self.strike is not None:
+            Strike.from_vector(self.strike)
+        elif self.export is None:
+            raise InputError("--strike", None, "five numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
+        else:
+            used = ("model", "target", "export")
+            refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
+
 
 _EXAMPLE = "Play one strike. Example: python -m whiptool.simulate --strike -1.2 0.9 1.2 0.3 0.7"
 
@@ -41,8 +55,6 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _main(args: Sequence[str] | None) -> int:
     options = cli.parse(SimulateOptions, prog="whiptool simulate", description=_EXAMPLE, args=args)
-    if options.strike is None and options.export is None:
-        raise InputError("--strike", None, "five numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
     model = options.build_model()
     strike = None if options.strike is None else _strike(options, model.arm.n)
     if options.export is not None:
@@ -77,12 +89,14 @@ def _export(options: SimulateOptions, model) -> None:
 def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.impedance.files import controller_to_table
     from whiptool.models.files import model_to_table
+    from whiptool.models.refinement import refine
     from whiptool.objective import Objective
     from whiptool.optimize import outcome_lines, save_strike, strike_lines
     from whiptool.runs import RunFolder, code_version, default_folder
     from whiptool.strike import StrikeBounds, strike_names
 
     controller, target = options.build_controller(), options.build_target()
+    target.check_radius(model)
     rollout = options.build_rollout(model, controller)
     n = len(strike.vector)
     anywhere = StrikeBounds((-1.0,) * (n - 1) + (0.1,), (1.0,) * n)  # one strike needs no box
@@ -96,6 +110,12 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "controller": controller_to_table(controller),
     }
     outcome = objective.judge(trajectory)
+    place = np.array(target.position)
+    warning = refine(
+        model, controller, strike, trajectory, timestep=rollout.timestep, t_stay=options.t_stay, target=place
+    ).warning
+    if warning is not None:
+        print(f"whiptool: {warning}", file=sys.stderr)
     summary = {
         "strike": dict(zip(strike_names(model.arm), map(float, strike.vector), strict=True)),
         "target": list(target.position),
@@ -111,6 +131,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "simulator": options.simulator,
         "engine": rollout.engine,
         "timestep": rollout.timestep,
+        "warning": warning,
         "controller": controller_to_table(controller),
         "model": model.name,
         "version": code_version(),

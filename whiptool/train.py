@@ -14,6 +14,16 @@ from typing import Any
 
 from whiptool import cli
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.options import (
+    MANY_TARGETS,
+    ModelOptions,
+    SimulatedControllerOptions,
+    StepOptions,
+    TargetOptions,
+    check_training,
+    refuse_idle,
+    whole,
+)
 from whiptool.whole_files import append_whole, write_whole
 
 CHECKPOINT, EPISODES = "checkpoint.pt", "episodes.csv"
@@ -37,7 +47,7 @@ _HYPERPARAMETERS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainOptions(cli.SimulationOptions):
+class TrainOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, StepOptions):
     """Train a policy that strikes at any target of a zone; the zone's centre is --target."""
 
     method: str = "sac"
@@ -105,8 +115,39 @@ class TrainOptions(cli.SimulationOptions):
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
 
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.models.parameters import number
+        from whiptool.rl.settings import settings_for
+        from whiptool.rl.task import OBSERVATIONS, REWARDS
 
-_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "checkpoint_every": 10}
+        super().check()
+        settings_for(self.method, **self.hyperparameters())
+        for name, given, known in (
+            ("--observation", self.observation, OBSERVATIONS),
+            ("--reward", self.reward, tuple(REWARDS)),
+        ):
+            if given not in known:
+                raise InputError(name, given, ", ".join(known))
+        if self.zone is not None:
+            refuse_idle(self, dict.fromkeys(("target", "zone_radius"), "nothing beside --zone"))
+        number("--zone-radius", self.zone_radius, low=0, strict=True)
+        whole("--seed", self.seed, low=0)
+        whole("--tests", self.tests, high=MANY_TARGETS)
+        for name in ("checkpoint_every", "strikes"):
+            whole("--" + name.replace("_", "-"), getattr(self, name))
+        check_training(self.episodes, self.trials, self.random_episodes, self.hindsight)
+        if self.hindsight and (self.method == "ppo" or self.observation != "goal"):
+            allowed = "0, unless the learner has a replay buffer (sac, td3, ddpg) and the observation is goal"
+            raise InputError("--hindsight", self.hindsight, allowed)
+
+    def hyperparameters(self) -> dict[str, Any]:
+        """Those that are given."""
+        given = {name: getattr(self, name) for name in ("hidden", *_HYPERPARAMETERS)}
+        return {name: value for name, value in given.items() if value is not None}
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
 _EXAMPLE = (
     "Train a policy that strikes at any target of a zone. "
     "Example: python -m whiptool.train --method sac --episodes 20 --random-episodes 4"
@@ -120,7 +161,12 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _main(args: Sequence[str] | None) -> int:
     options = cli.parse_resumable(
-        TrainOptions, command="train", description=_EXAMPLE, args=args, not_configuration=_NOT_CONFIGURATION
+        TrainOptions,
+        command="train",
+        description=_EXAMPLE,
+        args=args,
+        not_configuration=_NOT_CONFIGURATION,
+        changeable=("checkpoint_every",),
     )
     run = _Run(options)
     with run.folder:
@@ -146,18 +192,11 @@ class _Run:
         from whiptool.rl.training import Plan, Training, make_learner
 
         self.options = options
-        if options.simulator != "compiled":
-            raise InputError("--simulator", options.simulator, "compiled")
-        for name, low in (("checkpoint_every", 1), ("tests", 1)):
-            if getattr(options, name) < low:
-                raise InputError(f"--{name.replace('_', '-')}", getattr(options, name), f"a whole number >= {low}")
-        if not 0 <= options.seed < 2**31:
-            raise InputError("--seed", options.seed, "a whole number from 0 to 2147483647")
-        given = {name: getattr(options, name) for name in ("hidden", *_HYPERPARAMETERS)}
-        settings = settings_for(options.method, **{k: v for k, v in given.items() if v is not None})
+        settings = settings_for(options.method, **options.hyperparameters())
         model, controller = options.build_model(), options.build_controller()
-        rollout = options.build_rollout(model, controller)
         self.zone = self._zone(model)
+        rollout = options.build_compiled(model, controller)
+        options.warn_if_coarse(model, controller, options.target, options.t_stay)
 
         def task() -> StrikeTask:
             return StrikeTask(

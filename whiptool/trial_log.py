@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import itertools
+import math
 import re
 import sys
 from collections.abc import Sequence
@@ -26,10 +27,11 @@ class TrialLog:
     Args:
         path: The file; made with its header if it is not there.
         arm: Names the columns.
+        measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
     """
 
-    def __init__(self, path: Path, arm: ArmParameters) -> None:
-        self.path, self.n = path, arm.n
+    def __init__(self, path: Path, arm: ArmParameters, *, measured: bool = False) -> None:
+        self.path, self.n, self.measured = path, arm.n, measured
         self._names = strike_names(arm)
         self._header = [
             "trial",
@@ -44,6 +46,7 @@ class TrialLog:
             *(f"max_joint_speed_{joint}" for joint in arm.joints),
             *(f"max_torque_{joint}" for joint in arm.joints),
             "diverged",
+            *(["miss_error"] if measured else []),
         ]
 
     def read(self) -> list[Trial]:
@@ -102,6 +105,7 @@ class TrialLog:
             *map(repr, o.max_joint_speed),
             *map(repr, o.max_torque),
             int(o.diverged),
+            *([repr(math.nan if o.miss_error is None else o.miss_error)] if self.measured else []),
         ]
         new = not self.path.exists() or self.path.stat().st_size == 0
         append_whole(self.path, (_line(self._header) if new else "") + _line(row))
@@ -121,7 +125,9 @@ class TrialLog:
             tuple(numbers[start + first : start + first + count])
             for first, count in ((3, 2), (5, 2), (7, n), (7 + n, n))
         )
-        outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, bool(numbers[-1]))
+        diverged, *error = numbers[start + 7 + 2 * n :]
+        error = error[0] if error and not math.isnan(error[0]) else None
+        outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, bool(diverged), error)
         return Trial(number, tuple(numbers[1:start]), outcome)
 
 

@@ -12,24 +12,26 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import tyro
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.options import ControllerOptions, Options, TargetOptions
 
 if TYPE_CHECKING:
     from whiptool.models import Model, Trajectory
     from whiptool.objective import Target
 
+T = TypeVar("T")
 TRAJECTORY, VIDEO, PAGE, REPORT = "trajectory.npz", "strike.mp4", "strike.html", "report.html"
 FPS = 60.0  # frames a second in the viewer
 SPACE = 32  # GLFW's code of the key
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewOptions:
+class ViewOptions(Options):
     """Look at a run."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
@@ -126,10 +128,9 @@ def read_strike(folder: Path) -> StrikeRun:
         table: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in config.get("options", {}).items()
         }
-        options = cli.SimulationOptions(
-            **{f.name: table[f.name] for f in fields(cli.SimulationOptions) if f.name in table}
-        )
-        target = options.build_target()
+        struck = _part(TargetOptions, table)
+        label = _part(ControllerOptions, table).controller_label()
+        target = struck.build_target()
     except InputError as error:
         raise error.within(f"{folder / CONFIG}: ") from None
     try:
@@ -138,7 +139,12 @@ def read_strike(folder: Path) -> StrikeRun:
         raise InputError(str(folder / TRAJECTORY), "a damaged file", "a trajectory as whiptool writes it") from None
     if trajectory.q.shape[1:] != (model.n,):
         raise InputError(str(folder / TRAJECTORY), f"{trajectory.q.shape[1]} joints", f"the model's {model.n}")
-    return StrikeRun(trajectory, model, target, options.controller_label())
+    return StrikeRun(trajectory, model, target, label)
+
+
+def _part(group: type[T], table: dict[str, Any]) -> T:
+    """A group of the options that a folder holds."""
+    return group(**{f.name: table[f.name] for f in fields(group) if f.name in table})  # type: ignore[arg-type]
 
 
 def has_display() -> bool:

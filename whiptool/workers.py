@@ -93,7 +93,7 @@ def _in_processes(units: Mapping[str, Any], work: Callable[[Any], R], workers: i
 
     waiting, suspects, deaths = deque(units), deque[str](), Counter[str]()
     while waiting or suspects:
-        queue, crowd = (suspects, 1) if suspects else (waiting, workers)
+        queue, crowd = (suspects, 1) if suspects else (waiting, min(workers, len(waiting)))
         running: dict[Future, str] = {}
         pool = ProcessPoolExecutor(max_workers=crowd, initializer=_die_with, initargs=(os.getpid(),))
         orderly = False

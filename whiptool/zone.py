@@ -154,8 +154,11 @@ def disc_within_reach(disc: Disc, reach: float) -> Disc | ReachableDisc:
     """Return the disc itself where all of it lies within reach [m] of the shoulder, else the part that does.
 
     Raises:
-        InputError: No point of it does.
+        InputError: No point of it does, or all that is within reach lies in the disc, whose radius says nothing then.
     """
+    widest = math.hypot(*disc.centre) + reach
+    if disc.radius >= widest:
+        raise InputError("radius of the zone", disc.radius, f"less than {widest:.3f} m: beyond, it is all within reach")
     whole = math.hypot(*disc.centre) + disc.radius <= reach
     return disc if whole else ReachableDisc(disc, reach)
 

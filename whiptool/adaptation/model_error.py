@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, stdtr
 
 from whiptool.models.parameters import number
+from whiptool.objective import probability_within
 
 
 @dataclass(frozen=True)
@@ -73,26 +73,6 @@ class ModelError:
         if self.freedom != np.inf:
             draws = rng.standard_t(self.freedom, np.shape(miss))
         return np.abs(miss + self.scale * draws)
-
-
-def probability_within(
-    radius: float, miss: np.ndarray, scale: np.ndarray | float, freedom: float = np.inf
-) -> np.ndarray:
-    """Return the probability that a path passes a target within a radius.
-
-    Args:
-        radius: [m]
-        miss: Distance at which it is thought to pass [m], any shape.
-        scale: Of the error across the path [m], one number or like `miss`; positive.
-        freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
-
-    Returns:
-        Like `miss`.
-    """
-    low, high = (-radius - miss) / scale, (radius - miss) / scale
-    if freedom == np.inf:
-        return ndtr(high) - ndtr(low)
-    return stdtr(freedom, high) - stdtr(freedom, low)
 
 
 NONE = ModelError()

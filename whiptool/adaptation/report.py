@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
-from whiptool.adaptation.judgement import CLAIMED
 from whiptool.adaptation.loop import Step
 from whiptool.adaptation.planner import TIMESTEP
 from whiptool.adaptation.posterior import AFTER, usable
@@ -21,7 +20,7 @@ from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.summary import unit_of
 from whiptool.models.compiled import CompiledRollout
-from whiptool.objective import T_STAY, Target
+from whiptool.objective import CLAIMED, T_STAY, Target
 from whiptool.plots import COLORS, STYLE
 from whiptool.report import Picture, Section, Table, Text
 
@@ -141,9 +140,7 @@ def _used(step: Step) -> bool:
 
 
 def _verdict(step: Step) -> str:
-    if step.judged is None:
-        return "not seen"
-    return "hit" if step.hit else "missed" if step.judged.probability <= 1 - CLAIMED else "undecided"
+    return "not seen" if step.judged is None else step.judged.verdict
 
 
 def _centimetres(miss: float | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +90,7 @@ def read_run(folder: Path | str) -> Results:
     Raises:
         InputError: It is no such folder, or not all of its units are finished.
     """
+    from whiptool.cli import stored_options
     from whiptool.compare import CompareOptions
     from whiptool.reproduce import ReproduceOptions
 
@@ -99,7 +100,8 @@ def read_run(folder: Path | str) -> Results:
     kind = kinds.get(config.get("command", ""))
     if kind is None:
         raise InputError("run folder", str(folder), "one of whiptool.compare or whiptool.reproduce")
-    options = kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in config["options"].items()}).resolved()
+    mine = {f.name for f in fields(kind)}  # older runs hold options that there are no more
+    options = stored_options(kind, {k: v for k, v in config["options"].items() if k in mine}, folder)
     methods, observations = PAPER_METHODS, OBSERVATIONS
     if kind is CompareOptions:
         methods, observations = options.methods, options.observation

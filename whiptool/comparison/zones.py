@@ -11,6 +11,8 @@ import numpy as np
 from whiptool.comparison.store import Store
 from whiptool.comparison.units import Scene
 from whiptool.errors import InputError
+from whiptool.models.parameters import LARGEST
+from whiptool.objective import TARGET
 from whiptool.strike import default_bounds
 from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region
 
@@ -50,8 +52,8 @@ def fast_region(scene: Scene, store: Store, *, quick: bool = False) -> Region:
     return Region(np.array(known["corners"]), known["cell"])
 
 
-def check_zone(name: str, option: str) -> None:
-    """Whether a zone's name is `fast` or a radius.
+def check_zone(name: str, option: str, centre: tuple[float, ...] = TARGET, reach: float = LARGEST) -> None:
+    """Whether a zone's name is `fast`, or the radius [m] of a disc around a centre of which the reach leaves a part.
 
     Raises:
         InputError: It is neither.
@@ -59,9 +61,13 @@ def check_zone(name: str, option: str) -> None:
     if name == FAST:
         return
     try:
-        Disc(radius=float(name))
+        disc = Disc(centre, float(name))  # type: ignore[arg-type]
     except ValueError:
         raise InputError(option, name, f"radii > 0 in m, or {FAST}") from None
+    try:
+        disc_within_reach(disc, reach)
+    except InputError as error:
+        raise InputError(option, name, error.allowed) from None
 
 
 def zone_named(name: str, scene: Scene, store: Store, *, quick: bool = False) -> Zone:

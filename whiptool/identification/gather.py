@@ -48,6 +48,13 @@ def gather(path: str, *, tip: Marker | None = None, handle: bool = False) -> tup
     return track_video(video, name=path, tip=tip), video.synthetic
 
 
+def may_be_filmed(path: str) -> bool:
+    """Whether a recording is of a form that can hold images."""
+    if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
+        path = episode[1]
+    return READERS[find_format(path)].video is not None
+
+
 def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> StrikeRecording:
     """The tip's track through a video, as a recording.
 

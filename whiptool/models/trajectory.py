@@ -28,6 +28,7 @@ class Approach:
         max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
         diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
+        error: Standard error of the distance [m], (B,), where it was measured; None: it was computed.
     """
 
     distance: np.ndarray
@@ -37,6 +38,7 @@ class Approach:
     max_joint_speed: np.ndarray
     max_torque: np.ndarray
     diverged: np.ndarray
+    error: np.ndarray | None = None
 
     @property
     def speed(self) -> np.ndarray:

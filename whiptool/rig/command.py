@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from whiptool import cli
 from whiptool.errors import InputError
+from whiptool.options import LONGEST_STAY, ControllerOptions, ModelOptions, TargetOptions, refuse_idle, whole
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
+    from whiptool.objective import Outcome
     from whiptool.optimizers import Result
+    from whiptool.rig.loop import LoopOptions
     from whiptool.rig.session import Rig
     from whiptool.runs import RunFolder
     from whiptool.strike import StrikeBounds
@@ -24,11 +28,13 @@ TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigOptions(cli.SimulationOptions):
-    """What is struck with, and how."""
+class ArmOptions(TargetOptions, ModelOptions, ControllerOptions):
+    """What is struck with: a rig or its twin."""
 
-    preset: str = "printed"
-    """OIAC parameters: printed or table4; held for a cycle, table4 is stable only at rates far above 500."""
+    usual_preset: ClassVar[str] = "printed"
+
+    preset: str | None = None
+    """OIAC parameters: printed or table4, which is stable only at rates far above 500; default: printed."""
     port: str = "twin"
     """Serial device such as /dev/ttyUSB0, or twin: the emulator behind the same protocol."""
     camera: str = "twin"
@@ -40,14 +46,10 @@ class RigOptions(cli.SimulationOptions):
     """Largest joint speed on the way to the strike's start [rad/s]; slow, for the whip must not swing there."""
     settle: float = 2.0
     """Wait at the start [s]; the whip's hinge is free, so waiting alone does not end a swing."""
-    cap: bool = False
-    """Cap stiffness and damping at what the sampled loop can carry, instead of refusing what it cannot."""
     friction: bool = True
     """Of the twin: motors with friction and inertia."""
     latency: float = 0.001
-    """Of the twin's line, there and back [s]."""
-    true_model: str | None = None
-    """Of the twin: what is really there, a preset or .toml; default: --model."""
+    """Of the line, there and back [s]: the twin's, and as rehearsals have it."""
     yes: bool = False
     """Do not ask before a real arm moves."""
     seed: int = 0
@@ -57,6 +59,37 @@ class RigOptions(cli.SimulationOptions):
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
 
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.models.parameters import number
+        from whiptool.rig.loop import LONGEST_DELAY
+
+        super().check()
+        number("--latency", self.latency, low=0, high=LONGEST_DELAY)
+        loop_options(self)
+        whole("--seed", self.seed, low=0)
+        if self.port != "twin":
+            refuse_idle(self, {"friction": "nothing, unless --port twin is given"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOptions(ArmOptions):
+    """What is struck with, and how, where strikes are given or searched as they are."""
+
+    cap: bool = False
+    """Cap stiffness and damping at what the sampled loop can carry, instead of refusing what it cannot."""
+    true_model: str | None = None
+    """Of the twin: what is really there, a preset or .toml; default: --model."""
+
+    def check(self) -> None:
+        """As `Options.check`."""
+        super().check()
+        if self.port != "twin":
+            refuse_idle(self, {"true_model": "nothing, unless --port twin is given"})
+            _check_camera(self.camera)
+        elif self.camera not in TWIN_CAMERAS:
+            raise InputError("--camera", self.camera, ", ".join(TWIN_CAMERAS) + " with --port twin")
+
 
 @dataclass(frozen=True, kw_only=True)
 class StrikeOptions(RigOptions):
@@ -64,6 +97,19 @@ class StrikeOptions(RigOptions):
 
     strike: tuple[float, ...]
     """q_si q_ei q_sf q_ef [rad] D [s]."""
+
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.models.parameters import number
+        from whiptool.strike import Strike
+
+        super().check()
+        strike = Strike.from_vector(self.strike)
+        number("--strike: D", strike.D, low=0, high=LONGEST_STAY)
+        for angle in (*strike.q_i, *strike.q_f):
+            number("--strike: angle", angle, low=-2 * math.pi, high=2 * math.pi)
+        if self.port != "twin":
+            refuse_idle(self, {"seed": "nothing, unless --port twin is given"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +126,18 @@ class LearnOptions(RigOptions):
     """No more strikes than these."""
     resume: Path | None = None
     """Go on with the run in this folder: its strikes are not struck again."""
+
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.optimizers import find_method
+
+        super().check()
+        find_method(self.method)
+        if self.method == "gradient":
+            raise InputError("--method", self.method, "one without derivatives: a rig has none")
+        if self.camera == "none":
+            raise InputError("--camera", self.camera, "one that sees the tip: a search needs the miss")
+        whole("--max-trials", self.max_trials)
 
 
 _NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "yes": False}
@@ -111,41 +169,47 @@ def _make_rig(options: RigOptions, model, controller):
     from whiptool.models.files import find_model
     from whiptool.rig.caps import default_caps
     from whiptool.rig.emulator.motor import HARDWARE, Motor
-    from whiptool.rig.loop import LoopOptions
-    from whiptool.rig.session import HardwareRig, TwinRig, TwinTruth
+    from whiptool.rig.session import TwinRig, TwinTruth
 
-    twin, motor = options.port == "twin", HARDWARE if options.friction else Motor()
-    caps = None
+    loop = loop_options(options)
     if options.cap:
-        caps = default_caps(model, period=1 / options.rate, delay=options.latency)
-    loop = LoopOptions(
+        loop = replace(loop, caps=default_caps(model, period=1 / options.rate, delay=options.latency))
+    if options.port != "twin":
+        return hardware_rig(options, model, controller, loop)
+    truth = TwinTruth(
+        find_model(options.true_model) if options.true_model is not None else model,
+        HARDWARE if options.friction else Motor(),
+        command_delay=options.latency / 2,
+        sample_delay=options.latency / 2,
+    )
+    camera = "d435-infrared" if options.camera == "twin" else options.camera
+    target = options.build_target().position
+    return TwinRig(model, controller, truth=truth, camera=camera, target=target, options=loop, seed=options.seed)
+
+
+def loop_options(options: ArmOptions) -> LoopOptions:
+    """How the loop runs a strike."""
+    from whiptool.rig.loop import LoopOptions
+
+    return LoopOptions(
         rate=options.rate,
         t_stay=options.t_stay,
         settle=options.settle,
         approach_speed=options.approach_speed,
-        caps=caps,
         delay=options.latency,
     )
-    target = options.build_target().position
-    if twin:
-        if options.camera not in TWIN_CAMERAS:
-            raise InputError("--camera", options.camera, ", ".join(TWIN_CAMERAS) + " with --port twin")
-        truth = TwinTruth(
-            find_model(options.true_model) if options.true_model else model,
-            motor,
-            command_delay=options.latency / 2,
-            sample_delay=options.latency / 2,
-        )
-        camera = "d435-infrared" if options.camera == "twin" else options.camera
-        return TwinRig(model, controller, truth=truth, camera=camera, target=target, options=loop, seed=options.seed)
-    if options.true_model is not None:
-        raise InputError("--true-model", options.true_model, "nothing, unless --port twin is given")
+
+
+def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions):
+    """The real arm and camera that the options name."""
+    from whiptool.rig.session import HardwareRig
+
     return HardwareRig(
         model,
         controller,
         port=options.port,
         camera=_camera(options.camera),
-        target=target,
+        target=options.build_target().position,
         options=loop,
         confirm=None if options.yes else _confirm,
     )
@@ -155,12 +219,18 @@ def _camera(name: str):
     """A real camera."""
     if name == "none":
         return None
-    if name == "realsense" or name.endswith(".db3"):
-        from whiptool.rig.camera.model import camera_preset
-        from whiptool.rig.camera.realsense import RealSenseCamera
+    from whiptool.rig.camera.model import camera_preset
+    from whiptool.rig.camera.realsense import RealSenseCamera
 
-        return RealSenseCamera(camera_preset("d435-infrared"), file=None if name == "realsense" else Path(name))
-    raise InputError("--camera", name, "realsense, a .db3 recording, none", "the twin's cameras need --port twin")
+    return RealSenseCamera(camera_preset("d435-infrared"), file=None if name == "realsense" else Path(name))
+
+
+def _check_camera(name: str) -> None:
+    """Refuse what is no real camera."""
+    if name.endswith(".db3") and not Path(name).is_file():
+        raise InputError("--camera", name, "a RealSense recording; there is no such file")
+    if name not in ("none", "realsense") and not name.endswith(".db3"):
+        raise InputError("--camera", name, "realsense, a .db3 recording, none", "the twin's cameras need --port twin")
 
 
 def _confirm(strike) -> bool:
@@ -176,6 +246,11 @@ def _strike(words: list[str]) -> int:
     options = cli.parse(StrikeOptions, prog="whiptool rig strike", description=_STRIKE, args=words)
     model, controller = options.build_model(), options.build_controller()
     strike, target = Strike.from_vector(options.strike), options.build_target()
+    target.check_radius(model)
+    if len(strike.q_i) != model.arm.n:
+        raise InputError(
+            "--strike", options.strike, f"{2 * model.arm.n + 1} numbers, for an arm of {model.arm.n} joints"
+        )
     rig = _make_rig(options, model, controller)
     config = {"command": "rig strike", "version": code_version(), "options": cli.as_plain(replace(options, out=None))}
     with RunFolder.create(options.out or default_folder("rig"), config) as folder:
@@ -193,15 +268,15 @@ def _strike(words: list[str]) -> int:
 def _summary(struck, target) -> dict[str, Any]:
     import numpy as np
 
-    near = struck.approach(np.array(target.position))
-    seen = not bool(near.diverged[0])
-    distance = float(near.distance[0]) if seen and np.isfinite(near.distance[0]) else None
+    near, judged = struck.approach(np.array(target.position)), struck.judged(target)
     true = None if struck.truth is None else float(struck.truth.approach(np.array(target.position)).distance[0])
     return {
-        "miss_distance": distance,
-        "hit": None if distance is None else distance <= target.hit_radius,
-        "hit_time": float(near.time[0]) if distance is not None else None,
-        "tip_speed": float(near.speed[0]) if distance is not None else None,
+        "miss_distance": None if judged is None else judged.miss,
+        "miss_error": None if judged is None else judged.error,
+        "hit_probability": None if judged is None else judged.probability,
+        "hit": None if judged is None else judged.hit,
+        "hit_time": None if judged is None else float(near.time[0]),
+        "tip_speed": None if judged is None else float(near.speed[0]),
         "true_miss_distance": true,
         "fault": None if struck.run.fault is None else str(struck.run.fault),
         "torque_off": struck.run.torque_off,
@@ -218,10 +293,10 @@ def _lines(struck, summary: dict, target) -> list[str]:
     if summary["miss_distance"] is None:
         lines = [f"struck at ({where}) m; the tip was not seen"]
     else:
-        said = "hit" if summary["hit"] else "missed"
         lines = [
-            f"{said} ({where}) m: the camera saw the tip {summary['miss_distance']:.4f} m away at "
-            f"{summary['hit_time']:.3f} s, {summary['tip_speed']:.1f} m/s"
+            f"{struck.judged(target).verdict}, ({where}) m: as the camera saw the tip it came within "
+            f"{summary['miss_distance']:.4f} ± {summary['miss_error']:.4f} m at {summary['hit_time']:.3f} s, "
+            f"{summary['tip_speed']:.1f} m/s; a hit is {summary['hit_probability']:.0%} probable"
         ]
     if summary["true_miss_distance"] is not None:
         lines.append(f"  in truth       {summary['true_miss_distance']:.4f} m (the twin knows)")
@@ -231,16 +306,14 @@ def _lines(struck, summary: dict, target) -> list[str]:
 
 def _learn(words: list[str]) -> int:
     """A search whose objective is the rig."""
-    from whiptool.optimizers import find_method
-    from whiptool.strike import StrikeBounds, default_bounds
+    from whiptool.optimize import bounds_within
 
     options = cli.parse_resumable(
         LearnOptions, command="rig learn", description=_LEARN, args=words, not_configuration=_NOT_CONFIGURATION
     )
-    find_method(options.method)
     model, controller = options.build_model(), options.build_controller()
-    usual = default_bounds(model.arm)
-    bounds = StrikeBounds(options.lower or usual.lower, options.upper or usual.upper)
+    bounds = bounds_within(options.lower, options.upper, model)
+    options.build_target().check_reach(model)
     rig = _make_rig(options, model, controller)
     config = {"command": "rig learn", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
 
@@ -263,7 +336,7 @@ def _search(
     from whiptool.rig.session import RigRollout
     from whiptool.trial_log import TRIALS, TrialLog
 
-    log = TrialLog(folder.path / TRIALS, model.arm)
+    log = TrialLog(folder.path / TRIALS, model.arm, measured=True)
     recorded = log.read()
     rollout = RigRollout(make, model, folder=folder.path, done=len(recorded))
     objective = Objective(
@@ -278,8 +351,7 @@ def _search(
     def on_trial(trial) -> None:
         if trial.number > len(recorded):
             log.append(trial)
-        said = "refused or lost" if trial.outcome.diverged else f"{trial.outcome.miss_distance:.4f} m"
-        print(f"strike {trial.number}: {said}", file=sys.stderr)
+        print(f"strike {trial.number}: {_measured(trial.outcome)}", file=sys.stderr)
 
     objective.record(recorded, on_trial)
     result = search(objective, options.method, seed=options.seed)
@@ -289,6 +361,8 @@ def _search(
         "n_trials": result.n_trials,
         "n_refused_or_lost": result.n_diverged,
         "miss_distance": None if result.outcome is None else result.outcome.miss_distance,
+        "miss_error": None if result.outcome is None else result.outcome.miss_error,
+        "hit": None if result.outcome is None else result.outcome.hit,
         "strike": None if result.strike is None else result.strike.vector.tolist(),
     }
     folder.write_result(summary)
@@ -296,10 +370,19 @@ def _search(
     return 130 if result.status.value == "interrupted" else 0
 
 
+def _measured(outcome: Outcome) -> str:
+    """What the camera saw of a strike's miss."""
+    if outcome.diverged:
+        return "refused or lost"
+    said = "hit claimed" if outcome.hit else "no hit claimed"
+    error = "" if outcome.miss_error is None else f" ± {outcome.miss_error:.4f}"
+    return f"{said}, {outcome.miss_distance:.4f}{error} m"
+
+
 def _learned_lines(result: Result, folder: Path) -> list[str]:
     """What a search on the rig came to."""
     lines = [f"{result.method}: {result.message}; {result.n_trials} strikes, {result.n_diverged} refused or lost"]
     if result.outcome is not None and result.strike is not None:
         strike = " ".join(f"{x:.4f}" for x in result.strike.vector)
-        lines += [f"  miss distance  {result.outcome.miss_distance:.4f} m", f"  strike         {strike}"]
+        lines += [f"  miss distance  {_measured(result.outcome)}", f"  strike         {strike}"]
     return [*lines, f"  run folder     {folder}"]

@@ -24,6 +24,9 @@ from whiptool.rig.guards import Guards, SafetyError, Watch
 from whiptool.rig.safety import Safety, State, StopSignals
 from whiptool.strike import Strike
 
+LONGEST_DELAY = 0.1  # [s]
+SLOWEST, FASTEST = 0.01, 2.0  # [rad/s] of an approach: it ends some time, and is no strike itself
+
 
 @dataclass(frozen=True)
 class LoopOptions:
@@ -32,7 +35,7 @@ class LoopOptions:
     Args:
         rate: Cycles per second [Hz].
         t_stay: The controller stays on after the movement ended [s].
-        approach_speed: Largest speed of the reference on the way to the start posture and back [rad/s].
+        approach_speed: Largest speed of the reference on the way to the start posture and back [rad/s], 0.01 to 2.
         settle: Wait at the start posture [s]. The whip's hinge has no damping, so that no waiting ends a swing: what
             keeps the whip still is an approach that lasts several of its periods (1.6 s for `lemon2024`; see
             `whiptool.models.modes`).
@@ -60,9 +63,11 @@ class LoopOptions:
 
     def __post_init__(self) -> None:
         number("rate", self.rate, low=10, high=10_000)
+        number("approach_speed", self.approach_speed, low=SLOWEST, high=FASTEST)
+        number("delay", self.delay, low=0, high=LONGEST_DELAY)
         for name in ("t_stay", "settle"):
             number(name, getattr(self, name), low=0, high=600)
-        for name in ("approach_speed", "stiffness", "damping"):
+        for name in ("stiffness", "damping"):
             number(name, getattr(self, name), low=0, strict=True)
 
 

@@ -11,10 +11,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.identification.judgement import Judgement, frames_of, judge_frames
 from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Approach, Trajectory, complete_trajectory
+from whiptool.objective import Target
 from whiptool.rig.camera.model import CameraSettings, camera_preset, expose, measurement_sigma
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints
@@ -71,6 +73,13 @@ class Struck:
             max_torque=np.nanmax(np.abs(cycles.tau), axis=0)[None],
             diverged=np.zeros(1, bool),
         )
+
+    def judged(self, target: Target) -> Judgement | None:
+        """The miss as the camera's frames tell it, and how surely; None: they do not show the tip."""
+        if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
+            return None
+        frames = frames_of(self.recording, target)
+        return None if frames is None else judge_frames(frames, target)
 
 
 def nothing_seen(a: int) -> Approach:
@@ -348,10 +357,16 @@ class RigRollout:
             except InputError:  # refused before it began
                 struck = None
             self.struck.append(struck)
-            found.append(
-                nothing_seen(self.model.arm.n) if struck is None else struck.approach(np.asarray(target, float))
-            )
+            found.append(self._approach(struck, np.asarray(target, float)))
         return Approach(*(np.concatenate([getattr(x, f.name) for x in found]) for f in dataclasses.fields(Approach)))
+
+    def _approach(self, struck: Struck | None, target: np.ndarray) -> Approach:
+        """The closest approach of one strike, with the camera's standard error."""
+        judged = None if struck is None else struck.judged(Target(tuple(target)))
+        if struck is None or judged is None:
+            return dataclasses.replace(nothing_seen(self.model.arm.n), error=np.array([np.nan]))
+        near = struck.approach(target)
+        return dataclasses.replace(near, distance=np.array([judged.miss]), error=np.array([judged.error]))
 
     def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
         """Of a twin: what was really there.

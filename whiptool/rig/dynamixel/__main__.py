@@ -8,12 +8,14 @@ from dataclasses import dataclass
 
 from whiptool.cli import parse, run
 from whiptool.errors import InputError
+from whiptool.options import Options, refuse_idle, whole
 
+LAST_ID = 252
 PATIENCE = 1.0  # [s] that a reply may take
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoOptions:
+class ServoOptions(Options):
     """See which servos are there, and set them up."""
 
     port: str
@@ -31,6 +33,30 @@ class ServoOptions:
     reboot: int | None = None
     """Reboot the servo of this id: it clears a shutdown."""
 
+    def check(self) -> None:
+        """As `Options.check`."""
+        from whiptool.rig.dynamixel.control_table import BAUD_RATES
+
+        super().check()
+        rates = sorted(BAUD_RATES.values())
+        for name, baud in (("--baud", self.baud), ("--set-baud", self.set_baud)):
+            if baud is not None and baud not in rates:
+                raise InputError(name, baud, ", ".join(map(str, rates)))
+        if not self.ids or len(set(self.ids)) < len(self.ids) or not all(0 <= id <= LAST_ID for id in self.ids):
+            raise InputError("--ids", self.ids, f"different numbers from 0 to {LAST_ID}")
+        for name, value, most in (
+            ("--set-return-delay", self.set_return_delay, 254),
+            ("--set-id", self.set_id, LAST_ID),
+            ("--reboot", self.reboot, LAST_ID),
+        ):
+            if value is not None:
+                whole(name, value, low=0, high=most)
+        if self.set_id is not None and len(self.ids) != 1:
+            raise InputError("--set-id", self.set_id, "together with one id in --ids")
+        if self.reboot is not None:
+            others = ("ids", "set_baud", "set_return_delay", "set_id")
+            refuse_idle(self, dict.fromkeys(others, "nothing beside --reboot"))
+
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status.
@@ -47,10 +73,6 @@ def main(args: Sequence[str] | None = None) -> int:
 
         o = parse(ServoOptions, prog="python -m whiptool.rig.dynamixel", description=__doc__ or "", args=args)
         rate = {bps: value for value, bps in BAUD_RATES.items()}
-        if o.set_baud is not None and o.set_baud not in rate:
-            raise InputError("--set-baud", o.set_baud, ", ".join(map(str, rate)))
-        if o.set_id is not None and len(o.ids) != 1:
-            raise InputError("--set-id", o.set_id, "together with one id in --ids")
         with DynamixelBus(o.port, o.ids, baud=o.baud, timeout=PATIENCE) as bus:
             if o.reboot is not None:
                 bus.instruct(o.reboot, 8)

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from whiptool.cli import parse, run
+from whiptool.options import Options, refuse_idle
 
 
 @dataclass(frozen=True, kw_only=True)
-class EmulatorOptions:
+class EmulatorOptions(Options):
     """Emulated servos on a pseudo-terminal."""
 
     model: str = "lemon2024"
@@ -25,6 +26,12 @@ class EmulatorOptions:
     """Control period in lock-step [s]."""
     link: str | None = None
     """A symbolic link to make to the device."""
+
+    def check(self) -> None:
+        """As `Options.check`."""
+        super().check()
+        if not self.lockstep:
+            refuse_idle(self, {"period": "nothing without --lockstep"})
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,0 +1,653 @@
+"""Bad input of every command and option: one line that names it and status 2, before anything is computed or written.
+
+A line of the tables is what stands behind `whiptool`, then what the answer must hold. What is accepted although it
+looks odd stands in `ACCEPTED`, with its reason.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import HANG
+
+from whiptool import cli
+from whiptool.errors import InputError
+from whiptool.identification.recording import StrikeRecording
+from whiptool.models import preset, write_model
+from whiptool.options import Options
+from whiptool.strike import Strike
+
+pytestmark = pytest.mark.slow
+
+STRIKE = "-0.6 0.2 0.7 2.1 1.2"  # a good one
+OPTIONS = {
+    "optimize": ("whiptool.optimize", "OptimizeOptions"),
+    "simulate": ("whiptool.simulate", "SimulateOptions"),
+    "train": ("whiptool.train", "TrainOptions"),
+    "compare": ("whiptool.compare", "CompareOptions"),
+    "reproduce": ("whiptool.reproduce", "ReproduceOptions"),
+    "adapt": ("whiptool.adapt", "AdaptOptions"),
+    "identify": ("whiptool.identify", "IdentifyOptions"),
+    "view": ("whiptool.view", "ViewOptions"),
+    "doctor": ("whiptool.doctor", "DoctorOptions"),
+    "strike": ("whiptool.rig.command", "StrikeOptions"),
+    "learn": ("whiptool.rig.command", "LearnOptions"),
+    "servos": ("whiptool.rig.dynamixel.__main__", "ServoOptions"),
+    "emulator": ("whiptool.rig.emulator.__main__", "EmulatorOptions"),
+}
+NEEDS = {
+    "strike": f"--strike {STRIKE}",
+    "servos": "--port /dev/nowhere",
+    "identify": "good.npz",
+    "view": "of-simulate",
+    "simulate": f"--strike {STRIKE}",
+}
+
+# Of every command that has the option: what is given, and what the answer must hold
+SHARED = """
+--target nan 0 | target
+--target inf 0 | target
+--target 1 | target
+--target 1 2 3 | target
+--target | --target
+--target a b | --target
+--hit-radius 0 | --hit-radius
+--hit-radius -1 | --hit-radius
+--hit-radius nan | --hit-radius
+--hit-radius 1e400 | --hit-radius
+--t-stay -1 | --t-stay
+--t-stay nan | --t-stay
+--t-stay 1e9 | --t-stay
+--controller pid | oiac, constant
+--controller "" | --controller
+--preset table5 | printed, table4
+--preset "" | preset
+--controller constant --preset printed | --preset
+--torque-limit 0 | --torque-limit
+--torque-limit -inf | --torque-limit
+--control-period 0 | --control-period
+--control-period 10 | --control-period
+--control-period nan | --control-period
+--timestep 0 | --timestep
+--timestep 1e-300 | --timestep
+--timestep 1 | --timestep
+--timestep nan | --timestep
+--simulator gazebo | compiled, reference
+--integrator RK4 | --integrator
+--simulator reference --integrator RK5 | RK4, Euler
+--zone-radius 0 | --zone-radius
+--zone-radius nan | --zone-radius
+--seed -1 | --seed
+--seed 99999999999999999999 | --seed
+--seed 1.5 | --seed
+--starts 0 | --starts
+--limits xm540 | xm430
+--rate 1 | --rate
+--rate 1e9 | --rate
+--rate nan | --rate
+--approach-speed 1e6 | --approach-speed
+--approach-speed 0 | --approach-speed
+--approach-speed 1e-9 | --approach-speed
+--settle -1 | --settle
+--settle inf | --settle
+--latency -1 | --latency
+--latency 5 | --latency
+--targets 0 | --targets
+--targets 1000000000000 | --targets
+--target-seed -1 | --target-seed
+--seeds 0 | --seeds
+--tighter 0.07 | --tighter
+--tighter 0.03 0.03 | --tighter
+--tighter nan | --tighter
+--trials 1 | --trials
+--episodes 0 | --episodes
+--further-episodes 0 | --further-episodes
+--workers 2 --cluster auto | --workers
+--random-episodes -1 | --random-episodes
+--hindsight -1 | --hindsight
+--true-model absent.toml | absent.toml
+--seed 1 --seed 2 | twice
+--json --no-json | twice
+--frobnicate | --frobnicate
+--model | --model
+"""
+
+# Of single commands
+OWN = """
+optimize --method | --method
+optimize --method magic | directl, gradient
+optimize --method nlopt:MAGIC | nlopt:
+optimize --method gradient --simulator reference | --method
+optimize --max-trials 0 | --max-trials
+optimize --max-trials many | --max-trials
+optimize --max-trials 1e3 | --max-trials
+optimize --max-time 0 | --max-time
+optimize --max-time nan | --max-time
+optimize --lower 0 0 0 0 1 --upper 1 1 1 1 0.5 | lower < upper
+optimize --lower 0 0 0 0 nan --upper 1 1 1 1 2 | lower < upper
+optimize --lower 0 0 | --lower
+optimize --upper 0 0 0 0 0 0 0 | --upper
+optimize --stop-at-hit 3 | command line
+optimize --video yes | command line
+optimize stray | command line
+optimize --target 3 0 | reach of
+optimize --hit-radius 100 | hit radius
+optimize --model lemon2025 | lemon2024, nah2020-n10
+optimize --model "" | model
+optimize --model absent.toml | readable TOML
+optimize --model päitsche.toml | päitsche.toml
+optimize --model folder.toml | folder.toml
+optimize --model empty.toml | whip
+optimize --model broken.toml | valid TOML
+optimize --model gibberish.toml | valid TOML
+optimize --model utf16.toml | valid TOML
+optimize --model zero.toml | whip.N
+optimize --model negative.toml | whip.m
+optimize --model infinite.toml | whip.m
+optimize --model heavy.toml | magnitude
+optimize --model text.toml | whip.m
+optimize --model list.toml | whip
+optimize --model many.toml | whip.m
+optimize --model three.toml --controller constant | one per arm joint
+optimize --model three.toml | bounds
+optimize --out taken | new or empty
+optimize --out file | --out
+optimize --out /proc/nowhere | can be written
+optimize --out /dev/full | --out
+optimize --out "" | --out
+optimize --resume taken | --resume
+optimize --resume absent | --resume
+optimize --resume file | --resume
+optimize --resume of-simulate | --resume
+optimize --resume of-garbage | TOML
+optimize --resume of-nothing | --resume
+optimize --resume of-others | --resume
+simulate --export | --export
+simulate --export x.xml --no-video | --video
+simulate --strike 1 2 | strike
+simulate --strike nan 0 0 0 1 | q_i
+simulate --strike 0 0 inf 0 1 | q_f
+simulate --strike 0 0 0 0 0 | D
+simulate --strike 0 0 0 0 -1 | D
+simulate --strike 0 0 0 0 1e9 | timestep
+simulate --strike a b c d e | --strike
+simulate --strike 0 0 0 0 0 0 1 | 5 numbers
+simulate --hit-radius 100 | hit radius
+simulate --out taken | new or empty
+simulate --video 3 | command line
+train --method a3c | sac, td3, ddpg, ppo
+train --method directl | sac, td3, ddpg, ppo
+train --observation pixels | paper, relative, goal
+train --reward mine | paper, log
+train --zone-radius 50 | zone
+train --target 9 9 | target
+train --hit-radius 100 | hit radius
+train --zone absent.npz | absent.npz
+train --zone garbage.npz | garbage.npz
+train --zone good.npz | good.npz
+train --zone taken | taken
+train --zone absent.npz --zone-radius 0.3 | --zone-radius
+train --zone absent.npz --target 1 0 | --target
+train --episodes 2 --random-episodes 99 | --random-episodes
+train --trials 1000000000000 | --trials
+train --strikes 0 | --strikes
+train --hindsight 2 --observation paper | --hindsight
+train --hindsight 2 --method ppo | --hindsight
+train --hidden | --hidden
+train --hidden 0 | --hidden
+train --hidden 1.5 | --hidden
+train --learning-rate 0 | --learning-rate
+train --learning-rate nan | --learning-rate
+train --discount 1.5 | --discount
+train --alpha -1 | --alpha
+train --alpha 0.1 --method ppo | alpha
+train --tau 2 | --tau
+train --batch-size 0 | --batch-size
+train --updates 0 | --updates
+train --noise 0.1 | noise
+train --noise nan --method td3 | --noise
+train --target-noise 0.1 --method ddpg | target_noise
+train --target-noise -1 --method td3 | --target-noise
+train --noise-clip inf --method td3 | --noise-clip
+train --delay 0 --method td3 | --delay
+train --kl-target -1 --method ppo | --kl-target
+train --beta nan --method ppo | --beta
+train --epochs 0 --method ppo | --epochs
+train --minibatch 0 --method ppo | --minibatch
+train --spread 0 --method ppo | --spread
+train --checkpoint-every 0 | --checkpoint-every
+train --tests 0 | --tests
+train --tests 1000000000 | --tests
+train --resume of-simulate | --resume
+compare --methods | --methods
+compare --methods sca | method
+compare --observation | --observation
+compare --observation god | --observation
+compare --methods ga --observation goal | --observation
+compare --methods ga --episodes 600 | --episodes
+compare --methods ga --hindsight 1 | --hindsight
+compare --methods sac --observation paper --further-episodes 60 | --further-episodes
+compare --zone slow | disc, fast
+compare --zone fast --zone-radius 0.3 | --zone-radius
+compare --zone fast --target 1 0 | --target
+compare --zone-radius 50 | zone
+compare --target 9 9 | target
+compare --episodes 10 | --random-episodes
+compare --workers 0 | --workers
+compare --cap 0 | --cap
+reproduce fig5 --cap 0 | --cap
+compare --resume of-simulate | --resume
+compare --quick 3 | command line
+reproduce fig4 | fig5, fig6
+reproduce "" | fig5, fig6
+reproduce fig5 fig6 | command line
+reproduce fig5 --whips 3 | --whips
+reproduce adapt --whips 0 | --whips
+reproduce adapt --whip-targets 0 | --whip-targets
+reproduce adapt --rows magic | --rows
+reproduce adapt --rows sac | --rows
+reproduce adapt --rows | --rows
+reproduce all --rows still | --rows
+reproduce fig6 --further-zones slow | --further-zones
+reproduce fig6 --further-zones -1 | --further-zones
+reproduce fig6 --further-zones 50 | --further-zones
+reproduce fig5 --further-zones fast | --further-zones
+reproduce fig6 --further-methods magic | method
+reproduce fig6 --further-observation god | --further-observation
+reproduce fig6 --further-zones --further-methods ga | --further-methods
+reproduce fig6 --workers -2 | --workers
+reproduce fig6 --resume of-simulate | --resume
+adapt --target 5 0 | target
+adapt --hit-radius 100 | hit radius
+adapt --port /dev/nowhere | --camera
+adapt --port /dev/nowhere --camera realsense --family kin | --family
+adapt --port /dev/nowhere --camera realsense --no-friction | --friction
+adapt --camera webcam | --camera
+adapt --camera none | --camera
+adapt --camera tip --rate 250 | --rate
+adapt --camera tip --no-friction | --friction
+adapt --camera tip --latency 0.002 | --latency
+adapt --approach-speed 0.1 | --approach-speed
+adapt --settle 1 | --settle
+adapt --family odd | --family
+adapt --material wood | cotton
+adapt --diameter 0.01 | --diameter
+adapt --length 1 | --length
+adapt --material leather --length 0 | length
+adapt --material leather --diameter nan | diameter
+adapt --max-strikes 0 | --max-strikes
+adapt --whip odd | --whip
+adapt --prior absent.toml | absent.toml
+adapt --prior broken.toml | broken.toml
+adapt --prior zero.toml | zero.toml
+adapt --prior taken | taken
+adapt --known | --known
+adapt --known absent.npz | absent.npz
+adapt --known garbage.npz | garbage.npz
+adapt --known truncated.npz | truncated.npz
+adapt --known taken | taken
+adapt --least-speed -1 | --least-speed
+adapt --least-speed 1e6 | --least-speed
+adapt --cap | --cap
+adapt --simulator reference | --simulator
+adapt --control-period 0.01 | --control-period
+adapt --true-model lemon2024 | --true-model
+adapt --resume of-simulate | --resume
+adapt --camera tip --out taken | new or empty
+identify --free | --free
+identify --free magic | --free
+identify --drive motor | command
+identify --drive free --model lemon2024 | .toml
+identify --drive free --nodes 5 | --nodes
+identify --drive free --profile | --profile
+identify --drive free --per-recording delay | --per-recording
+identify --drive joints --controller constant | --controller
+identify --drive handle --preset printed | --preset
+identify --clamp 0.1 | --clamp
+identify --drive passive --clamp nan | --clamp
+identify --pieces 0.3 | --pieces
+identify --drive free --pieces 0 | --pieces
+identify --nodes 0 | --nodes
+identify --nodes 5 5 | --nodes
+identify --nodes 5 | --nodes
+identify --held-out 1 | --held-out
+identify --held-out | --held-out
+identify --held-out absent.npz | absent.npz
+identify --per-recording magic | magic
+identify --loss cauchy | huber, none
+identify --prior absent.toml | absent.toml
+identify --prior empty.toml | empty.toml
+identify --tip absent.toml | absent.toml
+identify --tip zero.toml | zero.toml
+identify --tip looks.toml | --tip
+identify --out taken | new or empty
+identify --model folder.toml | folder.toml
+identify absent.csv | absent.csv
+identify garbage.csv | garbage.csv
+identify empty.csv | empty.csv
+identify garbage.npz | garbage.npz
+identify truncated.npz | truncated.npz
+identify garbage.mat | garbage.mat
+identify garbage.c3d | garbage.c3d
+identify garbage.db3 | garbage.db3
+identify garbage.mkv | garbage.mkv
+identify taken | taken
+identify file | file
+identify good.npz good.npz | once
+view of-simulate --page 3 | command line
+view absent | absent
+view file | file
+view taken | taken
+view of-garbage | of-garbage
+view of-simulate | of-simulate
+view garbled | garbled
+view | run
+doctor --deep | --deep
+strike --strike 1 2 | strike
+strike --strike 0 0 0 0 0 0 1 | 5 numbers
+strike --strike nan 0 0 0 1 | q_i
+strike --strike 1e9 0 0 0 1 | --strike
+strike --strike 0 0 0 0 1e9 | --strike
+strike --strike | --strike
+strike --camera webcam | --camera
+strike --port /dev/nowhere --camera twin | --camera
+strike --port /dev/nowhere --camera absent.db3 | absent.db3
+strike --port /dev/nowhere --camera none --true-model lemon2024 | --true-model
+strike --port /dev/nowhere --camera none --no-friction | --friction
+strike --port /dev/nowhere --camera none --seed 3 | --seed
+strike --true-model lemon2025 | lemon2024
+strike --true-model "" | model
+strike --hit-radius 100 | hit radius
+strike --simulator reference | --simulator
+strike --control-period 0.01 | --control-period
+strike --timestep 0.0001 | --timestep
+strike --integrator RK4 | --integrator
+strike --out taken | new or empty
+strike --out /proc/nowhere | can be written
+learn --method sgd | cmaes
+learn --port /dev/nowhere --camera twin | --camera
+learn --method gradient | --method
+learn --camera none | --camera
+learn --max-trials 0 | --max-trials
+learn --lower 1 2 | --lower
+learn --upper nan nan nan nan nan | lower < upper
+learn --target 9 9 | target
+learn --resume of-simulate | --resume
+learn --resume absent | --resume
+servos --port /dev/nowhere | /dev/nowhere
+servos --port file | file
+servos --port taken | taken
+servos --port /dev/null | /dev/null
+servos --port "" | port
+servos --baud 3 | --baud
+servos --set-baud 3 | --set-baud
+servos --ids | --ids
+servos --ids 1 1 | --ids
+servos --ids 300 | --ids
+servos --set-id 5 | --set-id
+servos --ids 1 --set-id 253 | --set-id
+servos --set-return-delay 999 | --set-return-delay
+servos --reboot 300 | --reboot
+servos --reboot 1 --set-return-delay 0 | --set-return-delay
+emulator --baud 3 | baud
+emulator --period 0.001 | --period
+emulator --lockstep --period 0 | period
+emulator --lockstep --period nan | period
+emulator --model lemon2025 | lemon2024
+emulator --link absent/link | link
+"""
+
+# What is taken although it looks odd, and why
+ACCEPTED = f"""
+optimize --torque-limit 1e-9 | an arm without torque hangs: its strikes say so
+optimize --max-trials 2147483647 | a budget; Ctrl-C keeps what was found
+optimize --method directl --seed 5 | a script may give every method its seed
+optimize --target 1.514 0 | the very end of the reach is within the hit radius
+simulate --strike {STRIKE} --target 99 99 | a strike is played whatever the target is: the miss tells
+simulate --strike 1e6 0 0 0 1 | an arm may turn often; the outcome tells
+train --checkpoint-every 1000 | the last episode is saved in any case
+compare --tighter | nothing: no further hit radii
+compare --methods ga ga | the same method twice is the method
+compare --workers 100000 | as many as there are cores are used, which is said
+reproduce fig6 --further-zones | nothing: no further zones
+adapt --no-still --wiggle | the wiggle takes the place of the look
+adapt --yes | a script may serve twin and arm
+strike --strike {STRIKE} --yes | a script may serve twin and arm
+strike --strike {STRIKE} --camera none --hit-radius 0.01 | a target is on record though nobody looks
+identify good.npz --starts 1 --seed 7 | of one start nothing is random, yet a script may give it
+servos --port /dev/ttyUSB0 --ids 1 --set-id 1 | an id may be set to what it is
+"""
+
+
+def lines(table: str) -> list[tuple[str, str]]:
+    """What is given, and what stands behind the bar."""
+    return [
+        (given.strip(), said.strip()) for given, _, said in (line.partition("|") for line in table.strip().splitlines())
+    ]
+
+
+def options_of(command: str) -> type[Options]:
+    module, name = OPTIONS[command]
+    return getattr(import_module(module), name)
+
+
+def main_of(command: str) -> Callable[[list[str]], int]:
+    if command in ("strike", "learn"):
+        from whiptool.rig import main
+
+        return lambda words: main([command, *words])
+    return import_module(OPTIONS[command][0]).main
+
+
+def flags(command: str) -> set[str]:
+    """Its options, as they are given."""
+    return {"--" + f.name.replace("_", "-") for f in dataclasses.fields(options_of(command))}
+
+
+def shared_lines() -> list[tuple[str, str]]:
+    found = []
+    for command in OPTIONS:
+        for given, said in lines(SHARED):
+            named = {word for word in shlex.split(given) if word.startswith("--")} - {"--no-json", "--frobnicate"}
+            if named <= flags(command):
+                found.append((f"{command} {NEEDS.get(command, '')} {given}", said))
+    return found
+
+
+def own_lines() -> list[tuple[str, str]]:
+    found = []
+    for given, said in lines(OWN):
+        command, _, rest = given.partition(" ")
+        needs = NEEDS.get(command, "")
+        positional = command in ("identify", "view") and not rest.startswith("--")
+        spared = needs.partition(" ")[0] in rest.split() or "--export" in rest or positional
+        found.append((f"{command} {'' if spared else needs} {rest}".strip(), said))
+    return found
+
+
+BAD = [*shared_lines(), *own_lines()]
+
+
+def recording() -> StrikeRecording:
+    t = np.arange(40) / 60
+    points = np.stack([np.sin(3 * t), -np.cos(3 * t)], axis=1)
+    return StrikeRecording(
+        t, points[:, None], ("tip",), np.array(0.005), strike=Strike((-0.6, 0.2), (0.7, 2.1), 0.5), t_stay=0.1
+    )
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files and folders of every wrong kind."""
+    folder = tmp_path_factory.mktemp("bad")
+    garbage = bytes(range(256)) * 20
+    link = "{mass = 1, length = 1}"
+    table = "[whip]\nN = {N}\nl = 0.1\nm = {m}\nk = 0.1\nb = 0.1\n[arm]\nlinks = [{{mass = 1, length = 1}}]\n"
+    texts = {
+        "empty": "",
+        "broken": "[whip\n",
+        "zero": table.format(N=0, m=0.1),
+        "negative": table.format(N=2, m=-0.1),
+        "infinite": table.format(N=2, m="inf"),
+        "heavy": table.format(N=2, m=1e308),
+        "text": table.format(N=2, m='"light"'),
+        "many": table.format(N=2, m="[0.1, 0.1, 0.1]"),
+        "list": "whip = [1, 2]\n",
+        "three": table.format(N=2, m=0.1).replace(f"[{link}]", f"[{link}, {link}, {link}]"),
+        "looks": "radius = 0.01\nhue = [0, 20]\nsaturation = 0.5\n",
+    }
+    for name, text in texts.items():
+        (folder / f"{name}.toml").write_text(text)
+    (folder / "utf16.toml").write_text("name = 'x'", encoding="utf-16")
+    for suffix in ("csv", "npz", "mat", "c3d", "db3", "mkv"):
+        (folder / f"garbage.{suffix}").write_bytes(garbage)
+    (folder / "gibberish.toml").write_bytes(garbage)  # not garbage.toml: beside a recording that is its sidecar
+    (folder / "empty.csv").touch()
+    (folder / "file").write_text("mine")
+    (folder / "folder.toml").mkdir()
+    recording().save(folder / "good.npz")
+    (folder / "truncated.npz").write_bytes((folder / "good.npz").read_bytes()[:400])
+    (folder / "taken").mkdir()
+    (folder / "taken" / "file").write_text("mine")
+    configs = {
+        "of-simulate": 'command = "simulate"\n[options]\n',
+        "of-garbage": "\x01[",
+        "of-nothing": 'command = "optimize"\n',
+        "of-others": 'command = "optimize"\n[options]\nmagic = 3\n',
+        "garbled": 'command = "optimize"\n[options]\n',
+    }
+    for name, text in configs.items():
+        (folder / name).mkdir()
+        (folder / name / "config.toml").write_text(text)
+    (folder / "garbled" / "trajectory.npz").write_bytes(garbage)
+    write_model(preset("nah2020-n10"), folder / "good.toml")
+    return folder
+
+
+def tree(folder: Path) -> list[tuple[str, int]]:
+    return sorted((str(path), path.stat().st_size) for path in folder.rglob("*"))
+
+
+@pytest.mark.parametrize(("given", "said"), BAD, ids=[" ".join(given.split()) for given, _ in BAD])
+def test_bad_input_is_one_line_that_names_it(given: str, said: str, files: Path, capsys, monkeypatch) -> None:
+    command, *words = shlex.split(given)
+    monkeypatch.chdir(files)
+    before, handler = tree(files), signal.getsignal(signal.SIGTERM)
+    try:
+        status = main_of(command)(words)
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+    answer = capsys.readouterr()
+    assert answer.err.count("\n") == 1, answer.err
+    assert said in answer.err
+    assert status == 2, answer.err
+    assert answer.out == ""
+    assert tree(files) == before
+
+
+@pytest.mark.parametrize("given", [given for given, _ in lines(ACCEPTED)])
+def test_what_is_accepted_is_parsed(given: str, files: Path, monkeypatch) -> None:
+    """Options alone: nothing is computed."""
+    command, *words = shlex.split(given)
+    monkeypatch.chdir(files)
+    cli.parse(options_of(command), prog=command, description="", args=words)
+
+
+def test_every_accepted_line_has_its_reason() -> None:
+    assert all(reason for _, reason in lines(ACCEPTED))
+
+
+@pytest.mark.parametrize("command", OPTIONS)
+def test_every_option_is_in_a_table(command: str) -> None:
+    """What can be wrong with none: flags without a value, and where a refused line would need a rig."""
+    alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick"}
+    without = {*alone, "--resume", "--out", "--run", "--recordings", "--what"}
+    given = " ".join(given for given, _ in [*BAD, *lines(ACCEPTED)] if given.startswith(command + " "))
+    assert flags(command) - without <= set(shlex.split(given))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["optimize", "--target", "nan", "0"],
+        ["rig", "strike"],
+        ["rig", "whip"],
+        ["simulate", "--strike", "0", "0", "0", "0", "\udcff"],
+        ["frobnicate"],
+    ],
+)
+def test_the_installed_command_says_the_same(words: list[str], tmp_path: Path) -> None:
+    whole = [sys.executable, "-c", "import sys; from whiptool.cli import main; sys.exit(main())", *words]
+    done = subprocess.run(whole, cwd=tmp_path, capture_output=True, timeout=HANG, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count(b"\n") == 1, done.stderr
+    assert done.stdout == b""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize("words", [["simulate", "--export", "/dev/full"], ["doctor", "--json"]])
+def test_a_full_disk_is_one_line(words: list[str], tmp_path: Path) -> None:
+    whole = [sys.executable, "-c", "import sys; from whiptool.cli import main; sys.exit(main())", *words]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            whole, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, timeout=HANG, check=False, env={**os.environ}
+        )
+    assert done.returncode in (1, 2)
+    assert done.stderr.count(b"\n") == 1, done.stderr
+
+
+def test_what_a_run_was_begun_with_is_kept(tmp_path: Path) -> None:
+    """`--no-video`, `--checkpoint-every`, `--workers` are not said again on `--resume`; they may be said otherwise."""
+    from whiptool.optimize import OptimizeOptions
+    from whiptool.runs import RunFolder
+
+    begun = OptimizeOptions(video=False, max_time=3.0)
+    folder = RunFolder.create(tmp_path / "run", {"command": "optimize", "options": cli.as_plain(begun)})
+    del folder
+
+    def resumed(*words: str) -> OptimizeOptions:
+        return cli.parse_resumable(
+            OptimizeOptions,
+            command="optimize",
+            description="",
+            args=["--resume", str(tmp_path / "run"), *words],
+            not_configuration={"out": None, "resume": None, "json": False},
+            changeable=("video",),
+        )
+
+    assert not resumed().video
+    assert resumed("--video").video
+    assert resumed().max_time == 3.0
+    for words in (["--max-time", "4"], ["--max-time", "None"], ["--seed", "1"]):
+        with pytest.raises(InputError, match=words[0]):
+            resumed(*words)
+
+
+def test_quick_leaves_what_is_given() -> None:
+    """`--targets 300` is what it says, though 300 is the default that `--quick` replaces."""
+    from whiptool.compare import CHANGEABLE, NOT_CONFIGURATION, QUICK, CompareOptions
+
+    def given(*words: str) -> CompareOptions:
+        return cli.parse_resumable(
+            CompareOptions,
+            command="compare",
+            description="",
+            args=words,
+            not_configuration=NOT_CONFIGURATION,
+            changeable=CHANGEABLE,
+            quick=QUICK,
+        )
+
+    assert given("--quick", "--targets", "300").targets == 300
+    assert given("--quick").targets == QUICK["targets"]
+    assert given().targets == 300

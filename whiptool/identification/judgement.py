@@ -1,0 +1,135 @@
+"""The miss distance of a filmed strike, from its frames: with a standard error, and as a probability of a hit.
+
+A path of the tip is what is expected of it, and a discrepancy: a Gaussian process in time, of unknown size and pace.
+The frames tell it where they are, with their noise; between and beyond them the discrepancy stays as large as they show
+it to be (Kennedy and O'Hagan 2001).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.special import logsumexp
+
+from whiptool.identification.recording import StrikeRecording
+from whiptool.objective import CLAIMED, Target, probability_within
+
+RATE = 500.0  # [1/s] of a path; between its points the tip is taken to move straight
+_SIZES, _PACES = np.geomspace(0.1, 3.0, 6), np.array([0.05, 0.1, 0.2, 0.4])  # [m], [s], where nothing is expected
+_SEEN = 4  # frames that a path is joined from, at least
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is known of a miss distance.
+
+    Args:
+        miss: Most credible miss distance [m]: the mean over what is possible.
+        error: Its standard error [m].
+        probability: Of a hit.
+    """
+
+    miss: float
+    error: float
+    probability: float
+
+    @property
+    def hit(self) -> bool:
+        """Whether a hit is claimed."""
+        return self.probability >= CLAIMED
+
+    @property
+    def verdict(self) -> str:
+        """In a word, for people: hit, missed, or undecided."""
+        return "hit" if self.hit else "missed" if self.probability <= 1 - CLAIMED else "undecided"
+
+    def __str__(self) -> str:
+        return f"{100 * self.miss:.2f} ± {100 * self.error:.2f} cm"
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Those of a film that show the tip: times (F,) [s], places (F, 2) [m] and their standard errors (F,) [m]."""
+
+    t: np.ndarray
+    points: np.ndarray
+    noise: np.ndarray
+
+
+def frames_of(recording: StrikeRecording, target: Target, until: float | None = None) -> Frames | None:
+    """The frames of a recording that show the tip; None: too few do.
+
+    Args:
+        recording: The tip.
+        target: Where it may come near.
+        until: Later frames are left out, unless the tip comes nearest there [s]; None: none are.
+    """
+    i = recording.markers.index("tip")
+    seen = recording.seen[:, i]
+    nearest = np.linalg.norm(recording.points[:, i, :2] - target.position, axis=1)
+    end = math.inf if until is None or not seen.any() else max(until, float(recording.t[np.nanargmin(nearest)]))
+    seen &= recording.t <= end
+    if seen.sum() < _SEEN:
+        return None
+    return Frames(recording.t_points[seen, i], recording.points[seen, i, :2], recording.sigma[seen, i])
+
+
+def judge_frames(frames: Frames, target: Target) -> Judgement:
+    """The miss distance of a strike of which nothing is known but its frames."""
+    t = np.arange(frames.t[0], frames.t[-1], 1 / RATE)
+    nowhere = np.tile(frames.points.mean(axis=0), (1, len(t), 1))
+    return weigh(t, nowhere, frames, target, _SIZES, _PACES)
+
+
+def weigh(
+    t: np.ndarray, paths: np.ndarray, frames: Frames, target: Target, sizes: np.ndarray, paces: np.ndarray
+) -> Judgement:
+    """Judge a miss by the paths (S, T, 2) [m] that are expected at times t (T,) [s], and by frames.
+
+    Args:
+        t, paths: See above.
+        frames: What was seen.
+        target: Point and hit radius.
+        sizes, paces: Of a discrepancy, the ones that are tried [m], [s].
+    """
+    at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(2)] for path in paths])  # (S, 2, F)
+    residuals = (frames.points.T - at_frames).transpose(2, 0, 1).reshape(len(frames.t), -1)  # (F, 2 S)
+    evidence, distances, errors = [], [], []
+    for size in sizes:
+        for pace in paces:
+            across = size**2 * _matern(t[:, None] - frames.t, pace)  # (T, F)
+            K = size**2 * _matern(frames.t[:, None] - frames.t, pace) + np.diag(frames.noise**2)
+            factor = cho_factor(K, lower=True)
+            solved = cho_solve(factor, residuals)
+            fit = (residuals * solved).sum(axis=0).reshape(-1, 2).sum(axis=1)  # (S,)
+            evidence.append(-fit / 2 - 2 * np.log(np.diag(factor[0])).sum())
+            moved = paths + (across @ solved).reshape(len(t), -1, 2).transpose(1, 0, 2)
+            told = solve_triangular(factor[0], across.T, lower=True)
+            error = np.sqrt(np.maximum(size**2 - (told**2).sum(axis=0), 1e-12))  # (T,)
+            distance, when = _closest(moved, np.array(target.position))
+            distances.append(distance)
+            errors.append(error[when])
+    weight = np.exp(np.array(evidence) - logsumexp(np.array(evidence), axis=0)) / len(paths)  # (cells, S), sum 1
+    miss, error = np.array(distances), np.array(errors)
+    mean = float((weight * miss).sum())
+    spread = math.sqrt(float((weight * (error**2 + (miss - mean) ** 2)).sum()))
+    return Judgement(mean, spread, float((weight * probability_within(target.hit_radius, miss, error)).sum()))
+
+
+def _matern(lag: np.ndarray, pace: float) -> np.ndarray:
+    """Correlation of a discrepancy that is twice differentiable (Matern 5/2)."""
+    x = math.sqrt(5.0) * np.abs(lag) / pace
+    return (1 + x + x**2 / 3) * np.exp(-x)
+
+
+def _closest(paths: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Closest approach of paths (S, T, 2), straight between their points, to a place, and the index of the point before
+    it, each (S,)."""
+    start, step = paths[:, :-1] - at, np.diff(paths, axis=1)
+    along = -(start * step).sum(axis=2) / np.maximum((step**2).sum(axis=2), 1e-18)
+    distance = np.linalg.norm(start + np.clip(along, 0, 1)[..., None] * step, axis=2)
+    when = distance.argmin(axis=1)
+    return np.take_along_axis(distance, when[:, None], axis=1)[:, 0], when
