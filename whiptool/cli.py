@@ -282,6 +282,7 @@ def as_plain(options: Any) -> dict:
         value = getattr(options, f.name)
         if value is not None:
             plain[f.name] = list(value) if isinstance(value, tuple) else value
-    if str(plain.get("model", "")).endswith(".toml"):  # the same file, wherever the run is resumed
-        plain["model"] = os.path.abspath(plain["model"])  # noqa: PTH100
+    for name in ("model", "controller"):
+        if str(plain.get(name, "")).endswith(".toml"):  # the same file, wherever the run is resumed
+            plain[name] = os.path.abspath(plain[name])  # noqa: PTH100
     return plain

@@ -146,13 +146,12 @@ class _Run:
         from whiptool.identification.inputs import full_name, profile_of, read_prior, split
         from whiptool.identification.plant import Plant
         from whiptool.identification.problem import HUBER, Options
-        from whiptool.impedance import Controller
         from whiptool.models.files import find_model
         from whiptool.runs import code_version
 
         self.options = options
         self.model = find_model(options.model)
-        fallback = Controller(law=options.build_law())
+        fallback = options.build_controller()
         names, held_out = split(options.recordings, options.held_out)
         profile = profile_of(self.model, options.model) if options.profile else None
         if not options.free:

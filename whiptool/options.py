@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from whiptool.errors import InputError
@@ -82,25 +83,48 @@ class LawOptions(Options):
     usual_preset: ClassVar[str] = "table4"
 
     controller: str = "oiac"
-    """Control law: oiac or constant (Eq. 22)."""
+    """Control law: oiac or constant (Eq. 22); or a .toml file with a table [controller] (a run has one)."""
     preset: str | None = None
     """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4."""
 
     def check(self) -> None:
         """As `Options.check`."""
         super().check()
-        self.build_law()
+        self.build_controller()
 
-    def build_law(self) -> Law:
-        """The law that the options name.
+    @property
+    def in_file(self) -> bool:
+        """Whether the controller, with all its options, stands in a file."""
+        return self.controller.endswith(".toml")
+
+    def build_controller(self) -> Controller:
+        """The controller of that law, or that of the file.
 
         Raises:
-            InputError: There is none of that name, or a preset is given beside the law that has none.
+            InputError: There is none of that name, the file holds none, or an option is given that the file has.
         """
+        from whiptool.impedance import Controller
+        from whiptool.impedance.files import read_controller
+
+        if not self.in_file:
+            return Controller(law=self._named_law())
+        self.refuse_beside_file("--preset", self.preset)
+        return read_controller(Path(self.controller))
+
+    def refuse_beside_file(self, option: str, value: object) -> None:
+        """Refuse an option whose value belongs in the controller's file.
+
+        Raises:
+            InputError: It has a value, and the controller stands in a file.
+        """
+        if self.in_file and value not in (None, False):
+            raise InputError(option, value, f"nothing beside --controller {self.controller}", "write it into the file")
+
+    def _named_law(self) -> Law:
         from whiptool.impedance import ConstantImpedance, oiac_preset
 
         if self.controller not in LAWS:
-            raise InputError("--controller", self.controller, ", ".join(LAWS))
+            raise InputError("--controller", self.controller, ", ".join(LAWS) + ", or a .toml file")
         if self.controller == "oiac":
             return oiac_preset(self.usual_preset if self.preset is None else self.preset)
         if self.preset is not None:
@@ -109,6 +133,8 @@ class LawOptions(Options):
 
     def law_label(self) -> str:
         """The law in words, for people."""
+        if self.in_file:
+            return f"the controller of {Path(self.controller).name}"
         return (
             "constant impedance"
             if self.controller == "constant"
@@ -125,16 +151,14 @@ class ControllerOptions(LawOptions):
     torque_limit: float | None = None
     """Largest joint torque [N m]."""
 
-    def check(self) -> None:
-        """As `Options.check`."""
-        super().check()
-        self.build_controller()
-
     def build_controller(self) -> Controller:
-        """The controller that the options describe."""
-        from whiptool.impedance import Controller
-
-        return Controller(law=self.build_law(), feedforward=self.feedforward, torque_limit=self.torque_limit)
+        """The controller that the options describe, or that of the file."""
+        controller = super().build_controller()
+        self.refuse_beside_file("--feedforward", self.feedforward)
+        self.refuse_beside_file("--torque-limit", self.torque_limit)
+        if self.in_file:
+            return controller
+        return replace(controller, feedforward=self.feedforward, torque_limit=self.torque_limit)
 
     def controller_label(self) -> str:
         """The controller in words, for people."""
@@ -157,8 +181,10 @@ class SimulatedControllerOptions(ControllerOptions):
             number("--control-period", self.control_period, low=0, high=LONGEST_PERIOD, strict=True)
 
     def build_controller(self) -> Controller:
-        """The controller that the options describe."""
-        return replace(super().build_controller(), control_period=self.control_period)
+        """The controller that the options describe, or that of the file."""
+        controller = super().build_controller()
+        self.refuse_beside_file("--control-period", self.control_period)
+        return controller if self.in_file else replace(controller, control_period=self.control_period)
 
 
 @dataclass(frozen=True, kw_only=True)

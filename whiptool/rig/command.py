@@ -15,6 +15,7 @@ from whiptool.errors import InputError
 from whiptool.options import LONGEST_STAY, ControllerOptions, ModelOptions, TargetOptions, refuse_idle, whole
 
 if TYPE_CHECKING:
+    from whiptool.impedance import Controller
     from whiptool.models.parameters import Model
     from whiptool.objective import Outcome
     from whiptool.optimizers import Result
@@ -70,6 +71,14 @@ class ArmOptions(TargetOptions, ModelOptions, ControllerOptions):
         whole("--seed", self.seed, low=0)
         if self.port != "twin":
             refuse_idle(self, {"friction": "nothing, unless --port twin is given"})
+
+    def build_controller(self) -> Controller:
+        """The controller that the options describe, or that of the file."""
+        controller = super().build_controller()
+        if controller.control_period is not None:
+            allowed = "one without control_period: a rig holds every torque for a cycle of --rate"
+            raise InputError("--controller", self.controller, allowed)
+        return controller
 
 
 @dataclass(frozen=True, kw_only=True)
