@@ -462,7 +462,7 @@ def bare(tracks, tmp_path_factory):
     [
         ("", "recordings: .*one or more"),
         ("{good} --free kk", "--free: got 'kk'"),
-        ("{good} --free", "--free: .*one or more names"),
+        ("{good} --free", "--free: .*one value or more"),
         ("{good} --held-out 1", "--held-out: .*fewer than all"),
         ("{good} --held-out {good}", "--held-out: .*fewer than all"),
         ("{good} {good}", "each one once"),
@@ -490,7 +490,7 @@ def bare(tracks, tmp_path_factory):
         ("{good} --prior {bare}/prior.toml", "a free parameter"),
         ("{good} --prior {bare}/none.toml", "none.toml"),
         ("{good} --tip {bare}/tip.toml", "radios"),
-        ("{good} --colour", "command line"),
+        ("{good} --colour", "--colour"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(files, bare, capsys, tmp_path, words, said):
