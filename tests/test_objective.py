@@ -90,7 +90,7 @@ def test_what_is_beyond_the_limits_is_no_hit():
         assert not outcome.diverged
     assert o.n_refused == 2
     assert o.penalty < outcomes[2].miss_distance < outcomes[3].miss_distance < 2 * o.penalty
-    wide = objective(Following(), Target((0.2, 0.0), 50.0), limits=Limits())
+    wide = objective(Following(), Target((0.2, 0.0), 1.6), limits=Limits())
     assert [outcome.hit for outcome in wide.batch(strikes)] == [True, True, False, False]
 
 
