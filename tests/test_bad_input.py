@@ -595,14 +595,18 @@ def test_the_installed_command_says_the_same(words: list[str], tmp_path: Path) -
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-@pytest.mark.parametrize("words", [["simulate", "--export", "/dev/full"], ["doctor", "--json"]])
+@pytest.mark.parametrize("words", [["simulate", "--export", "full"], ["doctor", "--json"]])
 def test_a_full_disk_is_one_line(words: list[str], tmp_path: Path) -> None:
+    """Through a link: whatever goes wrong, the machine keeps its device."""
+    (tmp_path / "full").symlink_to("/dev/full")
     whole = [sys.executable, "-c", "import sys; from whiptool.cli import main; sys.exit(main())", *words]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             whole, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, timeout=HANG, check=False, env={**os.environ}
         )
     assert done.returncode in (1, 2)
+    assert (tmp_path / "full").is_symlink()
+    assert Path("/dev/full").is_char_device()
     assert done.stderr.count(b"\n") == 1, done.stderr
 
 

@@ -144,6 +144,15 @@ def test_a_refused_run_that_had_begun_stays(tmp_path: Path) -> None:
     assert sorted(path.name for path in folder.path.iterdir()) == [CONFIG, RESULT]
 
 
+def test_a_device_is_written_to_and_not_replaced(tmp_path: Path) -> None:
+    """`--export /dev/stdout` must not leave a regular file in /dev. Through a link, for a test that fails as root."""
+    null = tmp_path / "null"
+    null.symlink_to(os.devnull)
+    write_whole(null, "lost")
+    assert null.is_symlink()
+    assert [path.name for path in tmp_path.iterdir()] == ["null"]
+
+
 COMMANDS = {
     "optimize": SEARCH,
     "simulate": ["--strike", "-1.2", "0.9", "1.2", "0.3", "0.7", "--no-video"],

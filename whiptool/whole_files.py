@@ -17,9 +17,17 @@ _UNFINISHED = ".tmp-"
 def replacing(path: Path) -> Iterator[Path]:
     """A name beside the file's own to write it under; it takes the file's name when the block ends without an error.
 
+    What is there already and no regular file, a device such as /dev/stdout or a pipe, is written to and not replaced.
+
     Raises:
         OSError: The disk is full, or the like; it names the file. What was there before stays.
     """
+    if path.exists() and not path.is_file():
+        try:
+            yield path
+        except OSError as error:
+            raise _named(error, path) from error
+        return
     unfinished = path.with_name(_UNFINISHED + path.name)
     try:
         yield unfinished
