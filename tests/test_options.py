@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -80,3 +81,21 @@ def test_gains_for_other_arms_come_from_a_file(tmp_path):
 def test_a_resumed_run_finds_its_file_from_elsewhere(file, monkeypatch):
     monkeypatch.chdir(Path(file).parent)
     assert cli.as_plain(optimize.OptimizeOptions(controller="own.toml"))["controller"] == file
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "meaning"),
+    [
+        (["rig", "strike"], "--strike", "q_si q_ei q_sf q_ef [rad] D [s]"),
+        (["view"], "RUN", "Run folder"),
+        (["simulate"], "--strike", "five numbers"),
+        (["optimize", "--method"], "--method", "a value"),
+        (["compare", "--methods"], "--methods", "one value or more"),
+    ],
+)
+def test_what_is_missing_is_named_with_its_meaning(words, option, meaning, capsys):
+    command, *rest = words
+    assert import_module(f"whiptool.{command}").main(rest) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"whiptool: {option}: got nothing; allowed: {meaning}")
+    assert said.count("\n") == 1

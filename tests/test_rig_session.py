@@ -28,6 +28,7 @@ from whiptool.rig.camera.model import camera_preset
 from whiptool.rig.camera.source import Frame
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
+from whiptool.view import main as view_main
 
 pytestmark = pytest.mark.slow
 
@@ -46,6 +47,11 @@ def test_a_strike_leaves_a_recording_that_identification_reads(tmp_path: Path, c
     assert 0 < summary["miss_error"] < 0.01
     assert abs(summary["miss_distance"] - summary["true_miss_distance"]) < 4 * summary["miss_error"]
     assert summary["hit"] == (summary["hit_probability"] >= 0.9)
+    report = Path(summary["report"]).read_text(encoding="utf-8")
+    assert f"{summary['hit_probability']:.0%} probable" in report
+    assert all((out / f"{name}.png").stat().st_size > 5000 for name in ("strike", "servos", "cycles"))
+    assert view_main([str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["report"] == summary["report"]
     recording = read_recording(out / "recording.npz")
     assert recording.strike == STRIKE
     assert recording.target == (1.2, 0.1)

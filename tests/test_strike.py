@@ -12,7 +12,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, preset
 from whiptool.models.closed_loop import ClosedLoop, Structure
-from whiptool.strike import Strike, StrikeBounds, default_bounds, strike_names
+from whiptool.strike import Strike, StrikeBounds, default_bounds, named_strike, strike_names
 
 
 @given(st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.floats(0.1, 2))
@@ -76,6 +76,13 @@ def test_names_follow_the_arm():
     assert strike_names(four)[:5] == ("q_1i", "q_2i", "q_3i", "q_4i", "q_1f")
     with pytest.raises(InputError, match="4 joints"):
         default_bounds(four)
+    three = ArmParameters((ArmLink(1.0, 0.3),) * 3, ("shoulder", "elbow", "wrist"))
+    assert strike_names(three) == ("q_si", "q_ei", "q_wi", "q_sf", "q_ef", "q_wf", "D")
+    alike = ArmParameters((ArmLink(1.0, 0.3),) * 2, ("shoulder", "slide"))
+    assert strike_names(alike) == ("q_shoulder_i", "q_slide_i", "q_shoulder_f", "q_slide_f", "D")
+    assert named_strike(Strike((1.0, 2.0), (3.0, 4.0), 5.0), alike) == {
+        "q_shoulder_i": 1.0, "q_slide_i": 2.0, "q_shoulder_f": 3.0, "q_slide_f": 4.0, "D": 5.0,
+    }  # fmt: skip
 
 
 def test_bounds():

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from whiptool import __version__
-from whiptool.errors import InputError, WhiptoolError
+from whiptool.errors import NOTHING, InputError, WhiptoolError
 from whiptool.options import Options
 
 if TYPE_CHECKING:
@@ -49,11 +49,12 @@ def _parsed(
             flag = next((x for x in event.tokens if x.startswith("--")), "command line")
             raise InputError(flag, " ".join(event.tokens), "the options that --help lists")
         if isinstance(event, tyro_errors.MissingArgs):
-            raise InputError(event.missing_arguments[0].arg.lowered.name_or_flags[0], None, "a value (see --help)")
+            raise _missing(event.missing_arguments[0].arg)
         if isinstance(event, tyro_errors.InvalidChoice):
             raise InputError(name, event.value, ", ".join(event.choices))
         if isinstance(event, tyro_errors.BadValue):
-            raise InputError(name, event.offending_value, "a value (see --help)")
+            given = NOTHING if event.offending_value is None else event.offending_value
+            raise InputError(name, given, "a value (see --help)")
         if isinstance(event, tyro_errors.InstantiationFailure):
             raise InputError(name, _given(name, words), "a value of its type", event.message)
         raise InputError("command line", " ".join(words), "what --help shows")
@@ -65,8 +66,16 @@ def _parsed(
     for f in dataclasses.fields(parsed):
         flag, needs = "--" + f.name.replace("_", "-"), f.name not in getattr(options, "may_be_empty", ())
         if needs and flag in flags and getattr(parsed, f.name) == ():
-            raise InputError(flag, "nothing", "one value or more")
+            raise InputError(flag, NOTHING, "one value or more")
     return parsed
+
+
+def _missing(argument: Any) -> InputError:
+    """Return the error that says which argument is missing, and what it means."""
+    field = argument.field
+    name = field.argconf.metavar if argument.is_positional() else argument.lowered.name_or_flags[0]
+    meaning = field.helptext() if callable(field.helptext) else field.helptext
+    return InputError(name, NOTHING, (meaning or "a value").rstrip("."), "--help tells more")
 
 
 def _checked(options: T) -> T:

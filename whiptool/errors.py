@@ -7,6 +7,16 @@ class WhiptoolError(Exception):
     """Base class of every error that whiptool raises on purpose."""
 
 
+class _Nothing:
+    """What was given where nothing was."""
+
+    def __repr__(self) -> str:
+        return "nothing"
+
+
+NOTHING = _Nothing()
+
+
 class InputError(WhiptoolError, ValueError):
     """A value from outside that breaks a rule.
 

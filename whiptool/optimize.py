@@ -236,9 +236,8 @@ class _Run:
 
     def _summary(self, result, *, reference: dict) -> dict:
         from whiptool.impedance.files import controller_to_table
-        from whiptool.strike import strike_names
+        from whiptool.strike import named_strike
 
-        names = strike_names(self.model.arm)
         outcome = result.outcome
         return {
             "method": result.method,
@@ -246,7 +245,7 @@ class _Run:
             "message": result.message,
             "target": list(self.target.position),
             "hit_radius": self.target.hit_radius,
-            "strike": dict(zip(names, map(float, result.strike.vector), strict=True)),
+            "strike": named_strike(result.strike, self.model.arm),
             "miss_distance": outcome.miss_distance,
             "hit": outcome.hit,
             "hit_time": outcome.hit_time,
@@ -274,7 +273,7 @@ class _Run:
             *(
                 ["  outcome        refused, as was every strike tried: beyond the motors' limits"]
                 if refused
-                else outcome_lines(result.outcome, self.target)
+                else outcome_lines(result.outcome, self.target, self.model.arm.joints)
             ),
         ]
         if limits is not None and summary["motor_usage"] is not None:
@@ -326,8 +325,8 @@ def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
     return lines
 
 
-def outcome_lines(outcome, target) -> list[str]:
-    """An outcome for people."""
+def outcome_lines(outcome, target, joints: Sequence[str]) -> list[str]:
+    """Return the lines that tell people an outcome; the joints are the arm's, by their names."""
     if outcome.diverged:
         cure = "a stiff or hardly damped whip needs a smaller --timestep"
         return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
@@ -337,11 +336,10 @@ def outcome_lines(outcome, target) -> list[str]:
         f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
         f"hit radius {target.hit_radius:.3f} m",
         f"  tip speed      {outcome.tip_speed:.1f} m/s",
-        "  arm            at most "
-        + " and ".join(f"{x:.1f}" for x in outcome.max_joint_speed)
-        + " rad/s, "
-        + " and ".join(f"{x:.1f}" for x in outcome.max_torque)
-        + " N m",
+        *(
+            f"  {joint:14s} at most {speed:.1f} rad/s, {torque:.1f} N m"
+            for joint, speed, torque in zip(joints, outcome.max_joint_speed, outcome.max_torque, strict=True)
+        ),
     ]
 
 

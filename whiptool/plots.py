@@ -12,6 +12,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -105,7 +106,7 @@ def plot_convergence(
     ax.set(yscale="log", xlabel="trial", ylabel="miss distance [m]", title=", ".join(filter(None, (label, title))))
     ax.set_xlim(0.5, max(len(miss), 1) + 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _legend_above(ax)
+    legend_above(ax)
     return ax
 
 
@@ -166,7 +167,7 @@ def plot_strike(ax: Axes, trajectory: Trajectory, model: Model, target: np.ndarr
         pad=0.02,
         label=f"time [s], a posture every {times[1] - times[0]:.3f} s",
     )
-    _legend_above(ax, ncols=2)
+    legend_above(ax, ncols=2)
     return ax
 
 
@@ -196,7 +197,7 @@ def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequenc
             )
         ax.set_ylabel(label)
         _time_axis(ax, trajectory)
-        _legend_above(ax)
+        legend_above(ax)
     return axes
 
 
@@ -220,7 +221,7 @@ def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[s
             ax.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(max(usual, peak / 1e3))))
         ax.set_ylabel(f"{'stiffness' if name == 'K' else 'damping'} {name} [{unit}]")
         _time_axis(ax, trajectory)
-        _legend_above(ax, ncols=max(a * a, 4))
+        legend_above(ax, ncols=max(a * a, 4))
     return axes
 
 
@@ -244,7 +245,7 @@ def plot_distance(ax: Axes, trajectory: Trajectory, target: np.ndarray, hit_radi
     ax.set_ylabel("distance tip to target [m]")
     _time_axis(ax, trajectory)
     ax.set_ylim(bottom=0)
-    _legend_above(ax)
+    legend_above(ax)
     return ax
 
 
@@ -281,7 +282,7 @@ def save_strike_figures(
         figures = {"strike": strike, "distance": distance, "tracking": tracking, "gains": gains}
         for figure in figures.values():
             figure.suptitle(f"{model.name}, {controller_label}", fontsize=12, fontweight="bold", x=0.02, ha="left")
-        return [_save(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]
+        return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]
 
 
 def save_convergence(
@@ -291,10 +292,11 @@ def save_convergence(
     with matplotlib.rc_context(STYLE):
         figure = Figure((7.6, 4.4), layout="constrained")
         plot_convergence(figure.subplots(), miss_distance_per_trial, hit_radius, label=label)
-        return _save(figure, Path(folder) / "convergence.png")
+        return save_figure(figure, Path(folder) / "convergence.png")
 
 
-def _save(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure as a whole file, into a folder that is made if missing; return the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as unfinished:
         figure.savefig(unfinished)
@@ -330,10 +332,16 @@ def _time_axis(ax: Axes, trajectory: Trajectory) -> None:
         ax.set_xlabel("time [s]")
 
 
-def _legend_above(ax: Axes, *, ncols: int = 3) -> None:
-    """A legend between title and axes, where it cannot cover data."""
+def legend_above(ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None = None) -> None:
+    """Put a legend between title and axes, where it cannot cover data; of these handles, or of all with a label."""
     legend = ax.legend(
-        loc="lower left", bbox_to_anchor=(0, 1), ncols=ncols, borderaxespad=0.3, columnspacing=1.4, handlelength=1.8
+        handles=ax.get_legend_handles_labels()[0] if handles is None else handles,
+        loc="lower left",
+        bbox_to_anchor=(0, 1),
+        ncols=ncols,
+        borderaxespad=0.3,
+        columnspacing=1.4,
+        handlelength=1.8,
     )
     rows = -(-len(legend.get_texts()) // ncols)
     ax.set_title(ax.get_title(loc="left"), loc="left", pad=8 + 1.6 * rows * float(legend.get_texts()[0].get_fontsize()))

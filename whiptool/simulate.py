@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from whiptool import cli
-from whiptool.errors import InputError
+from whiptool.errors import NOTHING, InputError
 from whiptool.options import ModelOptions, SimulatedControllerOptions, SimulatorOptions, TargetOptions, refuse_idle
 from whiptool.whole_files import write_whole
 
@@ -39,7 +39,7 @@ class SimulateOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, S
         if self.strike is not None:
             Strike.from_vector(self.strike)
         elif self.export is None:
-            raise InputError("--strike", None, "five numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
+            raise InputError("--strike", NOTHING, "five numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
         else:
             used = ("model", "target", "export")
             refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
@@ -93,7 +93,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.objective import Objective
     from whiptool.optimize import outcome_lines, save_strike, strike_lines
     from whiptool.runs import RunFolder, code_version, default_folder
-    from whiptool.strike import StrikeBounds, strike_names
+    from whiptool.strike import StrikeBounds, named_strike
 
     controller, target = options.build_controller(), options.build_target()
     target.check_radius(model)
@@ -117,7 +117,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     if warning is not None:
         print(f"whiptool: {warning}", file=sys.stderr)
     summary = {
-        "strike": dict(zip(strike_names(model.arm), map(float, strike.vector), strict=True)),
+        "strike": named_strike(strike, model.arm),
         "target": list(target.position),
         "hit_radius": target.hit_radius,
         "miss_distance": outcome.miss_distance,
@@ -125,8 +125,8 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "time": outcome.time,
         "hit_time": outcome.hit_time,
         "tip_speed": None if outcome.diverged else outcome.tip_speed,
-        "max_joint_speed": list(outcome.max_joint_speed),
-        "max_torque": list(outcome.max_torque),
+        "max_joint_speed": dict(zip(model.arm.joints, outcome.max_joint_speed, strict=True)),
+        "max_torque": dict(zip(model.arm.joints, outcome.max_torque, strict=True)),
         "diverged": outcome.diverged,
         "simulator": options.simulator,
         "engine": rollout.engine,
@@ -149,7 +149,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
             [
                 f"one strike: {model.name}, {label}, {engine}",
                 *strike_lines(summary["strike"]),
-                *outcome_lines(outcome, target),
+                *outcome_lines(outcome, target, model.arm.joints),
                 f"  run folder     {folder.path} ({', '.join(files)})",
             ]
         )

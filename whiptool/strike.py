@@ -16,8 +16,17 @@ PI = math.pi
 
 
 def strike_names(arm: ArmParameters) -> tuple[str, ...]:
-    """Names of the strike's parameters, for two joints `q_si, q_ei, q_sf, q_ef, D` (Algorithm 1)."""
-    return (*(f"q_{s}i" for s in arm.subscripts), *(f"q_{s}f" for s in arm.subscripts), "D")
+    """Return the names of the strike's parameters, for shoulder and elbow `q_si, q_ei, q_sf, q_ef, D` (Algorithm 1).
+
+    Joints whose names begin with the same letter have their whole names in them: `q_shoulder_i`.
+    """
+    stems = [f"q_{s}" if len(s) == 1 or s.isdecimal() else f"q_{s}_" for s in arm.subscripts]
+    return (*(stem + "i" for stem in stems), *(stem + "f" for stem in stems), "D")
+
+
+def named_strike(strike: Strike, arm: ArmParameters) -> dict[str, float]:
+    """Return the strike's parameters by their names, angles in rad and D in s."""
+    return dict(zip(strike_names(arm), map(float, strike.vector), strict=True))
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ class ViewOptions(Options):
     """Look at a run."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
-    """Run folder: of optimize or simulate (a strike), of identify or reproduce (a report)."""
+    """Run folder: of optimize or simulate (a strike), of identify, adapt, reproduce or rig strike (a report)."""
     page: bool = False
     """Write the interactive page anew and open it in the browser, in place of MuJoCo's viewer."""
     json: bool = False
@@ -106,8 +106,8 @@ def _nothing_to_see(folder: Path) -> InputError:
     return InputError(
         "RUN",
         str(folder),
-        f"a folder with {TRAJECTORY}, as optimize and simulate write it at their end, or {REPORT}, as identify and "
-        "reproduce do",
+        f"a folder with {TRAJECTORY}, as optimize and simulate write it at their end, or {REPORT}, as identify, "
+        "adapt, reproduce and rig strike do",
         f"this one is of `whiptool {command}`" if command else f"it has no {CONFIG}",
     )
 

@@ -206,10 +206,15 @@ class ArmParameters:
 
     @property
     def subscripts(self) -> tuple[str, ...]:
-        """Subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow, else 1, 2, ..."""
-        if self.joints == _USUAL_JOINTS.get(self.n):
-            return tuple(joint[0] for joint in self.joints)
-        return tuple(str(i + 1) for i in range(self.n))
+        """Subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow.
+
+        They are the names' initials where these differ, 1, 2, ... for joint1, joint2, ..., and else the whole names.
+        """
+        numbers = tuple(str(i + 1) for i in range(self.n))
+        if self.joints == tuple(f"joint{number}" for number in numbers):
+            return numbers
+        initials = tuple(joint[0] for joint in self.joints)
+        return initials if len(set(initials)) == self.n else self.joints
 
     def per_link(self, name: str) -> np.ndarray:
         """Quantity `name` of every link, shape (n,)."""

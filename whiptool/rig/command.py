@@ -17,14 +17,15 @@ from whiptool.options import LONGEST_STAY, ControllerOptions, ModelOptions, Targ
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.models.parameters import Model
-    from whiptool.objective import Outcome
+    from whiptool.objective import Outcome, Target
     from whiptool.optimizers import Result
     from whiptool.rig.loop import LoopOptions
-    from whiptool.rig.session import Rig
+    from whiptool.rig.session import Rig, Struck
     from whiptool.runs import RunFolder
     from whiptool.strike import StrikeBounds
 
 WORDS = ("strike", "learn")
+REPORT = "report.html"
 TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
 
 
@@ -248,7 +249,7 @@ def _confirm(strike) -> bool:
 
 
 def _strike(words: list[str]) -> int:
-    from whiptool.rig.session import CYCLES
+    from whiptool.rig.session import CYCLES, RECORDING
     from whiptool.runs import RunFolder, code_version, default_folder
     from whiptool.strike import Strike
 
@@ -266,12 +267,34 @@ def _strike(words: list[str]) -> int:
         struck = rig.strike(strike, folder=folder.path)
         summary = _summary(struck, target)
         folder.write_result(summary)
+        _report(folder.path, struck, model, target, options)
     if options.json:
-        print(json.dumps(summary, allow_nan=False))
+        print(json.dumps(summary | {"report": str(folder.path / REPORT)}, allow_nan=False))
     else:
         print("\n".join(_lines(struck, summary, target)))
-        print(f"  run folder     {folder.path} ({CYCLES}, {'recording.npz' if struck.recording else 'no recording'})")
+        kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
+        print(f"  run folder     {folder.path} ({kept}); look at it: whiptool view {folder.path}")
     return 0 if struck.run.fault is None else 1
+
+
+def _report(folder: Path, struck: Struck, model: Model, target: Target, options: StrikeOptions) -> None:
+    """Write the report and its pictures."""
+    from whiptool.report import to_html
+    from whiptool.rig.strike_report import save_pictures, sections
+    from whiptool.runs import code_version
+    from whiptool.whole_files import write_whole
+
+    save_pictures(folder, struck, model, target)
+    facts = {
+        "strike": " ".join(f"{x:.4g}" for x in options.strike),
+        "rig": f"{options.port}, camera {options.camera}",
+        "arm and whip": model.name,
+        "controller": options.controller_label(),
+        "cycles per second": f"{options.rate:g}",
+        "version": code_version(),
+    }
+    html = to_html("A strike on the rig", str(folder), facts, sections(struck, model, target))
+    write_whole(folder / REPORT, html)
 
 
 def _summary(struck, target) -> dict[str, Any]:
@@ -343,6 +366,7 @@ def _search(
     from whiptool.objective import Objective
     from whiptool.optimizers import search
     from whiptool.rig.session import RigRollout
+    from whiptool.strike import named_strike
     from whiptool.trial_log import TRIALS, TrialLog
 
     log = TrialLog(folder.path / TRIALS, model.arm, measured=True)
@@ -372,7 +396,7 @@ def _search(
         "miss_distance": None if result.outcome is None else result.outcome.miss_distance,
         "miss_error": None if result.outcome is None else result.outcome.miss_error,
         "hit": None if result.outcome is None else result.outcome.hit,
-        "strike": None if result.strike is None else result.strike.vector.tolist(),
+        "strike": None if result.strike is None else named_strike(result.strike, model.arm),
     }
     folder.write_result(summary)
     print(json.dumps(summary) if options.json else "\n".join(_learned_lines(result, folder.path)))

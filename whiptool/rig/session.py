@@ -50,7 +50,7 @@ class Struck:
         none = nothing_seen(self.run.cycles.q.shape[1])
         if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
             return none
-        t, points = _seen(self.recording)
+        t, points = self.tip_seen()
         if len(t) < 4:
             return none
         from scipy.interpolate import PchipInterpolator
@@ -74,6 +74,14 @@ class Struck:
             diverged=np.zeros(1, bool),
         )
 
+    def tip_seen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (F,) [s] and positions (F, 2) [m] of the tip in the frames that show it; F may be 0."""
+        if self.recording is None or "tip" not in self.recording.markers:
+            return np.zeros(0), np.zeros((0, 2))
+        i = self.recording.markers.index("tip")
+        seen = np.isfinite(self.recording.points[:, i, :2]).all(axis=1)
+        return self.recording.t_points[seen, i], self.recording.points[seen, i, :2]
+
     def judged(self, target: Target) -> Judgement | None:
         """The miss as the camera's frames tell it, and how surely; None: they do not show the tip."""
         if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
@@ -86,13 +94,6 @@ def nothing_seen(a: int) -> Approach:
     """The approach of a strike of an arm of a joints that was refused, or ended in a fault, or was not filmed."""
     nan, peaks = np.full((1, 2), np.nan), np.full((1, a), np.nan)
     return Approach(np.array([np.inf]), np.zeros(1), nan, nan, peaks, peaks, np.ones(1, bool))
-
-
-def _seen(recording: StrikeRecording) -> tuple[np.ndarray, np.ndarray]:
-    """Times and positions of the tip where it was seen."""
-    i = recording.markers.index("tip")
-    seen = np.isfinite(recording.points[:, i, :2]).all(axis=1)
-    return recording.t_points[seen, i], recording.points[seen, i, :2]
 
 
 class Rig(Protocol):

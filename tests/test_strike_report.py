@@ -1,0 +1,141 @@
+"""The report of a strike on a rig: its numbers against sums by hand, what it shows where data are missing."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+
+from whiptool.identification.recording import StrikeRecording
+from whiptool.models import preset
+from whiptool.objective import Target
+from whiptool.plots import STYLE
+from whiptool.report import Picture, Table, Text, to_html
+from whiptool.rig.cyclelog import Cycles, Flag, Phase
+from whiptool.rig.guards import SafetyError
+from whiptool.rig.limits import XM430
+from whiptool.rig.loop import Run
+from whiptool.rig.session import Struck
+from whiptool.rig.strike_report import plot_current, plot_cycles, plot_tip, save_pictures, sections
+
+MODEL = preset("lemon2024")
+TARGET = Target((0.9, 0.0), hit_radius=0.05)
+
+
+def cycles(*, phases: tuple[Phase, ...] = (Phase.APPROACH, Phase.STRIKE)) -> Cycles:
+    """100 cycles a phase at 500 Hz; in the 30th of the strike the elbow turns at 2 rad/s and carries 1 A."""
+    n = 100 * len(phases)
+    t = 0.002 * np.arange(n)
+    two, one = np.zeros((n, 2)), np.zeros(n)
+    phase = np.repeat([int(p) for p in phases], 100)
+    v, current, flags = two.copy(), two + 0.01, np.zeros(n, int)
+    stamp = t.copy()
+    if Phase.STRIKE in phases:
+        at = 100 * phases.index(Phase.STRIKE) + 30
+        v[at, 1], current[at, 1] = 2.0, 1.0
+        flags[at + 10] = Flag.SATURATED
+        flags[at + 20] = Flag.MISSED
+        current[at + 20] = v[at + 20] = np.nan
+        stamp[at + 5 :] += 0.003
+    voltage, temperature = two + 12.0, two + 31.0
+    voltage[3], voltage[-1, 0] = 5.0, 10.5  # the first before the strike
+    return Cycles(
+        t=t, stamp=stamp, late=one + 2.5e-4, q=two, v=v, current=current, goal_current=current, tau=two,
+        q_d=two + np.deg2rad(3.0), voltage=voltage, temperature=temperature, flags=flags, phase=phase, state=flags,
+    )  # fmt: skip
+
+
+def struck(markers: tuple[str, ...] = ("tip",)) -> Struck:
+    """The tip falls past the target, 2 cm beside it, 200 frames a second; the arm stands at (0.3, -0.6) rad."""
+    t = np.arange(0.0, 0.2, 0.005)
+    path = np.stack([np.full_like(t, 0.92), 0.3 - 3.0 * t], axis=1)[:, None]
+    recording = StrikeRecording(
+        t=t, points=path, markers=markers, sigma=np.full((len(t), 1), 1e-3), camera="points",
+        joints_t=np.array([0.0, 0.2]), joints_q=np.array([[0.3, -0.6], [0.3, -0.6]]),
+    )  # fmt: skip
+    return Struck(Run(cycles(), None, True, 1, 0), recording)
+
+
+def rows(table: Table) -> dict[str, list[str]]:
+    return {row[0]: list(row[1:]) for row in table.rows}
+
+
+def test_the_tables_tell_what_the_cycles_hold():
+    result, servos, loop = sections(struck(), MODEL, TARGET)
+    table = rows(next(part for part in servos.parts if isinstance(part, Table)))
+    # on the line: torque over stall torque and speed over no-load speed, the manual's 46 rev/min and 2.3 A
+    usage = 1.0 / 2.3 + 2.0 / (46 * 2 * np.pi / 60)
+    assert table["elbow"] == ["2.00", "1.00", f"{usage:.0%}", "3.0", "1 of 100 cycles", "31", "12.0"]
+    assert table["shoulder"][:3] == ["0.00", "0.01", f"{0.01 / 2.3:.0%}"]
+    assert table["shoulder"][-1] == "10.5"  # not the 5 V before the strike
+    phases = rows(next(part for part in loop.parts if isinstance(part, Table)))
+    assert phases["approach"] == ["100", "0", "0", "0.25"]
+    assert phases["strike"] == ["100", "1", "0", "0.25"]
+    said = rows(next(part for part in result.parts if isinstance(part, Table)))
+    miss = re.match(r"([\d.]+) ± ([\d.]+) cm", said["miss distance"][0])
+    assert miss is not None
+    assert float(miss[1]) == pytest.approx(2.0, abs=0.1)
+    assert said["closest approach"] == ["at 0.100 s, 3.0 m/s"]
+    assert "in truth (the twin knows)" not in said
+
+
+def test_the_band_of_a_current_is_what_the_motor_carries_at_that_speed():
+    with matplotlib.rc_context(STYLE):
+        ax = matplotlib.figure.Figure().subplots()
+        plot_current(ax, cycles().during(Phase.STRIKE), 1, "elbow", XM430)
+    band = ax.collections[0].get_paths()[0].vertices
+    at = band[np.isclose(band[:, 0], 0.002 * 30)][:, 1]
+    assert at.min() == pytest.approx(-2.3)  # braking: the stall current
+    assert at.max() == pytest.approx(2.3 * (1 - 2.0 / (46 * 2 * np.pi / 60)))
+    still = band[np.isclose(band[:, 0], 0.002 * 10)][:, 1]
+    assert (still.min(), still.max()) == (pytest.approx(-2.3), pytest.approx(2.3))
+
+
+def test_the_arm_is_drawn_where_its_encoders_say():
+    with matplotlib.rc_context(STYLE):
+        ax = plot_tip(matplotlib.figure.Figure().subplots(), struck(), MODEL, TARGET)
+    arm = next(line for line in ax.lines if str(line.get_label()).startswith("arm at the start"))
+    l1, l2 = MODEL.arm.per_link("length")
+    # q = 0 hangs down, counter-clockwise is positive
+    elbow = np.array([l1 * np.sin(0.3), -l1 * np.cos(0.3)])
+    hand = elbow + np.array([l2 * np.sin(-0.3), -l2 * np.cos(-0.3)])
+    np.testing.assert_allclose(np.transpose(arm.get_data()), [[0, 0], elbow, hand], atol=1e-12)
+    near = next(line for line in ax.lines if line.get_label() == "closest approach")
+    np.testing.assert_allclose(np.ravel(near.get_data()), [0.92, 0.0], atol=2e-3)
+
+
+def test_the_picture_of_cycles_shows_a_late_sample_and_counts_what_was_wrong():
+    with matplotlib.rc_context(STYLE):
+        ax = plot_cycles(matplotlib.figure.Figure().subplots(), cycles())
+    between = ax.lines[0].get_ydata()
+    assert np.nanargmax(between) == 135
+    assert np.nanmax(between) == pytest.approx(5.0)  # [ms]: a period and 3 ms
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert {"no sample: 1", "cut to the current limit: 1"} <= set(legend)
+
+
+def test_what_is_missing_is_left_out_and_said(tmp_path: Path):
+    unseen = struck(markers=("handle",))
+    result = sections(unseen, MODEL, TARGET)[0]
+    assert rows(result.parts[0])["the tip"] == ["was not seen"]
+    fault = SafetyError("elbow", "measured 3 A, allowed 2.6 A")
+    ended = Struck(Run(cycles(phases=(Phase.APPROACH,)), fault, False, 0, 0), None)
+    found = sections(ended, MODEL, TARGET)
+    assert [section.title for section in found] == ["Result", "Control cycles"]
+    said = found[0].parts[0]
+    assert isinstance(said, Text)
+    assert "fault" in said.text
+    assert str(fault) in said.text
+    assert "NOT confirmed off" in said.text
+    assert [path.name for path in save_pictures(tmp_path, ended, MODEL, TARGET)] == ["cycles.png"]
+    assert len(to_html("A strike", "", {}, found)) > 5000
+
+
+def test_a_whole_run_leaves_three_pictures(tmp_path: Path):
+    names = [path.name for path in save_pictures(tmp_path, struck(), MODEL, TARGET)]
+    assert names == ["strike.png", "servos.png", "cycles.png"]
+    pictures = [p for section in sections(struck(), MODEL, TARGET) for p in section.parts if isinstance(p, Picture)]
+    assert len(pictures) == 3

@@ -1,0 +1,317 @@
+"""The report of one strike on a rig: where the tip passed, what the servos gave, how the cycles kept time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Patch
+
+from whiptool.models.parameters import Model
+from whiptool.models.trajectory import joint_points
+from whiptool.objective import Target
+from whiptool.plots import COLORS, STYLE, legend_above, save_figure
+from whiptool.report import Picture, Section, Table, Text
+from whiptool.rig.cyclelog import Cycles, Flag, Phase
+from whiptool.rig.limits import XM430, MotorLimits
+from whiptool.rig.session import Struck
+
+_PHASES = {
+    Phase.APPROACH: COLORS["sky"],
+    Phase.SETTLE: COLORS["green"],
+    Phase.STRIKE: COLORS["orange"],
+    Phase.RETURN: COLORS["pink"],
+}
+_SEEN: dict[str, Any] = {"color": COLORS["blue"], "markersize": 3.5, "markeredgewidth": 0}
+_MEASURED: dict[str, Any] = {"color": COLORS["blue"], "linewidth": 2.6, "alpha": 0.75, "label": "measured"}
+_WANTED: dict[str, Any] = {"color": COLORS["black"], "linewidth": 1.1, "linestyle": (0, (4, 2.5))}
+_OF_JOINTS = (COLORS["blue"], COLORS["vermilion"], COLORS["pink"], COLORS["orange"], COLORS["sky"], COLORS["black"])
+# drawn at the height of their cycle: what, marker, colour
+_MARKS = {
+    Flag.MISSED: ("no sample", "v", COLORS["vermilion"]),
+    Flag.OVERRUN: ("ended late", "o", COLORS["blue"]),
+    Flag.SATURATED: ("cut to the current limit", "s", COLORS["black"]),
+    Flag.FAULT: ("fault", "X", COLORS["vermilion"]),
+}
+
+
+def sections(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430) -> list[Section]:
+    """Return the report's sections, for `whiptool.report.to_html`.
+
+    Args:
+        struck: What the strike left; after a fault, the parts that there are.
+        model: For the arm's lengths and the names of its joints.
+        target: Position and hit radius.
+        limits: Of the motors.
+    """
+    pictures = draw(struck, model, target, limits=limits)
+    found = [Section("Result", [_result(struck, target)])]
+    if "strike" in pictures:
+        found[0] = Section("Result", [_result(struck, target), Picture(pictures["strike"], _tip_caption(struck))])
+    if "servos" in pictures:
+        caption = (
+            f"Joint angles and currents during the strike. Shaded: the currents that the {limits.name} can carry at "
+            "the measured speed, from its stall current down to none at its no-load speed. Right: the same in the plane of "
+            "speed and torque, with the motor's line."
+        )
+        table = _servo_table(struck.run.cycles, model, limits)
+        found.append(Section("Servos", [table, Picture(pictures["servos"], caption)]))
+    caption = "Time from one sample to the next over the whole run; what was wrong with a cycle is marked."
+    found.append(Section("Control cycles", [_cycle_table(struck.run.cycles), Picture(pictures["cycles"], caption)]))
+    return found
+
+
+def save_pictures(
+    folder: str | Path, struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430
+) -> list[Path]:
+    """Write `strike.png`, `servos.png` and `cycles.png` into a folder; return the files.
+
+    A run that never came to its strike leaves `cycles.png` alone.
+    """
+    pictures = draw(struck, model, target, limits=limits)
+    return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in pictures.items()]
+
+
+def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430) -> dict[str, Figure]:
+    """Return the figures `strike`, `servos` and `cycles`, those of them that the run has data for."""
+    cycles = struck.run.cycles
+    during = cycles.during(Phase.STRIKE)
+    pictures = {}
+    with matplotlib.rc_context(STYLE):
+        if struck.recording is not None:
+            pictures["strike"] = Figure((12.5, 6.4), layout="constrained")
+            path, distance = pictures["strike"].subplots(1, 2, width_ratios=(1.25, 1.0))
+            plot_tip(path, struck, model, target)
+            plot_distance_seen(distance, struck, target)
+        if len(during) > 1:
+            a = model.arm.n
+            pictures["servos"] = Figure((13.0, 1.2 + 2.8 * a), layout="constrained")
+            grid = pictures["servos"].add_gridspec(a, 3)
+            for i, name in enumerate(model.arm.joints):
+                plot_angle(pictures["servos"].add_subplot(grid[i, 0]), during, i, name)
+                plot_current(pictures["servos"].add_subplot(grid[i, 1]), during, i, name, limits)
+            plot_motor_line(pictures["servos"].add_subplot(grid[:, 2]), during, model.arm.joints, limits)
+        pictures["cycles"] = Figure((11.0, 3.6), layout="constrained")
+        plot_cycles(pictures["cycles"].subplots(), cycles)
+    return pictures
+
+
+def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
+    """Draw the tip's path as seen (and as it was, where a twin knows), the target, and the arm at closest approach.
+
+    Raises:
+        AssertionError: There is no recording.
+    """
+    recording = struck.recording
+    assert recording is not None
+    where = np.array(target.position)
+    ax.add_patch(Circle(tuple(where), target.hit_radius, facecolor=COLORS["orange"], alpha=0.35, edgecolor="none"))
+    ax.add_patch(Circle(tuple(where), target.hit_radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6))
+    ax.plot([], [], "o", color="#F8E1B0", markeredgecolor=COLORS["orange"], markersize=9, label=_radius(target))
+    if struck.truth is not None:
+        ax.plot(*struck.truth.tip.T, color="0.45", linewidth=1.2, label="tip in truth (twin)")
+    near = struck.approach(where)
+    instants, names = [0.0], ["at the start"]
+    if not near.diverged[0]:
+        instants, names = [0.0, float(near.time[0])], ["at the start", f"at {near.time[0]:.3f} s"]
+    if "tip" in recording.markers:
+        t, points = struck.tip_seen()
+        ax.plot(*points.T, "o", **_SEEN, label=f"tip in {len(t)} frames")
+    for instant, name, shade in zip(instants, names, ("0.6", COLORS["black"]), strict=False):
+        arm = _arm_points(struck, model, instant)
+        ax.plot(*arm.T, "o-", color=shade, linewidth=3, markerfacecolor="white", label=f"arm {name}")
+    if not near.diverged[0]:
+        ax.plot(*near.tip[0], "o", color=COLORS["vermilion"], markersize=7, zorder=5, label="closest approach")
+    ax.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, up [m]", title="path of the tip")
+    ax.margins(0.06)
+    legend_above(ax, ncols=3)
+    return ax
+
+
+def plot_distance_seen(ax: Axes, struck: Struck, target: Target) -> Axes:
+    """Draw the distance of the tip from the target over time, as seen and, where a twin knows, as it was."""
+    recording = struck.recording
+    assert recording is not None
+    where = np.array(target.position)
+    ax.axhspan(0, target.hit_radius, color=COLORS["orange"], alpha=0.25, linewidth=0)
+    ax.axhline(target.hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.5, label=_radius(target))
+    if struck.truth is not None:
+        ax.plot(struck.truth.t, struck.truth.distance(where), color="0.45", linewidth=1.2, label="in truth (twin)")
+    title = "the tip was not seen"
+    if "tip" in recording.markers:
+        t, points = struck.tip_seen()
+        ax.plot(t, np.hypot(*(points - where).T), "o", **_SEEN, label="as seen")
+    judged, near = struck.judged(target), struck.approach(where)
+    if judged is not None and not near.diverged[0]:
+        ax.errorbar(
+            near.time, [judged.miss], yerr=[judged.error], fmt="o", color=COLORS["vermilion"], markersize=6, capsize=4,
+            zorder=5, label="judged, with standard error",
+        )  # fmt: skip
+        title = f"judged miss {judged}; a hit is {judged.probability:.0%} probable"
+    ax.set(xlabel="time since the strike began [s]", ylabel="distance tip to target [m]", title=title)
+    ax.set_ylim(bottom=0)
+    legend_above(ax, ncols=2)
+    return ax
+
+
+def plot_angle(ax: Axes, during: Cycles, joint: int, name: str) -> Axes:
+    """Draw a joint's measured and desired angle [deg] over the strike."""
+    t = during.t - during.t[0]
+    error = np.rad2deg(_largest(during.q_d[:, joint] - during.q[:, joint]))
+    ax.plot(t, np.rad2deg(during.q[:, joint]), **_MEASURED)
+    ax.plot(t, np.rad2deg(during.q_d[:, joint]), **_WANTED, label="desired")
+    ax.set(xlabel="time since the strike began [s]", ylabel="angle [deg]", title=f"{name}: error up to {error:.1f} deg")
+    legend_above(ax, ncols=2)
+    return ax
+
+
+def plot_current(ax: Axes, during: Cycles, joint: int, name: str, limits: MotorLimits) -> Axes:
+    """Draw a joint's commanded and measured current [A] over the strike, and what its motor can carry."""
+    t, v = during.t - during.t[0], during.v[:, joint]
+    most = np.maximum(limits.available(v, np.ones(len(v))), 0.0) / limits.torque_constant
+    least = -np.maximum(limits.available(v, -np.ones(len(v))), 0.0) / limits.torque_constant
+    ax.fill_between(t, least, most, color=COLORS["green"], alpha=0.2, linewidth=0, label=f"{limits.name}")
+    ax.plot(t, during.current[:, joint], **_MEASURED)
+    ax.plot(t, during.goal_current[:, joint], **_WANTED, label="commanded")
+    title = f"{name}: {_usage(during, joint, limits):.0%} of the line"
+    ax.set(xlabel="time since the strike began [s]", ylabel="current [A]", title=title)
+    legend_above(ax, ncols=2)
+    return ax
+
+
+def plot_motor_line(ax: Axes, during: Cycles, joints: Sequence[str], limits: MotorLimits) -> Axes:
+    """Draw every cycle of the strike in the plane of speed and torque, and the line that a motor cannot leave."""
+    w, stall = limits.no_load_speed, limits.stall_torque
+    ax.fill(
+        [-w, 0, w, w, 0, -w], [stall, stall, 0, -stall, -stall, 0], color=COLORS["green"], alpha=0.2, linewidth=0,
+        label=f"{limits.name}",
+    )  # fmt: skip
+    ax.plot([-w, 0, w, w], [stall, stall, 0, -stall], color=COLORS["green"], linewidth=1.5)
+    ax.plot([w, 0, -w, -w], [-stall, -stall, 0, stall], color=COLORS["green"], linewidth=1.5)
+    for i, name in enumerate(joints):
+        torque = limits.torque_constant * during.current[:, i]
+        color = _OF_JOINTS[i % len(_OF_JOINTS)]
+        ax.plot(during.v[:, i], torque, ".", color=color, markersize=3, alpha=0.6, label=name)
+    ax.set(xlabel="joint speed [rad/s]", ylabel="torque from measured current [N m]", title="speed and torque")
+    legend_above(ax, ncols=2)
+    return ax
+
+
+def plot_cycles(ax: Axes, cycles: Cycles) -> Axes:
+    """Draw the time from one sample to the next [ms] over the run, its phases, and what was wrong with a cycle."""
+    between = 1e3 * np.diff(cycles.stamp, prepend=np.nan)
+    ax.plot(cycles.t, between, ".", color="0.35", markersize=2, rasterized=len(cycles) > 5000)
+    for phase, color in _PHASES.items():
+        of_phase = cycles.t[cycles.phase == phase]
+        if len(of_phase):
+            ax.axvspan(of_phase[0], of_phase[-1], color=color, alpha=0.18, linewidth=0)
+    usual = float(np.nanmedian(between)) if np.isfinite(between).any() else 1.0
+    at = np.where(np.isfinite(between), between, usual)
+    handles = [Patch(color=color, alpha=0.3, label=phase.name.lower()) for phase, color in _PHASES.items()]
+    for flag, (what, marker, color) in _MARKS.items():
+        marked = (cycles.flags & flag) > 0
+        if marked.any():
+            label = f"{what}: {marked.sum()}"
+            handles += ax.plot(cycles.t[marked], at[marked], marker, color=color, markersize=5, label=label)
+    title = f"{len(cycles)} control cycles"
+    ax.set(xlabel="time since the first cycle [s]", ylabel="between samples [ms]", title=title)
+    ax.set_ylim(0, max(2 * usual, 1.1 * float(np.nanmax(at, initial=0.0))))
+    legend_above(ax, ncols=len(handles), handles=handles)
+    return ax
+
+
+def _result(struck: Struck, target: Target) -> Table | Text:
+    """What came of the strike."""
+    run = struck.run
+    if run.fault is not None:
+        off = "is off" if run.torque_off else "is NOT confirmed off"
+        return Text(f"The strike ended in a fault: {run.fault}. The servos' torque {off}.")
+    rows = [["", ""], ["target", ", ".join(f"{x:.3f}" for x in target.position) + f" m, {_radius(target)}"]]
+    judged, near = struck.judged(target), struck.approach(np.array(target.position))
+    if judged is None:
+        rows.append(["the tip", "was not seen"])
+    else:
+        rows += [
+            ["judged", f"{judged.verdict}; a hit is {judged.probability:.0%} probable"],
+            ["miss distance", str(judged)],
+            ["closest approach", f"at {near.time[0]:.3f} s, {near.speed[0]:.1f} m/s"],
+        ]
+    if struck.truth is not None:
+        true = struck.truth.approach(np.array(target.position))
+        rows.append(["in truth (the twin knows)", f"{100 * true.distance[0]:.2f} cm at {true.time[0]:.3f} s"])
+    return Table(rows)
+
+
+def _tip_caption(struck: Struck) -> str:
+    seen = struck.recording is not None and "tip" in struck.recording.markers
+    what = "Path of the tip, and its distance from the target" if seen else "The arm, and the target"
+    return f"{what}. The arm's angles are those of its encoders."
+
+
+def _servo_table(cycles: Cycles, model: Model, limits: MotorLimits) -> Table:
+    during = cycles.during(Phase.STRIKE)
+    rows = [["joint", "speed up to [rad/s]", "current up to [A]", "of the motor's line", "error up to [deg]",
+             "cut to the limit", "warmest [°C]", "lowest voltage [V]"]]  # fmt: skip
+    cut = int(((during.flags & Flag.SATURATED) > 0).sum())
+    for i, name in enumerate(model.arm.joints):
+        error = np.rad2deg(_largest(during.q_d[:, i] - during.q[:, i]))
+        rows.append(
+            [
+                name,
+                f"{_largest(during.v[:, i]):.2f}",
+                f"{_largest(during.current[:, i]):.2f}",
+                f"{_usage(during, i, limits):.0%}",
+                f"{error:.1f}",
+                f"{cut} of {len(during)} cycles",
+                f"{_largest(during.temperature[:, i]):.0f}",
+                f"{-_largest_signed(-during.voltage[:, i]):.1f}",
+            ]
+        )
+    return Table(rows, "During the strike.")
+
+
+def _cycle_table(cycles: Cycles) -> Table:
+    rows = [["phase", "cycles", "no sample", "ended late", "latest start [ms]"]]
+    for phase in Phase:
+        part = cycles.during(phase)
+        if len(part):
+            flagged = [int(((part.flags & flag) > 0).sum()) for flag in (Flag.MISSED, Flag.OVERRUN)]
+            late = 1e3 * max(0.0, _largest_signed(part.late))
+            rows.append([phase.name.lower(), str(len(part)), *map(str, flagged), f"{late:.2f}"])
+    return Table(rows)
+
+
+def _arm_points(struck: Struck, model: Model, instant: float) -> np.ndarray:
+    """Shoulder to hand as the encoders have it at an instant [s]: (a + 1, 2) [m]."""
+    recording, a = struck.recording, model.arm.n
+    assert recording is not None
+    assert recording.joints_t is not None
+    assert recording.joints_q is not None
+    q = np.zeros((1, model.n))
+    for i in range(a):
+        q[0, i] = np.interp(instant, recording.joints_t, recording.joints_q[:, i])
+    return joint_points(model, q)[0, : a + 1]
+
+
+def _usage(during: Cycles, joint: int, limits: MotorLimits) -> float:
+    """Largest part of the motor's line that a joint used."""
+    return _largest(limits.usage(during.v[:, joint], limits.torque_constant * during.current[:, joint]))
+
+
+def _largest(values: np.ndarray) -> float:
+    """Largest magnitude of what was measured; not a number: nothing was."""
+    return _largest_signed(np.abs(values))
+
+
+def _largest_signed(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.max()) if len(finite) else float("nan")
+
+
+def _radius(target: Target) -> str:
+    return f"hit radius {target.hit_radius:g} m"
