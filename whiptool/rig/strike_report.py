@@ -56,8 +56,8 @@ def sections(struck: Struck, model: Model, target: Target, *, limits: MotorLimit
     if "servos" in pictures:
         caption = (
             f"Joint angles and currents during the strike. Shaded: the currents that the {limits.name} can carry at "
-            "the measured speed, from its stall current down to none at its no-load speed. Right: the same in the plane of "
-            "speed and torque, with the motor's line."
+            "the measured speed, from its stall current down to none at its no-load speed. Right: the same in the "
+            "plane of speed and torque, with the motor's line."
         )
         table = _servo_table(struck.run.cycles, model, limits)
         found.append(Section("Servos", [table, Picture(pictures["servos"], caption)]))
