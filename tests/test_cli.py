@@ -186,7 +186,7 @@ def assert_one_line(done: subprocess.CompletedProcess, *parts: str) -> None:
 def test_mistakes_end_with_status_2(tmp_path):
     assert_one_line(whiptool("optimize", "--target", "nan", "0", cwd=tmp_path), "target")
     assert_one_line(whiptool("simulate", cwd=tmp_path), "--strike")
-    assert_one_line(whiptool("simulate", "--strike", "1", "2", cwd=tmp_path), "5 numbers")
+    assert_one_line(whiptool("simulate", "--strike", "1", "2", cwd=tmp_path), "--strike", "q_i")
     assert_one_line(whiptool("simulate", "--export", "/proc/nowhere/x.xml", cwd=tmp_path), "--export")
 
 
