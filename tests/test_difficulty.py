@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from whiptool.comparison import Scene
-from whiptool.comparison.difficulty import DifficultyUnit, sentence, targets_hit
+from whiptool.comparison.difficulty import WIDTHS, DifficultyUnit, sentence, targets_hit, varied
 from whiptool.comparison.zones import check_zone, words, zone_named
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.strike import default_bounds
+from whiptool.strike import StrikeBounds, default_bounds
 from whiptool.zone import Disc, ReachableDisc, Region
 
 
@@ -64,6 +64,21 @@ def test_random_strikes_hit_as_often_as_other_random_strikes(found):
     strikes = default_bounds(where.model.arm).sample(np.random.default_rng(9), 1500)
     share = targets_hit(where.rollout(1), strikes, where).mean() / 40
     assert found[0.1]["random_strikes_hit"] == pytest.approx(share, abs=4 * np.sqrt(share / 1000))
+
+
+def test_variations_spread_by_a_share_of_the_box_and_stay_in_it():
+    """Sides of 1, 4 and 40 around centres that are not zero; a centre at the edge keeps its children inside."""
+    bounds = StrikeBounds((1.0, -6.0, 5.0), (2.0, -2.0, 45.0))
+    children = varied(np.tile([1.5, -4.0, 25.0], (400, 1)), 0.1, bounds, np.random.default_rng(0))
+    assert children.shape == (10_000, 3)
+    np.testing.assert_allclose(children.mean(axis=0), [1.5, -4.0, 25.0], atol=0.04 * 4)
+    np.testing.assert_allclose(children.std(axis=0), [0.1, 0.4, 4.0], rtol=0.04)
+    edge = varied(np.array([[1.0, -2.0, 25.0]]), 0.1, bounds, np.random.default_rng(0))
+    lower, upper = bounds.box
+    assert ((edge >= lower) & (edge <= upper)).all()
+    assert (edge[:, 0] == 1.0).sum() > 3
+    assert min(WIDTHS) > 0
+    assert list(WIDTHS) == sorted(WIDTHS, reverse=True)  # ever less
 
 
 def test_zones_have_names_and_words():

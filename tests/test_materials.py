@@ -80,6 +80,9 @@ def test_the_table_agrees_with_its_sources():
         whip = stock_of_material(name, diameter=0.01).numbers
         assert shortest < (whip["bending_stiffness"] / (9.81 * whip["linear_density"])) ** (1 / 3) < longest
     leather = stock_of_material("leather", diameter=0.015)
+    # links of a chain are 3.3 to 3.7 wires wide outside, and every other one is seen from its edge
+    assert (3.3 + 1) / 2 <= MATERIALS["steel-chain"].width <= (3.7 + 1) / 2
+    assert all(MATERIALS[name].width == 1.0 for name in ("cotton", "leather", "nylon", "silicone"))
     whip = MODEL.whip
     published = {"linear_density": whip.m / whip.l, "bending_stiffness": whip.k * whip.l}  # type: ignore[operator]
     for number, value in published.items():

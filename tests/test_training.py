@@ -9,6 +9,7 @@ import pytest
 import torch
 from fake_rollout import SPEED, StraightFlight
 
+from whiptool.errors import InputError
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask, reward
 from whiptool.rl.training import Plan, Training, make_learner
@@ -85,6 +86,15 @@ def test_runs_end_with_the_plan_the_number_or_the_time():
     assert numbers == [1, 2]
     assert run.run(max_seconds=0.0) == []
     assert len(run.run(episodes=9)) == 4
+
+
+def test_a_plan_says_what_it_allows():
+    """The least of each number, and one less."""
+    least = {"episodes": 1, "trials": 2, "random_episodes": 0, "hindsight": 0}
+    for name, low in least.items():
+        assert getattr(Plan(**{name: low}), name) == low
+        with pytest.raises(InputError, match=name):
+            Plan(**{name: low - 1})
 
 
 def test_the_discount_is_that_of_the_observation():

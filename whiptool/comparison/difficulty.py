@@ -15,11 +15,11 @@ from scipy.spatial.distance import cdist
 from whiptool.comparison.tables import percent
 from whiptool.comparison.units import Scene
 from whiptool.models import CompiledRollout
-from whiptool.strike import default_bounds
+from whiptool.strike import StrikeBounds, default_bounds
 
 RATE = 1000.0  # [1/s] of the paths by which strikes are ranked
 _KEPT, _CHILDREN = 40, 25  # strikes that are varied, and variations of each
-_WIDTHS = (0.1, 0.05, 0.05, 0.02, 0.02, 0.01, 0.01, 0.005)  # of the variations, in widths of the box
+WIDTHS = (0.1, 0.05, 0.05, 0.02, 0.02, 0.01, 0.01, 0.005)  # of the variations, in widths of the box
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +51,9 @@ class DifficultyUnit:
         strikes = bounds.sample(rng, self.strikes)
         own = targets[np.arange(len(strikes)) % len(targets)]
         random = rollout.approach(strikes, own, t_stay=scene.t_stay).distance <= scene.radii[0]
-        lower, upper = bounds.box
         best = _best(strikes, targets_hit(rollout, strikes, scene))
-        for width in _WIDTHS:
-            children = np.repeat(best, _CHILDREN, axis=0)
-            children = np.clip(children + width * (upper - lower) * rng.standard_normal(children.shape), lower, upper)
-            some = np.vstack([best, children])
+        for width in WIDTHS:
+            some = np.vstack([best, varied(best, width, bounds, rng)])
             best = _best(some, targets_hit(rollout, some, scene))
         at_all = rollout.approach(np.tile(best[0], (len(targets), 1)), targets, t_stay=scene.t_stay)
         return {
@@ -80,6 +77,13 @@ def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: Scene) -> 
             near = path[((path >= low) & (path <= high)).all(axis=1)]  # no NaN among them
             found.append(int((cdist(near, targets).min(axis=0) <= radius).sum()) if len(near) else 0)
     return np.array(found)
+
+
+def varied(strikes: np.ndarray, width: float, bounds: StrikeBounds, rng: np.random.Generator) -> np.ndarray:
+    """Return variations of strikes (B, d), normal with a standard deviation of `width` of the box, (25 B, d)."""
+    lower, upper = bounds.box
+    children = np.repeat(strikes, _CHILDREN, axis=0)
+    return np.clip(children + width * (upper - lower) * rng.standard_normal(children.shape), lower, upper)
 
 
 def _best(strikes: np.ndarray, hits: np.ndarray) -> np.ndarray:
