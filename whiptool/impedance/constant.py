@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import casadi as ca
@@ -46,7 +47,12 @@ class ConstantImpedance:
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K and B for tracking errors `e` [rad] and `de` [rad/s] of shape (..., n): each (..., n, n)."""
         shape = (*np.shape(e), np.shape(e)[-1])
-        return np.broadcast_to(self.K, shape), np.broadcast_to(self.B, shape)
+        K, B = self._arrays
+        return np.broadcast_to(K, shape), np.broadcast_to(B, shape)
+
+    @cached_property
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.K), np.array(self.B)
 
     @staticmethod
     def sizes(n: int) -> dict[str, int]:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from whiptool.errors import InputError
-from whiptool.impedance.controller import Controller, ControlLoop
+from whiptool.impedance.controller import Controller
 from whiptool.models.arm import Arm
 from whiptool.models.mujoco_import import mujoco
 from whiptool.models.mujoco_model import build_spec
@@ -71,7 +71,8 @@ class ReferenceRollout:
         self._friction = np.r_[zeros, whip.per_node("dry_friction")]
         self._drag = whip.per_node("drag")
         self._nodes = np.array([self._mj.body(f"whip{i + 1}").id for i in range(whip.N)])
-        self._has_forces = bool(self._friction.any() or self._drag.any())
+        self._root = self._mj.body_rootid[self._nodes[0]]
+        self.has_forces = bool(self._friction.any() or self._drag.any())
 
     def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
         """The whole strike of `D + t_stay` seconds, at every step.
@@ -94,9 +95,25 @@ class ReferenceRollout:
         data.qpos[:] = start_posture(self.model, np.array([strike.q_i]))[0]
         times, q, v = np.empty(steps + 1), np.empty((steps + 1, n)), np.empty((steps + 1, n))
         tau, tip, velocity = np.empty((steps + 1, a)), np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
-        diverged, i = False, 0
+        diverged, i, unrecorded = False, 0, 0
+
+        def act(_: mujoco.MjModel, acting: mujoco.MjData) -> None:
+            """Write torques and forces at every stage of a step; at its first, record the state that it begins with."""
+            nonlocal unrecorded
+            if acting._address != own:  # the callback is one per process: leave other simulations alone
+                return
+            if not hold:
+                data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
+            if self.has_forces:
+                self.apply_forces(data)
+            if unrecorded == i:
+                times[i], q[i], v[i], tau[i] = data.time, data.qpos, data.qvel, data.ctrl
+                tip[i], velocity[i] = data.site_xpos[self._tip, ::2], self._tip_velocity()
+                unrecorded = i + 1
+
+        own = data._address
         with _callback:
-            mujoco.set_mjcb_control(self._control(loop, held=bool(hold)))
+            mujoco.set_mjcb_control(act)
             mujoco.set_mju_user_warning(gave_up.append)
             try:
                 for i in range(steps + 1):
@@ -105,10 +122,8 @@ class ReferenceRollout:
                     mj.opt.timestep = h_last if i + 1 == steps else h
                     if hold and i % hold == 0:
                         data.ctrl[:] = loop.torque(t, data.qpos[:a], data.qvel[:a])
-                    mujoco.mj_forward(mj, data)
-                    times[i], q[i], v[i], tau[i] = t, data.qpos, data.qvel, data.ctrl
-                    tip[i], velocity[i] = data.site_xpos[self._tip, ::2], self._tip_velocity()
                     if i == steps:
+                        mujoco.mj_forward(mj, data)
                         break
                     mujoco.mj_step(mj, data)
                     if gave_up or not data.qvel @ data.qvel < FASTEST**2:
@@ -130,33 +145,18 @@ class ReferenceRollout:
             tip=(tip[done], velocity[done]),
         )
 
-    def _control(self, loop: ControlLoop, *, held: bool):
-        a = self.model.arm.n
-
-        own = self._data._address
-
-        def act(mj: mujoco.MjModel, data: mujoco.MjData) -> None:
-            if data._address != own:  # the callback is one per process: leave other simulations alone
-                return
-            if not held:
-                data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
-            if self._has_forces:
-                data.qfrc_applied[:] = self._forces(data)
-
-        return act
-
-    def _forces(self, data: mujoco.MjData) -> np.ndarray:
-        """Generalised forces of smoothed friction and drag [N m], (n,)."""
+    def apply_forces(self, data: mujoco.MjData) -> None:
+        """Write smoothed friction and drag at the data's velocities into its applied forces."""
         v = data.qvel
-        force = -self._friction * v / np.sqrt(v**2 + self.model.whip.friction_velocity**2)
+        if self._friction.any():
+            data.qfrc_applied[:] = -self._friction * v / np.sqrt(v**2 + self.model.whip.friction_velocity**2)
         if self._drag.any():
-            # node i sits at its body's centre of mass; all joints before it move it about the y axis
-            nodes, joints = data.xipos[self._nodes][:, ::2], data.xanchor[:, ::2]
-            lever = nodes[:, None, :] - joints[None, :, :]  # (N, n, 2)
-            J = np.stack([-lever[..., 1], lever[..., 0]], axis=1)  # (N, 2, n) of hinges about -y
-            before = np.arange(self.model.n)[None, :] <= self.model.arm.n + np.arange(self.model.whip.N)[:, None]
-            J *= before[:, None, :]
-            u = J @ v  # (N, 2)
+            # node i sits at its body's centre of mass, where MuJoCo applies forces; the plane is x and z
+            lever = data.xipos[self._nodes] - data.subtree_com[self._root]
+            turning = data.cvel[self._nodes, 1]  # about y
+            u = data.cvel[self._nodes, 3::2]  # (N, 2), of the point of each body that is at the chain's centre of mass
+            u[:, 0] += turning * lever[:, 2]
+            u[:, 1] -= turning * lever[:, 0]
             braked = u
             if self.model.whip.drag_ratio != 1:
                 # each body's own z axis points from the node to its joint
@@ -164,8 +164,7 @@ class ReferenceRollout:
                 along = (u * axes).sum(axis=1, keepdims=True)
                 braked = u - (1 - self.model.whip.drag_ratio) * along * axes
             drag = -self._drag[:, None] * np.sqrt((u**2).sum(axis=1, keepdims=True) + 1e-12) * braked
-            force = force + np.einsum("ikj,ik->j", J, drag)
-        return force
+            data.xfrc_applied[self._nodes, :3:2] = drag
 
     def _tip_velocity(self) -> np.ndarray:
         velocity = np.empty(6)

@@ -127,7 +127,7 @@ class Physics:
         a = len(servos)
         motors = [servo.motor for servo in servos]
         delayed = self._sample_delay > 0
-        has_forces = self._rollout._has_forces
+        has_forces = self._rollout.has_forces
         fixed_mode = all(servo.memory[11] == 0 for servo in servos)
         goals, aged = self._wanted(), self.steps
         while self.steps < end:
@@ -145,7 +145,7 @@ class Physics:
                 self._torques[i] = motor.torque(current, v[i])
             data.ctrl[:] = self._torques
             if has_forces:
-                data.qfrc_applied[:] = self._rollout._forces(data)
+                self._rollout.apply_forces(data)
             mujoco.mj_step(mj, data)
             self.steps += 1
             if delayed:
