@@ -43,6 +43,13 @@ def test_targets_are_drawn_once_for_all():
     assert not np.array_equal(points, scene(target_seed=1).points())
 
 
+def test_the_difficulty_of_a_task_is_measured_by_strikes_that_grow_with_its_targets():
+    for targets, strikes in ((7, 700), (40, 4_000), (300, 10_000)):
+        unit = Comparison(scene=scene(targets=targets), methods=("random",)).difficulty()
+        assert unit.strikes == strikes
+    assert Comparison(scene=scene(), methods=("random",)).difficulty(quick=True).strikes == 2_000
+
+
 @pytest.mark.parametrize("method", ["random", "directl"])
 def test_a_search_unit_counts_to_the_first_trial_within_each_radius(method):
     s = scene()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from fake_rollout import SPEED, StraightFlight
 
 from whiptool.errors import InputError
-from whiptool.objective import Objective, SearchStopped, Target
+from whiptool.objective import Objective, SearchStopped, Target, probability_within
 from whiptool.strike import StrikeBounds
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 1.0, 0.3, 0.8, 1.0))
@@ -37,6 +38,36 @@ class Following(StraightFlight):
 
 def objective(rollout=None, target=None, **options) -> Objective:
     return Objective(rollout or StraightFlight(), target or Target((1.2, 0.0), 0.1), bounds=BOUNDS, **options)  # type: ignore[arg-type]
+
+
+class Measured(StraightFlight):
+    """Every miss is seen with a standard error of 2 cm and a hundredth of itself."""
+
+    def approach(self, strikes, targets, *, t_stay):
+        near = super().approach(strikes, targets, t_stay=t_stay)
+        return dataclasses.replace(near, error=0.02 + 0.01 * near.distance)
+
+
+@pytest.mark.parametrize("freedom", [np.inf, 3.0])
+def test_the_probability_of_a_pass_is_that_of_draws(freedom):
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal(400_000) if freedom == np.inf else rng.standard_t(freedom, 400_000)
+    for miss, scale in ((0.0, 0.05), (0.04, 0.03), (0.09, 0.02), (0.09, 0.2)):
+        expected = np.mean(np.abs(miss + scale * draws) <= 0.06)
+        found = probability_within(0.06, np.array(miss), scale, freedom)
+        assert found == pytest.approx(expected, abs=5 * math.sqrt(0.25 / 400_000))
+
+
+def test_a_hit_that_was_measured_is_claimed_by_its_probability():
+    """Misses of 2, 7.5 and 9.5 cm with errors of some 2 cm; within 10 cm they are hits with 100, 89 and 60 %."""
+    angles = [math.asin(x / 1.2) for x in (0.02, 0.075, 0.095)]
+    outcomes = objective(Measured()).batch(np.array([[angle, 0.0, 0.1, 0.2, 0.7] for angle in angles]))
+    assert [outcome.miss_error for outcome in outcomes] == pytest.approx([0.0202, 0.02075, 0.02095])
+    assert [outcome.hit for outcome in outcomes] == [True, False, False]
+    lost = objective(Measured()).batch(np.array([[0.0, 0.95, 0.1, 0.2, 0.7]]))[0]
+    assert lost.miss_error is None
+    assert not lost.hit
+    assert objective().batch(np.array([[0.05, 0.0, 0.1, 0.2, 0.7]]))[0].miss_error is None  # computed, not measured
 
 
 def test_outcomes_of_straight_flights():
