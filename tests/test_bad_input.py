@@ -351,7 +351,7 @@ view taken | taken
 view of-garbage | of-garbage
 view of-simulate | of-simulate
 view garbled | garbled
-view | run
+view | RUN
 doctor --deep | --deep
 strike --strike 1 2 | strike
 strike --strike 0 0 0 0 0 0 1 | 5 numbers

@@ -265,11 +265,11 @@ def _strike(words: list[str]) -> int:
     config = {"command": "rig strike", "version": code_version(), "options": cli.as_plain(replace(options, out=None))}
     with RunFolder.create(options.out or default_folder("rig"), config) as folder:
         struck = rig.strike(strike, folder=folder.path)
-        summary = _summary(struck, target)
-        folder.write_result(summary)
         _report(folder.path, struck, model, target, options)
+        summary = _summary(struck, target) | {"report": str(folder.path / REPORT)}
+        folder.write_result(summary)
     if options.json:
-        print(json.dumps(summary | {"report": str(folder.path / REPORT)}, allow_nan=False))
+        print(json.dumps(summary, allow_nan=False))
     else:
         print("\n".join(_lines(struck, summary, target)))
         kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
