@@ -32,7 +32,7 @@ def misses(rollout, strikes=STRIKES) -> np.ndarray:
 def test_compiled_against_mujoco(law):
     """A few strikes at the default step; benchmarks/accuracy.py has 200 of them, and the reference's convergence."""
     controller = Controller(law)
-    strikes = STRIKES[:2]
+    strikes = STRIKES[:4]
     reference = misses(ReferenceRollout(LEMON, controller, timestep=5e-5), strikes)
     default = CompiledRollout(LEMON, controller).approach(strikes, TARGET, t_stay=0.3).distance
     fine = CompiledRollout(LEMON, controller, timestep=2e-5).approach(strikes, TARGET, t_stay=0.3).distance
@@ -51,10 +51,10 @@ def test_compiled_against_mujoco(law):
     ids=["feedforward and limit", "held", "compensated"],
 )
 def test_options_and_every_term_against_mujoco(controller):
-    """Drag, dry friction, rest angles, hinge mass: in MuJoCo applied as generalised forces."""
+    """Drag, dry friction, rest angles, hinge mass: in MuJoCo applied at joints and bodies."""
     model = everything()
-    reference = misses(ReferenceRollout(model, controller, timestep=4e-5), STRIKES[:1])
-    fine = CompiledRollout(model, controller, timestep=1e-5).approach(STRIKES[:1], TARGET, t_stay=0.3).distance
+    reference = misses(ReferenceRollout(model, controller, timestep=4e-5), STRIKES[:2])
+    fine = CompiledRollout(model, controller, timestep=1e-5).approach(STRIKES[:2], TARGET, t_stay=0.3).distance
     assert np.abs(fine - reference).max() < 2e-6
 
 

@@ -19,7 +19,7 @@ from whiptool.rig.guards import SafetyError
 from whiptool.rig.limits import XM430
 from whiptool.rig.loop import Run
 from whiptool.rig.session import Struck
-from whiptool.rig.strike_report import plot_current, plot_cycles, plot_tip, save_pictures, sections
+from whiptool.rig.strike_report import draw, plot_current, plot_cycles, plot_tip, save_pictures, sections
 
 MODEL = preset("lemon2024")
 TARGET = Target((0.9, 0.0), hit_radius=0.05)
@@ -64,7 +64,8 @@ def rows(table: Table) -> dict[str, list[str]]:
 
 
 def test_the_tables_tell_what_the_cycles_hold():
-    result, servos, loop = sections(struck(), MODEL, TARGET)
+    one = struck()
+    result, servos, loop = sections(one, MODEL, TARGET, draw(one, MODEL, TARGET))
     table = rows(next(part for part in servos.parts if isinstance(part, Table)))
     # on the line: torque over stall torque and speed over no-load speed, the manual's 46 rev/min and 2.3 A
     usage = 1.0 / 2.3 + 2.0 / (46 * 2 * np.pi / 60)
@@ -119,23 +120,26 @@ def test_the_picture_of_cycles_shows_a_late_sample_and_counts_what_was_wrong():
 
 def test_what_is_missing_is_left_out_and_said(tmp_path: Path):
     unseen = struck(markers=("handle",))
-    result = sections(unseen, MODEL, TARGET)[0]
+    result = sections(unseen, MODEL, TARGET, draw(unseen, MODEL, TARGET))[0]
     assert rows(result.parts[0])["the tip"] == ["was not seen"]
     fault = SafetyError("elbow", "measured 3 A, allowed 2.6 A")
     ended = Struck(Run(cycles(phases=(Phase.APPROACH,)), fault, False, 0, 0), None)
-    found = sections(ended, MODEL, TARGET)
+    pictures = draw(ended, MODEL, TARGET)
+    found = sections(ended, MODEL, TARGET, pictures)
     assert [section.title for section in found] == ["Result", "Control cycles"]
     said = found[0].parts[0]
     assert isinstance(said, Text)
     assert "fault" in said.text
     assert str(fault) in said.text
     assert "NOT confirmed off" in said.text
-    assert [path.name for path in save_pictures(tmp_path, ended, MODEL, TARGET)] == ["cycles.png"]
+    assert [path.name for path in save_pictures(tmp_path, pictures)] == ["cycles.png"]
     assert len(to_html("A strike", "", {}, found)) > 5000
 
 
 def test_a_whole_run_leaves_three_pictures(tmp_path: Path):
-    names = [path.name for path in save_pictures(tmp_path, struck(), MODEL, TARGET)]
+    one = struck()
+    figures = draw(one, MODEL, TARGET)
+    names = [path.name for path in save_pictures(tmp_path, figures)]
     assert names == ["strike.png", "servos.png", "cycles.png"]
-    pictures = [p for section in sections(struck(), MODEL, TARGET) for p in section.parts if isinstance(p, Picture)]
+    pictures = [p for section in sections(one, MODEL, TARGET, figures) for p in section.parts if isinstance(p, Picture)]
     assert len(pictures) == 3

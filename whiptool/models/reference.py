@@ -31,7 +31,7 @@ class ReferenceRollout:
 
     A torque written to `ctrl` once a step is held over the integrator's stages, which makes any of them first order.
     A continuous controller therefore acts through MuJoCo's control callback, at every stage. Drag and smoothed
-    friction, which MuJoCo lacks, act there too, as generalised forces.
+    friction, which MuJoCo lacks, act there too, at bodies and joints.
 
     Args:
         model: Whip, arm, gravity.

@@ -280,11 +280,12 @@ def _strike(words: list[str]) -> int:
 def _report(folder: Path, struck: Struck, model: Model, target: Target, options: StrikeOptions) -> None:
     """Write the report and its pictures."""
     from whiptool.report import to_html
-    from whiptool.rig.strike_report import save_pictures, sections
+    from whiptool.rig.strike_report import draw, save_pictures, sections
     from whiptool.runs import code_version
     from whiptool.whole_files import write_whole
 
-    save_pictures(folder, struck, model, target)
+    pictures = draw(struck, model, target)
+    save_pictures(folder, pictures)
     facts = {
         "strike": " ".join(f"{x:.4g}" for x in options.strike),
         "rig": f"{options.port}, camera {options.camera}",
@@ -293,7 +294,7 @@ def _report(folder: Path, struck: Struck, model: Model, target: Target, options:
         "cycles per second": f"{options.rate:g}",
         "version": code_version(),
     }
-    html = to_html("A strike on the rig", str(folder), facts, sections(struck, model, target))
+    html = to_html("A strike on the rig", str(folder), facts, sections(struck, model, target, pictures))
     write_whole(folder / REPORT, html)
 
 

@@ -40,19 +40,22 @@ _MARKS = {
 }
 
 
-def sections(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430) -> list[Section]:
+def sections(
+    struck: Struck, model: Model, target: Target, pictures: dict[str, Figure], *, limits: MotorLimits = XM430
+) -> list[Section]:
     """Return the report's sections, for `whiptool.report.to_html`.
 
     Args:
         struck: What the strike left; after a fault, the parts that there are.
-        model: For the arm's lengths and the names of its joints.
+        model: For the names of the arm's joints.
         target: Position and hit radius.
+        pictures: As `draw` returns them.
         limits: Of the motors.
     """
-    pictures = draw(struck, model, target, limits=limits)
-    found = [Section("Result", [_result(struck, target)])]
+    result: list[Table | Text | Picture] = [_result(struck, target)]
     if "strike" in pictures:
-        found[0] = Section("Result", [_result(struck, target), Picture(pictures["strike"], _tip_caption(struck))])
+        result.append(Picture(pictures["strike"], _tip_caption(struck)))
+    found = [Section("Result", result)]
     if "servos" in pictures:
         caption = (
             f"Joint angles and currents during the strike. Shaded: the currents that the {limits.name} can carry at "
@@ -66,19 +69,17 @@ def sections(struck: Struck, model: Model, target: Target, *, limits: MotorLimit
     return found
 
 
-def save_pictures(
-    folder: str | Path, struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430
-) -> list[Path]:
-    """Write `strike.png`, `servos.png` and `cycles.png` into a folder; return the files.
-
-    A run that never came to its strike leaves `cycles.png` alone.
-    """
-    pictures = draw(struck, model, target, limits=limits)
+def save_pictures(folder: str | Path, pictures: dict[str, Figure]) -> list[Path]:
+    """Write the figures of `draw` as PNG files into a folder; return the files."""
     return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in pictures.items()]
 
 
 def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430) -> dict[str, Figure]:
-    """Return the figures `strike`, `servos` and `cycles`, those of them that the run has data for."""
+    """Return the figures `strike`, `servos` and `cycles`, those of them that the run has data for.
+
+    A run that never came to its strike has `cycles` alone. The arguments are those of `sections`; of the model, the
+    lengths of the arm's links are used, too.
+    """
     cycles = struck.run.cycles
     during = cycles.during(Phase.STRIKE)
     pictures = {}
