@@ -265,9 +265,9 @@ def _strike(words: list[str]) -> int:
     config = {"command": "rig strike", "version": code_version(), "options": cli.as_plain(replace(options, out=None))}
     with RunFolder.create(options.out or default_folder("rig"), config) as folder:
         struck = rig.strike(strike, folder=folder.path)
-        _report(folder.path, struck, model, target, options)
         summary = _summary(struck, target) | {"report": str(folder.path / REPORT)}
-        folder.write_result(summary)
+        folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
+        _report(folder.path, struck, model, target, options)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
     else:
