@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from whiptool.errors import InputError
 from whiptool.identification.plant import LUMPED, PROFILE, Plant, lumping, slopes
@@ -51,6 +52,27 @@ def test_a_profile_stands_in_place_of_the_whips_numbers():
     tip = np.r_[np.zeros(11), 0.003]  # does not grow with the whip
     mass, before = longer.model.whip.per_node("m") - tip, PROFILED.model.whip.per_node("m") - tip
     np.testing.assert_allclose(mass, before * 1.2 / 0.9)
+
+
+def test_a_clamp_bends_at_the_hand_as_half_a_link():
+    """Half a link of a uniform whip: twice the stiffness, half the rest angle; 8 times the cubic stiffness (half the
+    bend at the same moment, cubed). A profile is lumped anew, its first joint by the half hat at the hand."""
+    whip = WhipParameters(N=10, l=0.08, m=0.02, k=0.3, b=0.05, cubic_stiffness=0.7, rest_angle=0.01)
+    plant = Plant(type(LEMON)(arm=LEMON.arm, whip=whip), clamp=0.0)
+    held = plant.held.whip
+    assert held.per_node("k").tolist() == pytest.approx([0.6, *[0.3] * 9])
+    assert held.per_node("b").tolist() == pytest.approx([0.1, *[0.05] * 9])
+    assert held.per_node("rest_angle").tolist() == pytest.approx([0.005, *[0.01] * 9])
+    assert held.per_node("cubic_stiffness").tolist() == pytest.approx([5.6, *[0.7] * 9])
+    assert Plant(plant.model).held is plant.model
+    cone = Plant(LEMON, None, PROFILE_OF_ALL, clamp=0.0)
+    stiffness, l = cone.held.whip.per_node("k"), cone.held.whip.per_node("l")
+    free = Plant(LEMON, None, PROFILE_OF_ALL).held.whip.per_node("k")
+    np.testing.assert_allclose(stiffness[1:], free[1:])
+    assert free[0] == 0
+    p = PROFILE_OF_ALL
+    bend = lambda s: (1 - s / l[0]) * p.stiffness_taper ** (-s / p.length) / p.bending_stiffness  # noqa: E731
+    assert stiffness[0] == pytest.approx(1 / quad(bend, 0, l[0])[0])  # what the half hat at the hand sees
 
 
 def test_more_nodes_are_the_same_whip():

@@ -45,6 +45,17 @@ def test_a_normal_posterior_from_a_wrong_start():
     np.testing.assert_allclose(found, covariance, atol=0.15)
 
 
+def test_a_normal_posterior_far_from_the_origin_is_sampled_as_well_as_one_at_it():
+    """The proposals' covariance is about their own centre: Student's t with 8 degrees of freedom wastes little."""
+    sizes = []
+    for mean in (np.zeros(3), np.array([40.0, -70.0, 20.0])):
+        density = stats.multivariate_normal(mean, np.diag([1.0, 4.0, 0.25])).logpdf
+        weights = importance_sample(density, mean, np.eye(3), rng=np.random.default_rng(3), size=1000)[1]
+        sizes.append(effective_size(np.log(weights)) / len(weights))
+    assert sizes[1] == pytest.approx(sizes[0], abs=0.02)
+    assert sizes[0] > 0.8
+
+
 def test_a_number_that_stops_at_zero():
     density = lambda z: np.where(z[:, 0] >= 0, -0.5 * z[:, 0] ** 2, -np.inf)  # noqa: E731
     z, weights, _ = importance_sample(density, np.zeros(1), np.eye(1), rng=np.random.default_rng(1), size=2000)

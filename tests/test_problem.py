@@ -120,6 +120,22 @@ def test_residuals_are_whitened_and_own_unknowns_held_loosely():
         np.testing.assert_array_equal(mine.r, other.r)
 
 
+def test_readings_that_are_not_known_have_no_part():
+    """Zero residuals and slopes for them, the others as they are: by hand, from the readings' own equation."""
+    p = made(per_recording=("start", "delay"))
+    own = [np.array([0.7, -3.0, 0.02]), np.array([0.1, 0.2, -0.3])]
+    known = [np.arange(ROWS) % 2.0, np.ones(ROWS)]
+    for derivatives in (True, False):
+        found = p._evaluator(p.predictor, known)(Z, own, derivatives)
+        for i in range(2):
+            whole = OWN[i] @ (own[i] - [0.5, 2.0, 0.0]) / SIGMA[i] - NOISE[i]
+            np.testing.assert_allclose(found[i].r[:ROWS], np.where(known[i] == 1, whole, 0.0), atol=1e-9)
+    found = p._evaluator(p.predictor, known)(Z, own, True)
+    np.testing.assert_allclose(found[0].B[1:ROWS:2], OWN[0][1::2] / SIGMA[0][1::2, None])
+    assert not found[0].A[:ROWS:2].any()
+    assert not found[0].B[:ROWS:2].any()
+
+
 @pytest.mark.parametrize("per_recording", [(), ("start", "delay")])
 def test_slopes_are_those_of_differences(per_recording):
     p = made(per_recording=per_recording, prior=PRIOR)

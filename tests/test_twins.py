@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation.materials import stock_of_material
-from whiptool.adaptation.twins import NODES, _strange_whip, _waves, draw_twin
+from whiptool.adaptation.twins import BEND, NODES, _strange_whip, _waves, draw_twin
 from whiptool.impedance import Controller, oiac_preset
+from whiptool.models import CompiledRollout
 from whiptool.models.presets import preset
+from whiptool.strike import Strike, default_bounds
 
 NUMBERS = {
     "length": 0.9, "linear_density": 0.15, "bending_stiffness": 0.02, "bending_damping": 0.003,
@@ -44,6 +46,17 @@ def test_a_stranger_whip_deviates_twice_as_much(seed):
         assert off.sum() == odd, name
     assert np.abs(np.diff(waves["k", 1.0], 2)).max() == pytest.approx(-2 * np.log(0.4), abs=0.1)  # waves are smooth
     assert np.abs(np.diff(waves["b", 1.0], 2)).max() < 0.1
+
+
+def test_the_bend_that_stiffening_counts_from_is_that_of_strikes():
+    """The joint that bends most stays below it in nine random strikes of ten."""
+    model = preset("lemon2024")
+    rollout = CompiledRollout(model, Controller(oiac_preset("table4")))
+    strikes = default_bounds(model.arm).sample(np.random.default_rng(5), 200)
+    paths = [rollout.trajectory(Strike.from_vector(s), t_stay=0.3) for s in strikes]
+    bends = [np.abs(path.q[:, 3:]).max(axis=0) for path in paths]
+    most = np.quantile(bends, 0.9, axis=0).max() / model.whip.per_node("l")[0]
+    assert most == pytest.approx(BEND, rel=0.05)
 
 
 def test_a_clock_is_late_or_early_by_what_is_stated():

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from whiptool.errors import InputError
-from whiptool.identification.variables import Prior, variable, variables_of
+from whiptool.identification.variables import Prior, room, variable, variables_of
 
 
 def test_positive_numbers_are_logarithms_within_a_factor_of_a_thousand():
@@ -44,6 +44,8 @@ def test_what_may_be_zero_is_counted_in_its_usual_size_from_zero(name, scale):
     assert v.slope(7.0) == pytest.approx(scale)
     bounded = variable(name, 0.0, (-scale, 5 * scale))
     assert (bounded.lower, bounded.upper) == (0.0, pytest.approx(5.0))
+    above = variable(name, 2 * scale, (2 * scale, 5 * scale))
+    assert (above.lower, above.upper) == (pytest.approx(2.0), pytest.approx(5.0))
 
 
 @pytest.mark.parametrize(
@@ -107,6 +109,19 @@ def test_priors_are_checked():
             Prior(("a", "b"), (1.0, 2.0), bad)
     with pytest.raises(InputError, match=r"one of the free numbers whip.k"):
         Prior(("whip.m",), (1.0,), np.eye(1)).rows([variable("whip.k", 0.3)])
+
+
+def test_the_room_of_an_unknown():
+    """A factor of e of what is positive, ten usual sizes of what may be zero; an inertia may fall by as many factors
+    of e as a rod of the link's mass and length (m l^2 / 12) has of it, and never by less than one."""
+    inertia, mass = variable("link.inertia[1]", 1e-4), variable("link.mass[1]", 0.3)
+    drag, delay = variable("whip.drag", 0.0), variable("delay", 0.0)
+    values = {"link.mass[1]": 0.3, "link.length[1]": 0.2, "link.mass[0]": 9.0, "link.length[0]": 9.0}
+    z = np.array([inertia.z(1e-4), mass.z(0.3), 0.5, -3.0])
+    rod = 0.3 * 0.2**2 / 12  # 1e-3 kg m^2
+    assert room([inertia, mass, drag, delay], z, values) == pytest.approx([rod / 1e-4, 1.0, 10.0, 30.0])
+    z[0] = inertia.z(5e-3)
+    assert room([inertia], z[:1], values) == pytest.approx([1.0])
 
 
 def test_variables_by_name_and_their_bounds():

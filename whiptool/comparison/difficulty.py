@@ -5,6 +5,7 @@ Where one strike does for nearly all targets, a method can hit them without look
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from whiptool.models import CompiledRollout
 from whiptool.strike import StrikeBounds, default_bounds
 
 RATE = 1000.0  # [1/s] of the paths by which strikes are ranked
-_KEPT, _CHILDREN = 40, 25  # strikes that are varied, and variations of each
+_KEPT, _CHILDREN = 1 / 250, 25  # the share of the random strikes' number that is varied, and variations of each
 WIDTHS = (0.1, 0.05, 0.05, 0.02, 0.02, 0.01, 0.01, 0.005)  # of the variations, in widths of the box
 
 
@@ -51,10 +52,11 @@ class DifficultyUnit:
         strikes = bounds.sample(rng, self.strikes)
         own = targets[np.arange(len(strikes)) % len(targets)]
         random = rollout.approach(strikes, own, t_stay=scene.t_stay).distance <= scene.radii[0]
-        best = _best(strikes, targets_hit(rollout, strikes, scene))
+        kept = math.ceil(_KEPT * self.strikes)
+        best = _best(strikes, targets_hit(rollout, strikes, scene), kept)
         for width in WIDTHS:
             some = np.vstack([best, varied(best, width, bounds, rng)])
-            best = _best(some, targets_hit(rollout, some, scene))
+            best = _best(some, targets_hit(rollout, some, scene), kept)
         at_all = rollout.approach(np.tile(best[0], (len(targets), 1)), targets, t_stay=scene.t_stay)
         return {
             "one_strike": best[0].tolist(),
@@ -86,9 +88,9 @@ def varied(strikes: np.ndarray, width: float, bounds: StrikeBounds, rng: np.rand
     return np.clip(children + width * (upper - lower) * rng.standard_normal(children.shape), lower, upper)
 
 
-def _best(strikes: np.ndarray, hits: np.ndarray) -> np.ndarray:
+def _best(strikes: np.ndarray, hits: np.ndarray, kept: int) -> np.ndarray:
     """Those that hit most, the most first."""
-    return strikes[np.argsort(-hits, kind="stable")[:_KEPT]]
+    return strikes[np.argsort(-hits, kind="stable")[:kept]]
 
 
 def sentence(found: dict[str, Any]) -> str:

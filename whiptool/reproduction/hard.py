@@ -26,7 +26,7 @@ def sections(context: Context) -> list[Section]:
     quick, base = context.quick, context.comparison.scene
     region = fast_region(base, context.store, quick=quick)
     scene = dataclasses.replace(base, zone=region, radii=(HIT_RADIUS,), targets=20 if quick else 300)
-    library = 1_000 if quick else LIBRARY
+    library = 300 if quick else LIBRARY
     seeds = range(1 if quick else context.comparison.seeds)
     methods = [(method, warm) for warm in (0, library) for method in SEARCHES] + [("library", library)]
     units: list[SearchUnit | LearnerUnit] = [

@@ -1,0 +1,75 @@
+"""What drives a recorded whip or pendulum: markers by name, steps by time, first states, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from whiptool.identification.drives import CommandDrive, FreeDrive
+from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.identification.plant import Plant
+from whiptool.identification.predict import Predictor
+from whiptool.identification.recording import StrikeRecording
+from whiptool.impedance import Controller
+from whiptool.models import CompiledRollout, preset
+from whiptool.models.parameters import ArmLink
+from whiptool.strike import Strike
+
+LEMON, CONTROLLER = preset("lemon2024"), Controller()
+PLANT = Plant(LEMON, CONTROLLER)
+STRIKE = Strike((-1.2, 0.9), (1.2, 0.3), 0.7)
+ONE_LINK = Pendulum((ArmLink(mass=0.2, length=0.3),))
+
+
+def recorded(markers: tuple[str, ...], t: np.ndarray, places: np.ndarray) -> StrikeRecording:
+    return StrikeRecording(t=t, points=places, markers=markers, sigma=np.full(places.shape[:2], 1e-3), strike=STRIKE)
+
+
+def test_markers_are_found_by_name():
+    """Nodes count from 1 to 12 behind the arm's two links; what only looks like a node is none."""
+    t = np.linspace(0.1, 0.5, 5)
+    drive = CommandDrive(recorded(("tip",), t, np.zeros((5, 1, 2))), PLANT, free=(), h=1e-3, unknown=False)
+    assert [drive.link_of(name) for name in ("node1", "node12")] == [2, 13]
+    assert drive.link_of("node12") == drive.link_of("tip")
+    for name in ("node0", "node13", "node", "nodes", "node1a", "5"):
+        assert drive.link_of(name) is None
+
+
+def test_every_link_is_where_the_whole_model_has_it():
+    """Predictions of the first node, a middle one and the tip, beside the rollout's own joints."""
+    path = CompiledRollout(LEMON, CONTROLLER, timestep=2.5e-4).trajectory(STRIKE, t_stay=0.1)
+    some = slice(400, 3600, 400)
+    theta = np.cumsum(path.q[some], axis=1)
+    lengths = np.r_[LEMON.arm.per_link("length"), LEMON.whip.per_node("l")]
+    ends = np.cumsum(np.stack([np.sin(theta), -np.cos(theta)], axis=2) * lengths[:, None], axis=1)
+    markers = {"handle": 1, "node1": 2, "node7": 8, "tip": 13}
+    seen = recorded(tuple(markers), path.t[some], ends[:, list(markers.values())])
+    predictor = Predictor([seen], PLANT, drive="command", shared=["whip.k"])
+    (found,) = predictor(PLANT, {}, predictor.start, derivatives=False)
+    np.testing.assert_allclose(found.value.reshape(-1, 4, 2), seen.points, atol=2e-6)
+
+
+@pytest.mark.parametrize(("first", "last", "h", "steps"), [
+    (0.0, 1.5, 1e-3, 1500), (0.2, 1.2, 1e-3, 1000), (0.1, 0.4004, 1e-3, 301), (0.3, 0.9, 2e-4, 3000),
+])  # fmt: skip
+def test_a_swing_is_rolled_out_to_its_last_sample_and_no_further(first, last, h, steps):
+    t = np.linspace(first, last, 7)
+    swing = AngleRecording(t, np.zeros((7, 1)), np.zeros((2, 1)))
+    assert FreeDrive(swing, ONE_LINK, free=(), h=h, unknown=True).steps == steps
+
+
+def test_a_piece_of_a_swing_begins_where_a_parabola_through_its_first_samples_says():
+    """Exact where the swing is a parabola, with a curvature that a straight line would take for speed."""
+    t = np.linspace(2.0, 3.0, 401)
+    s = t - t[0]
+    angles = np.stack([0.3 - 1.5 * s + 40 * s**2, -0.2 + 2 * s - 25 * s**2], axis=1)
+    recording = AngleRecording(t, angles, np.zeros((2, 2)))
+    np.testing.assert_allclose(recording.parabola, [[0.3, -0.2], [-1.5, 2.0]], atol=1e-9)
+    first, second = recording.cut(0.5)
+    np.testing.assert_array_equal(first.start, np.zeros((2, 2)))  # as measured
+    begins = second.t[0] - 2.0
+    np.testing.assert_allclose(
+        second.start[0], [0.3 - 1.5 * begins + 40 * begins**2, -0.2 + 2 * begins - 25 * begins**2]
+    )
+    np.testing.assert_allclose(second.start[1], [-1.5 + 80 * begins, 2 - 50 * begins], atol=1e-8)
+    assert [len(piece.t) for piece in (first, second)] == [200, 201]
