@@ -30,15 +30,15 @@ from whiptool.whole_files import append_whole
 RUN, RECORD = "run", "kills.jsonl"
 STRIKES = ((-1.2, 0.9, 1.2, 0.3, 0.7), (-1.0, 0.5, 1.4, 0.6, 0.8), (-0.8, 0.7, 1.1, 0.4, 0.6))
 COMMANDS = {
-    "optimize": "optimize --method cmaes --target 1.25 0.05 --no-stop-at-hit --max-trials 2000 --timestep 0.002 "
+    "optimize": "optimize --method cmaes --target 1.25 0.05 --no-stop-at-hit --max-trials 600 --timestep 0.002 "
     "--no-video --preset printed",
-    "train": "train --episodes 12 --random-episodes 2 --trials 16 --tests 5 --checkpoint-every 2 --timestep 0.001",
-    "compare": "compare --targets 6 --seeds 1 --cap 12 --episodes 20 --trials 8 --random-episodes 4 --methods ga sac "
+    "train": "train --episodes 8 --random-episodes 2 --trials 8 --tests 5 --checkpoint-every 2 --timestep 0.001",
+    "compare": "compare --targets 4 --seeds 1 --cap 8 --episodes 10 --trials 8 --random-episodes 2 --methods ga sac "
     "--observation goal --tighter 0.03 --workers 2",
     "adapt": "adapt --target 1.2 0.1 --camera tip --family kin --seed 5 --whip uniform --preset table4 --max-strikes 2 "
     "--starts 1 --no-still",
     "identify": "identify ../strike1.npz ../strike2.npz ../strike3.npz --starts 2 --free k m",
-    "learn": "rig learn --camera points --method cmaes --max-trials 5 --settle 0.1 --approach-speed 1 "
+    "learn": "rig learn --camera points --method cmaes --max-trials 3 --settle 0.1 --approach-speed 1 "
     "--hit-radius 0.001 --lower -0.7 0.1 0.6 2.0 1.1 --upper -0.5 0.3 0.8 2.2 1.3",
 }
 ASIDE = ("wall_time", "fit_time", "seconds", "version")  # what a clock says, and the code's own state
