@@ -121,7 +121,7 @@ def outcome_of(run) -> tuple:
 @pytest.mark.parametrize("method", ["directl", "nlopt:GN_CRS2_LM"])
 def test_a_killed_run_resumes_to_the_same_end(tmp_path, method):
     """SIGKILL in mid-search, half a line torn off, then --resume: the same trials and result as without the kill."""
-    options = ["--method", method, "--target", "1.25", "0.05", "--no-stop-at-hit", "--max-trials", "1500", "--no-video",
+    options = ["--method", method, "--target", "1.25", "0.05", "--no-stop-at-hit", "--max-trials", "500", "--no-video",
                "--timestep", "0.002", "--preset", "printed"]  # fmt: skip
     assert whiptool("optimize", *options, "--out", "whole", cwd=tmp_path).returncode == 0
     command = [sys.executable, "-m", "whiptool.optimize", *options, "--out", "killed"]

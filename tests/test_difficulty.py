@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.comparison import Scene
-from whiptool.comparison.difficulty import WIDTHS, DifficultyUnit, sentence, targets_hit, varied
+from whiptool.comparison.difficulty import WIDTHS, DifficultyUnit, scene_seed, sentence, targets_hit, varied
 from whiptool.comparison.zones import check_zone, words, zone_named
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
@@ -56,6 +56,14 @@ def test_one_strike_does_for_the_papers_zone_and_not_for_a_wider_one(found):
     others = default_bounds(where.model.arm).sample(np.random.default_rng(5), 1000)
     assert targets_hit(rollout, others, where).max() <= again.sum()
     assert found[0.3]["one_strike_hits"] < 0.6
+
+
+def test_few_random_strikes_are_varied_too():
+    """At least one of them, which then hits no fewer targets than itself: played again by hand."""
+    where = scene(0.1)
+    unit = DifficultyUnit(scene=where, strikes=20)
+    drawn = default_bounds(where.model.arm).sample(np.random.default_rng(scene_seed(where)), 20)
+    assert unit.run(None, 1)["one_strike_hits"] >= targets_hit(where.rollout(1), drawn, where).max() / 40 > 0
 
 
 def test_random_strikes_hit_as_often_as_other_random_strikes(found):

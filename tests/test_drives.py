@@ -58,6 +58,16 @@ def test_a_swing_is_rolled_out_to_its_last_sample_and_no_further(first, last, h,
     assert FreeDrive(swing, ONE_LINK, free=(), h=h, unknown=True).steps == steps
 
 
+def test_a_rod_that_swings_a_little_is_a_harmonic_oscillator():
+    """A uniform rod about its end: omega^2 = 3 g / (2 l)."""
+    t = np.linspace(0, 2, 81)
+    swing = AngleRecording(t, np.zeros((81, 1)), np.array([[1e-3], [2e-3]]))
+    predictor = Predictor([swing], ONE_LINK, drive="free", shared=["gravity"])
+    (found,) = predictor(ONE_LINK, {}, predictor.start, derivatives=False)
+    omega = np.sqrt(3 * 9.81 / (2 * 0.3))
+    np.testing.assert_allclose(found.value, 1e-3 * np.cos(omega * t) + 2e-3 / omega * np.sin(omega * t), atol=3e-7)
+
+
 def test_a_piece_of_a_swing_begins_where_a_parabola_through_its_first_samples_says():
     """Exact where the swing is a parabola, with a curvature that a straight line would take for speed."""
     t = np.linspace(2.0, 3.0, 401)
