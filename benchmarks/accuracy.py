@@ -15,10 +15,11 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, ReferenceRollout, preset
-from whiptool.models.compiled import TIMESTEP
-from whiptool.objective import T_STAY, TARGET
-from whiptool.strike import Strike, default_bounds
+from whiptool.models import preset
+from whiptool.models.strike import T_STAY, Strike, default_bounds
+from whiptool.objective import TARGET
+from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.compiled import TIMESTEP
 
 CONTROLLERS = {"constant": Controller(ConstantImpedance())} | {
     f"oiac {name}": Controller(law) for name, law in OIAC_PRESETS.items()

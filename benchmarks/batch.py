@@ -28,11 +28,10 @@ from rollout import CONTROLLERS, MODEL, POINT, PythonLoop
 from tqdm import tqdm
 
 from whiptool.impedance import Controller
-from whiptool.models import CompiledRollout
-from whiptool.models.mujoco_model import build_spec
-from whiptool.models.native import cores
-from whiptool.objective import T_STAY
-from whiptool.strike import default_bounds
+from whiptool.models.strike import T_STAY, default_bounds
+from whiptool.rollout import CompiledRollout
+from whiptool.rollout.mujoco_model import build_spec
+from whiptool.rollout.threads import cores
 
 BOUND = 1e-4  # [m]
 STEPS = (4e-3, 2.83e-3, 2e-3, 1.41e-3, 1e-3, 7.1e-4, 5e-4, 3.5e-4, 2.5e-4, 1.8e-4, 1.25e-4)
@@ -173,7 +172,8 @@ def memory(count: int, timestep: float) -> dict:
     """Peak memory and time of a process that runs many strikes."""
     program = (
         "import resource, time, numpy as np; from whiptool.impedance import *; from whiptool.models import *;"
-        "from whiptool.strike import default_bounds; m = preset('lemon2024');"
+        "from whiptool.rollout import *;"
+        "from whiptool.models.strike import default_bounds; m = preset('lemon2024');"
         f"s = default_bounds(m.arm).sample(np.random.default_rng(0), {count});"
         f"r = CompiledRollout(m, Controller(ConstantImpedance()), timestep={timestep}); t = time.perf_counter();"
         "r.approach(s, np.array([1.3, 0.0]), t_stay=0.3, progress=True);"
@@ -188,6 +188,7 @@ def starts() -> dict:
     """Time to the outcome of a first strike after import, with an empty cache and with a full one [s]."""
     program = (
         "import numpy as np, time; from whiptool.impedance import *; from whiptool.models import *;"
+        "from whiptool.rollout import *;"
         "t = time.perf_counter(); r = CompiledRollout(preset('lemon2024'), Controller(ConstantImpedance()));"
         "r.approach(np.array([[-1.2, 0.9, 1.2, 0.3, 0.7]]), np.array([1.3, 0.0]), t_stay=0.3);"
         "print(time.perf_counter() - t)"

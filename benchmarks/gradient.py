@@ -12,13 +12,14 @@ import argparse
 import json
 
 import numpy as np
-from directl import targets
 from tqdm import tqdm
 
 from whiptool.impedance import Controller, oiac_preset
-from whiptool.models import CompiledRollout, preset
+from whiptool.models import preset
 from whiptool.objective import Objective, Target
 from whiptool.optimizers import search
+from whiptool.rollout import CompiledRollout
+from whiptool.zone import Disc, sample
 
 RADIUS = 1e-3  # [m]
 
@@ -29,7 +30,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="10 targets")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     arguments = parser.parse_args()
-    points = targets(10 if arguments.quick else 100, np.random.default_rng(1))
+    points = sample(Disc(), 10 if arguments.quick else 100, np.random.default_rng(1))
     rollout = CompiledRollout(preset("lemon2024"), Controller(oiac_preset("table4")))
     for method in ("gradient", "cmaes"):  # compile and import before the clock starts
         search(Objective(rollout, Target(hit_radius=RADIUS), max_trials=100), method)

@@ -36,15 +36,16 @@ from scipy.signal import lfilter
 from scipy.stats import t as student
 from tqdm import tqdm
 
+from whiptool.dynamics.posture import start_posture
 from whiptool.identification.fit import Options, fit
 from whiptool.identification.plant import Plant
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, Model, preset
-from whiptool.models.mujoco_model import build_spec
-from whiptool.models.posture import start_posture
-from whiptool.models.trajectory import Trajectory
-from whiptool.strike import Strike, default_bounds
+from whiptool.models import Model, preset
+from whiptool.models.strike import Strike, default_bounds
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout import CompiledRollout
+from whiptool.rollout.mujoco_model import build_spec
+from whiptool.rollout.trajectory import Trajectory
 
 FREE = ("whip.k", "whip.b", "whip.m")
 START = {"whip.k": 0.35, "whip.b": 0.06, "whip.m": 0.018}

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 import whiptool as wt
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.whole_files import append_whole
 
 RUN, RECORD = "run", "kills.jsonl"

@@ -33,12 +33,13 @@ from scipy.stats import binomtest
 from tqdm import tqdm
 
 from whiptool.impedance import Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.targets.aiming import Camera, Interception, closest
-from whiptool.targets.interception import HORIZON, LATENCY, PLAN_TIME, intercept, plan
-from whiptool.targets.library import Library
-from whiptool.targets.motions import GRAVITY, Motion, Pendulum, find_motion
-from whiptool.targets.tracks import Track, fit_track
+from whiptool.interception.aiming import Camera, Interception, closest
+from whiptool.interception.library import Library
+from whiptool.interception.motions import GRAVITY, Motion, Pendulum, find_motion
+from whiptool.interception.planning import HORIZON, LATENCY, PLAN_TIME, intercept, plan
+from whiptool.interception.tracks import Track, fit_track
+from whiptool.models import preset
+from whiptool.rollout import CompiledRollout
 from whiptool.zone import Disc, sample
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller()

@@ -24,7 +24,7 @@ from whiptool.adaptation.posterior import update
 from whiptool.adaptation.posterior_sample import log_posterior, sample_posterior
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.adaptation.twins import Twin
-from whiptool.strike import Strike, default_bounds
+from whiptool.models.strike import Strike, default_bounds
 
 NOISE = 0.005  # [m]
 _LATENCY = 0.001  # [s]

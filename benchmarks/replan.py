@@ -17,9 +17,9 @@ from dataclasses import replace
 import numpy as np
 
 import whiptool as wt
-from whiptool.adapt import AdaptOptions, prepare
 from whiptool.adaptation.twins import FAMILIES
-from whiptool.models.reference import ReferenceRollout
+from whiptool.commands.adapt import AdaptOptions, prepare
+from whiptool.rollout.reference import ReferenceRollout
 
 TARGETS = ((1.1, 0.05), (1.15, 0.0), (1.15, 0.05), (1.2, -0.05))
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])

@@ -18,11 +18,11 @@ import numpy as np
 
 import whiptool as wt
 from whiptool.impedance import OIAC, Controller
-from whiptool.models.reference import ReferenceRollout
 from whiptool.rig.dynamixel import DynamixelBus, Joints, Units
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions
 from whiptool.rig.loop import Clock, LoopOptions, RigLoop, StepClock, WallClock
 from whiptool.rig.safety import Guards, Safety
+from whiptool.rollout.reference import ReferenceRollout
 
 MODEL = wt.preset("lemon2024")
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])

@@ -22,11 +22,13 @@ import numpy as np
 from tqdm import tqdm
 
 from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
-from whiptool.models import Arm, CompiledRollout, ReferenceRollout, preset
-from whiptool.models.mujoco_model import build_spec
-from whiptool.models.trajectory import Trajectory
-from whiptool.objective import T_STAY, TARGET
-from whiptool.strike import Strike, default_bounds
+from whiptool.impedance.arm import Arm
+from whiptool.models import preset
+from whiptool.models.strike import T_STAY, Strike, default_bounds
+from whiptool.objective import TARGET
+from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.mujoco_model import build_spec
+from whiptool.rollout.trajectory import Trajectory
 
 MODEL = preset("lemon2024")
 CONTROLLERS = {"constant": Controller(ConstantImpedance())} | {

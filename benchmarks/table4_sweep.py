@@ -17,8 +17,8 @@ from scipy.optimize import minimize_scalar
 
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.strike import default_bounds
-from whiptool.tracking import COARSE, NAMES, TABLE4_CONSTANT, TABLE4_OIAC, tracking_errors
+from whiptool.models.strike import default_bounds
+from whiptool.studies.tracking_errors import COARSE, NAMES, TABLE4_CONSTANT, TABLE4_OIAC, tracking_errors
 
 
 def main() -> None:

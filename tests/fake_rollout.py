@@ -5,18 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from whiptool.models import preset
-from whiptool.models.trajectory import Approach
+from whiptool.rollout.interface import Rollout
+from whiptool.rollout.trajectory import Approach
 
 SPEED = 2.0  # [m/s]
 
 
-class StraightFlight:
+class StraightFlight(Rollout):
     """The first angle of a strike is the tip's direction; a strike whose second angle is too large diverges."""
 
     model, engine, timestep = preset("lemon2024"), "straight", 1.0
 
     def __init__(self, wild_above: float = 0.9) -> None:
         self.wild_above, self.rolled = wild_above, []
+
+    def trajectory(self, strike, *, t_stay=0.3):
+        raise NotImplementedError("a straight flight has no joints")
 
     def directions(self, strikes: np.ndarray) -> np.ndarray:
         return np.stack([np.cos(strikes[:, 0]), np.sin(strikes[:, 0])], axis=1)

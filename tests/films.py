@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller
-from whiptool.models import CompiledRollout, Model
-from whiptool.strike import Strike
+from whiptool.models import Model
+from whiptool.models.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout import CompiledRollout
 
 
 def film(

@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 
 from whiptool.adaptation.ports import Seen, seen_of
-from whiptool.identification.recording import StrikeRecording
 from whiptool.models.parameters import Model
-from whiptool.strike import Strike
+from whiptool.models.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
 
 FRICTION = 0.004  # [N m s/rad] of the arm's joints
 ARM = (0.31, 0.34)  # [m], as everybody can measure

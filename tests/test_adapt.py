@@ -9,8 +9,8 @@ import shutil
 import numpy as np
 import pytest
 
-from whiptool import adapt
 from whiptool.adaptation import loop, planner, posterior
+from whiptool.adaptation import options as options_of_adaptation
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
 from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
@@ -20,30 +20,25 @@ from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import UNSEEN, Belief, default_prior, read_belief
 from whiptool.adaptation.twins import FAMILIES, NODES, Twin, draw_twin
-from whiptool.comparison import Comparison, Scene
+from whiptool.commands import adapt
 from whiptool.errors import InputError
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
 from whiptool.impedance.files import controller_to_table
-from whiptool.models.compiled import CompiledRollout
+from whiptool.models.motor_limits import XM430
 from whiptool.models.presets import preset
-from whiptool.models.trajectory import joint_points
+from whiptool.models.strike import Strike
 from whiptool.objective import Target
-from whiptool.report import Table
-from whiptool.reproduction import adapt as reproduction
-from whiptool.reproduction import whole_chain
-from whiptool.reproduction.context import Context
-from whiptool.reproduction.trials import Trials, reliability
-from whiptool.reproduction.unknown_whips import (
-    LookUnit,
-    OpeningUnit,
-    PolicyUnit,
-    Study,
-    WhipUnit,
-)
-from whiptool.reproduction.whole_chain import ReachUnit, RigTransferUnit, RigUnit
-from whiptool.rig.limits import XM430
-from whiptool.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.trajectory import joint_points
+from whiptool.studies.comparison import Comparison, Scene
+from whiptool.studies.reproduction import adapt as reproduction
+from whiptool.studies.reproduction import whole_chain
+from whiptool.studies.reproduction.context import Context
+from whiptool.studies.reproduction.trials import Trials, reliability
+from whiptool.studies.reproduction.unknown_whips import LookUnit, OpeningUnit, PolicyUnit, Study, WhipUnit
+from whiptool.studies.reproduction.whole_chain import ReachUnit, RigTransferUnit, RigUnit
+from whiptool.viz.report import Table
 from whiptool.zone import Disc
 
 pytestmark = pytest.mark.slow
@@ -613,7 +608,7 @@ def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):
     own = study.within(study.twin("kin", 5))
     unit = ReachUnit(study=study, family="kin", seed=5)
     assert unit.run(None, 1) == {"target": own[0], "passed": 0}
-    prepared = adapt.prepare
+    prepared = options_of_adaptation.prepare
 
     def weaker(options):
         found = prepared(options)
@@ -621,7 +616,7 @@ def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):
         found.options = dataclasses.replace(found.options, limits=weak)
         return found
 
-    monkeypatch.setattr(adapt, "prepare", weaker)
+    monkeypatch.setattr(options_of_adaptation, "prepare", weaker)
     assert unit.run(None, 1) == {"target": None, "passed": 5}
 
 

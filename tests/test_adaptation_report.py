@@ -17,13 +17,13 @@ from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
 from whiptool.adaptation.report import PANELS, SHOWN, lines, sections
 from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.judgement import Judgement
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller, oiac_preset
-from whiptool.models.compiled import CompiledRollout
 from whiptool.models.presets import preset
+from whiptool.models.strike import Strike
 from whiptool.objective import Target
-from whiptool.report import Picture, Section, Table, Text, to_html
-from whiptool.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.viz.report import Picture, Section, Table, Text, to_html
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 TARGET = Target((1.2, 0.1), 0.06)

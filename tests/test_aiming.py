@@ -13,12 +13,12 @@ from scipy.spatial import cKDTree
 from scipy.stats import ncx2
 
 from whiptool.errors import InputError
+from whiptool.interception.aiming import Aim, Camera, closest
+from whiptool.interception.library import Library
+from whiptool.interception.motions import find_motion
+from whiptool.interception.tracks import Track
 from whiptool.models import preset
-from whiptool.strike import strike_names
-from whiptool.targets.aiming import Aim, Camera, closest
-from whiptool.targets.library import Library
-from whiptool.targets.motions import find_motion
-from whiptool.targets.tracks import Track
+from whiptool.models.strike import strike_names
 
 MODEL = preset("lemon2024")
 NAMES = strike_names(MODEL.arm)

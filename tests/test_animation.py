@@ -10,12 +10,13 @@ import matplotlib
 import numpy as np
 import pytest
 
-from whiptool.animation import FPS, animate
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.plots import STYLE
-from whiptool.strike import Strike
+from whiptool.models import preset
+from whiptool.models.strike import Strike
+from whiptool.rollout import CompiledRollout
+from whiptool.viz.animation import FPS, animate
+from whiptool.viz.plots import STYLE
 
 LEMON = preset("lemon2024")
 STRIKE = Strike.from_vector([-1.36, 0.47, 1.73, 1.41, 0.95])

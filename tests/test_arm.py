@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from whiptool.models.arm import Arm
-from whiptool.models.chain import Chain, mass_matrix, potential_energy
-from whiptool.models.lagrangian import lagrangian_dynamics
+from whiptool.dynamics.chain import Chain, mass_matrix, potential_energy
+from whiptool.dynamics.lagrangian import lagrangian_dynamics
+from whiptool.impedance.arm import Arm
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import PRESETS, preset
 

@@ -20,30 +20,30 @@ import numpy as np
 import pytest
 from processes import HANG
 
-from whiptool import cli
+from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.identification.recording import StrikeRecording
 from whiptool.models import preset, write_model
+from whiptool.models.strike import Strike
 from whiptool.options import Options
-from whiptool.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
 
 pytestmark = pytest.mark.slow
 
 STRIKE = "-0.6 0.2 0.7 2.1 1.2"  # a good one
 OPTIONS = {
-    "optimize": ("whiptool.optimize", "OptimizeOptions"),
-    "simulate": ("whiptool.simulate", "SimulateOptions"),
-    "train": ("whiptool.train", "TrainOptions"),
-    "compare": ("whiptool.compare", "CompareOptions"),
-    "reproduce": ("whiptool.reproduce", "ReproduceOptions"),
-    "adapt": ("whiptool.adapt", "AdaptOptions"),
-    "identify": ("whiptool.identify", "IdentifyOptions"),
-    "view": ("whiptool.view", "ViewOptions"),
-    "doctor": ("whiptool.doctor", "DoctorOptions"),
-    "strike": ("whiptool.rig.command", "StrikeOptions"),
-    "learn": ("whiptool.rig.command", "LearnOptions"),
-    "servos": ("whiptool.rig.dynamixel.__main__", "ServoOptions"),
-    "emulator": ("whiptool.rig.emulator.__main__", "EmulatorOptions"),
+    "optimize": ("whiptool.commands.optimize", "OptimizeOptions"),
+    "simulate": ("whiptool.commands.simulate", "SimulateOptions"),
+    "train": ("whiptool.commands.train", "TrainOptions"),
+    "compare": ("whiptool.commands.compare", "CompareOptions"),
+    "reproduce": ("whiptool.commands.reproduce", "ReproduceOptions"),
+    "adapt": ("whiptool.commands.adapt", "AdaptOptions"),
+    "identify": ("whiptool.commands.identify", "IdentifyOptions"),
+    "view": ("whiptool.commands.view", "ViewOptions"),
+    "doctor": ("whiptool.commands.doctor", "DoctorOptions"),
+    "strike": ("whiptool.commands.rig", "StrikeOptions"),
+    "learn": ("whiptool.commands.rig", "LearnOptions"),
+    "servos": ("whiptool.commands.dynamixel", "ServoOptions"),
+    "emulator": ("whiptool.commands.emulator", "EmulatorOptions"),
 }
 NEEDS = {
     "strike": f"--strike {STRIKE}",
@@ -284,6 +284,9 @@ adapt --material wood | cotton
 adapt --diameter 0.01 | --diameter
 adapt --length 1 | --length
 adapt --material leather --length 0 | length
+adapt --material leather --length 50 | --length: got 50
+adapt --material leather --diameter 1 | --diameter
+adapt --no-still --wiggle | --no-still
 adapt --material leather --diameter nan | diameter
 adapt --max-strikes 0 | --max-strikes
 adapt --whip odd | --whip
@@ -368,6 +371,8 @@ strike --port /dev/nowhere --camera none --seed 3 | --seed
 strike --true-model lemon2025 | lemon2024
 strike --true-model "" | model
 strike --hit-radius 100 | hit radius
+strike --target 50 50 | 70.71 m away
+strike --target 5 5 --camera none | target
 strike --simulator reference | --simulator
 strike --control-period 0.01 | --control-period
 strike --timestep 0.0001 | --timestep
@@ -420,7 +425,6 @@ compare --tighter | nothing: no further hit radii
 compare --methods ga ga | the same method twice is the method
 compare --workers 100000 | as many as there are cores are used, which is said
 reproduce fig6 --further-zones | nothing: no further zones
-adapt --no-still --wiggle | the wiggle takes the place of the look
 adapt --yes | a script may serve twin and arm
 strike --strike {STRIKE} --yes | a script may serve twin and arm
 strike --strike {STRIKE} --camera none --hit-radius 0.01 | a target is on record though nobody looks
@@ -443,7 +447,7 @@ def options_of(command: str) -> type[Options]:
 
 def main_of(command: str) -> Callable[[list[str]], int]:
     if command in ("strike", "learn"):
-        from whiptool.rig import main
+        from whiptool.commands.rig import main
 
         return lambda words: main([command, *words])
     return import_module(OPTIONS[command][0]).main
@@ -587,7 +591,7 @@ def test_every_option_is_in_a_table(command: str) -> None:
     ],
 )
 def test_the_installed_command_says_the_same(words: list[str], tmp_path: Path) -> None:
-    whole = [sys.executable, "-c", "import sys; from whiptool.cli import main; sys.exit(main())", *words]
+    whole = [sys.executable, "-c", "import sys; from whiptool.commands.cli import main; sys.exit(main())", *words]
     done = subprocess.run(whole, cwd=tmp_path, capture_output=True, timeout=HANG, check=False)
     assert done.returncode == 2
     assert done.stderr.count(b"\n") == 1, done.stderr
@@ -599,7 +603,7 @@ def test_the_installed_command_says_the_same(words: list[str], tmp_path: Path) -
 def test_a_full_disk_is_one_line(words: list[str], tmp_path: Path) -> None:
     """Through a link: whatever goes wrong, the machine keeps its device."""
     (tmp_path / "full").symlink_to("/dev/full")
-    whole = [sys.executable, "-c", "import sys; from whiptool.cli import main; sys.exit(main())", *words]
+    whole = [sys.executable, "-c", "import sys; from whiptool.commands.cli import main; sys.exit(main())", *words]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             whole, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, timeout=HANG, check=False, env={**os.environ}
@@ -612,7 +616,7 @@ def test_a_full_disk_is_one_line(words: list[str], tmp_path: Path) -> None:
 
 def test_what_a_run_was_begun_with_is_kept(tmp_path: Path) -> None:
     """`--no-video`, `--checkpoint-every`, `--workers` are not said again on `--resume`; they may be said otherwise."""
-    from whiptool.optimize import OptimizeOptions
+    from whiptool.commands.optimize import OptimizeOptions
     from whiptool.runs import RunFolder
 
     begun = OptimizeOptions(video=False, max_time=3.0)
@@ -639,7 +643,7 @@ def test_what_a_run_was_begun_with_is_kept(tmp_path: Path) -> None:
 
 def test_quick_leaves_what_is_given() -> None:
     """`--targets 300` is what it says, though 300 is the default that `--quick` replaces."""
-    from whiptool.compare import CHANGEABLE, NOT_CONFIGURATION, QUICK, CompareOptions
+    from whiptool.commands.compare import CHANGEABLE, NOT_CONFIGURATION, QUICK, CompareOptions
 
     def given(*words: str) -> CompareOptions:
         return cli.parse_resumable(

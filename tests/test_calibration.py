@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.rig.calibration import (
+from whiptool.vision.calibration import (
     PlaneCalibration,
     calibrate_checkerboard,
     calibrate_points,
     find_checkerboard,
     undistort,
 )
-from whiptool.rig.camera.model import camera_preset
+from whiptool.vision.camera_model import camera_preset
 
 pytest.importorskip("cv2", reason="needs the extra `vision`")
 

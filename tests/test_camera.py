@@ -9,10 +9,11 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.rig.camera.model import CAMERAS, apply_homography, camera_preset, expose, measurement_sigma
-from whiptool.rig.camera.source import Frame, FrameSource, frames_of
-from whiptool.strike import Strike, default_bounds
+from whiptool.models import preset
+from whiptool.models.strike import Strike, default_bounds
+from whiptool.rollout import CompiledRollout
+from whiptool.vision.camera_model import CAMERAS, apply_homography, camera_preset, expose, measurement_sigma
+from whiptool.vision.source import Frame, FrameSource, frames_of
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +31,7 @@ def trajectory():
 
 
 def camera(name, trajectory, **options):
-    render = pytest.importorskip("whiptool.rig.camera.render")
+    render = pytest.importorskip("whiptool.vision.render")
     settings = options.pop("settings", camera_preset(name))
     virtual = render.VirtualCamera(settings, LEMON, trajectory, np.random.default_rng(0), target=TARGET, **options)
     try:
@@ -137,7 +138,7 @@ def test_light_of_a_fast_tip_has_its_centroid_at_the_truth(name, trajectory):
 
 
 def test_a_film_has_exact_truth_noise_and_hides_what_a_board_covers(trajectory):
-    render = pytest.importorskip("whiptool.rig.camera.render")
+    render = pytest.importorskip("whiptool.vision.render")
     board = render.Board(0, 0, 848, 480, start=0.02, end=0.05)
     virtual = camera("d435-infrared", trajectory, boards=[board], start=-0.1)
     assert isinstance(virtual, FrameSource)
@@ -167,7 +168,7 @@ def test_a_film_has_exact_truth_noise_and_hides_what_a_board_covers(trajectory):
 
 @BOTH
 def test_a_written_video_is_lossless_and_says_that_it_is_synthetic(name, trajectory, tmp_path):
-    from whiptool.rig.camera.files import write_video
+    from whiptool.vision.film_files import write_video
 
     virtual = camera(name, trajectory)
     virtual.starts = virtual.starts[:3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from whiptool.rig.camera.model import camera_preset, expose, measurement_sigma
+from whiptool.vision.camera_model import camera_preset, expose, measurement_sigma
 
 PLAIN = camera_preset("d435-color")  # 3.5 m before the plane, looking straight at it
 TILTED = PLAIN.replace(position=(0.4, 0.1, 2.9), rotation=(0.15, -0.25, 0.1))

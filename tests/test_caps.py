@@ -7,10 +7,10 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
+from whiptool.impedance.arm import Arm
 from whiptool.models import preset
-from whiptool.models.arm import Arm
+from whiptool.models.strike import Strike
 from whiptool.rig.caps import CappedLoop, Caps, default_caps
-from whiptool.strike import Strike
 
 MODEL = preset("lemon2024")
 ARM = Arm(MODEL)

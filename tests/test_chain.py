@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from whiptool.models.arm import pinocchio_chain
-from whiptool.models.chain import (
+from whiptool.dynamics.chain import (
     Chain,
     bias_forces,
     chain_of,
@@ -28,9 +27,10 @@ from whiptool.models.chain import (
     ride_on_end,
     tip_state,
 )
-from whiptool.models.lagrangian import lagrangian, lagrangian_dynamics
-from whiptool.models.mujoco_model import build_spec
+from whiptool.dynamics.lagrangian import lagrangian, lagrangian_dynamics
+from whiptool.impedance.arm import pinocchio_chain
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+from whiptool.rollout.mujoco_model import build_spec
 
 VECTORS = [f.name for f in fields(Chain)][:10]
 SCALARS = ("drag_ratio", "friction_velocity", "gravity")
@@ -41,6 +41,11 @@ Key = tuple[int, str, bool, bool]  # links, pattern of point masses, drag, inert
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Random chains
+
+
+def pinocchio_of(chain: Chain) -> pin.Model:
+    """The same links in Pinocchio."""
+    return pinocchio_chain(chain.length, chain.mass, chain.com, chain.inertia, chain.gravity)
 
 
 @dataclass(frozen=True)
@@ -286,7 +291,7 @@ def accelerations(case: Case) -> tuple[np.ndarray, dict[str, np.ndarray], float]
     data = mujoco.MjData(mj)
     data.qpos[:], data.qvel[:], data.qfrc_applied[:] = x.q, x.v, applied
     mujoco.mj_forward(mj, data)
-    model = pinocchio_chain(x.chain)
+    model = pinocchio_of(x.chain)
     passive = spring_torque(x) - x.chain.damping * x.v
     by_pinocchio = pin.aba(model, model.createData(), x.q, x.v, applied + passive)
     M = np.empty((case.n, case.n))
@@ -372,7 +377,7 @@ def test_terms_agree_with_the_engines(case: Case):
     M, bias, T, V, gradient, ends, tip, tip_velocity = evaluate(terms(case.heavy_key), x)
     M = M.reshape(n, n)
 
-    model = pinocchio_chain(x.chain)
+    model = pinocchio_of(x.chain)
     data = model.createData()
     crba = np.triu(pin.crba(model, data, x.q))
     crba += np.triu(crba, 1).T

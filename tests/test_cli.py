@@ -17,8 +17,8 @@ import pytest
 from processes import HANG
 
 from whiptool.models import preset, read_model, write_model
-from whiptool.models.trajectory import Trajectory
-from whiptool.trial_log import TrialLog
+from whiptool.optimizers.trial_log import TrialLog
+from whiptool.rollout.trajectory import Trajectory
 
 pytestmark = pytest.mark.slow
 
@@ -191,7 +191,7 @@ def test_mistakes_end_with_status_2(tmp_path):
 
 
 def test_the_installed_command(tmp_path):
-    whole = [sys.executable, "-c", "import sys; from whiptool.cli import main; sys.exit(main())"]
+    whole = [sys.executable, "-c", "import sys; from whiptool.commands.cli import main; sys.exit(main())"]
     for words, status, said in (
         (["--help"], 0, "optimize"),
         (["--version"], 0, "whiptool 0."),
@@ -225,7 +225,8 @@ def test_doctor_reports(tmp_path):
     assert_one_line(wrong, "WHIPTOOL_ENGINE")
 
 
-def test_the_readme_examples_run():
+def test_the_readme_examples_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     readme = (Path(__file__).parent.parent / "README.md").read_text()
     moving, example = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
     names: dict = {}
@@ -237,3 +238,4 @@ def test_the_readme_examples_run():
     assert names["path"].approach((1.2, 0.1)).distance[0] == pytest.approx(
         names["result"].outcome.miss_distance, abs=1e-4
     )
+    assert (tmp_path / "strike.png").stat().st_size > 10_000

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 from processes import HANG
 
-from whiptool import workers
-from whiptool.compare import CompareOptions
-from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
-from whiptool.comparison.learner_unit import Checkpoint, one_torch_thread
-from whiptool.comparison.plan import deterministic
-from whiptool.comparison.policy_trials import trials_within
+from whiptool.commands.compare import CompareOptions
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.objective import Objective, Target
 from whiptool.optimizers import search
 from whiptool.rl.policy import trials_to_hit
+from whiptool.studies import workers
+from whiptool.studies.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
+from whiptool.studies.comparison.learner_unit import Checkpoint, one_torch_thread
+from whiptool.studies.comparison.plan import deterministic
+from whiptool.studies.comparison.policy_trials import trials_within
 
 pytestmark = pytest.mark.slow
 

@@ -12,16 +12,16 @@ import torch
 from fake_rollout import StraightFlight
 from test_policy import Scripted
 
-from whiptool.comparison.learner_unit import CHECKPOINT_EVERY, Checkpoint, LearnerUnit
-from whiptool.comparison.plan import CHUNK, Comparison
-from whiptool.comparison.policy_trials import RecordedTask, misses_of, trials_within
-from whiptool.comparison.units import Scene, SearchUnit
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
+from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective, Target
 from whiptool.optimizers import search
-from whiptool.strike import StrikeBounds
+from whiptool.studies.comparison.learner_unit import CHECKPOINT_EVERY, Checkpoint, LearnerUnit
+from whiptool.studies.comparison.plan import CHUNK, Comparison
+from whiptool.studies.comparison.policy_trials import RecordedTask, misses_of, trials_within
+from whiptool.studies.comparison.units import Scene, SearchUnit
 from whiptool.zone import Disc
 
 

@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 from processes import HANG
 
+from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.posture import _settle, hinge_is_free, start_posture
 from whiptool.identification.dynamics import SwingStructure, dynamics
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.models import compiler as compiler_module
-from whiptool.models.closed_loop import Structure, closed_loop
+from whiptool.models import preset
 from whiptool.models.parameters import Model
-from whiptool.models.posture import _settle, hinge_is_free, start_posture
-from whiptool.models.trajectory import Approach, Trajectory
-from whiptool.strike import Strike, default_bounds
+from whiptool.models.strike import Strike, default_bounds
+from whiptool.rollout import CompiledRollout
+from whiptool.rollout import compiler as compiler_module
+from whiptool.rollout.trajectory import Approach, Trajectory
 
 TARGET = np.array([1.3, 0.0])
 LEMON = preset("lemon2024")
@@ -195,7 +196,7 @@ def test_trajectories_are_saved_without_pickle(tmp_path):
 
 
 def test_without_a_compiler_the_interpreter_runs_and_says_so_once(monkeypatch, caplog):
-    from whiptool.models import engine
+    from whiptool.rollout import engine
 
     monkeypatch.setenv("CXX", "no-such-compiler")
     for function in (compiler_module.find_compiler, compiler_module.has_simd):
@@ -215,7 +216,8 @@ def test_without_a_compiler_the_interpreter_runs_and_says_so_once(monkeypatch, c
 def test_processes_that_start_at_once_share_the_cache(tmp_path):
     """Four first starts on an empty cache: all agree, one library is left, nothing half-written."""
     program = (
-        "import numpy as np; from whiptool.models import CompiledRollout, preset; from whiptool.impedance import *;"
+        "import numpy as np; from whiptool.models import preset; from whiptool.rollout import CompiledRollout;"
+        "from whiptool.impedance import *;"
         "r = CompiledRollout(preset('lemon2024'), Controller(ConstantImpedance()), timestep=1e-3);"
         "assert r.engine != 'interpreter';"
         "print(repr(r.approach(np.array([[-1.2, 0.9, 1.2, 0.3, 0.7]]), np.array([1.3, 0.0]), t_stay=0.3).distance[0]))"
@@ -233,7 +235,7 @@ def test_processes_that_start_at_once_share_the_cache(tmp_path):
 
 
 def test_a_damaged_cache_is_mended(tmp_path, monkeypatch):
-    from whiptool.models import engine
+    from whiptool.rollout import engine
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     engine.find_engine.cache_clear()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation.correction import closest, correct
-from whiptool.identification.recording import StrikeRecording
 from whiptool.models import preset
-from whiptool.strike import Strike, StrikeBounds
+from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.recording.strike_recording import StrikeRecording
 
 PUSH = np.array([[0.3, -0.1, 0.4, 0.2, 0.05], [0.0, 0.2, -0.1, 0.5, -0.3]])  # of a strike's numbers on the tip [m]
 SPEED = np.array([4.0, -1.0])  # of the model's tip [m/s]

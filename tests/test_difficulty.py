@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from whiptool.comparison import Scene
-from whiptool.comparison.difficulty import WIDTHS, DifficultyUnit, scene_seed, sentence, targets_hit, varied
-from whiptool.comparison.zones import check_zone, words, zone_named
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.strike import StrikeBounds, default_bounds
+from whiptool.models.strike import StrikeBounds, default_bounds
+from whiptool.studies.comparison import Scene
+from whiptool.studies.comparison.difficulty import WIDTHS, DifficultyUnit, scene_seed, sentence, targets_hit, varied
+from whiptool.studies.comparison.zones import check_zone, words, zone_named
 from whiptool.zone import Disc, ReachableDisc, Region
 
 

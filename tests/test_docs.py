@@ -22,7 +22,8 @@ from pathlib import Path
 import pytest
 from processes import HANG
 
-import whiptool.cli
+import whiptool
+from whiptool.commands import cli
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -32,7 +33,13 @@ TUTORIAL = (DOCS / "tutorial.md").read_text(encoding="utf-8")
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"^(?:\S*python3? -m whiptool\.|whiptool )(.*)$")
 CODE = re.compile(r"(?<!\})`([^`\n]+)`")  # of a line; not a role such as {doc}
-COMMANDS = (*(set(whiptool.cli.COMMANDS) - {"rig"}), "rig strike", "rig learn", "rig.dynamixel", "rig.emulator")
+COMMANDS = (
+    *(set(cli.COMMANDS) - {"rig"}),
+    "rig strike",
+    "rig learn",
+    "rig.dynamixel",
+    "rig.emulator",
+)
 
 
 def fences(text: str, language: str) -> list[str]:
@@ -69,7 +76,7 @@ def commands(text: str) -> list[list[str]]:
 def options_of(command: str) -> frozenset[str]:
     """The options that `--help` of a command lists."""
     module, *words = command.split()
-    main = import_module(f"whiptool.{module}.command" if module == "rig" else _module(module)).main
+    main = import_module(_module(module)).main
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
         main([*words, "--help"])
@@ -77,7 +84,7 @@ def options_of(command: str) -> frozenset[str]:
 
 
 def _module(name: str) -> str:
-    return f"whiptool.{name}.__main__" if name in ("rig.dynamixel", "rig.emulator") else f"whiptool.{name}"
+    return f"whiptool.commands.{name.removeprefix('rig.')}"
 
 
 def named(words: list[str]) -> str:
@@ -119,7 +126,7 @@ def value_in_code(expression: str) -> object:
 
 
 def _longest_module(name: str) -> str:
-    """`module("whiptool.strike").default_bounds` of `whiptool.strike.default_bounds`."""
+    """`module("whiptool.models.strike").default_bounds` of `whiptool.models.strike.default_bounds`."""
     parts = name.split(".")
     for count in range(len(parts), 0, -1):
         with contextlib.suppress(ImportError):
@@ -157,7 +164,7 @@ def test_every_key_of_a_model_file_is_documented():
 
 
 def test_every_key_of_a_sidecar_is_documented():
-    from whiptool.identification.readers.sidecar import CLOCK, COMMON, PIXELS, SPACE
+    from whiptool.recording.readers.sidecar import CLOCK, COMMON, PIXELS, SPACE
 
     text = (DOCS / "file-formats.md").read_text(encoding="utf-8")
     keys = " ".join(row[0] for row in tables(text, "| key | of | what |"))
@@ -166,7 +173,7 @@ def test_every_key_of_a_sidecar_is_documented():
 
 
 def test_every_key_of_a_pendulum_and_its_swings_is_documented():
-    from whiptool.identification.readers.angles import EACH, LINK, SHARED, SIDECAR
+    from whiptool.identification.pendulum_files import EACH, LINK, SHARED, SIDECAR
 
     text = (DOCS / "file-formats.md").read_text(encoding="utf-8")
 
@@ -179,7 +186,7 @@ def test_every_key_of_a_pendulum_and_its_swings_is_documented():
 
 def test_every_option_of_a_strike_is_in_the_tables_of_formats():
     """The formats that are read are those that are listed."""
-    from whiptool.identification.readers import READERS
+    from whiptool.recording.readers import READERS
 
     text = (DOCS / "file-formats.md").read_text(encoding="utf-8")
     listed = {row[2].split(".")[-1].rstrip("`") for row in tables(text, "| format | recognised by | reader |")}
@@ -284,7 +291,7 @@ def test_the_tutorial_says_what_its_fits_find(tutorial):
     ],
 )
 def test_other_results_have_the_documented_keys(command, words, tmp_path, capsys):
-    main = import_module(f"whiptool.{command}").main
+    main = import_module(f"whiptool.commands.{command}").main
     assert main([*words, "--json", "--out", str(tmp_path / "run")]) == 0
     assert set(json.loads(capsys.readouterr().out)) == documented_keys(command)
 

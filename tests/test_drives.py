@@ -9,11 +9,12 @@ from whiptool.identification.drives import CommandDrive, FreeDrive
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller
-from whiptool.models import CompiledRollout, preset
+from whiptool.models import preset
 from whiptool.models.parameters import ArmLink
-from whiptool.strike import Strike
+from whiptool.models.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout import CompiledRollout
 
 LEMON, CONTROLLER = preset("lemon2024"), Controller()
 PLANT = Plant(LEMON, CONTROLLER)

@@ -17,10 +17,10 @@ from ports import PatientPort, RawLine, sdk
 from processes import HANG
 
 import whiptool as wt
+from whiptool.commands.emulator import main
 from whiptool.errors import InputError
 from whiptool.rig.dynamixel.control_table import XM430_W350, Units, register
 from whiptool.rig.emulator import HARDWARE, Emulator, Fault, Motor, TwinOptions
-from whiptool.rig.emulator.__main__ import main
 from whiptool.rig.emulator.instructions import Chain
 from whiptool.rig.emulator.packets import LONGEST, Packet, Parser, crc16, encode, fast_status, status, stuff, unstuff
 from whiptool.rig.emulator.process import _link

@@ -16,7 +16,7 @@ import pytest
 from ports import sdk
 from processes import HANG
 
-from whiptool.rig.dynamixel import __main__ as command
+from whiptool.commands import dynamixel as command
 from whiptool.rig.dynamixel.control_table import register
 from whiptool.rig.emulator import Emulator, Fault, TwinOptions
 from whiptool.rig.emulator.packets import Packet, encode, status

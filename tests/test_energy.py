@@ -6,13 +6,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from whiptool.dynamics.chain import chain_of, kinetic_energy, potential_energy
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import ArmLink, ArmParameters, CompiledRollout, Model, ReferenceRollout, WhipParameters, preset
-from whiptool.models.chain import chain_of, kinetic_energy, potential_energy
-from whiptool.models.energy import energies, joint_velocities
-from whiptool.models.trajectory import joint_points
-from whiptool.strike import Strike
+from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters, preset
+from whiptool.models.strike import Strike
+from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.energy import energies, joint_velocities
+from whiptool.rollout.trajectory import joint_points
 
 STRIKE = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
 LEMON = preset("lemon2024")

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from test_compiled import COMPUTED, everything
 
+from whiptool.dynamics.closed_loop import Structure
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.models import compiler as compiler_module
-from whiptool.models import engine as engine_module
-from whiptool.models.closed_loop import Structure
-from whiptool.strike import Strike, default_bounds
+from whiptool.models import preset
+from whiptool.models.strike import Strike, default_bounds
+from whiptool.rollout import CompiledRollout
+from whiptool.rollout import compiler as compiler_module
+from whiptool.rollout import engine as engine_module
 
 LEMON = preset("lemon2024")
 TARGET = np.array([1.3, 0.0])

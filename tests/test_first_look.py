@@ -11,8 +11,9 @@ from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.plant import Plant
 from whiptool.impedance import OIAC, Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.strike import StrikeBounds
+from whiptool.models import preset
+from whiptool.models.strike import StrikeBounds
+from whiptool.rollout import CompiledRollout
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(OIAC())
 NAMES = ("whip.k", "whip.m", "whip.l", "delay")

@@ -21,12 +21,13 @@ from whiptool.identification.sampling import Readings
 from whiptool.identification.solver import Block, Status, solve
 from whiptool.identification.variables import Prior
 from whiptool.impedance import Controller
-from whiptool.models import CompiledRollout, preset
+from whiptool.models import preset
 from whiptool.models.parameters import ArmLink
 from whiptool.models.profile import WhipProfile
+from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective, Target
 from whiptool.optimizers import search
-from whiptool.strike import default_bounds
+from whiptool.rollout import CompiledRollout
 
 LEMON, CONTROLLER = preset("lemon2024"), Controller()
 STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(0), 8)

@@ -11,9 +11,9 @@ import pytest
 from foreign_whip import ARM, BELIEVED, ForeignPort, ForeignWhip, held_up, reference, torque
 
 from whiptool.impedance import Controller, oiac_preset
-from whiptool.models.arm import Arm
+from whiptool.impedance.arm import Arm
 from whiptool.models.presets import preset
-from whiptool.strike import Strike
+from whiptool.models.strike import Strike
 
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 

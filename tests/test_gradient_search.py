@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from test_genetic_search import Enough
 
+from whiptool.models.strike import StrikeBounds
 from whiptool.optimizers.gradient_search import BATCH, REFINED, STEPS, gradient_search, refine
-from whiptool.strike import StrikeBounds
 
 BOUNDS = StrikeBounds((0.0, -1.0, 2.0, 0.0, 0.4), (1.0, 1.0, 6.0, 0.5, 1.4))
 MINIMUM = np.array([0.3, 0.6, 4.0, 0.2, 1.1])

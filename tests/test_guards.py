@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.models.motor_limits import XM430
 from whiptool.rig.dynamixel.joints import JointSample
 from whiptool.rig.guards import Guards, SafetyError, Watch
-from whiptool.rig.limits import XM430
 
 GOOD = JointSample(
     q=np.zeros(2),

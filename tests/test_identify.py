@@ -13,21 +13,22 @@ import numpy as np
 import pytest
 import tomli_w
 
-from whiptool import identify, optimize
+from whiptool.commands import identify, optimize
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.identification.gather import gather
 from whiptool.identification.inputs import common_controller, full_name, profile_of, read_prior
 from whiptool.identification.plant import Plant
-from whiptool.identification.readers import open_video, read_recording
-from whiptool.identification.readers.tracks import write_csv
-from whiptool.identification.recording import StrikeRecording
-from whiptool.identification.strike_plane import check_one_plane, fit_plane
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.files import controller_to_table
-from whiptool.models import CompiledRollout, preset, read_model, write_model
-from whiptool.models.trajectory import joint_points
-from whiptool.rig.camera.model import camera_preset, expose, measurement_sigma
-from whiptool.strike import Strike, default_bounds
+from whiptool.models import preset, read_model, write_model
+from whiptool.models.strike import Strike, default_bounds
+from whiptool.recording.readers import open_video, read_recording
+from whiptool.recording.readers.tracks import write_csv
+from whiptool.recording.strike_plane import check_one_plane, fit_plane
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout import CompiledRollout
+from whiptool.rollout.trajectory import joint_points
+from whiptool.vision.camera_model import camera_preset, expose, measurement_sigma
 
 pytestmark = pytest.mark.slow
 
@@ -111,9 +112,9 @@ def files(tracks, tmp_path_factory):
 def films(strikes, tmp_path_factory):
     """Four strikes as films of the virtual camera with their sidecars, and what was really there."""
     pytest.importorskip("cv2", reason="needs the extra `vision`")
-    render = pytest.importorskip("whiptool.rig.camera.render")
-    from whiptool.rig.camera.files import write_video
-    from whiptool.rig.camera.source import frames_of
+    render = pytest.importorskip("whiptool.vision.render")
+    from whiptool.vision.film_files import write_video
+    from whiptool.vision.source import frames_of
 
     folder, truths = tmp_path_factory.mktemp("films"), []
     for i, (strike, trajectory) in enumerate(strikes[:4]):
@@ -525,8 +526,8 @@ def test_videos_without_what_the_tracker_needs_are_refused(films, capsys, tmp_pa
 
 
 def test_a_recorded_camera_gives_the_frames_that_were_filmed(films):
-    from whiptool.rig.camera.recorded import RecordedCamera
-    from whiptool.rig.camera.source import FrameSource, frames_of
+    from whiptool.vision.recorded import RecordedCamera
+    from whiptool.vision.source import FrameSource, frames_of
 
     video = open_video(films[0] / "film0.mkv")
     assert (video.kind, video.synthetic) == ("infrared", True)
@@ -618,8 +619,8 @@ class FakeSdk:
 
 
 def test_a_realsense_gives_frames_of_its_own_lens(monkeypatch, tmp_path):
-    from whiptool.rig.camera import realsense
-    from whiptool.rig.camera.source import FrameSource, frames_of
+    from whiptool.vision import realsense
+    from whiptool.vision.source import FrameSource, frames_of
 
     sdk = FakeSdk(CAMERA)
     monkeypatch.setitem(sys.modules, "pyrealsense2", sdk)
@@ -643,7 +644,7 @@ def test_a_realsense_gives_frames_of_its_own_lens(monkeypatch, tmp_path):
 
 
 def test_a_realsense_without_its_libraries_says_what_to_install(monkeypatch):
-    from whiptool.rig.camera import realsense
+    from whiptool.vision import realsense
 
     for reason, fix in (("libusb-1.0.so.0: cannot open", "apt-get install libusb-1.0-0"), ("No module", "pip install")):
 

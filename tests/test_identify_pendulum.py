@@ -9,11 +9,11 @@ import pytest
 import tomli_w
 from test_pendulum_data import DATA
 
-from whiptool import identify
+from whiptool.commands import identify
+from whiptool.commands.identify_pendulum import full_names
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import Pendulum
-from whiptool.identification.readers.angles import read_angles, read_pendulum, write_pendulum
-from whiptool.identify_pendulum import full_names
+from whiptool.identification.pendulum_files import read_angles, read_pendulum, write_pendulum
 from whiptool.models.parameters import ArmLink
 
 TWO = Pendulum((ArmLink(0.2, 0.2), ArmLink(0.1, 0.2, 0.09, 3e-4, 1e-4)), (1e-3, 0.0), 0.2, (0.0, 2e-3), 9.8)

@@ -11,11 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from whiptool.dynamics.closed_loop import Structure, closed_loop
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, OIAC_PRESETS, ConstantImpedance, Controller, impedance_cost, oiac_preset
-from whiptool.models import Arm, CompiledRollout, preset
-from whiptool.models.closed_loop import Structure, closed_loop
-from whiptool.strike import Strike
+from whiptool.impedance.arm import Arm
+from whiptool.models import preset
+from whiptool.models.strike import Strike
+from whiptool.rollout import CompiledRollout
 
 errors = arrays(float, 2, elements=st.floats(-2, 2))
 laws = st.one_of(
@@ -159,7 +161,7 @@ def test_table4_tracks_better_than_constant_and_printed_worse():
     """What the presets are for; benchmarks/table4_sweep.py has the whole sweep."""
     model = preset("lemon2024")
     rng = np.random.default_rng(3)
-    from whiptool.strike import default_bounds
+    from whiptool.models.strike import default_bounds
 
     largest = {}
     laws = {"constant": ConstantImpedance(), **OIAC_PRESETS}

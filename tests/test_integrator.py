@@ -15,15 +15,15 @@ import pytest
 from scipy.linalg import expm
 from scipy.special import ellipj, ellipk
 
+from whiptool.dynamics.chain import chain_of, kinetic_energy, potential_energy
+from whiptool.dynamics.closed_loop import GAMMA, Structure, closed_loop
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.oiac import OIAC, oiac_preset
-from whiptool.models.chain import chain_of, kinetic_energy, potential_energy
-from whiptool.models.closed_loop import GAMMA, Structure, closed_loop
-from whiptool.models.compiled import CompiledRollout
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import preset
-from whiptool.strike import Strike
+from whiptool.models.strike import Strike
+from whiptool.rollout.compiled import CompiledRollout
 
 HEAVY = ArmParameters((ArmLink(mass=1e14, length=0.3),))
 

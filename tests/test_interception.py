@@ -7,11 +7,11 @@ import pytest
 from test_aiming import HOME, LOWER, MIDDLE, PUSH, SPEED, UPPER, known, library
 
 from whiptool.errors import InputError
-from whiptool.strike import Strike
-from whiptool.targets.aiming import Camera, Interception
-from whiptool.targets.interception import HORIZON, LATENCY, LONGEST, PLAN_TIME, REFRESH_TIME, intercept, plan, refresh
-from whiptool.targets.library import Library
-from whiptool.targets.tracks import fit_track
+from whiptool.interception.aiming import Camera, Interception
+from whiptool.interception.library import Library
+from whiptool.interception.planning import HORIZON, LATENCY, LONGEST, PLAN_TIME, REFRESH_TIME, intercept, plan, refresh
+from whiptool.interception.tracks import fit_track
+from whiptool.models.strike import Strike
 
 RNG = np.random.default_rng
 

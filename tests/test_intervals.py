@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from whiptool.comparison.intervals import mean_interval, needs_fewer, ratio_interval
+from whiptool.studies.comparison.intervals import mean_interval, needs_fewer, ratio_interval
 
 _SCRIPT = Path(__file__).parents[1] / "benchmarks" / "coverage.py"
 _SPEC = importlib.util.spec_from_file_location("coverage_of_intervals", _SCRIPT)

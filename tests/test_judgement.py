@@ -10,13 +10,13 @@ import pytest
 from whiptool.adaptation import judgement
 from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.prior import Belief, default_prior
-from whiptool.identification.judgement import Frames, Judgement, _closest, weigh
-from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.judgement import Frames, Judgement, _closest, judge_frames, unseen_around, weigh
 from whiptool.impedance import Controller, oiac_preset
-from whiptool.models.compiled import CompiledRollout
 from whiptool.models.presets import preset
-from whiptool.objective import CLAIMED, Target
-from whiptool.strike import Strike
+from whiptool.models.strike import Strike
+from whiptool.objective import CLAIMED, Target, probability_within
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.compiled import CompiledRollout
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
@@ -101,9 +101,46 @@ def test_the_discrepancy_is_what_a_normal_process_given_frames_is():
 
 def test_the_closest_approach_is_between_points():
     paths = np.array([[[-1.0, 0.0], [1.0, 0.5], [3.0, 0.5]], [[2.0, 2.0], [2.0, 3.0], [2.0, 4.0]]])
-    distance, when = _closest(paths, np.array([0.0, 1.0]))
+    distance, when, share = _closest(paths, np.array([0.0, 1.0]))
     np.testing.assert_allclose(distance, [0.75 * 2 / np.hypot(2, 0.5), np.hypot(2, 1)])  # of a line and a point
     assert when.tolist() == [0, 0]
+    # the foot of the perpendicular: (1, 1) . (2, 0.5) / |(2, 0.5)|^2 of the way; and an end
+    np.testing.assert_allclose(share, [(1 * 2 + 1 * 0.5) / (4 + 0.25), 0.0])
+
+
+def test_a_closest_approach_that_no_frame_shows_is_on_the_path_between_frames():
+    """The tip turns on a circle about the target's side, 3 rad/s at 1 m, and no frame shows it within 0.1 s of that."""
+    t = np.arange(0, 1.0, 0.005)
+    t = t[np.abs(t - 0.5) > 0.1]
+    frames = Frames(t, np.stack([np.sin(3 * (t - 0.5)), -np.cos(3 * (t - 0.5))], axis=1), np.full(len(t), 1e-3))
+    target = Target((0.0, -1.05), 0.06)
+    judged = judge_frames(frames, target)
+    assert judged.nearest is not None
+    assert judged.miss == pytest.approx(0.05, abs=0.01)
+    assert judged.nearest.time == pytest.approx(0.5, abs=0.01)
+    np.testing.assert_allclose(judged.nearest.place, [0, -1], atol=0.02)
+    np.testing.assert_allclose(judged.nearest.velocity, [3, 0], atol=0.2)
+    assert judged.nearest.speed == pytest.approx(3, abs=0.2)
+    assert unseen_around(frames, judged.nearest.time) == pytest.approx((0.395, 0.605))
+
+
+def test_frames_are_missing_where_their_distance_is_far_from_the_usual_one():
+    t = np.r_[0:0.5:0.01, 0.51:1:0.01, 1.03:1.5:0.01]  # one frame is missing, then two in a row
+    frames = Frames(t, np.zeros((len(t), 2)), np.ones(len(t)))
+    assert unseen_around(frames, 0.3) is None
+    assert unseen_around(frames, 0.5) is None
+    assert unseen_around(frames, 1.01) == pytest.approx((t[t < 1.01][-1], 1.03))
+    assert unseen_around(frames, -1.0) is None
+    assert unseen_around(frames, 9.0) is None
+
+
+@pytest.mark.parametrize("freedom", [1.0, 3.0, 7.5, np.inf])
+def test_a_probability_is_never_beyond_one(freedom):
+    miss = np.linspace(-0.05, 0.05, 2001)
+    for scale in np.geomspace(1e-12, 1e-2, 60):
+        probability = probability_within(0.06, miss, scale, freedom)
+        assert probability.min() >= 0
+        assert probability.max() <= 1
 
 
 def test_stated_probabilities_and_errors_hold_over_many_strikes(path):

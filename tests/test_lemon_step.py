@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from whiptool.models.chain import chain_of, forward_dynamics, passive_torque
-from whiptool.models.mujoco_model import build_spec
+from whiptool.dynamics.chain import chain_of, forward_dynamics, passive_torque
 from whiptool.models.parameters import Model
 from whiptool.models.presets import PRESETS, preset
+from whiptool.rollout.mujoco_model import build_spec
 
 H = 1e-3  # [s]
 

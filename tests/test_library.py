@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.interception.library import RATE, Library, possible
 from whiptool.models import preset
-from whiptool.rig.limits import MotorLimits
-from whiptool.strike import StrikeBounds
-from whiptool.targets.library import RATE, Library, possible
+from whiptool.models.motor_limits import MotorLimits
+from whiptool.models.strike import StrikeBounds
 
 MODEL = preset("lemon2024")
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.0, 0.0, 0.5), (0.0, 1.0, 2.0, 1.0, 1.5))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import whiptool as wt
+from whiptool.commands.optimize import main
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
+from whiptool.models.motor_limits import XM430, limits_preset
 from whiptool.objective import Objective, Target
-from whiptool.optimize import main
 from whiptool.optimizers import search
-from whiptool.rig.limits import XM430, limits_preset
 
 ROLLOUT = wt.CompiledRollout(wt.preset("lemon2024"), Controller(OIAC()), timestep=5e-4)
 TARGET = Target((1.2, 0.1))

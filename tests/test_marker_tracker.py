@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.rig.camera.model import camera_preset, measurement_sigma
-from whiptool.rig.camera.source import Frame
-from whiptool.rig.marker_tracker import SURE, MarkerTracker, Sighting
-from whiptool.rig.markers import Marker
-from whiptool.rig.tracking import Detection, StrikeTrack, Track, Tracker, median_image, track
+from whiptool.vision.camera_model import camera_preset, measurement_sigma
+from whiptool.vision.marker_tracker import SURE, MarkerTracker, Sighting
+from whiptool.vision.markers import Marker
+from whiptool.vision.source import Frame
+from whiptool.vision.tracking import Detection, StrikeTrack, Track, Tracker, median_image, track
 
 pytest.importorskip("cv2", reason="needs the extra `vision`")
 
@@ -227,7 +227,7 @@ def test_kinds_of_marker_and_camera_match():
             MarkerTracker(marker, settings)
 
 
-# Tip and target together (whiptool.rig.tracking)
+# Tip and target together (whiptool.vision.tracking)
 
 
 def scene(i: int, tip, target) -> Frame:

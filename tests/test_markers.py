@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.rig.markers import TARGET_MARKERS, TIP_MARKERS, Marker, find_blobs, noise_of
+from whiptool.vision.markers import TARGET_MARKERS, TIP_MARKERS, Marker, find_blobs, noise_of
 
 pytest.importorskip("cv2", reason="needs the extra `vision`")
 

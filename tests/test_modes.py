@@ -11,16 +11,16 @@ import pytest
 from scipy.linalg import eigh
 from scipy.special import jn_zeros, roots_laguerre
 
+from whiptool.dynamics.chain import bias_forces, chain_of, forward_dynamics, passive_torque, potential_energy
+from whiptool.dynamics.modes import hanging_modes, linearise, steady_timestep
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
-from whiptool.models.chain import bias_forces, chain_of, forward_dynamics, passive_torque, potential_energy
-from whiptool.models.compiled import TIMESTEP, CompiledRollout
-from whiptool.models.modes import hanging_modes, linearise, steady_timestep
-from whiptool.models.mujoco_model import build_spec
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
-from whiptool.strike import default_bounds
+from whiptool.models.strike import default_bounds
+from whiptool.rollout.compiled import TIMESTEP, CompiledRollout
+from whiptool.rollout.mujoco_model import build_spec
 
 ARM = preset("lemon2024").arm
 G = 9.81

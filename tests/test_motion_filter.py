@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from whiptool.rig.motion import MotionFilter
+from whiptool.vision.marker_motion import MotionFilter
 
 PER_METRE, ERROR, JERK = 170.0, 0.3, 2e7
 A = np.diag([1.0, 1.0], k=1)

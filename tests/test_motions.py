@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from whiptool.errors import InputError
-from whiptool.targets.motions import GRAVITY, LENGTHS, Pendulum, Polynomial, find_motion
+from whiptool.interception.motions import GRAVITY, LENGTHS, Pendulum, Polynomial, find_motion
 
 T = np.linspace(-0.7, 1.1, 19)
 

@@ -13,14 +13,15 @@ from scipy.stats import chi2
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
-from whiptool.models import CompiledRollout, ReferenceRollout, preset
-from whiptool.rig.limits import XM430
-from whiptool.strike import Strike, StrikeBounds
-from whiptool.targets.aiming import Camera, Interception, closest
-from whiptool.targets.interception import intercept, plan, refresh
-from whiptool.targets.library import Library
-from whiptool.targets.motions import Pendulum, find_motion
-from whiptool.targets.tracks import Track, fit_track
+from whiptool.interception.aiming import Camera, Interception, closest
+from whiptool.interception.library import Library
+from whiptool.interception.motions import Pendulum, find_motion
+from whiptool.interception.planning import intercept, plan, refresh
+from whiptool.interception.tracks import Track, fit_track
+from whiptool.models import preset
+from whiptool.models.motor_limits import XM430
+from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.rollout import CompiledRollout, ReferenceRollout
 
 pytestmark = pytest.mark.slow
 

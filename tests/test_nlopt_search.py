@@ -16,7 +16,7 @@ class Counted(Bowl):
     max_trials: int | None = 5
     max_time: float | None = None
 
-    def __call__(self, strike):
+    def trial(self, strike):
         return self.gradient(strike)[0]
 
 

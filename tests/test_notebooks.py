@@ -83,7 +83,7 @@ def test_its_cells_are_short_and_public(path):
 
 
 def test_hidden_names_are_found():
-    assert hidden_names("from whiptool.plots import _at") == ["_at"]
+    assert hidden_names("from whiptool.viz.plots import _at") == ["_at"]
     assert hidden_names("import whiptool._a.b") == ["_a"]
     assert hidden_names("%matplotlib inline\nx = rollout._engine()") == ["_engine"]
     assert not hidden_names("from whiptool import plots\nprint(plots.__doc__, [1 for _ in range(3)])")

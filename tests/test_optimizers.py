@@ -9,14 +9,16 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller, oiac_preset
-from whiptool.models import CompiledRollout, ReferenceRollout, preset
-from whiptool.models.trajectory import Approach
+from whiptool.models import preset
+from whiptool.models.strike import Strike, StrikeBounds, default_bounds
 from whiptool.objective import Objective, SearchStopped, Target
 from whiptool.optimizers import METHODS, Status, find_method, search
 from whiptool.optimizers.genetic_search import fitness
 from whiptool.optimizers.library import StrikeLibrary, warm_search
 from whiptool.optimizers.nlopt_search import nlopt_names
-from whiptool.strike import Strike, StrikeBounds, default_bounds
+from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.interface import Rollout
+from whiptool.rollout.trajectory import Approach
 
 pytestmark = pytest.mark.slow
 
@@ -25,13 +27,16 @@ UNIT = StrikeBounds((0.0, 0.0, 0.0, 0.0, 0.5), (1.0, 1.0, 1.0, 1.0, 1.5))
 MINIMUM = np.array([0.3, 0.6, 0.2, 0.7, 1.1])
 
 
-class Bowl:
+class Bowl(Rollout):
     """Instead of physics: the miss distance is the distance of the strike vector from a known point."""
 
     model, engine, timestep = LEMON, "bowl", 1.0
 
     def __init__(self, diverging: bool = False) -> None:
         self.calls, self.diverging = 0, diverging
+
+    def trajectory(self, strike, *, t_stay=0.3):
+        raise NotImplementedError("a bowl has no joints")
 
     def approach(self, strikes, target, *, t_stay):
         self.calls += len(strikes)

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from whiptool import cli, optimize
+from whiptool.commands import cli, optimize
+from whiptool.commands.rig import ArmOptions
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.impedance.files import write_controller
 from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.options import ControllerOptions, LawOptions, SimulatedControllerOptions
-from whiptool.rig.command import ArmOptions
 
 OWN = Controller(OIAC(a=0.05), feedforward=True, torque_limit=7.0)
 
@@ -61,7 +61,7 @@ def test_a_file_that_holds_none_is_refused(tmp_path):
     (tmp_path / "empty.toml").write_text("x = 1\n")
     for name, said in (
         ("empty.toml", r"\[controller\]"),
-        ("nothing.toml", "readable TOML file"),
+        ("nothing.toml", "no such file"),
         ("magic", ".toml file"),
     ):
         with pytest.raises(InputError, match=said):
@@ -95,7 +95,7 @@ def test_a_resumed_run_finds_its_file_from_elsewhere(file, monkeypatch):
 )
 def test_what_is_missing_is_named_with_its_meaning(words, option, meaning, capsys):
     command, *rest = words
-    assert import_module(f"whiptool.{command}").main(rest) == 2
+    assert import_module(f"whiptool.commands.{command}").main(rest) == 2
     said = capsys.readouterr().err
     assert said.startswith(f"whiptool: {option}: got nothing; allowed: {meaning}")
     assert said.count("\n") == 1

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from swings import Whip
 
-from whiptool import identify
+from whiptool.commands import identify
 from whiptool.errors import InputError
 from whiptool.identification.fit import Options, predict
 from whiptool.identification.plant import PROFILE, Plant, lumping, slopes
 from whiptool.identification.predict import Predictor
-from whiptool.identification.readers.tracks import write_csv
-from whiptool.identification.recording import StrikeRecording
 from whiptool.models import preset, write_model
 from whiptool.models.profile import WhipProfile
-from whiptool.models.trajectory import Trajectory, joint_points
-from whiptool.rig.camera.model import camera_preset
+from whiptool.recording.readers.tracks import write_csv
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.trajectory import Trajectory, joint_points
+from whiptool.vision.camera_model import camera_preset
 
 WHIP = Plant(preset("lemon2024")).with_nodes(4).model  # as long and heavy as lemon's, of four links
 TRUE = {"whip.k": WHIP.whip.k, "whip.b": WHIP.whip.b}
@@ -168,9 +168,9 @@ def test_what_a_passive_swing_cannot_have_is_refused(tracks, tmp_path, capsys):
 def test_a_filmed_swing_from_the_command_line_alone(held, capsys, tmp_path):
     """Films of the virtual camera, their calibration counted from the hand."""
     pytest.importorskip("cv2", reason="needs the extra `vision`")
-    render = pytest.importorskip("whiptool.rig.camera.render")
-    from whiptool.rig.camera.files import write_video
-    from whiptool.rig.camera.source import frames_of
+    render = pytest.importorskip("whiptool.vision.render")
+    from whiptool.vision.film_files import write_video
+    from whiptool.vision.source import frames_of
 
     camera = camera_preset("d435-infrared").replace(width=424, cx=211.5, fps=60)
     hand = np.array([0.0, -WHIP.arm.length])

@@ -11,10 +11,12 @@ import pytest
 from matplotlib.figure import Figure
 from processes import HANG
 
-from whiptool import plots
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.strike import Strike
+from whiptool.models import preset
+from whiptool.models.strike import Strike
+from whiptool.objective import Target
+from whiptool.rollout import CompiledRollout
+from whiptool.viz import plots
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])
 STRIKE = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
@@ -27,10 +29,10 @@ def trajectory():
 
 
 def test_every_axis_names_its_unit(trajectory):
-    ax = plots.plot_strike(Figure().subplots(), trajectory, LEMON, TARGET, 0.06)
+    ax = plots.plot_strike(trajectory, LEMON, Target(tuple(TARGET)), ax=Figure().subplots())
     assert "[m]" in ax.get_xlabel()
     assert "[m]" in ax.get_ylabel()
-    ax = plots.plot_distance(Figure().subplots(), trajectory, TARGET, 0.06)
+    ax = plots.plot_distance(trajectory, tuple(TARGET), ax=Figure().subplots())
     assert "[s]" in ax.get_xlabel()
     assert "[m]" in ax.get_ylabel()
     marked = [line for line in ax.lines if len(line.get_xdata()) == 1]

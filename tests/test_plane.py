@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.identification.readers.plane import (
+from whiptool.recording.readers.plane import (
     checked_homography,
     homography_from_points,
     homography_from_scale,

@@ -13,10 +13,10 @@ from whiptool.errors import InputError
 from whiptool.identification.plant import Plant
 from whiptool.impedance import OIAC, Controller
 from whiptool.models import preset
-from whiptool.models.trajectory import Approach
+from whiptool.models.motor_limits import MotorLimits
+from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.objective import Target
-from whiptool.rig.limits import MotorLimits
-from whiptool.strike import Strike, StrikeBounds
+from whiptool.rollout.trajectory import Approach
 
 PUSH = np.array([[0.3, -0.1, 0.4, 0.2, 0.0], [0.0, 0.2, -0.1, 0.5, 0.0]])  # of a strike's numbers on the tip [m]
 LONGER = np.array([0.3, 0.4])  # of the logarithm of the whip's length [m]

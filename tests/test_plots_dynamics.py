@@ -10,10 +10,12 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from scipy.special import j0, jn_zeros
 
-from whiptool import plots_dynamics
+from whiptool.dynamics import hanging_modes
 from whiptool.errors import InputError
-from whiptool.models import Trajectory, WhipProfile, hanging_modes, preset
-from whiptool.models.energy import Energies, energies
+from whiptool.models import WhipProfile, preset
+from whiptool.rollout import Trajectory
+from whiptool.rollout.energy import Energies, energies
+from whiptool.viz import plots_dynamics
 
 LEMON = preset("lemon2024")
 CHAIN = WhipProfile(length=0.9, linear_density=0.17, bending_stiffness=1e-9, bending_damping=0.0)

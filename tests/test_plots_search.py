@@ -9,14 +9,15 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from whiptool import cli
-from whiptool.compare import CompareOptions
-from whiptool.comparison.shipped import Results, read_run
+from whiptool.commands import cli
+from whiptool.commands.compare import CompareOptions
+from whiptool.commands.finished_comparison import read_run
 from whiptool.errors import InputError
 from whiptool.objective import Outcome, Trial
-from whiptool.plots import COLORS
-from whiptool.plots_search import axis_label, plot_landscape, plot_trials
 from whiptool.runs import RunFolder
+from whiptool.studies.comparison.shipped import Results
+from whiptool.viz.plots import COLORS
+from whiptool.viz.plots_search import axis_label, plot_landscape, plot_trials
 
 NAMES = ("q_sf", "D")
 X, Y = np.linspace(0, 2, 81), np.linspace(-1, 1, 61)

@@ -7,9 +7,9 @@ import pytest
 import torch
 from fake_rollout import StraightFlight
 
+from whiptool.models.strike import StrikeBounds
 from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.task import StrikeTask
-from whiptool.strike import StrikeBounds
 from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))

@@ -12,11 +12,11 @@ from whiptool.adaptation.planner import Effort
 from whiptool.adaptation.ports import Seen, checked, seen_of
 from whiptool.adaptation.prior import default_prior
 from whiptool.errors import InputError
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
+from whiptool.models.strike import Strike
 from whiptool.objective import Target
-from whiptool.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
 
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 T = np.arange(30) / 60

@@ -12,10 +12,10 @@ from whiptool.adaptation import posterior
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.posterior import AFTER, ELSEWHERE, UNMODELLED, usable
 from whiptool.adaptation.prior import Belief, default_prior
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
-from whiptool.strike import Strike
+from whiptool.models.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
 
 NOISE, COARSE = 0.005, 0.05  # [m]
 STRIKE, REST = Strike((-1.0, 0.5), (2.0, 0.8), 0.8), Strike((-0.9, 1.4), (-0.9, 1.4), 0.5)

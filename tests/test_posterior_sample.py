@@ -22,7 +22,7 @@ from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
-from whiptool.strike import Strike
+from whiptool.models.strike import Strike
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 TARGET = (1.2, 0.1)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from whiptool.dynamics.closed_loop import Structure
+from whiptool.dynamics.posture import hangs_straight, hinge_is_free, start_derivative, start_posture
 from whiptool.impedance import Controller
 from whiptool.models import preset
-from whiptool.models.closed_loop import Structure
 from whiptool.models.parameters import Model, WhipParameters
-from whiptool.models.posture import hangs_straight, hinge_is_free, start_derivative, start_posture
 
 LEMON = preset("lemon2024")
 POSTURES = np.array([[-1.2, 0.4], [0.3, 1.0], [0.0, 0.0]])

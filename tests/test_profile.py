@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from whiptool.dynamics.modes import hanging_modes
 from whiptool.errors import InputError
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
-from whiptool.models.compiled import CompiledRollout
-from whiptool.models.modes import hanging_modes
 from whiptool.models.parameters import Model, WhipParameters
 from whiptool.models.presets import preset
 from whiptool.models.profile import WhipProfile
-from whiptool.strike import default_bounds
+from whiptool.models.strike import default_bounds
+from whiptool.rollout.compiled import CompiledRollout
 
 LEMON = preset("lemon2024")
 # Table 2 as a continuum: rho l = m, EI / l = k, eta / l = b

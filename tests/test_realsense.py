@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from whiptool import doctor
+from whiptool.commands import doctor
 from whiptool.errors import WhiptoolError
-from whiptool.rig.camera import realsense
-from whiptool.rig.camera.model import CameraSettings, camera_preset
-from whiptool.rig.camera.realsense import RealSenseCamera
-from whiptool.rig.camera.source import frames_of
+from whiptool.vision import realsense
+from whiptool.vision.camera_model import CameraSettings, camera_preset
+from whiptool.vision.realsense import RealSenseCamera
+from whiptool.vision.source import frames_of
 
 pytestmark = pytest.mark.slow
 

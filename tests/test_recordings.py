@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.identification.readers import (
+from whiptool.models.strike import Strike
+from whiptool.recording.readers import (
     READERS,
     db3_frames,
     db3_topics,
@@ -26,8 +27,7 @@ from whiptool.identification.readers import (
     video_frames,
     write_csv,
 )
-from whiptool.identification.recording import StrikeRecording
-from whiptool.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
 
 T, FPS = 30, 60.0
 STRIKE = Strike((-1.3, 0.4), (1.7, 1.4), 0.9)

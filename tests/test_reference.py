@@ -11,10 +11,11 @@ from test_compiled import everything
 
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, OIAC_PRESETS, ConstantImpedance, Controller
-from whiptool.models import ArmLink, ArmParameters, CompiledRollout, ReferenceRollout, preset
-from whiptool.models.mujoco_model import export_xml
-from whiptool.models.reference import replay
-from whiptool.strike import Strike, default_bounds
+from whiptool.models import ArmLink, ArmParameters, preset
+from whiptool.models.strike import Strike, default_bounds
+from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.mujoco_model import export_xml
+from whiptool.rollout.reference import replay
 
 TARGET = np.array([1.3, 0.0])
 LEMON = preset("lemon2024")

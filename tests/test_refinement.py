@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from whiptool.impedance import Controller, oiac_preset
-from whiptool.models.compiled import CompiledRollout
 from whiptool.models.presets import preset
-from whiptool.models.reference import ReferenceRollout
-from whiptool.models.refinement import refine, share_too_coarse
+from whiptool.models.strike import Strike, default_bounds
 from whiptool.options import StepOptions
-from whiptool.strike import Strike, default_bounds
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.reference import ReferenceRollout
+from whiptool.rollout.refinement import refine, share_too_coarse
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 STRIKE, TARGET = Strike.from_vector([-1.36, 0.47, 1.73, 1.41, 0.95]), np.array([1.2, 0.1])

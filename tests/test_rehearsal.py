@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.models.trajectory import Trajectory
+from whiptool.models import preset
+from whiptool.models.motor_limits import XM430, MotorLimits
+from whiptool.models.strike import Strike
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.guards import Guards
-from whiptool.rig.limits import XM430, MotorLimits
 from whiptool.rig.rehearsal import CHATTER, _chatter, _verdict, rehearse
-from whiptool.strike import Strike
+from whiptool.rollout import CompiledRollout
+from whiptool.rollout.trajectory import Trajectory
 
 MODEL = preset("lemon2024")
 MOTOR = MotorLimits("toy", stall_torque=2.0, no_load_speed=10.0, stall_current=4.0)

@@ -12,11 +12,12 @@ import pytest
 from matplotlib.figure import Figure
 from processes import HANG
 
-from whiptool import report, reproduce
-from whiptool.comparison import Series
-from whiptool.report import Claim, Claims, Picture, Section, Table, Text, to_html, verdict_over
-from whiptool.reproduction import PARTS, fig6, fig7, table4
-from whiptool.tracking import TABLE4_CONSTANT, TABLE4_OIAC, TrackingErrors
+from whiptool.commands import reproduce
+from whiptool.studies.comparison import Series
+from whiptool.studies.reproduction import PARTS, fig6, fig7, table4
+from whiptool.studies.tracking_errors import TABLE4_CONSTANT, TABLE4_OIAC, TrackingErrors
+from whiptool.viz import report
+from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, to_html, verdict_over
 
 pytestmark = pytest.mark.slow
 

@@ -14,13 +14,13 @@ import pytest
 import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
-from whiptool.models.reference import ReferenceRollout
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
 from whiptool.rig.dynamixel import Joints, Units
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
 from whiptool.rig.loop import LoopOptions, RigLoop, StepClock, WallClock, move
 from whiptool.rig.safety import Guards
+from whiptool.rollout.reference import ReferenceRollout
 
 pytestmark = pytest.mark.slow
 
@@ -261,7 +261,7 @@ def test_clocks_do_not_go_back():
 
 
 def test_reference_of_the_loop_is_the_strikes():
-    from whiptool.models.arm import Arm
+    from whiptool.impedance.arm import Arm
 
     loop = CappedLoop(Controller(OIAC()), Arm(MODEL), STRIKE, None)
     np.testing.assert_allclose(

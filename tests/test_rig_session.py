@@ -12,23 +12,23 @@ from processes import HANG
 
 import whiptool as wt
 from whiptool.errors import InputError
-from whiptool.identification.readers import read_recording
 from whiptool.impedance import OIAC, Controller
 from whiptool.objective import Objective, Target
 from whiptool.optimizers import search
+from whiptool.recording.readers import read_recording
 from whiptool.rig.filming import Filming
 from whiptool.rig.loop import LoopOptions
 
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")
 
+from whiptool.commands.rig import main
+from whiptool.commands.view import main as view_main
 from whiptool.impedance.files import controller_to_table
-from whiptool.rig import main
-from whiptool.rig.camera.model import camera_preset
-from whiptool.rig.camera.source import Frame
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
-from whiptool.view import main as view_main
+from whiptool.vision.camera_model import camera_preset
+from whiptool.vision.source import Frame
 
 pytestmark = pytest.mark.slow
 
@@ -139,12 +139,12 @@ class Pretend:
         return self
 
     def judged(self, target):
-        from whiptool.identification.judgement import Judgement
+        from whiptool.identification.judgement import Judgement, Nearest
 
-        return Judgement(0.5 / self.calls, 0.004, 1.0)
+        return Judgement(0.5 / self.calls, 0.004, 1.0, Nearest(0.7, (1.0, 0.5), (3.0, 4.0)))
 
     def approach(self, target):
-        from whiptool.models.trajectory import Approach
+        from whiptool.rollout.trajectory import Approach
 
         two = np.zeros((1, 2))
         return Approach(np.array([0.5 / self.calls]), np.zeros(1), two, two, two, two, np.zeros(1, bool))
@@ -157,6 +157,8 @@ def test_a_search_has_the_rig_as_its_objective(tmp_path: Path) -> None:
     assert result.first_hit == 10  # 0.5 / 9 < 0.06, but not for certain enough: the camera's error is 4 mm
     assert result.outcome is not None
     assert result.outcome.miss_error == 0.004
+    assert result.outcome.hit_time == 0.7
+    assert result.outcome.tip_speed == 5.0
     assert len(list(tmp_path.glob("strike-*"))) == rig.calls
     refused = RigRollout(lambda number: Pretend(refuse=True), MODEL)
     lost = search(Objective(refused, Target(), max_trials=3), "random", seed=1)
@@ -164,7 +166,7 @@ def test_a_search_has_the_rig_as_its_objective(tmp_path: Path) -> None:
 
 
 def test_a_resumed_search_strikes_only_what_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from whiptool.rig import command
+    from whiptool.commands import rig as command
 
     rig = Pretend()
     monkeypatch.setattr(command, "_make_rig", lambda *_: rig)
@@ -188,7 +190,7 @@ class PowerCut(BaseException):
 
 def test_every_strike_of_a_search_is_on_record_when_the_next_begins(tmp_path: Path, monkeypatch) -> None:
     """Also within a batch of CMA-ES; the strike that was not finished is struck again, in its own folder."""
-    from whiptool.rig import command
+    from whiptool.commands import rig as command
 
     class Fails(Pretend):
         def strike(self, strike, *, folder=None):
@@ -210,7 +212,7 @@ def test_every_strike_of_a_search_is_on_record_when_the_next_begins(tmp_path: Pa
 
 
 def test_a_search_on_the_rig_strikes_no_more_after_a_hit(tmp_path: Path, monkeypatch) -> None:
-    from whiptool.rig import command
+    from whiptool.commands import rig as command
 
     rig = Pretend()
     monkeypatch.setattr(command, "_make_rig", lambda *_: rig)

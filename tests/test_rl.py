@@ -11,7 +11,8 @@ import torch
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import ArmLink, ArmParameters, CompiledRollout, Model, WhipParameters
+from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters
+from whiptool.models.strike import StrikeBounds
 from whiptool.rl import hindsight
 from whiptool.rl.learner import Diverged, OffPolicyLearner
 from whiptool.rl.policy import trials_to_hit
@@ -20,7 +21,7 @@ from whiptool.rl.replay import Transitions
 from whiptool.rl.settings import SETTINGS, settings_for
 from whiptool.rl.task import OBSERVATIONS, StrikeTask, reward
 from whiptool.rl.training import LEARNERS, Plan, Training, load_checkpoint, make_learner
-from whiptool.strike import StrikeBounds
+from whiptool.rollout import CompiledRollout
 from whiptool.zone import Disc, sample
 
 pytestmark = pytest.mark.slow

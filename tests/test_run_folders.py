@@ -16,16 +16,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from whiptool import cli, optimize
+from whiptool.commands import cli, optimize
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.identification.recording import StrikeRecording
-from whiptool.models import Trajectory, preset
+from whiptool.models import preset
+from whiptool.models.strike import Strike
 from whiptool.objective import Outcome, Trial
+from whiptool.optimizers.trial_log import TRIALS, TrialLog
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import CycleLog, Cycles
+from whiptool.rollout import Trajectory
 from whiptool.run_lock import LOCK
 from whiptool.runs import CONFIG, RESULT, RunFolder
-from whiptool.strike import Strike
-from whiptool.trial_log import TRIALS, TrialLog
 from whiptool.whole_files import append_whole, replacing, write_npz, write_whole
 
 ARM = preset("lemon2024").arm
@@ -62,7 +63,7 @@ def plain():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(optimize, "save_strike", save_strike)
         patch.setattr(optimize._Run, "_replay", lambda *_: {"miss_distance": None, "difference": None})
-        patch.setattr("whiptool.plots.save_convergence", lambda *_, **__: None)
+        patch.setattr("whiptool.viz.plots.save_convergence", lambda *_, **__: None)
         yield
 
 
@@ -178,7 +179,7 @@ def test_no_command_writes_where_another_does(command: str, tmp_path: Path, caps
     ).save("strike.npz")
     module, *word = command.split()
     with RunFolder.create(Path("run"), {"command": "mine"}) as folder:
-        assert import_module(f"whiptool.{module}").main([*word, *COMMANDS[command], "--out", "run"]) == 2
+        assert import_module(f"whiptool.commands.{module}").main([*word, *COMMANDS[command], "--out", "run"]) == 2
         said = capsys.readouterr().err.splitlines()[-1]
         assert said.startswith("whiptool: --out: got 'run'")
         assert f"process {os.getpid()} on " in said
@@ -236,7 +237,7 @@ def test_an_error_without_a_number_names_the_file_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("room", [True, False])
 def test_a_film_is_whole_or_not_there(room: bool, tmp_path: Path, disk) -> None:
-    from whiptool import video
+    from whiptool.viz import video
 
     film = SimpleNamespace(size=(64, 64), q=range(5))
     frames = (np.full((64, 64, 3), 40 * i, np.uint8) for i in range(5))

@@ -15,11 +15,11 @@ from processes import HANG
 import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, oiac_preset
+from whiptool.models.motor_limits import XM430, limits_preset
 from whiptool.rig.caps import CappedLoop, Caps, default_caps
 from whiptool.rig.cyclelog import Flag
 from whiptool.rig.dynamixel import Joints, JointSample
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions, random_faults
-from whiptool.rig.limits import XM430, limits_preset
 from whiptool.rig.loop import LoopOptions, RigLoop, StepClock
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.safety import Guards, Safety, SafetyError, State, Watch
@@ -431,7 +431,7 @@ def test_the_line_is_where_the_emulated_motor_saturates():
 
 
 def test_peaks_bound_the_trajectory_and_catch_divergence():
-    strikes = wt.strike.default_bounds(MODEL.arm).sample(np.random.default_rng(0), 40)
+    strikes = wt.default_bounds(MODEL.arm).sample(np.random.default_rng(0), 40)
     controller = Controller(ConstantImpedance())
     near = wt.CompiledRollout(MODEL, controller).approach(strikes, np.array([1.2, 0.1]), t_stay=0.3)
     peaks = XM430.violation_of_peaks(near)
@@ -509,7 +509,7 @@ def test_a_delay_can_make_a_strike_unstable():
 
 
 def test_capped_loop_is_the_law_below_its_caps_and_bounded_above():
-    from whiptool.models.arm import Arm
+    from whiptool.impedance.arm import Arm
 
     arm, rng = Arm(MODEL), np.random.default_rng(1)
     for law in (OIAC(), ConstantImpedance()):

@@ -8,11 +8,19 @@ import io
 import numpy as np
 import pytest
 
-from whiptool.comparison.series import Series, collect
-from whiptool.comparison.tables import as_csv, as_markdown, convention_table, figure, main_table, percent, radius_table
-from whiptool.comparison.units import Scene, SearchUnit
 from whiptool.impedance import Controller
 from whiptool.models import preset
+from whiptool.studies.comparison.series import Series, collect
+from whiptool.studies.comparison.tables import (
+    as_csv,
+    as_markdown,
+    convention_table,
+    figure,
+    main_table,
+    percent,
+    radius_table,
+)
+from whiptool.studies.comparison.units import Scene, SearchUnit
 
 TRIALS = np.array([[1, 4, 600, 2], [3, 5, 7, 600]])
 HIT = TRIALS < 600

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import whiptool as wt
-from whiptool.comparison import Scene
 from whiptool.identification.fit import Options, RecordingFit, fit
 from whiptool.identification.plant import Plant
 from whiptool.identification.similarity import Similarity
 from whiptool.impedance import Controller
-from whiptool.report import NOT_REPRODUCED, REPRODUCED
-from whiptool.reproduction import sim2real
-from whiptool.reproduction.twin_strikes import PlanUnit, TwinUnit, controller, recording, true_model
-from whiptool.rig.limits import XM430
+from whiptool.models.motor_limits import XM430
+from whiptool.studies.comparison import Scene
+from whiptool.studies.reproduction import sim2real
+from whiptool.studies.reproduction.twin_strikes import PlanUnit, TwinUnit, controller, recording, true_model
+from whiptool.viz.report import NOT_REPRODUCED, REPRODUCED
 
 pytestmark = pytest.mark.slow
 
@@ -69,9 +69,9 @@ def test_the_verdict_follows_the_strikes_that_nothing_was_learnt_from() -> None:
 
 
 def test_too_few_strikes_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from whiptool.comparison import Store
     from whiptool.errors import WhiptoolError
-    from whiptool.reproduction import Context
+    from whiptool.studies.comparison import Store
+    from whiptool.studies.reproduction import Context
 
     one = {"strike": [-0.6, 0.2, 0.7, 2.1, 1.4], "target": (1.2, 0.1)}
     monkeypatch.setattr(PlanUnit, "run", lambda *_: {"strikes": [one] * 4})

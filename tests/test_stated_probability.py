@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from whiptool.targets.aiming import Aim, closest
-from whiptool.targets.motions import find_motion
-from whiptool.targets.tracks import Track
+from whiptool.interception.aiming import Aim, closest
+from whiptool.interception.motions import find_motion
+from whiptool.interception.tracks import Track
 
 SPREAD, RADIUS, SPEED, TAU = 0.05, 0.035, 10.0, 0.3  # [m], [m], [m/s], [s]
 POINT = np.array([1.0, 0.0])

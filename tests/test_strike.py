@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from whiptool.dynamics.closed_loop import ClosedLoop, Structure
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, preset
-from whiptool.models.closed_loop import ClosedLoop, Structure
-from whiptool.strike import Strike, StrikeBounds, default_bounds, named_strike, strike_names
+from whiptool.models.strike import Strike, StrikeBounds, default_bounds, named_strike, strike_names
 
 
 @given(st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.floats(0.1, 2))
@@ -74,7 +74,7 @@ def test_names_follow_the_arm():
     assert strike_names(preset("lemon2024").arm) == ("q_si", "q_ei", "q_sf", "q_ef", "D")
     four = ArmParameters((ArmLink(1.0, 0.3),) * 4)
     assert strike_names(four)[:5] == ("q_1i", "q_2i", "q_3i", "q_4i", "q_1f")
-    with pytest.raises(InputError, match="4 joints"):
+    with pytest.raises(InputError, match="9 numbers each"):
         default_bounds(four)
     three = ArmParameters((ArmLink(1.0, 0.3),) * 3, ("shoulder", "elbow", "wrist"))
     assert strike_names(three) == ("q_si", "q_ei", "q_wi", "q_sf", "q_ef", "q_wf", "D")

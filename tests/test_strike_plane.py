@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.identification.recording import StrikeRecording
-from whiptool.identification.strike_plane import fit_plane
+from whiptool.recording.strike_plane import fit_plane
+from whiptool.recording.strike_recording import StrikeRecording
 
 
 def frame(yaw: float, tilt: float) -> np.ndarray:

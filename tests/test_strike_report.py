@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -9,17 +10,17 @@ import matplotlib
 import numpy as np
 import pytest
 
-from whiptool.identification.recording import StrikeRecording
 from whiptool.models import preset
+from whiptool.models.motor_limits import XM430
 from whiptool.objective import Target
-from whiptool.plots import STYLE
-from whiptool.report import Picture, Table, Text, to_html
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
 from whiptool.rig.guards import SafetyError
-from whiptool.rig.limits import XM430
 from whiptool.rig.loop import Run
 from whiptool.rig.session import Struck
 from whiptool.rig.strike_report import draw, plot_current, plot_cycles, plot_tip, save_pictures, sections
+from whiptool.viz.plots import STYLE
+from whiptool.viz.report import Picture, Table, Text, to_html
 
 MODEL = preset("lemon2024")
 TARGET = Target((0.9, 0.0), hit_radius=0.05)
@@ -134,6 +135,28 @@ def test_what_is_missing_is_left_out_and_said(tmp_path: Path):
     assert "NOT confirmed off" in said.text
     assert [path.name for path in save_pictures(tmp_path, pictures)] == ["cycles.png"]
     assert len(to_html("A strike", "", {}, found)) > 5000
+
+
+def test_a_closest_approach_between_frames_is_said_to_be_unseen():
+    """The tip falls past at 3 m/s, 2 cm beside the target at 0.1 s, where no frame shows it."""
+    one = struck()
+    recording = one.recording
+    assert recording is not None
+    seen = np.abs(recording.t - 0.1) > 0.021
+    gap = dataclasses.replace(
+        recording,
+        t=recording.t[seen],
+        t_points=recording.t_points[seen],
+        points=recording.points[seen],
+        sigma=recording.sigma[seen],
+    )
+    one = dataclasses.replace(one, recording=gap)
+    assert one.unseen(TARGET) == pytest.approx((0.075, 0.125))
+    assert struck().unseen(TARGET) is None
+    result = sections(one, MODEL, TARGET, draw(one, MODEL, TARGET))[0]
+    said = rows(next(part for part in result.parts if isinstance(part, Table)))
+    assert said["closest approach"] == ["at 0.100 s, 3.0 m/s"]
+    assert said["the tip was not seen"] == ["from 0.075 to 0.125 s, around the closest approach"]
 
 
 def test_a_whole_run_leaves_three_pictures(tmp_path: Path):

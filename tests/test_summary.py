@@ -14,13 +14,13 @@ from whiptool.identification import summary
 from whiptool.identification.classes import Parameter
 from whiptool.identification.correlation import Autoregression
 from whiptool.identification.pendulum import AngleRecording, Pendulum
-from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.results import Fit, RecordingFit, Run
 from whiptool.identification.similarity import similarity
 from whiptool.identification.solver import Solution, Status
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.variables import Variable, variable
 from whiptool.models.parameters import ArmLink
+from whiptool.recording.strike_recording import StrikeRecording
 
 K, M, B = (variable(f"whip.{name}", 1.0) for name in "kmb")
 DELAY, TURN, DRAG = variable("delay", 0.0), variable("rotation", 0.0), variable("whip.drag", 0.0)

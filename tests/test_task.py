@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from fake_rollout import SPEED, StraightFlight
 
+from whiptool.models.strike import StrikeBounds
 from whiptool.rl.task import StrikeTask, log_reward, reward
-from whiptool.strike import StrikeBounds
 from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-0.5, 0.0, 0.1, 0.2, 0.4), (0.5, 1.0, 0.3, 0.8, 1.0))

@@ -10,20 +10,21 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.rig.calibration import (
+from whiptool.models import preset
+from whiptool.models.strike import default_bounds
+from whiptool.rollout import CompiledRollout
+from whiptool.vision.calibration import (
     PlaneCalibration,
     calibrate_checkerboard,
     calibrate_points,
     find_checkerboard,
     undistort,
 )
-from whiptool.rig.camera.model import CAMERAS, apply_homography, camera_preset
-from whiptool.rig.camera.source import Frame, frames_of
-from whiptool.rig.markers import TIP_MARKERS, Marker
-from whiptool.rig.motion import MotionFilter
-from whiptool.rig.tracking import SURE, Tracker, median_image, track
-from whiptool.strike import default_bounds
+from whiptool.vision.camera_model import CAMERAS, apply_homography, camera_preset
+from whiptool.vision.marker_motion import MotionFilter
+from whiptool.vision.markers import TIP_MARKERS, Marker
+from whiptool.vision.source import Frame, frames_of
+from whiptool.vision.tracking import SURE, Tracker, median_image, track
 
 pytestmark = pytest.mark.slow
 
@@ -42,7 +43,7 @@ def trajectories():
 
 
 def film(name, trajectory, seed=0, **options):
-    render = pytest.importorskip("whiptool.rig.camera.render")
+    render = pytest.importorskip("whiptool.vision.render")
     rng = np.random.default_rng(seed)
     virtual = render.VirtualCamera(camera_preset(name), LEMON, trajectory, rng, target=TARGET, start=-0.03, **options)
     try:
@@ -114,7 +115,7 @@ def test_tip_is_tracked_to_a_fraction_of_a_pixel(films):
 def hidden(films, trajectories):
     """The strike of 18 m/s, its middle hidden by a board before all, and all along a strip that it passes."""
     name, filmed = films
-    render = pytest.importorskip("whiptool.rig.camera.render")
+    render = pytest.importorskip("whiptool.vision.render")
     truths, settings = filmed[HIDDEN][1], camera_preset(name)
     middle = truths[len(truths) // 2].t_point
     strip = int(np.median([x.pixel[0] for x in truths])) + 20
@@ -185,7 +186,7 @@ def test_live_and_recorded_are_the_same_and_a_recording_comes_out(films):
     np.testing.assert_array_equal([x.tip.pixel for x in live], result.tip.pixels)
     np.testing.assert_array_equal([x.distance for x in live], result.distance)
     assert np.nanmax(errors(result, truths)[0]) < 2
-    pytest.importorskip("whiptool.identification.recording")
+    pytest.importorskip("whiptool.recording.strike_recording")
     recording = result.to_recording(source="virtual camera", t_stay=0.3)
     assert recording.markers == ("tip",)
     np.testing.assert_array_equal(recording.points[:, 0], result.tip.points)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from whiptool import tracking
 from whiptool.impedance import Controller
 from whiptool.models import preset
-from whiptool.models.trajectory import Trajectory
-from whiptool.tracking import NAMES, TABLE4_CONSTANT, TABLE4_OIAC, errors_over_time, tracking_errors
+from whiptool.rollout.trajectory import Trajectory
+from whiptool.studies import tracking_errors as tracking
+from whiptool.studies.tracking_errors import NAMES, TABLE4_CONSTANT, TABLE4_OIAC, errors_over_time, tracking_errors
 
 
 def path(q_error: list, v_error: list, diverged: bool = False) -> Trajectory:

@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 from whiptool.errors import InputError
-from whiptool.targets.motions import Pendulum, find_motion
-from whiptool.targets.tracks import DOUBTFUL, Track, derivatives, fit_track
+from whiptool.interception.motions import Pendulum, find_motion
+from whiptool.interception.tracks import DOUBTFUL, Track, derivatives, fit_track
 
 SIGMA = 0.01
 FRAMES = 2.0 + np.arange(12) / 30

@@ -16,7 +16,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from whiptool import train, whole_files  # noqa: E402
+from whiptool import whole_files  # noqa: E402
+from whiptool.commands import train  # noqa: E402
 from whiptool.rl import event_log  # noqa: E402
 from whiptool.rl.training import load_checkpoint  # noqa: E402
 
@@ -57,7 +58,7 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
 # a run that stays before its last episode, so that it can be killed however slow the machine is
 WAITS_FOR_ITS_END = """
 import sys, time
-from whiptool import train
+from whiptool.commands import train  # noqa: E402
 from whiptool.rl.training import Training
 episode = Training.episode
 Training.episode = lambda self: time.sleep(3600) if self.done == 11 else episode(self)

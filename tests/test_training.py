@@ -10,10 +10,10 @@ import torch
 from fake_rollout import SPEED, StraightFlight
 
 from whiptool.errors import InputError
+from whiptool.models.strike import StrikeBounds
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask, reward
 from whiptool.rl.training import Plan, Training, make_learner
-from whiptool.strike import StrikeBounds
 from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 1.0, 0.3, 0.8, 2.0))

@@ -8,9 +8,9 @@ import pytest
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.twins import BEND, NODES, _strange_whip, _waves, draw_twin
 from whiptool.impedance import Controller, oiac_preset
-from whiptool.models import CompiledRollout
 from whiptool.models.presets import preset
-from whiptool.strike import Strike, default_bounds
+from whiptool.models.strike import Strike, default_bounds
+from whiptool.rollout import CompiledRollout
 
 NUMBERS = {
     "length": 0.9, "linear_density": 0.15, "bending_stiffness": 0.02, "bending_damping": 0.003,

@@ -19,12 +19,13 @@ import numpy as np
 import pytest
 from processes import HANG
 
-from whiptool import simulate, view
+from whiptool.commands import simulate, view
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import CompiledRollout, preset
-from whiptool.models.trajectory import joint_points
-from whiptool.page import strike_data, strike_page
-from whiptool.strike import Strike
+from whiptool.models import preset
+from whiptool.models.strike import Strike
+from whiptool.rollout import CompiledRollout
+from whiptool.rollout.trajectory import joint_points
+from whiptool.viz.page import strike_data, strike_page
 
 pytestmark = pytest.mark.slow
 
@@ -327,9 +328,11 @@ def test_a_report_is_shown(tmp_path, capsys):
     ("files", "words"),
     [
         ({}, "it has no config.toml"),
-        ({"config.toml": 'command = "train"\n'}, "this one is of `whiptool train`"),
+        ({"config.toml": 'command = "train"\n', "result.json": "{}"}, "this one is of `whiptool train`"),
         ({"config.toml": 'command = "optimize"\n', "trajectory.npz": "x"}, "config.toml: whip"),
         ({"trajectory.npz": "x"}, "a readable TOML file"),
+        ({"config.toml": 'command = "rig learn"\n'}, "whiptool rig learn --resume"),
+        ({"config.toml": 'command = "adapt"\n', "strike-01.npz": "x"}, "whiptool adapt --resume"),
     ],
 )
 def test_a_folder_with_nothing_to_see_is_refused_in_one_line(tmp_path, capsys, files, words):
@@ -365,7 +368,7 @@ def test_the_command_is_registered():
     )
     assert done.returncode == 0
     assert "Example: python -m whiptool.view" in " ".join(done.stdout.split())
-    from whiptool.cli import COMMANDS
+    from whiptool.commands.cli import COMMANDS
 
     assert "view" in COMMANDS
 

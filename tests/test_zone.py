@@ -9,8 +9,7 @@ import pytest
 from fake_rollout import SPEED, StraightFlight
 
 from whiptool.errors import InputError
-from whiptool.objective import T_STAY
-from whiptool.strike import StrikeBounds
+from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.zone import Disc, ReachableDisc, Region, disc_within_reach, random_paths, reachable_region, sample
 
 DISC = Disc((0.4, -0.2), 0.3)

@@ -2,7 +2,7 @@
 
 import sys
 
-from whiptool.cli import main
+from whiptool.commands.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,22 +6,22 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr, stdtr
 
+from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.parameters import Model, number, whole
-from whiptool.models.stepping import time_grid
-from whiptool.models.trajectory import Approach, Trajectory
-from whiptool.strike import Strike, StrikeBounds, default_bounds
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
+from whiptool.rollout.interface import Rollout
+from whiptool.rollout.trajectory import Approach, Trajectory
 
 if TYPE_CHECKING:
-    from whiptool.rig.limits import MotorLimits
+    from whiptool.models.motor_limits import MotorLimits
 
 HIT_RADIUS = 0.06  # [m], Eq. 17
-T_STAY = 0.3  # [s], not printed in the paper
 TARGET = (1.3, 0.0)  # [m], centre of the target zone; not printed in the paper
 CLAIMED = 0.9  # probability from which a hit is claimed of a strike whose miss was measured
 
@@ -41,21 +41,8 @@ def probability_within(
         Like `miss`.
     """
     low, high = (-radius - miss) / scale, (radius - miss) / scale
-    if freedom == np.inf:
-        return ndtr(high) - ndtr(low)
-    return stdtr(freedom, high) - stdtr(freedom, low)
-
-
-class Rollout(Protocol):
-    """What the objective needs of a simulator."""
-
-    model: Model
-    engine: str
-    timestep: float
-
-    def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
-        """The whole strike."""
-        ...
+    within = ndtr(high) - ndtr(low) if freedom == np.inf else stdtr(freedom, high) - stdtr(freedom, low)
+    return np.clip(within, 0.0, 1.0)  # stdtr errs in the last digits
 
 
 @dataclass(frozen=True)
@@ -103,8 +90,15 @@ class Target:
                 "target",
                 self.position,
                 f"within the model's reach of {model.reach:.3f} m of the shoulder",
-                f"it is {distance:.3f} m away",
+                f"it is {distance:.4g} m away",
             )
+
+
+def as_target(target: Target | Sequence[float] | np.ndarray | None) -> Target:
+    """Return a target, or the one at a place (x, y) [m] with the usual hit radius; None: the usual one."""
+    if isinstance(target, Target):
+        return target
+    return Target() if target is None else Target(tuple(target))
 
 
 @dataclass(frozen=True)
@@ -167,7 +161,7 @@ class Objective:
 
     Args:
         rollout: Simulator of a model and controller.
-        target: Point and hit radius.
+        target: Point and hit radius, or (x, y) [m] alone.
         t_stay: The strike is watched this long after the movement ended [s].
         bounds: Box in which strikes are searched; default: `default_bounds`.
         max_trials: No more trials than these; None: no limit.
@@ -188,7 +182,7 @@ class Objective:
     def __init__(
         self,
         rollout: Rollout,
-        target: Target | None = None,
+        target: Target | Sequence[float] | np.ndarray | None = None,
         *,
         t_stay: float = T_STAY,
         bounds: StrikeBounds | None = None,
@@ -198,7 +192,7 @@ class Objective:
         check_reach: bool = True,
         limits: MotorLimits | None = None,
     ) -> None:
-        self.rollout, self.target = rollout, target or Target()
+        self.rollout, self.target = rollout, as_target(target)
         if check_reach:
             self.target.check_reach(rollout.model)
         self.bounds = bounds or default_bounds(rollout.model.arm)
@@ -229,7 +223,7 @@ class Objective:
 
     @property
     def n_diverged(self) -> int:
-        """Trials that diverged."""
+        """Number of trials that diverged."""
         return sum(trial.outcome.diverged for trial in self.trials)
 
     @property
@@ -241,13 +235,29 @@ class Objective:
         """Whether the outcome is that of a strike beyond the motors' limits."""
         return self.limits is not None and not outcome.diverged and outcome.miss_distance > self.penalty
 
-    def __call__(self, strike: np.ndarray | Sequence[float]) -> Outcome:
-        """Outcome of one strike vector.
+    def __call__(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
+        """Return the outcome of one strike, a `Strike` or its vector, (2 n + 1,).
+
+        A hit is an outcome like any other, also with `stop_at_hit`; `trial` is what searches call.
+
+        Raises:
+            SearchStopped: The budget was used up before this strike.
+        """
+        try:
+            return self.trial(strike)
+        except SearchStopped as stop:
+            if stop.reason != "hit":
+                raise
+            return self.trials[-1].outcome
+
+    def trial(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
+        """Return the outcome of one strike of a search.
 
         Raises:
             SearchStopped: The budget was used up before this strike, or this strike was the hit to stop at.
         """
-        return self.batch(np.atleast_2d(np.asarray(strike, float)))[0]
+        vector = strike.vector if isinstance(strike, Strike) else np.asarray(strike, float)
+        return self.batch(np.atleast_2d(vector))[0]
 
     def batch(self, strikes: np.ndarray) -> list[Outcome]:
         """Outcomes of strike vectors, shape (B, 2 n + 1), each a trial.
@@ -266,7 +276,7 @@ class Objective:
         if room <= 0:
             raise SearchStopped("trials")
         admitted = strikes[:room]
-        together = 1 if getattr(self.rollout, "one_by_one", False) else len(admitted)
+        together = 1 if self.rollout.one_by_one else len(admitted)
         outcomes: list[Outcome] = []
         for first in range(0, len(admitted), together):
             outcomes += self._counted(admitted[first : first + together])
@@ -306,12 +316,9 @@ class Objective:
             InputError: The simulator has no derivatives.
             SearchStopped: As in `__call__`.
         """
-        derivative = getattr(self.rollout, "gradient", None)
-        if derivative is None:
-            raise InputError("simulator", self.rollout.engine, "one with derivatives", "use the compiled simulator")
         vector = np.array(strike, float)
-        outcome = self(vector)
-        _, slope = derivative(vector[None], np.array(self.target.position), t_stay=self.t_stay)
+        outcome = self.trial(vector)
+        _, slope = self.rollout.gradient(vector[None], np.array(self.target.position), t_stay=self.t_stay)
         return outcome, np.zeros_like(vector) if outcome.miss_distance >= self.penalty else slope[0]
 
     def _replay(self, strikes: np.ndarray) -> list[Outcome]:
@@ -327,14 +334,9 @@ class Objective:
         return [trial.outcome for trial in known]
 
     def _roll(self, strikes: np.ndarray) -> list[Outcome]:
-        position = np.array(self.target.position)
-        approach = getattr(self.rollout, "approach", None)
-        if approach is not None:
-            near = approach(strikes, position, t_stay=self.t_stay)
-            beyond = self._beyond(near, strikes)
-            return [self._outcome(near, i, float(beyond[i])) for i in range(len(strikes))]
-        paths = (self.rollout.trajectory(Strike.from_vector(s), t_stay=self.t_stay) for s in strikes)
-        return [self.judge(path) for path in paths]
+        near = self.rollout.approach(strikes, np.array(self.target.position), t_stay=self.t_stay)
+        beyond = self._beyond(near, strikes)
+        return [self._outcome(near, i, float(beyond[i])) for i in range(len(strikes))]
 
     def judge(self, trajectory: Trajectory) -> Outcome:
         """Outcome of a trajectory that is there already; it is no trial."""

@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from whiptool.errors import InputError
+from whiptool.models.strike import T_STAY
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.impedance.law import Law
-    from whiptool.models.compiled import CompiledRollout
     from whiptool.models.parameters import Model
-    from whiptool.objective import Rollout, Target
+    from whiptool.objective import Target
+    from whiptool.rollout.compiled import CompiledRollout
+    from whiptool.rollout.interface import Rollout
 
 LAWS = ("oiac", "constant")
 MANY_COARSE = 0.1  # share of random strikes that a step may get wrong by more than 0.3 mm before it is said
@@ -44,11 +46,11 @@ class TargetOptions(Options):
     """Target position x y [m], from the shoulder, y up."""
     hit_radius: float = 0.06
     """The target is hit when the tip comes this close [m]."""
-    t_stay: float = 0.3
+    t_stay: float = T_STAY
     """The strike is watched this long after the movement ended [s]."""
 
     def check(self) -> None:
-        """As `Options.check`."""
+        """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.parameters import number
 
         super().check()
@@ -78,7 +80,7 @@ class ModelOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class LawOptions(Options):
-    """Which impedance law."""
+    """Options that choose the impedance law."""
 
     usual_preset: ClassVar[str] = "table4"
 
@@ -88,7 +90,7 @@ class LawOptions(Options):
     """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4."""
 
     def check(self) -> None:
-        """As `Options.check`."""
+        """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         self.build_controller()
 
@@ -109,6 +111,10 @@ class LawOptions(Options):
         if not self.in_file:
             return Controller(law=self._named_law())
         self.refuse_beside_file("--preset", self.preset)
+        if not Path(self.controller).is_file():
+            raise InputError(
+                "--controller", self.controller, "a TOML file with a table [controller]", "there is no such file"
+            )
         return read_controller(Path(self.controller))
 
     def refuse_beside_file(self, option: str, value: object) -> None:
@@ -173,7 +179,7 @@ class SimulatedControllerOptions(ControllerOptions):
     """Hold the torque for this long [s], as a rig does."""
 
     def check(self) -> None:
-        """As `Options.check`."""
+        """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.parameters import number
 
         super().check()
@@ -195,9 +201,9 @@ class StepOptions(Options):
     """Integration step [s]; default: 0.00025, less for stiff whips."""
 
     def check(self) -> None:
-        """As `Options.check`."""
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP
         from whiptool.models.parameters import number
-        from whiptool.models.stepping import LARGEST_STEP, SMALLEST_STEP
 
         super().check()
         if self.timestep is not None:
@@ -205,8 +211,8 @@ class StepOptions(Options):
 
     def step_for(self, model: Model) -> float:
         """The compiled simulator's step [s]."""
-        from whiptool.models.compiled import TIMESTEP
-        from whiptool.models.modes import steady_timestep
+        from whiptool.dynamics.modes import steady_timestep
+        from whiptool.rollout.compiled import TIMESTEP
 
         return steady_timestep(model, TIMESTEP) if self.timestep is None else self.timestep
 
@@ -214,8 +220,8 @@ class StepOptions(Options):
         """Say so on stderr where the step that was asked for lets random strikes miss otherwise than a finer one."""
         import numpy as np
 
-        from whiptool.models.refinement import share_too_coarse
-        from whiptool.strike import default_bounds
+        from whiptool.models.strike import default_bounds
+        from whiptool.rollout.refinement import share_too_coarse
 
         if self.timestep is None:
             return
@@ -232,8 +238,8 @@ class StepOptions(Options):
             print(f"whiptool: --timestep {self.timestep:g} is too coarse: {said}", file=sys.stderr)
 
     def build_compiled(self, model: Model, controller: Controller) -> CompiledRollout:
-        """The compiled simulator."""
-        from whiptool.models.compiled import CompiledRollout
+        """Return the compiled simulator of a model and controller."""
+        from whiptool.rollout.compiled import CompiledRollout
 
         return CompiledRollout(model, controller, timestep=self.step_for(model))
 
@@ -250,7 +256,7 @@ class SimulatorOptions(StepOptions):
     """Of the reference: RK4, Euler, implicit or implicitfast; default: RK4 unless the whip is too stiff for it."""
 
     def check(self) -> None:
-        """As `Options.check`."""
+        """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         if self.simulator not in ("compiled", "reference"):
             raise InputError("--simulator", self.simulator, "compiled, reference")
@@ -258,7 +264,7 @@ class SimulatorOptions(StepOptions):
             return
         if self.simulator != "reference":
             raise InputError("--integrator", self.integrator, "nothing, unless --simulator reference is given")
-        from whiptool.models.reference import check_integrator
+        from whiptool.rollout.reference import check_integrator
 
         check_integrator(self.integrator)
 
@@ -266,7 +272,7 @@ class SimulatorOptions(StepOptions):
         """The simulator that `--simulator` names."""
         if self.simulator == "compiled":
             return self.build_compiled(model, controller)
-        from whiptool.models.reference import ReferenceRollout
+        from whiptool.rollout.reference import ReferenceRollout
 
         return ReferenceRollout(model, controller, timestep=self.timestep, integrator=self.integrator)
 

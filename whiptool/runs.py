@@ -12,10 +12,10 @@ from types import TracebackType
 
 import tomli_w
 
-from whiptool import __version__
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.files import read_toml
 from whiptool.run_lock import LOCK, RunLock
+from whiptool.version import __version__
 from whiptool.whole_files import is_unfinished, remove_unfinished, write_whole
 
 CONFIG, RESULT = "config.toml", "result.json"
@@ -113,7 +113,7 @@ class RunFolder:
 
     @property
     def config(self) -> dict:
-        """The resolved configuration."""
+        """Return the configuration as it was resolved when the run began."""
         return read_config(self.path)
 
     def write_result(self, result: Mapping) -> None:

@@ -14,8 +14,8 @@ from scipy.integrate import cumulative_trapezoid
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import number
-from whiptool.objective import T_STAY, TARGET
-from whiptool.strike import StrikeBounds
+from whiptool.models.strike import T_STAY, StrikeBounds
+from whiptool.objective import TARGET
 from whiptool.whole_files import write_npz
 
 RADIUS = 0.1  # [m], Sect. 3.1.1
@@ -31,7 +31,7 @@ class Zone(Protocol):
 
     @property
     def area(self) -> float:
-        """[m^2]"""
+        """Area of the zone [m^2]."""
         ...
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
@@ -75,7 +75,7 @@ class Disc:
 
     @property
     def area(self) -> float:
-        """[m^2]"""
+        """Area of the zone [m^2]."""
         return math.pi * self.radius**2
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
@@ -120,7 +120,7 @@ class ReachableDisc:
 
     @property
     def area(self) -> float:
-        """[m^2]"""
+        """Area of the zone [m^2]."""
         return float(self._areas[1][-1])
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
@@ -182,7 +182,7 @@ class Region:
 
     @property
     def area(self) -> float:
-        """[m^2]"""
+        """Area of the zone [m^2]."""
         return len(self.corners) * self.cell**2
 
     def place(self, uniform: np.ndarray) -> np.ndarray:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from whiptool.rig.camera.model import CameraSettings, camera_preset
-from whiptool.rig.camera.source import Frame, FrameSource
-from whiptool.rig.tracking import track
+from whiptool.vision.camera_model import CameraSettings, camera_preset
+from whiptool.vision.source import Frame, FrameSource
+from whiptool.vision.tracking import track
 
 
 def where(t: float) -> np.ndarray:

@@ -9,7 +9,7 @@ import whiptool as wt
 from whiptool.adaptation.loop import Adaptation, Options
 from whiptool.adaptation.ports import Seen, seen_of
 from whiptool.adaptation.prior import default_prior
-from whiptool.identification.recording import StrikeRecording
+from whiptool.recording.strike_recording import StrikeRecording
 
 T_STAY = 0.3  # [s] that the controller stays on and the camera films after the movement
 FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
-from whiptool.identification.recording import StrikeRecording
-from whiptool.models.compiled import CompiledRollout
-from whiptool.strike import Strike, StrikeBounds, default_bounds
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.compiled import CompiledRollout
 
 STEP = 0.1  # largest change of a number of the strike, in parts of its range
 _DIFFERENCE = 1e-3  # of the range, for the Jacobian
@@ -23,7 +23,7 @@ def correct(
     rollout: CompiledRollout,
     target: tuple[float, ...],
     *,
-    t_stay: float = 0.3,
+    t_stay: float = T_STAY,
     bounds: StrikeBounds | None = None,
 ) -> Strike:
     """The next strike: `u - J^+ e`, with e from the recorded strike and J from the model.

@@ -7,8 +7,8 @@ import numpy as np
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
-from whiptool.identification.recording import StrikeRecording
-from whiptool.strike import Strike, StrikeBounds, default_bounds
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
+from whiptool.recording.strike_recording import StrikeRecording
 
 SWING = 0.7  # [rad] that a joint turns at most
 DURATION = (0.4, 0.8)  # [s]
@@ -17,7 +17,7 @@ STILL = 0.5  # [s] that a hanging whip is filmed, and `t_stay` more
 FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
 
 
-def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
+def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY) -> tuple[np.ndarray, np.ndarray]:
     """What a recording of each strike would tell about the belief's numbers, linearised around its mean.
 
     Args:
@@ -65,7 +65,7 @@ def choose_wiggle(
     *,
     rng: np.random.Generator,
     bounds: StrikeBounds | None = None,
-    t_stay: float = 0.3,
+    t_stay: float = T_STAY,
     candidates: int = 32,
 ) -> tuple[Strike, float]:
     """The movement that tells most (D-optimal), among short ones in which the tip stays slow, and how much [nat].

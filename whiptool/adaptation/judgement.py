@@ -1,7 +1,7 @@
-"""Whether a strike hit, as a probability: from the whip as it is believed and what the camera saw, weighed together.
+"""The probability that a strike hit, from the whip's posterior and the camera's frames, weighed together.
 
-A path of the tip is what a believed whip does, and a discrepancy that no whip explains. Where the frames contradict the
-whip they are believed, with their noise; see `whiptool.identification.judgement`.
+The path of the tip is that of a whip drawn from the posterior, plus a discrepancy that no whip explains. Where the
+frames contradict the whip, the frames decide, within their noise; see `whiptool.identification.judgement`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.identification.judgement import RATE, Judgement, frames_of, judge_frames, weigh
-from whiptool.identification.recording import StrikeRecording
-from whiptool.models.compiled import CompiledRollout
 from whiptool.objective import Target, probability_within
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.compiled import CompiledRollout
 
 NOISE = 0.005  # [m], standard error of a miss that a port tells without one: a plain camera's
 WHIPS = 32  # of the belief
@@ -41,7 +41,7 @@ def judge(
     Args:
         recording: The tip, with the strike's command.
         target: Point and hit radius.
-        belief: What is believed of the whip by now, this strike included; None: the frames alone are judged by.
+        belief: The posterior of the whip, this strike included; None: the strike is judged by the frames alone.
         until: Later frames are not looked at, unless the tip comes nearest there [s]: a whip that met its target moves
             on as no model does. None: all are.
         seed: Of the whips that are drawn.

@@ -19,12 +19,12 @@ from whiptool.adaptation.posterior import AFTER, Learned, update
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.sag import Sag, expected_sag
 from whiptool.errors import InputError
-from whiptool.identification.recording import StrikeRecording
 from whiptool.models import parameters
+from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import Model
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds
 from whiptool.objective import Target
-from whiptool.rig.limits import MotorLimits
-from whiptool.strike import Strike, StrikeBounds
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.whole_files import write_whole
 
 UNSURE = 0.5  # probability of a hit below which a plan is looked for once more, as hard as the first one
@@ -47,7 +47,7 @@ class Options:
         seed: Of candidates, samples and starts.
         t_stay: A strike is watched so long after the movement ended [s].
         bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.plan`.
-        check: Says why a strike must not be struck with the whip and arm that are believed, None where it may.
+        check: Returns why a strike must not be struck, by the posterior mean of whip and arm; None where it may.
         first, later: Effort of a plan from the prior, and of one that knows a recording.
     """
 
@@ -58,7 +58,7 @@ class Options:
     adapt: bool = True
     starts: int = 3
     seed: int = 0
-    t_stay: float = 0.3
+    t_stay: float = T_STAY
     bounds: StrikeBounds | None = None
     limits: MotorLimits | None = None
     speed: float = 0.0

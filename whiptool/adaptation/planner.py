@@ -10,12 +10,12 @@ import numpy as np
 
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.identification.plant import Plant
-from whiptool.models.compiled import CompiledRollout
+from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import whole
-from whiptool.models.trajectory import Approach
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.objective import Target
-from whiptool.rig.limits import MotorLimits
-from whiptool.strike import Strike, StrikeBounds, default_bounds
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.trajectory import Approach
 
 TIMESTEP = 5e-4  # [s]
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; more, where all strikes were refused
@@ -64,7 +64,7 @@ class Plan:
 
     Args:
         strike: Its vector.
-        probability: Of a hit, as believed; None here and below: of a movement that is not meant to hit.
+        probability: Predicted probability of a hit; None here and below: of a movement that is not meant to hit.
         expected_miss: Mean over the samples that do not diverge [m]; None, too, if all do.
         mean_miss: On the mean of the belief [m].
         usage: Largest part of the motors' line that it uses on the mean; None: no limits were given.
@@ -98,7 +98,7 @@ def plan(
     limits: MotorLimits | None = None,
     speed: float = 0.0,
     check: Callable[[Strike], str | None] | None = None,
-    t_stay: float = 0.3,
+    t_stay: float = T_STAY,
     effort: Effort = NEXT,
     timestep: float = TIMESTEP,
     sag: Callable[[np.ndarray], np.ndarray] | None = None,

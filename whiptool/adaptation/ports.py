@@ -13,11 +13,11 @@ from scipy.interpolate import PchipInterpolator
 
 from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError
-from whiptool.identification.recording import StrikeRecording
-from whiptool.models.compiled import TIMESTEP, CompiledRollout
 from whiptool.models.parameters import Model
+from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.session import Rig
-from whiptool.strike import Strike
+from whiptool.rollout.compiled import TIMESTEP, CompiledRollout
 
 _JOINED = 4  # frames that a path is joined from, at least
 _GAP = 2.5  # frames
@@ -80,7 +80,7 @@ class Port(Protocol):
             strike: What to do.
             number: From 1; 0 is a first look. A simulated port gives the same number the same noise.
             folder: For the port's own records; None: none are kept.
-            believed: Whip and arm as they are known by now, for a rehearsal.
+            believed: The posterior mean of whip and arm, for a rehearsal.
 
         Returns:
             See `seen_of`; a strike that was refused is `Seen(None, None, fault="why")`.
@@ -130,14 +130,14 @@ class TipPort:
         target: tuple[float, ...],
         *,
         fps: float = 60.0,
-        t_stay: float = 0.3,
+        t_stay: float = T_STAY,
         timestep: float = TIMESTEP,
     ) -> None:
         self.twin, self.target, self.fps, self.t_stay = twin, target, fps, t_stay
         self._rollout = CompiledRollout(twin.model, twin.controller, timestep=timestep)
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """As `Port.strike`."""
+        """Strike, and return what was seen; see `Port.strike`."""
         vector = strike.vector[None]
         near = self._rollout.approach(vector, np.array(self.target), t_stay=self.t_stay)
         if near.diverged[0]:

@@ -16,7 +16,7 @@ from whiptool.errors import InputError
 from whiptool.identification.fit import Fit, Options, fit
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
-from whiptool.identification.recording import StrikeRecording
+from whiptool.recording.strike_recording import StrikeRecording
 
 UNMODELLED = 0.003  # [m], error of any model's tip that a better camera does not remove
 AFTER = 0.04  # [s] that a recording is used beyond the closest approach

@@ -20,7 +20,7 @@ from whiptool.adaptation.posterior import TIMESTEP, Learned, usable
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
-from whiptool.identification.recording import StrikeRecording
+from whiptool.recording.strike_recording import StrikeRecording
 
 ROUNDS, SIZE = 5, 240  # proposals, and draws of each
 _TAILS = 6.0  # degrees of freedom of a proposal

@@ -1,4 +1,4 @@
-"""What is believed of a whip: numbers of a plant, their estimate and covariance; before the first strike, a prior."""
+"""The distribution of a whip's numbers: mean and covariance; before the first strike it is the prior."""
 
 from __future__ import annotations
 

@@ -17,12 +17,13 @@ from whiptool.adaptation.loop import Step
 from whiptool.adaptation.planner import TIMESTEP
 from whiptool.adaptation.posterior import AFTER, usable
 from whiptool.adaptation.prior import Belief, fresh_terms
-from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.summary import unit_of
-from whiptool.models.compiled import CompiledRollout
-from whiptool.objective import CLAIMED, T_STAY, Target
-from whiptool.plots import COLORS, STYLE
-from whiptool.report import Picture, Section, Table, Text
+from whiptool.models.strike import T_STAY
+from whiptool.objective import CLAIMED, Target
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.viz.plots import COLORS, STYLE
+from whiptool.viz.report import Picture, Section, Table, Text
 
 SHOWN = 6  # numbers that are told after each strike, and that have a colour: those that narrowed most
 PANELS = 6  # strikes that are drawn
@@ -88,7 +89,7 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
 
 
 def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Section]:
-    """The report's sections, for `whiptool.report.to_html`.
+    """The report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
         steps: All strikes, in order; the first look, if any, first.
@@ -183,7 +184,7 @@ def _length(miss: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """The tip of the whip as it is believed after a strike, struck so."""
+    """Return the tip's path that the posterior mean after a strike predicts for that strike."""
 
     t: np.ndarray
     points: np.ndarray  # (S, 2) [m]

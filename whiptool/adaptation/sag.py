@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance.law import Law
+from whiptool.recording.strike_recording import StrikeRecording
 
 Sag = Callable[[np.ndarray], np.ndarray]  # from postures q_i (B, a) to how far off the arm stands (B, a) [rad]
 _RIDGE = 0.03  # of a posture's sines, below which it tells nothing of a link's weight

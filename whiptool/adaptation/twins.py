@@ -72,7 +72,7 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
         family: One of `FAMILIES`.
         seed: A whole number >= 0; the same seed of `strange` and `stranger` deviates in the same directions, and has
             the same numbers from the stock.
-        model, controller: Arm, and what its owner believes.
+        model, controller: The nominal model and its controller; the twin has the model's arm.
         stock: Of the whip; None: around the model's own.
 
     Raises:

@@ -13,16 +13,16 @@ from typing import ClassVar
 
 import numpy as np
 
+from whiptool.dynamics.closed_loop import Structure
+from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
 from whiptool.errors import InputError
 from whiptool.identification.dynamics import SwingStructure
 from whiptool.identification.motion import HandleMotion, JointMotion, Motion, StillMotion
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Identifiable, Plant, Quantities
-from whiptool.identification.recording import StrikeRecording
 from whiptool.impedance.controller import Controller
-from whiptool.models.closed_loop import Structure
 from whiptool.models.parameters import Model
-from whiptool.models.posture import hinge_is_free, start_derivative, start_posture
+from whiptool.recording.strike_recording import StrikeRecording
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
 MARGIN = 0.1  # [s] that a path goes on after the last reading, so that a delay can be found
@@ -117,7 +117,12 @@ class CommandDrive(Drive):
                 "or drive by joints or handle",
             )
         if plant.controller is None:
-            raise InputError("controller", None, "the arm's controller, where the command drives the whip")
+            raise InputError(
+                "controller",
+                None,
+                "the arm's controller, where the command drives the whip",
+                "give Plant(model, controller)",
+            )
         plant.controller.check_fits(plant.model.arm)
         self.structure = Structure.of(plant.model, plant.controller, free=_terms(free, plant))
         self.start = 0.0

@@ -14,8 +14,8 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
-from whiptool.models.chain import Base, Chain, forward_dynamics, link_ends, passive_torque
-from whiptool.models.closed_loop import Structure, closed_loop
+from whiptool.dynamics.chain import Base, Chain, forward_dynamics, link_ends, passive_torque
+from whiptool.dynamics.closed_loop import Structure, closed_loop
 
 GAMMA = 1 - 1 / math.sqrt(2)  # of the Rosenbrock method: L-stable
 BASE = 7  # numbers that describe the base at one instant, in the order of `Base`
@@ -47,13 +47,13 @@ class CommandedStrike:
 
     @cached_property
     def observe(self) -> ca.Function:
-        """`y(x, p, u)`."""
+        """Function `y(x, p, u)`: what is observed of a state."""
         x, u = ca.SX.sym("x", 2 * self.n), ca.SX.sym("u", self.n_inputs)
         return ca.Function("observe", [x, self._loop.p, u], [_observation(self._loop.chain, x[: self.n], 0.0)])
 
     @cached_property
     def hold(self) -> ca.Function | None:
-        """`u(x, t, p)`."""
+        """Function `u(x, t, p)`: what is held between two samples; None where nothing is."""
         if not self.held:
             return None
         control = self._loop.control
@@ -150,7 +150,7 @@ class Swing:
         def stage(q: ca.SX, v: ca.SX, base: Base | None, before: ca.SX | None) -> ca.SX:
             smooth = ca.SX(chain.friction_velocity) ** 2
             square = v**2 + smooth
-            # not square**1.5, see `whiptool.models.closed_loop`
+            # not square**1.5, see `whiptool.dynamics.closed_loop`
             slope = ca.SX(chain.damping) + ca.SX(chain.dry_friction) * smooth / (square * ca.sqrt(square))
             braked = GAMMA * h * slope
             torque = passive_torque(chain, q, v)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.classes import classify
+from whiptool.identification.inputs import common_controller
 from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.predict import NEUTRAL, Recording
 from whiptool.identification.problem import Options, Problem
-from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.results import Fit, RecordingFit, Run, judge_starts
 from whiptool.identification.solver import Solution, Status
 from whiptool.identification.variables import variables_of
+from whiptool.models.parameters import Model
+from whiptool.recording.strike_recording import StrikeRecording
 
 _KNOWN = 0.5  # share of a held-out recording's frames that its own unknowns are fitted to, if it has any
 
@@ -24,7 +26,7 @@ __all__ = ["Fit", "Options", "RecordingFit", "best_nodes", "choose_nodes", "fit"
 
 def fit(
     recordings: Sequence[Recording],
-    plant: Identifiable,
+    plant: Identifiable | Model,
     free: Sequence[str],
     *,
     held_out: Sequence[Recording] = (),
@@ -34,8 +36,9 @@ def fit(
 
     Args:
         recordings: To fit.
-        plant: Where the first start begins; what is not free stays as it is.
-        free: Names of numbers of the plant, or of nuisance that all recordings share.
+        plant: Where the first start begins; what is not free stays as it is. Of a `Model`, the controller is that of
+            the recordings.
+        free: Names of numbers of the plant, or of nuisance that all recordings share; `k` will do for `whip.k`.
         held_out: Recordings to predict only, see `predict`.
         options: See `Options`.
 
@@ -45,7 +48,10 @@ def fit(
     began, options = time.perf_counter(), options or Options()
     if not free:
         raise InputError("free parameters", "none", "one or more names", "such as whip.k")
+    if isinstance(plant, Model):
+        plant = Plant(plant, common_controller([x for x in recordings if isinstance(x, StrikeRecording)]))
     known = {**plant.values(), **NEUTRAL}
+    free = [_full_name(name, known) for name in free]
     for name in free:
         if name not in known:
             raise InputError("free parameter", name, "one of " + ", ".join(known))
@@ -87,6 +93,12 @@ def fit(
         runs=tuple(runs),
         wall_time=time.perf_counter() - began,
     )
+
+
+def _full_name(name: str, known: Collection[str]) -> str:
+    """Return the one known name that is this or ends with it, after a dot; else the name as it is."""
+    found = [full for full in known if full == name or full.endswith(f".{name}")]
+    return found[0] if len(found) == 1 else name
 
 
 def predict(

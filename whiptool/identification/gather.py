@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError
-from whiptool.identification.readers import READERS, VideoSource, find_format, open_video, read_recording
-from whiptool.identification.recording import StrikeRecording
-from whiptool.rig.markers import Marker
+from whiptool.recording.readers import READERS, VideoSource, find_format, open_video, read_recording
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.vision.markers import Marker
 
 
 def gather(path: str, *, tip: Marker | None = None, handle: bool = False) -> tuple[StrikeRecording, bool]:
@@ -63,9 +63,9 @@ def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> 
     """
     from tqdm import tqdm
 
-    from whiptool.rig.camera.recorded import RecordedCamera
-    from whiptool.rig.camera.source import frames_of
-    from whiptool.rig.tracking import track
+    from whiptool.vision.recorded import RecordedCamera
+    from whiptool.vision.source import frames_of
+    from whiptool.vision.tracking import track
 
     camera = RecordedCamera(video)
     frames = tqdm(

@@ -13,14 +13,14 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.identification.plant import LUMPED, Plant
 from whiptool.identification.predict import NEUTRAL
-from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_from_table
 from whiptool.models.files import read_toml
 from whiptool.models.parameters import Model, number
 from whiptool.models.profile import WhipProfile
-from whiptool.rig.markers import Marker
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.vision.markers import Marker
 
 _GROUPS = ("whip", "profile", "law")  # that a short name is looked up in
 

@@ -14,12 +14,33 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import logsumexp
 
-from whiptool.identification.recording import StrikeRecording
 from whiptool.objective import CLAIMED, Target, probability_within
+from whiptool.recording.strike_recording import StrikeRecording
 
 RATE = 500.0  # [1/s] of a path; between its points the tip is taken to move straight
 _SIZES, _PACES = np.geomspace(0.1, 3.0, 6), np.array([0.05, 0.1, 0.2, 0.4])  # [m], [s], where nothing is expected
+_GAP = 2.5  # usual distances of frames in time, beyond which some are missing
 _SEEN = 4  # frames that a path is joined from, at least
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Where the most credible path of the tip comes closest to the target.
+
+    Args:
+        time: [s]
+        place: (x, y) [m]
+        velocity: [m/s]
+    """
+
+    time: float
+    place: tuple[float, float]
+    velocity: tuple[float, float]
+
+    @property
+    def speed(self) -> float:
+        """Speed of the tip [m/s]."""
+        return math.hypot(*self.velocity)
 
 
 @dataclass(frozen=True)
@@ -30,11 +51,13 @@ class Judgement:
         miss: Most credible miss distance [m]: the mean over what is possible.
         error: Its standard error [m].
         probability: Of a hit.
+        nearest: When and where that is; None where a distance is all that is known.
     """
 
     miss: float
     error: float
     probability: float
+    nearest: Nearest | None = None
 
     @property
     def hit(self) -> bool:
@@ -77,6 +100,15 @@ def frames_of(recording: StrikeRecording, target: Target, until: float | None = 
     return Frames(recording.t_points[seen, i], recording.points[seen, i, :2], recording.sigma[seen, i])
 
 
+def unseen_around(frames: Frames, time: float) -> tuple[float, float] | None:
+    """The last frame before a time and the first after it [s], where frames are missing between them; else None."""
+    after = int(np.searchsorted(frames.t, time))
+    if not 0 < after < len(frames.t):
+        return None
+    before, behind = float(frames.t[after - 1]), float(frames.t[after])
+    return (before, behind) if behind - before > _GAP * np.median(np.diff(frames.t)) else None
+
+
 def judge_frames(frames: Frames, target: Target) -> Judgement:
     """The miss distance of a strike of which nothing is known but its frames."""
     t = np.arange(frames.t[0], frames.t[-1], 1 / RATE)
@@ -97,7 +129,7 @@ def weigh(
     """
     at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(2)] for path in paths])  # (S, 2, F)
     residuals = (frames.points.T - at_frames).transpose(2, 0, 1).reshape(len(frames.t), -1)  # (F, 2 S)
-    evidence, distances, errors = [], [], []
+    evidence, distances, errors, nearest = [], [], [], []
     for size in sizes:
         for pace in paces:
             across = size**2 * _matern(t[:, None] - frames.t, pace)  # (T, F)
@@ -109,14 +141,26 @@ def weigh(
             moved = paths + (across @ solved).reshape(len(t), -1, 2).transpose(1, 0, 2)
             told = solve_triangular(factor[0], across.T, lower=True)
             error = np.sqrt(np.maximum(size**2 - (told**2).sum(axis=0), 1e-12))  # (T,)
-            distance, when = _closest(moved, np.array(target.position))
+            distance, when, share = _closest(moved, np.array(target.position))
             distances.append(distance)
             errors.append(error[when])
+            nearest.append([_nearest(t, path, i, x) for path, i, x in zip(moved, when, share, strict=True)])
     weight = np.exp(np.array(evidence) - logsumexp(np.array(evidence), axis=0)) / len(paths)  # (cells, S), sum 1
     miss, error = np.array(distances), np.array(errors)
     mean = float((weight * miss).sum())
     spread = math.sqrt(float((weight * (error**2 + (miss - mean) ** 2)).sum()))
-    return Judgement(mean, spread, float((weight * probability_within(target.hit_radius, miss, error)).sum()))
+    hit = float((weight * probability_within(target.hit_radius, miss, error)).sum())
+    cell, sample = np.unravel_index(weight.argmax(), weight.shape)
+    return Judgement(mean, spread, min(hit, 1.0), nearest[cell][sample])
+
+
+def _nearest(t: np.ndarray, path: np.ndarray, i: int, share: float) -> Nearest:
+    """The point of a path (T, 2) at a share of the way from its i-th point to the next."""
+    step, dt = path[i + 1] - path[i], t[i + 1] - t[i]
+    place, velocity = path[i] + share * step, step / dt
+    return Nearest(
+        float(t[i] + share * dt), (float(place[0]), float(place[1])), (float(velocity[0]), float(velocity[1]))
+    )
 
 
 def _matern(lag: np.ndarray, pace: float) -> np.ndarray:
@@ -125,11 +169,14 @@ def _matern(lag: np.ndarray, pace: float) -> np.ndarray:
     return (1 + x + x**2 / 3) * np.exp(-x)
 
 
-def _closest(paths: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Closest approach of paths (S, T, 2), straight between their points, to a place, and the index of the point before
-    it, each (S,)."""
+def _closest(paths: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Closest approach of paths (S, T, 2), straight between their points, to a place, the index of the point before it,
+    and the share of the way from there to the next point, each (S,)."""
     start, step = paths[:, :-1] - at, np.diff(paths, axis=1)
     along = -(start * step).sum(axis=2) / np.maximum((step**2).sum(axis=2), 1e-18)
-    distance = np.linalg.norm(start + np.clip(along, 0, 1)[..., None] * step, axis=2)
-    when = distance.argmin(axis=1)
-    return np.take_along_axis(distance, when[:, None], axis=1)[:, 0], when
+    share = np.clip(along, 0, 1)
+    distance = np.linalg.norm(start + share[..., None] * step, axis=2)
+    when = distance.argmin(axis=1)[:, None]
+    found = (np.take_along_axis(x, when, axis=1)[:, 0] for x in (distance, share))
+    distance, share = found
+    return distance, when[:, 0], share

@@ -11,14 +11,12 @@ from importlib.resources import files
 import casadi as ca
 import numpy as np
 
+from whiptool.dynamics.closed_loop import Structure
+from whiptool.dynamics.stepping import FASTEST
 from whiptool.identification.dynamics import Dynamics, SwingStructure, dynamics
-from whiptool.models.closed_loop import Structure
-from whiptool.models.compiler import has_simd, load_library
-from whiptool.models.engine import RUNGS, wanted_rung
-from whiptool.models.native import _pool, cores
-from whiptool.models.stepping import FASTEST
-
-_GROUPS = 4  # groups of lanes per task of the thread pool
+from whiptool.rollout.compiler import has_simd, load_library
+from whiptool.rollout.engine import RUNGS, wanted_rung
+from whiptool.rollout.threads import cores, run_in_parts
 
 
 @dataclass
@@ -129,15 +127,8 @@ class PathEngine:
             stride=lanes.stride,
             n_columns=len(lanes.columns),
         )
-        count, workers = len(order), threads or cores()
-        even = -(-count // (workers * self._lanes)) * self._lanes  # an even share, in whole groups of lanes
-        chunk = max(self._lanes, min(_GROUPS * self._lanes, even))
-        roll, reference = self._roll, ctypes.byref(io)
-        assert roll is not None
-        if workers == 1 or count <= chunk:
-            roll(reference, 0, count)
-        else:
-            list(_pool(workers).map(lambda b: roll(reference, b, min(chunk, count - b)), range(0, count, chunk)))
+        assert self._roll is not None
+        run_in_parts(self._roll, io, arrays, count=len(order), lanes=self._lanes, threads=threads or cores())
 
     def _interpret(self, lanes: Lanes, first: np.ndarray, y: np.ndarray, dy: np.ndarray) -> None:
         """All lanes at once, a step at a time, through CasADi's interpreter."""

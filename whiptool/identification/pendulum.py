@@ -56,7 +56,7 @@ class Pendulum:
 
     @property
     def n(self) -> int:
-        """Number of links."""
+        """Number of links of the pendulum."""
         return len(self.links)
 
     def values(self) -> dict[str, float]:

@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.report import convergence_section, knowledge_section, parameters_section
 from whiptool.identification.results import Fit, RecordingFit
-from whiptool.plots import STYLE
-from whiptool.report import Picture, Section, Table, Text
+from whiptool.viz.plots import STYLE
+from whiptool.viz.report import Picture, Section, Table, Text
 
 _PLOTTED = 6  # swings, the held-out ones first
 
 
 def sections(fit: Fit, fitted: Sequence[AngleRecording], held_out: Sequence[AngleRecording]) -> list[Section]:
-    """The report's sections, for `whiptool.report.to_html`.
+    """The report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
         fit: What was found.

@@ -38,7 +38,7 @@ class Identifiable(Protocol):
         ...
 
     def quantities(self) -> Quantities:
-        """Blocks of numbers."""
+        """Return the blocks of numbers that the generated code takes."""
         ...
 
 
@@ -167,7 +167,7 @@ class Plant:
 
 
 def _quantity(name: str) -> str:
-    """`k` of `whip.k[3]`."""
+    """Return the quantity in a parameter's name: `k` of `whip.k[3]`."""
     return name.split(".")[-1].split("[")[0]
 
 

@@ -13,8 +13,8 @@ from whiptool.identification.dynamics import BASE
 from whiptool.identification.paths import Lanes, find_paths
 from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.plant import Identifiable, slopes
-from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.sampling import Readings
+from whiptool.recording.strike_recording import StrikeRecording
 
 CAMERA = ("scale", "rotation", "shift_x", "shift_y")  # measured = scale R(rotation) position + shift
 NUISANCE = ("delay", *CAMERA)

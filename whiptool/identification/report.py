@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity
 from whiptool.identification.summary import (
@@ -22,8 +21,9 @@ from whiptool.identification.summary import (
     similarity_of,
     tip_paths,
 )
-from whiptool.plots import COLORS, STYLE
-from whiptool.report import Picture, Section, Table, Text
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.viz.plots import COLORS, STYLE
+from whiptool.viz.report import Picture, Section, Table, Text
 
 _MEANING = {
     "pinned": "known to 10 % or better",
@@ -43,7 +43,7 @@ def sections(
     nodes: Sequence[tuple[int, float, float]] = (),
     chosen: int = 0,
 ) -> list[Section]:
-    """The report's sections, for `whiptool.report.to_html`.
+    """The report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
         fit: What was found.

@@ -131,8 +131,19 @@ class Fit:
     wall_time: float
 
     def __getitem__(self, name: str) -> Parameter:
-        """The parameter of that name."""
-        return next(p for p in self.parameters if p.name == name)
+        """Return the parameter of that name; `k` will do for `whip.k`.
+
+        Raises:
+            KeyError: It was not free.
+        """
+        for parameter in self.parameters:
+            if name in (parameter.name, parameter.name.partition(".")[2]):
+                return parameter
+        raise KeyError(f"{name}; free were {', '.join(p.name for p in self.parameters)}")
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{p.name} = {p.value:.4g}" for p in self.parameters)
+        return f"Fit({found}; {self.status.value}, {len(self.recordings)} recordings)"
 
     @property
     def failed(self) -> tuple[Run, ...]:

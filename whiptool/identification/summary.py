@@ -13,11 +13,11 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.identification.classes import Parameter
 from whiptool.identification.predict import Recording
-from whiptool.identification.recording import StrikeRecording
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.variables import Variable
+from whiptool.recording.strike_recording import StrikeRecording
 
 _LINK = {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"}
 _UNITS = {

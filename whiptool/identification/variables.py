@@ -41,11 +41,11 @@ class Variable:
         return self.name in _ARBITRARY_ZERO
 
     def value(self, z: float) -> float:
-        """The number."""
+        """Return the parameter's value for a value of the solver's variable."""
         return float(np.exp(z) if self.log else z * self.scale)
 
     def z(self, value: float) -> float:
-        """The solver's variable."""
+        """Return the solver's variable for a value of the parameter."""
         return float(np.log(value) if self.log else value / self.scale)
 
     def slope(self, z: float) -> float:

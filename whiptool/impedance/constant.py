@@ -17,7 +17,10 @@ Matrix = tuple[tuple[float, ...], ...]
 
 
 def _matrix(name: str, value: object) -> Matrix:
-    array = np.asarray(value, float)
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):  # rows of different lengths, words
+        raise InputError(name, value, "a square matrix of finite numbers") from None
     if array.ndim != 2 or array.shape[0] != array.shape[1] or not np.isfinite(array).all():
         raise InputError(name, value, "a square matrix of finite numbers")
     return tuple(tuple(float(x) for x in row) for row in array)

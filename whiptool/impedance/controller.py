@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -13,9 +14,9 @@ from whiptool.impedance.oiac import oiac_preset
 from whiptool.models.parameters import ArmParameters, number
 
 if TYPE_CHECKING:
-    from whiptool.models.arm import Arm
+    from whiptool.impedance.arm import Arm
     from whiptool.models.parameters import Model
-    from whiptool.strike import Strike
+    from whiptool.models.strike import Strike
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Controller:
         torque_limit: Largest torque of every joint [N m]; None: no limit.
         control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
         compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) reckons with;
-            None: those of the model that it is rolled out with. A rig's controller knows only what its owner believes.
+            None: those of the model that it is rolled out with. A rig's controller has the masses of the nominal model.
 
     Raises:
         InputError: A number is not positive, or `feedforward` is neither true nor false.
@@ -62,8 +63,9 @@ class Controller:
             raise InputError("compensated", self.compensated, f"{arm.n + 1} masses: of every link and of the whip")
         sizes = {name: len(x) for name, x in self.law.parameters().items()}
         if sizes != self.law.sizes(arm.n):
-            given = f"{self.law.kind} impedance of another number of joints (Eq. 22 is for two)"
-            raise InputError("controller", given, f"matrices of {arm.n} rows, one per arm joint", "or take oiac")
+            given = ", ".join(f"{name} of {math.isqrt(size)} rows" for name, size in sizes.items())
+            fix = f"give a controller file with them, or take oiac; the paper's {self.law.kind} law is for two joints"
+            raise InputError(f"controller {self.law.kind}", given, f"matrices of {arm.n} rows, one per arm joint", fix)
 
     def reckoning_with(self, model: Model) -> Controller:
         """The same controller, whose gravity compensation stays that of this model, whatever it is rolled out with."""

@@ -3,15 +3,51 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.parameters import Model
 
-if TYPE_CHECKING:
-    from whiptool.models.parameters import Model
-    from whiptool.models.trajectory import Trajectory
+
+class Tracked(Protocol):
+    """What the cost needs of a strike at T instants; a `Trajectory` has it. The arm's joints come first in q and v."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times of the instants [s], (T,)."""
+        ...
+
+    @property
+    def q(self) -> np.ndarray:
+        """Joint positions [rad], (T, n)."""
+        ...
+
+    @property
+    def v(self) -> np.ndarray:
+        """Joint speeds [rad/s], (T, n)."""
+        ...
+
+    @property
+    def q_d(self) -> np.ndarray:
+        """Desired positions of the arm's joints [rad], (T, a)."""
+        ...
+
+    @property
+    def v_d(self) -> np.ndarray:
+        """Desired speeds [rad/s], (T, a)."""
+        ...
+
+    @property
+    def K(self) -> np.ndarray:
+        """Stiffness [N m/rad], (T, a, a)."""
+        ...
+
+    @property
+    def B(self) -> np.ndarray:
+        """Damping [N m s/rad], (T, a, a)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -23,12 +59,12 @@ class Cost:
 
     @property
     def J(self) -> float:
-        """Eq. 5."""
+        """Total cost, the sum of both (Eq. 5)."""
         return self.J_c + self.J_p
 
 
 def impedance_cost(
-    trajectory: Trajectory,
+    trajectory: Tracked,
     model: Model,
     *,
     D: float,
@@ -48,7 +84,7 @@ def impedance_cost(
     Raises:
         InputError: A weight has the wrong shape, or the trajectory ends before D.
     """
-    from whiptool.models.arm import Arm
+    from whiptool.impedance.arm import Arm
 
     a = trajectory.q_d.shape[1]
     for name, Q in (("Q_K", Q_K), ("Q_B", Q_B)):

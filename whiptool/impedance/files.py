@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
-from whiptool.impedance.law import LAWS
+from whiptool.impedance.law import LAWS, Law
 from whiptool.models.files import read_toml
 
+_LARGEST = 1e6  # of K [N m/rad] and B [N m s/rad]: far beyond any arm
 TABLE = "controller"  # name of the table in a file
 _OPTIONS = tuple(f.name for f in dataclasses.fields(Controller) if f.name != "law")
+_KEYS = {"law", *_OPTIONS, *(f.name for law in LAWS.values() for f in dataclasses.fields(law))}  # type: ignore[arg-type]
 
 
 def controller_to_table(controller: Controller) -> dict[str, Any]:
@@ -55,18 +59,35 @@ def read_controller(path: Path) -> Controller:
     Raises:
         InputError: The file cannot be read, has no such table, or says something that is not allowed.
     """
-    table = read_toml(path).get(TABLE)
+    content = read_toml(path)
+    table = content.get(TABLE)
     if not isinstance(table, Mapping):
-        raise InputError("file", str(path), f"a TOML file with a table [{TABLE}]")
+        raise InputError("controller", str(path), f"a TOML file with a table [{TABLE}]")
+    for key in sorted(_KEYS & set(content)):
+        raise InputError(
+            f"{path}: {key}", content[key], f"{key} below the line [{TABLE}]", "above it, it has no effect"
+        )
     try:
-        return controller_from_table(table)
+        controller = controller_from_table(table)
+        _check_gains(controller.law)
     except InputError as error:
         raise error.within(f"{path}: ") from None
+    return controller
 
 
 def write_controller(controller: Controller, path: Path) -> None:
     """Write a controller as a TOML file that `read_controller` reads back the same."""
     Path(path).write_text(tomli_w.dumps({TABLE: controller_to_table(controller)}), encoding="utf-8")
+
+
+def _check_gains(law: Law) -> None:
+    """Refuse gains that no arm has, and stiffness or damping that pushes a joint away from its path."""
+    for name, numbers in law.parameters().items():
+        diagonal = numbers[:: math.isqrt(len(numbers)) + 1] if len(numbers) > 1 else numbers
+        if (np.abs(numbers) > _LARGEST).any():
+            raise InputError(f"controller.{name}", numbers.tolist(), f"numbers up to {_LARGEST:g}")
+        if (diagonal < 0).any():
+            raise InputError(f"controller.{name}", numbers.tolist(), "numbers >= 0 on the diagonal")
 
 
 def _plain(value: Any) -> Any:

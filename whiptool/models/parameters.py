@@ -201,7 +201,7 @@ class ArmParameters:
 
     @property
     def n(self) -> int:
-        """Number of joints."""
+        """Number of joints of the arm."""
         return len(self.links)
 
     @property

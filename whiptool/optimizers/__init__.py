@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.strike import Strike
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers.cmaes_search import cmaes_search
 from whiptool.optimizers.genetic_search import genetic_search
@@ -17,7 +18,6 @@ from whiptool.optimizers.learner_search import learner_search
 from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 from whiptool.optimizers.random_search import random_search
 from whiptool.optimizers.result import MESSAGES, Result, Status
-from whiptool.strike import Strike
 
 __all__ = ["METHODS", "Result", "Status", "find_method", "search"]
 
@@ -67,7 +67,7 @@ def run_search(objective: Objective, run: Method, name: str, *, seed: int, first
     start = time.monotonic()
     try:
         if first is not None:
-            objective(first)
+            objective.trial(first)
         run(objective, seed=seed)
         status, detail = Status.CONVERGED, ""
     except SearchStopped as stop:

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from whiptool.models.compiled import CompiledRollout
-from whiptool.objective import T_STAY, Objective
+from whiptool.models.strike import T_STAY, StrikeBounds
+from whiptool.objective import Objective
 from whiptool.optimizers.result import Result
-from whiptool.strike import StrikeBounds
+from whiptool.rollout.compiled import CompiledRollout
 from whiptool.whole_files import write_npz
 
 RATE = 250.0  # [1/s] of the stored paths: the straight line between samples is then within about a millimetre
@@ -112,6 +112,6 @@ def library_search(objective: Objective, library: StrikeLibrary) -> Result:
 
     def strikes(objective: Objective, *, seed: int) -> None:
         for strike in library.nearest(objective.target.position, len(library.strikes))[0]:
-            objective(strike)
+            objective.trial(strike)
 
     return run_search(objective, strikes, "library", seed=0)

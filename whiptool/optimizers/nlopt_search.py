@@ -34,7 +34,7 @@ def nlopt_search(objective: Objective, *, seed: int, algorithm: str) -> None:
 
     def miss_distance(x: np.ndarray, gradient: np.ndarray) -> float:
         try:
-            return objective(x).miss_distance
+            return objective.trial(x).miss_distance
         except BaseException as error:
             ended.append(error)
             raise nlopt.ForcedStop from None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from whiptool.models.strike import Strike
 from whiptool.objective import Outcome, Trial
-from whiptool.strike import Strike
 
 
 class Status(Enum):
@@ -52,6 +52,10 @@ class Result:
     n_diverged: int
     wall_time: float
 
+    def __repr__(self) -> str:
+        best = "no trial" if self.outcome is None else f"best miss {self.outcome.miss_distance:.4f} m"
+        return f"Result({self.method}: {self.status.value}, {self.n_trials} trials, {best})"
+
     @property
     def first_hit(self) -> int | None:
         """Number of the first trial that hit, from 1; a batch may hold trials after it."""
@@ -59,5 +63,5 @@ class Result:
 
     @property
     def n_trials(self) -> int:
-        """Number of trials."""
+        """Number of trials of the search."""
         return len(self.trace)

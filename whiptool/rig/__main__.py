@@ -1,8 +1,7 @@
-"""`python -m whiptool.rig`."""
+"""The door of `python -m whiptool.rig`: see `whiptool.commands.rig`, a layer above this one."""
 
 import sys
-
-from whiptool.rig.command import main
+from importlib import import_module
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(import_module("whiptool.commands.rig").main())

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.impedance.oiac import OIAC
-from whiptool.models.arm import Arm
 from whiptool.models.parameters import Model, number
-from whiptool.strike import Strike
+from whiptool.models.strike import Strike
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class CappedLoop(ControlLoop):
         self.caps = caps
 
     def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """As `ControlLoop.torque`."""
+        """Return the capped torque; see `ControlLoop.torque`."""
         if self.caps is None:
             return super().torque(t, q, v)
         q_d, v_d, a_d = self.strike.reference(t)

@@ -25,11 +25,11 @@ class WallClock:
         self.spin = spin
 
     def now(self) -> float:
-        """As `Clock`."""
+        """Return the time of this clock [s]; see `Clock`."""
         return time.monotonic()
 
     def sleep_until(self, t: float) -> None:
-        """As `Clock`."""
+        """Sleep until a time of this clock [s]; see `Clock`."""
         left = t - time.monotonic()
         if left > self.spin:
             time.sleep(left - self.spin)
@@ -44,9 +44,9 @@ class StepClock:
         self._t = 0.0
 
     def now(self) -> float:
-        """As `Clock`."""
+        """Return the time of this clock [s]; see `Clock`."""
         return self._t
 
     def sleep_until(self, t: float) -> None:
-        """As `Clock`."""
+        """Sleep until a time of this clock [s]; see `Clock`."""
         self._t = max(self._t, t)

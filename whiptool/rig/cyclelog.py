@@ -90,7 +90,7 @@ class CycleLog:
         return _parse(bytes(self._memory), "log")
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of the log."""
         if self._file is not None:
             self._file.close()
             self._file = None

@@ -6,7 +6,7 @@ import dataclasses
 import threading
 import time
 
-from whiptool.rig.camera.source import Frame, FrameSource
+from whiptool.vision.source import Frame, FrameSource
 
 
 class Filming:

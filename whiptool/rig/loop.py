@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.impedance.arm import Arm
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
-from whiptool.models.arm import Arm
 from whiptool.models.parameters import Model, number
+from whiptool.models.strike import T_STAY, Strike
 from whiptool.rig.caps import CappedLoop, Caps
 from whiptool.rig.clock import Clock, StepClock, WallClock
 from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
@@ -22,7 +23,6 @@ from whiptool.rig.dynamixel.bus import NoReply, Refused, Unplugged
 from whiptool.rig.dynamixel.joints import Joints, JointSample
 from whiptool.rig.guards import Guards, SafetyError, Watch
 from whiptool.rig.safety import Safety, State, StopSignals
-from whiptool.strike import Strike
 
 LONGEST_DELAY = 0.1  # [s]
 SLOWEST, FASTEST = 0.01, 2.0  # [rad/s] of an approach: it ends some time, and is no strike itself
@@ -38,7 +38,7 @@ class LoopOptions:
         approach_speed: Largest speed of the reference on the way to the start posture and back [rad/s], 0.01 to 2.
         settle: Wait at the start posture [s]. The whip's hinge has no damping, so that no waiting ends a swing: what
             keeps the whip still is an approach that lasts several of its periods (1.6 s for `lemon2024`; see
-            `whiptool.models.modes`).
+            `whiptool.dynamics.modes`).
         go_back: Return to where the arm was armed, before torque goes off.
         caps: Largest stiffness and damping of the strike's controller; `default_caps` gives some.
         rehearse: Play every strike through in simulation before the arm is armed, and refuse what is beyond the motors
@@ -50,7 +50,7 @@ class LoopOptions:
     """
 
     rate: float = 500.0
-    t_stay: float = 0.3
+    t_stay: float = T_STAY
     approach_speed: float = 0.2
     settle: float = 2.0
     go_back: bool = True
@@ -164,7 +164,7 @@ class RigLoop:
             about: Kept with the record.
             on_cycle: Called at the start of every cycle with its number and phase, for a camera's trigger; it must be
                 quick.
-            believed: Whip and arm for the rehearsal; default: the model.
+            believed: The posterior mean of whip and arm, which the rehearsal uses; default: the model.
 
         Raises:
             InputError: The strike is of another arm, or the rehearsal refuses it.

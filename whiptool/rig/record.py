@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.recording import StrikeRecording
 from whiptool.models.parameters import Model
-from whiptool.models.trajectory import joint_points
+from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Cycles, Phase
-from whiptool.strike import Strike
+from whiptool.rollout.trajectory import joint_points
 
 ENCODER = 2 * np.pi / 4096 / np.sqrt(12)  # [rad], standard error of an angle read to one count
 
@@ -25,7 +25,7 @@ def build_recording(
     track: StrikeRecording | None = None,
     controller: dict | None = None,
     target: Sequence[float] | None = None,
-    t_stay: float = 0.3,
+    t_stay: float = T_STAY,
     source: str = "rig",
 ) -> StrikeRecording:
     """The recording of a strike: joints from the servos, markers from a camera.

@@ -6,18 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.dynamics.stepping import FASTEST
+from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
-from whiptool.models.arm import Arm
+from whiptool.models.motor_limits import XM430, MotorLimits
 from whiptool.models.parameters import Model, number
-from whiptool.models.stepping import FASTEST
-from whiptool.models.trajectory import Trajectory, complete_trajectory
+from whiptool.models.strike import T_STAY, Strike
 from whiptool.rig.caps import CappedLoop, Caps
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE
 from whiptool.rig.emulator.motor import Motor
 from whiptool.rig.emulator.options import TwinOptions
-from whiptool.rig.limits import XM430, MotorLimits
 from whiptool.rig.safety import Guards
-from whiptool.strike import Strike
+from whiptool.rollout.trajectory import Trajectory, complete_trajectory
 
 # A torque that alternates every period has 4, a smooth one nearly 0; quantised velocities alone make up to about 0.3
 CHATTER = 0.6
@@ -47,7 +47,7 @@ def rehearse(
     *,
     rate: float = 500.0,
     delay: float = 0.0,
-    t_stay: float = 0.3,
+    t_stay: float = T_STAY,
     caps: Caps | None = None,
     limits: MotorLimits = XM430,
     guards: Guards | None = None,
@@ -72,8 +72,8 @@ def rehearse(
         guards: Of the run; its speed and tracking error must not be reached.
         motor: The twin's; default: one without friction.
         margin: Part of the motors' line that is kept free.
-        believed: Whip and arm that it is played on, as far as they are known; default: the model, which the loop's
-            own gravity compensation has in any case.
+        believed: The posterior mean of whip and arm, which the strike is played on; default: the model. The loop's
+            gravity compensation is that of the model in any case.
 
     Raises:
         InputError: A value is out of range, or the strike is of another arm.

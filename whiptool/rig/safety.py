@@ -23,7 +23,7 @@ from whiptool.rig.guards import Guards, SafetyError, Watch
 
 
 class State(IntEnum):
-    """Of the arm."""
+    """State that the arm's safety is in."""
 
     DISARMED = 0  # torque off
     ARMED = 1  # torque on, no current yet

@@ -11,19 +11,20 @@ from typing import Any, Protocol
 import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.identification.judgement import Judgement, frames_of, judge_frames
-from whiptool.identification.recording import StrikeRecording
+from whiptool.identification.judgement import Judgement, frames_of, judge_frames, unseen_around
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
-from whiptool.models.trajectory import Approach, Trajectory, complete_trajectory
+from whiptool.models.strike import T_STAY, Strike
 from whiptool.objective import Target
-from whiptool.rig.camera.model import CameraSettings, camera_preset, expose, measurement_sigma
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
 from whiptool.rig.loop import LoopOptions, RigLoop, Run, StepClock, WallClock
 from whiptool.rig.record import build_recording
-from whiptool.strike import Strike
+from whiptool.rollout.interface import Points, Rollout, Strikes, joined, strike_vectors, target_points
+from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
+from whiptool.vision.camera_model import CameraSettings, camera_preset, expose, measurement_sigma
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"
 
@@ -89,6 +90,14 @@ class Struck:
         frames = frames_of(self.recording, target)
         return None if frames is None else judge_frames(frames, target)
 
+    def unseen(self, target: Target) -> tuple[float, float] | None:
+        """From when to when the tip was not seen around its closest approach [s]; None: it was."""
+        judged = self.judged(target)
+        if self.recording is None or judged is None or judged.nearest is None:
+            return None
+        frames = frames_of(self.recording, target)
+        return None if frames is None else unseen_around(frames, judged.nearest.time)
+
 
 def nothing_seen(a: int) -> Approach:
     """The approach of a strike of an arm of a joints that was refused, or ended in a fault, or was not filmed."""
@@ -97,7 +106,7 @@ def nothing_seen(a: int) -> Approach:
 
 
 class Rig(Protocol):
-    """What can strike."""
+    """Protocol of what can strike: hardware or a twin."""
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """Strike once; the records go to a folder as they are made.
@@ -105,7 +114,7 @@ class Rig(Protocol):
         Args:
             strike: What to do.
             folder: For the records; None: they are not kept.
-            believed: Whip and arm as they are known by now, for the rehearsal; default: the rig's model.
+            believed: The posterior mean of whip and arm, which the rehearsal uses; default: the rig's model.
 
         Raises:
             InputError: The strike is refused; the message says why.
@@ -135,7 +144,7 @@ class TwinRig:
     """The emulator behind the real protocol, in lock-step, and a virtual camera.
 
     Args:
-        model: What the rig's owner believes.
+        model: The nominal model of whip and arm.
         controller: Of the strike.
         truth: What is really there; default: the model, ideal motors.
         camera: `d435-color`, `d435-infrared`: rendered and tracked; `points`: the tip's position with the error that
@@ -168,7 +177,7 @@ class TwinRig:
         self.settings: CameraSettings = camera_preset("d435-infrared" if points else camera)
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
-        """As `Rig.strike`."""
+        """Strike once, and return what it left; see `Rig.strike`."""
         from whiptool.impedance.files import controller_to_table
 
         truth, period = self.truth, 1.0 / self.options.rate
@@ -238,8 +247,8 @@ class TwinRig:
                 exposure=float(np.mean(seen.duration)),
                 camera="points",
             )
-        from whiptool.rig.camera.render import VirtualCamera
-        from whiptool.rig.tracking import track
+        from whiptool.vision.render import VirtualCamera
+        from whiptool.vision.tracking import track
 
         target = None if self.target is None else np.array(self.target)
         camera = VirtualCamera(self.settings, self.truth.model, path, self._rng, target)
@@ -256,7 +265,7 @@ class HardwareRig:
     Args:
         model, controller, target, options: As for the twin.
         port: Serial device.
-        camera: A `whiptool.rig.camera.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
+        camera: A `whiptool.vision.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
         ids: Of the servos, shoulder first.
         baud: Bits per second.
         confirm: Asked before every strike; False ends it.
@@ -281,7 +290,7 @@ class HardwareRig:
         self.ids = ids or tuple(range(1, model.arm.n + 1))
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
-        """As `Rig.strike`."""
+        """Strike once, and return what it left; see `Rig.strike`."""
         from whiptool.impedance.files import controller_to_table
         from whiptool.rig.filming import Filming
 
@@ -306,7 +315,7 @@ class HardwareRig:
             return Struck(run, None)
         seen = None
         if frames:
-            from whiptool.rig.tracking import track
+            from whiptool.vision.tracking import track
 
             found = track(frames).to_recording()
             zero = float(during.stamp[0])
@@ -325,12 +334,12 @@ class HardwareRig:
         return Struck(run, recording)
 
 
-class RigRollout:
+class RigRollout(Rollout):
     """A rig in a simulator's place: what any search or learner can have as its objective, strike by strike.
 
     Args:
         make: The rig, hardware or twin, for a strike's number.
-        model: What its owner believes; for bounds and reach.
+        model: The nominal model; bounds and reach are taken from it.
         folder: Strike 7 leaves `strike-0007` here; None: nothing is left.
         done: Strikes that a run made before it was killed.
 
@@ -345,10 +354,11 @@ class RigRollout:
         self.timestep = 1e-3
         self.struck: list[Struck | None] = []
 
-    def approach(self, strikes: np.ndarray, target: np.ndarray, *, t_stay: float) -> Approach:
-        """One strike after the other; see `whiptool.models.CompiledRollout.approach`."""
+    def approach(self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY) -> Approach:
+        """One strike after the other; see `whiptool.rollout.CompiledRollout.approach`."""
         found = []
-        for vector in np.atleast_2d(strikes):
+        vectors = strike_vectors(strikes, self.model.arm.n)
+        for vector, point in zip(vectors, target_points(target, len(vectors)), strict=True):
             number, folder = self._done + len(self.struck) + 1, None
             if self.folder is not None:
                 folder = self.folder / f"strike-{number:04d}"
@@ -358,24 +368,29 @@ class RigRollout:
             except InputError:  # refused before it began
                 struck = None
             self.struck.append(struck)
-            found.append(self._approach(struck, np.asarray(target, float)))
-        return Approach(*(np.concatenate([getattr(x, f.name) for x in found]) for f in dataclasses.fields(Approach)))
+            found.append(self._approach(struck, point))
+        return joined(found)
 
     def _approach(self, struck: Struck | None, target: np.ndarray) -> Approach:
         """The closest approach of one strike, with the camera's standard error."""
         judged = None if struck is None else struck.judged(Target(tuple(target)))
         if struck is None or judged is None:
             return dataclasses.replace(nothing_seen(self.model.arm.n), error=np.array([np.nan]))
-        near = struck.approach(target)
-        return dataclasses.replace(near, distance=np.array([judged.miss]), error=np.array([judged.error]))
+        near, nearest = struck.approach(target), judged.nearest
+        known = {"distance": np.array([judged.miss]), "error": np.array([judged.error])}
+        if nearest is not None:
+            known |= {"time": np.array([nearest.time]), "tip": np.array([nearest.place])}
+            known |= {"velocity": np.array([nearest.velocity])}
+        return dataclasses.replace(near, **known)
 
-    def trajectory(self, strike: Strike, *, t_stay: float) -> Trajectory:
+    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """Of a twin: what was really there.
 
         Raises:
             WhiptoolError: Hardware does not tell.
         """
-        struck = self.make(self._done + len(self.struck) + 1).strike(strike)
+        (vector,) = strike_vectors(strike, self.model.arm.n)
+        struck = self.make(self._done + len(self.struck) + 1).strike(Strike.from_vector(vector))
         if struck.truth is None:
             raise WhiptoolError("a rig's whip is only seen by its camera: there is no trajectory of all joints")
         return struck.truth

@@ -12,14 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 
+from whiptool.models.motor_limits import XM430, MotorLimits
 from whiptool.models.parameters import Model
-from whiptool.models.trajectory import joint_points
 from whiptool.objective import Target
-from whiptool.plots import COLORS, STYLE, legend_above, save_figure
-from whiptool.report import Picture, Section, Table, Text
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
-from whiptool.rig.limits import XM430, MotorLimits
 from whiptool.rig.session import Struck
+from whiptool.rollout.trajectory import joint_points
+from whiptool.viz.plots import COLORS, STYLE, legend_above, save_figure
+from whiptool.viz.report import Picture, Section, Table, Text
 
 _PHASES = {
     Phase.APPROACH: COLORS["sky"],
@@ -43,7 +43,7 @@ _MARKS = {
 def sections(
     struck: Struck, model: Model, target: Target, pictures: dict[str, Figure], *, limits: MotorLimits = XM430
 ) -> list[Section]:
-    """Return the report's sections, for `whiptool.report.to_html`.
+    """Return the report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
         struck: What the strike left; after a fault, the parts that there are.
@@ -116,18 +116,19 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
     ax.plot([], [], "o", color="#F8E1B0", markeredgecolor=COLORS["orange"], markersize=9, label=_radius(target))
     if struck.truth is not None:
         ax.plot(*struck.truth.tip.T, color="0.45", linewidth=1.2, label="tip in truth (twin)")
-    near = struck.approach(where)
+    judged = struck.judged(target)
+    nearest = None if judged is None else judged.nearest
     instants, names = [0.0], ["at the start"]
-    if not near.diverged[0]:
-        instants, names = [0.0, float(near.time[0])], ["at the start", f"at {near.time[0]:.3f} s"]
+    if nearest is not None:
+        instants, names = [0.0, nearest.time], ["at the start", f"at {nearest.time:.3f} s"]
     if "tip" in recording.markers:
         t, points = struck.tip_seen()
         ax.plot(*points.T, "o", **_SEEN, label=f"tip in {len(t)} frames")
     for instant, name, shade in zip(instants, names, ("0.6", COLORS["black"]), strict=False):
         arm = _arm_points(struck, model, instant)
         ax.plot(*arm.T, "o-", color=shade, linewidth=3, markerfacecolor="white", label=f"arm {name}")
-    if not near.diverged[0]:
-        ax.plot(*near.tip[0], "o", color=COLORS["vermilion"], markersize=7, zorder=5, label="closest approach")
+    if nearest is not None:
+        ax.plot(*nearest.place, "o", color=COLORS["vermilion"], markersize=7, zorder=5, label="closest approach")
     ax.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, up [m]", title="path of the tip")
     ax.margins(0.06)
     legend_above(ax, ncols=3)
@@ -147,11 +148,13 @@ def plot_distance_seen(ax: Axes, struck: Struck, target: Target) -> Axes:
     if "tip" in recording.markers:
         t, points = struck.tip_seen()
         ax.plot(t, np.hypot(*(points - where).T), "o", **_SEEN, label="as seen")
-    judged, near = struck.judged(target), struck.approach(where)
-    if judged is not None and not near.diverged[0]:
+    judged, unseen = struck.judged(target), struck.unseen(target)
+    if unseen is not None:
+        ax.axvspan(*unseen, color="0.9", zorder=0, label="not seen")
+    if judged is not None and judged.nearest is not None:
         ax.errorbar(
-            near.time, [judged.miss], yerr=[judged.error], fmt="o", color=COLORS["vermilion"], markersize=6, capsize=4,
-            zorder=5, label="judged, with standard error",
+            [judged.nearest.time], [judged.miss], yerr=[judged.error], fmt="o", color=COLORS["vermilion"], markersize=6,
+            capsize=4, zorder=5, label="judged, with standard error",
         )  # fmt: skip
         title = f"judged miss {judged}; a hit is {judged.probability:.0%} probable"
     ax.set(xlabel="time since the strike began [s]", ylabel="distance tip to target [m]", title=title)
@@ -233,15 +236,17 @@ def _result(struck: Struck, target: Target) -> Table | Text:
         off = "is off" if run.torque_off else "is NOT confirmed off"
         return Text(f"The strike ended in a fault: {run.fault}. The servos' torque {off}.")
     rows = [["", ""], ["target", ", ".join(f"{x:.3f}" for x in target.position) + f" m, {_radius(target)}"]]
-    judged, near = struck.judged(target), struck.approach(np.array(target.position))
-    if judged is None:
+    judged, unseen = struck.judged(target), struck.unseen(target)
+    if judged is None or judged.nearest is None:
         rows.append(["the tip", "was not seen"])
     else:
         rows += [
             ["judged", f"{judged.verdict}; a hit is {judged.probability:.0%} probable"],
             ["miss distance", str(judged)],
-            ["closest approach", f"at {near.time[0]:.3f} s, {near.speed[0]:.1f} m/s"],
+            ["closest approach", f"at {judged.nearest.time:.3f} s, {judged.nearest.speed:.1f} m/s"],
         ]
+    if unseen is not None:
+        rows.append(["the tip was not seen", f"from {unseen[0]:.3f} to {unseen[1]:.3f} s, around the closest approach"])
     if struck.truth is not None:
         true = struck.truth.approach(np.array(target.position))
         rows.append(["in truth (the twin knows)", f"{100 * true.distance[0]:.2f} cm at {true.time[0]:.3f} s"])

@@ -21,12 +21,13 @@ from gymnasium.vector.utils import batch_space
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller, oiac_preset
-from whiptool.models import CompiledRollout, Model, find_model
+from whiptool.models import Model, find_model
 from whiptool.models.parameters import whole
-from whiptool.models.trajectory import joint_points
-from whiptool.objective import HIT_RADIUS, T_STAY
+from whiptool.models.strike import T_STAY, StrikeBounds
+from whiptool.objective import HIT_RADIUS, Target
 from whiptool.rl.task import Step, StrikeTask
-from whiptool.strike import StrikeBounds
+from whiptool.rollout import CompiledRollout
+from whiptool.rollout.trajectory import joint_points
 from whiptool.zone import Zone, sample
 
 ID = "whiptool/WhipTarget-v0"
@@ -149,7 +150,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
         from matplotlib.figure import Figure
         from matplotlib.patches import Circle
 
-        from whiptool.plots import plot_strike
+        from whiptool.viz.plots import plot_strike
 
         task, target = self.task, self.task.targets[0]
         figure = Figure(figsize=(6.4, 4.8), dpi=100, layout="constrained")
@@ -161,7 +162,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
             ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
         else:
             path = next(task.rollout.trajectories(self._strike, t_stay=task.t_stay))
-            plot_strike(ax, path, task.rollout.model, target, task.hit_radius)
+            plot_strike(path, task.rollout.model, Target(tuple(target), task.hit_radius), ax=ax)
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 

@@ -112,5 +112,5 @@ class OffPolicyLearner(Learner):
             return batch.reward + self.discount * (1 - batch.terminated) * value
 
     def normal(self, *shape: int) -> Tensor:
-        """Standard normal noise."""
+        """Return standard normal noise of a shape."""
         return torch.randn(shape, generator=self.generator)

@@ -57,7 +57,7 @@ class Critic(nn.Module):
 
 
 class DeterministicActor(nn.Module):
-    """a = tanh(f(s))."""
+    """Actor without noise: a = tanh(f(s))."""
 
     def __init__(self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator) -> None:
         super().__init__()

@@ -94,7 +94,7 @@ class Penalty:
             self.beta = max(self.beta / 2, 1e-6)
 
     def state_dict(self) -> dict:
-        """For a checkpoint."""
+        """Return what a checkpoint keeps of it."""
         return {"beta": self.beta}
 
     def load_state_dict(self, state: dict) -> None:

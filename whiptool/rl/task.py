@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.compiled import CompiledRollout
 from whiptool.models.parameters import number, whole
-from whiptool.models.trajectory import Approach, joint_points
-from whiptool.objective import HIT_RADIUS, T_STAY
-from whiptool.strike import StrikeBounds, default_bounds
+from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
+from whiptool.objective import HIT_RADIUS
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.trajectory import Approach, joint_points
 from whiptool.zone import Disc, Zone
 
 OBSERVATIONS = ("paper", "relative", "goal")

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.motor_limits import XM430
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.dynamixel.control_table import VOLTAGE_UNIT, XM430_W350, Units
-from whiptool.rig.limits import XM430
 
 
 @dataclass(frozen=True)

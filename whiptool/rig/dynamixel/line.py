@@ -148,7 +148,7 @@ class Line:
         self.failures[kind] = self.failures.get(kind, 0) + 1
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the serial port, if it is open."""
         with suppress(Exception):  # it may be gone; closed it is
             self._port.closePort()
 

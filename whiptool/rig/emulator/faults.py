@@ -102,6 +102,6 @@ class Faults:
 
 
 def mangle(data: bytes, rng: np.random.Generator) -> bytes:
-    """One bit flipped."""
+    """Return the bytes with one random bit flipped."""
     at = int(rng.integers(len(data) * 8))
     return data[: at // 8] + bytes([data[at // 8] ^ 1 << at % 8]) + data[at // 8 + 1 :]

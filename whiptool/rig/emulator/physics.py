@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
-from whiptool.models.mujoco_import import mujoco
 from whiptool.models.parameters import Model
-from whiptool.models.posture import start_posture
-from whiptool.models.reference import ReferenceRollout
 from whiptool.rig.emulator.servo import Servo
+from whiptool.rollout.mujoco_import import mujoco
+from whiptool.rollout.reference import ReferenceRollout
 from whiptool.whole_files import write_npz
 
 STILL = (1e-4, 1e-3)  # speed [rad/s] and acceleration [rad/s2] of every joint; an encoder counts 1.5e-3 rad
@@ -92,7 +92,7 @@ class Physics:
 
     @property
     def t(self) -> float:
-        """Simulated time [s]."""
+        """Time of the simulation [s]."""
         return self.steps * self.timestep
 
     @property
@@ -193,7 +193,7 @@ class Physics:
 
     def trajectory(self) -> dict[str, np.ndarray]:
         """What happened so far: t (T,) [s], q, v (T, n), current [A] and torque [N m] of the arm (T, a), tip (T, 2)."""
-        from whiptool.models.trajectory import joint_points
+        from whiptool.rollout.trajectory import joint_points
 
         t, q, v, current, torque = (np.array(x) for x in zip(*self._rows, strict=True))
         tip = joint_points(self.model, q)[:, -1]

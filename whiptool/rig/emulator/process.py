@@ -89,7 +89,7 @@ class Emulator:
         self._client = client
 
     def given(self) -> int:
-        """As `whiptool.rig.dynamixel.port.Peer`."""
+        """Number of bytes that were written; see `whiptool.rig.dynamixel.port.Peer`."""
         try:
             return self._ask("given")
         except EOFError as error:
@@ -101,7 +101,7 @@ class Emulator:
             return self._control.recv()
 
     def inject(self, *faults: Fault) -> None:
-        """Have faults happen."""
+        """Have the emulator commit these faults."""
         for fault in faults:
             self._ask("add", fault)
 
@@ -128,7 +128,7 @@ class Emulator:
             self._client.sent = self._client.received = 0
 
     def close(self) -> None:
-        """End the process."""
+        """End the emulator's process, and wait for it."""
         with suppress(EOFError, OSError):  # it may have ended by itself
             self._ask("quit")
         self._control.close()

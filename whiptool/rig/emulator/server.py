@@ -84,7 +84,7 @@ class Server:
 
     @property
     def t(self) -> float:
-        """Simulated time [s]."""
+        """Time of the simulation [s]."""
         return self.physics.t
 
     def advance(self, dt: float) -> None:

@@ -1,0 +1,91 @@
+"""Rollouts are interchangeable: what they take, what they return, what those without derivatives say."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.models import Strike, preset
+from whiptool.models.strike import T_STAY
+from whiptool.objective import Target
+from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.interface import joined, strike_vectors, target_points
+from whiptool.rollout.trajectory import Approach
+
+MODEL, CONTROLLER = preset("lemon2024"), Controller(ConstantImpedance())
+TARGET = Target((1.1, 0.2))
+STRIKES = (Strike((-1.3, 0.5), (1.6, 1.2), 0.5), Strike((-1.0, 0.3), (1.1, 0.4), 0.6))
+VECTORS = np.array([s.vector for s in STRIKES])
+
+
+def columns(near: Approach) -> np.ndarray:
+    found = [np.asarray(getattr(near, f.name)) for f in dataclasses.fields(near) if f.name != "error"]
+    return np.concatenate([x.reshape(len(near.distance), -1) for x in found], axis=1)
+
+
+@pytest.fixture(scope="module")
+def compiled() -> CompiledRollout:
+    return CompiledRollout(MODEL, CONTROLLER, timestep=1e-3)
+
+
+@pytest.mark.parametrize("strikes", [STRIKES, list(STRIKES), VECTORS, VECTORS.tolist()])
+@pytest.mark.parametrize("target", [TARGET, (1.1, 0.2), np.array([1.1, 0.2]), np.array([[1.1, 0.2]] * 2)])
+def test_strikes_and_targets_are_objects_or_arrays(compiled, strikes, target):
+    np.testing.assert_array_equal(
+        columns(compiled.approach(strikes, target)),
+        columns(compiled.approach(VECTORS, np.array([1.1, 0.2]), t_stay=T_STAY)),
+    )
+
+
+def test_one_strike_is_a_batch_of_one(compiled):
+    for one in (STRIKES[1], VECTORS[1], VECTORS[1:]):
+        near = compiled.approach(one, TARGET)
+        assert near.distance.shape == (1,)
+        assert near.distance[0] == compiled.approach(VECTORS, TARGET).distance[1]
+    np.testing.assert_array_equal(compiled.trajectory(VECTORS[0]).q, compiled.trajectory(STRIKES[0]).q)
+    np.testing.assert_array_equal(compiled.gradient(STRIKES[0], TARGET)[1], compiled.gradient(VECTORS[:1], TARGET)[1])
+    np.testing.assert_array_equal(
+        compiled.tip_path(STRIKES[0], rate=60)[1], compiled.tip_path(VECTORS[:1], rate=60, t_stay=T_STAY)[1]
+    )
+
+
+def test_the_reference_has_approaches_too(compiled):
+    """Those of its trajectories, each to its own target; they agree with the compiled ones."""
+    reference = ReferenceRollout(MODEL, CONTROLLER, timestep=5e-5)
+    targets = np.array([[1.1, 0.2], [0.4, -0.9]])
+    near = reference.approach(STRIKES, targets)
+    for i, (strike, target) in enumerate(zip(STRIKES, targets, strict=True)):
+        path = reference.trajectory(strike, t_stay=T_STAY)
+        assert path.t[-1] == pytest.approx(strike.D + T_STAY)
+        np.testing.assert_array_equal(columns(near)[i], columns(path.approach(target))[0])
+    np.testing.assert_allclose(near.distance, compiled.approach(STRIKES, targets).distance, atol=5e-3)
+    with pytest.raises(InputError, match="one with derivatives"):
+        reference.gradient(STRIKES, TARGET)
+
+
+def test_what_has_another_shape_is_refused(compiled):
+    with pytest.raises(InputError, match=r"strikes.*\(B, 5\), for an arm of 2 joints"):
+        strike_vectors(np.zeros((3, 7)), 2)
+    with pytest.raises(InputError, match="D > 0"):
+        strike_vectors(np.zeros((1, 5)), 2)
+    for target in ((1.0, 2.0, 3.0), np.zeros((3, 2)), 1.0):
+        with pytest.raises(InputError, match="target"):
+            target_points(np.asarray(target), 2)
+    assert target_points(TARGET, 3).tolist() == [[1.1, 0.2]] * 3
+
+
+def test_approaches_are_joined_in_order():
+    def one(x: float, error: float | None) -> Approach:
+        two = np.full((1, 2), x)
+        return Approach(two[:, 0], two[:, 0], two, two, two, two, np.array([x > 1]), error and np.array([error]))
+
+    both = joined([one(1.0, None), one(2.0, None)])
+    assert both.distance.tolist() == [1, 2]
+    assert both.tip.tolist() == [[1, 1], [2, 2]]
+    assert both.diverged.tolist() == [False, True]
+    assert both.error is None
+    assert joined([one(1.0, 0.1), one(2.0, 0.2)]).error.tolist() == [0.1, 0.2]

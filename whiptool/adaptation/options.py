@@ -1,0 +1,243 @@
+"""Options of an adaptation, and the adaptation that they describe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from whiptool.errors import InputError
+from whiptool.options import refuse_idle, whole
+from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
+
+if TYPE_CHECKING:
+    from whiptool.adaptation.loop import Adaptation
+
+CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
+SLOW = 0.9  # [s], shortest movement within a motor's limits
+UNFELT = 0.01  # part of a motor's line that is left for the drag and dry friction that a check leaves out
+FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
+LONGEST, THICKEST = 10.0, 0.2  # [m], of a whip
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptOptions(ArmOptions):
+    """Strike, film, identify again and plan again, until an unknown whip hits."""
+
+    camera: str = "points"
+    """With the twin: points (the tip with the error of tracked images), twin or d435-infrared (rendered and tracked
+    images), d435-color (the same in colour), tip (60 frames a second, 5 mm noise, no servos); with a real arm:
+    realsense or a RealSense recording (.db3)."""
+    family: str = "strange"
+    """Of the twin's whip: kin (uniform), strange (tapered, a bead, a soft joint and more), stranger (twice that)."""
+    material: str | None = None
+    """What the whip is made of: cotton, leather, nylon, silicone, steel-chain. The prior mean is then that of
+    the material, else that of --model; the prior covariance is that of materials."""
+    diameter: float | None = None
+    """Of a whip of --material, measured; of a chain that of its wire [m]."""
+    length: float | None = None
+    """Of a whip of --material, measured [m]."""
+    max_strikes: int = 6
+    """Largest number of strikes; the look before the first strike does not count."""
+    whip: str = "profile"
+    """What is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
+    prior: str | None = None
+    """TOML file of lines such as "profile.length" = {value = 0.9, error = 0.05}, laid over the wide default: what it
+    does not name stays as it is."""
+    known: tuple[str, ...] = ()
+    """Recordings (.npz) of earlier strikes with the same whip."""
+    limits: str | None = None
+    """Plan within a motor's limits: xm430, the default but for --camera tip, which has no motors."""
+    still: bool = True
+    """Film the whip as it hangs, before the first strike: how long it is. Not needed with --wiggle or --known."""
+    wiggle: bool = False
+    """A short, slow movement first, chosen for what it tells about the whip."""
+    starts: int = 3
+    """Starts of every identification."""
+    least_speed: float = 0.0
+    """Least predicted speed of the tip at the closest approach [m/s]."""
+    out: Path | None = None
+    """Run folder; default: runs/adapt-DATE-TIME."""
+    seed: int = 0
+    """Of the twin's whip and of everything random."""
+    resume: Path | None = None
+    """Go on with the run in this folder: its strikes are not struck again."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.adaptation.prior import WHIPS
+        from whiptool.adaptation.twins import FAMILIES
+        from whiptool.models.motor_limits import limits_preset
+        from whiptool.models.parameters import number
+
+        super().check()
+        if self.port == "twin" and self.camera not in CAMERAS:
+            raise InputError("--camera", self.camera, ", ".join(CAMERAS) + " with --port twin")
+        if self.port != "twin" and self.camera != "realsense" and not self.camera.endswith(".db3"):
+            raise InputError("--camera", self.camera, "realsense or a .db3 recording, with a real arm")
+        self._refuse_idle()
+        if self.wiggle and not self.still:
+            raise InputError(
+                "--no-still", "beside --wiggle", "one of them", "--wiggle is a look before the first strike, too"
+            )
+        _stock(self)
+        for name, given, known in (("--family", self.family, FAMILIES), ("--whip", self.whip, WHIPS)):
+            if given not in known:
+                raise InputError(name, given, ", ".join(known))
+        if self.limits is not None:
+            limits_preset(self.limits)
+        number("--least-speed", self.least_speed, low=0, high=FASTEST_TIP)
+        whole("--max-strikes", self.max_strikes)
+        whole("--starts", self.starts, high=1000)
+
+    def _refuse_idle(self) -> None:
+        """Options that would change nothing are not taken for ones that did."""
+        idle: dict[str, str] = {}
+        if self.port == "twin":
+            idle |= dict.fromkeys(("approach_speed", "settle"), "nothing: the twin stands where its strike begins")
+            if self.camera == "tip":
+                idle |= dict.fromkeys(("rate", "friction", "latency"), "nothing with --camera tip, which has no servos")
+        else:
+            idle["family"] = "nothing, unless --port twin is given"
+        refuse_idle(self, idle)
+
+
+def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
+    """The adaptation that options describe, ready to run.
+
+    Args:
+        options: See there; `out`, `resume` and `json` are not looked at.
+        folder: Run folder; None: nothing is kept.
+
+    Raises:
+        InputError: An option breaks its rule.
+    """
+    from whiptool.adaptation.loop import Adaptation, Options
+    from whiptool.adaptation.planner import FIRST, NEXT
+    from whiptool.adaptation.prior import read_belief
+    from whiptool.models.motor_limits import limits_preset
+    from whiptool.models.strike import StrikeBounds, default_bounds
+    from whiptool.recording.strike_recording import StrikeRecording
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
+
+    tip = options.port == "twin" and options.camera == "tip"
+    stock, target = _stock(options), options.build_target()
+    model = options.build_model() if stock is None else stock.owned(options.build_model())
+    controller = _controller(options, model)
+    target.check_reach(model)
+    limits = options.limits or (None if tip else "xm430")
+    usual = default_bounds(model.arm)
+    slow = StrikeBounds((*usual.lower[:-1], SLOW), usual.upper)
+    loop = Options(
+        max_strikes=options.max_strikes,
+        starts=options.starts,
+        seed=options.seed,
+        t_stay=options.t_stay,
+        limits=None if limits is None else limits_preset(limits),
+        speed=options.least_speed,
+        bounds=usual if limits is None else slow,
+        check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
+        first=FIRST if limits is None else replace(FIRST, pool=1024),
+        later=NEXT if limits is None else replace(NEXT, pool=512),
+        still=options.still,
+        wiggle=options.wiggle,
+    )
+    known = [StrikeRecording.load(path) for path in options.known]
+    motor = None if tip else HARDWARE if options.friction else Motor()
+    prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor, stock=stock)
+    port = _port(options, model, controller, stock)
+    _refuse_other_weights(known, prior.plant.controller)
+    return Adaptation(prior, port, target, loop, folder, recordings=known)
+
+
+def _refuse_other_weights(recordings, controller) -> None:
+    """Earlier strikes are learned from as if this controller had struck them."""
+    from whiptool.identification.inputs import common_controller
+
+    for recording in recordings:
+        then = common_controller([recording])
+        if then is not None and then.compensated not in (None, controller.compensated):
+            raise InputError(
+                f"--known {recording.source}: masses that gravity compensation reckoned with [kg]",
+                then.compensated,
+                f"{controller.compensated}, those of --model",
+                "give the --model that it was struck with",
+            )
+
+
+def _stock(options: AdaptOptions):
+    """What is known of the whip's numbers; None: they are about the model's."""
+    from whiptool.adaptation.materials import stock_of_material
+    from whiptool.models.parameters import number
+
+    for name, largest in (("diameter", THICKEST), ("length", LONGEST)):
+        if (given := getattr(options, name)) is not None:
+            number(f"--{name}", given, low=0, strict=True, high=largest)
+    if options.material is not None:
+        return stock_of_material(options.material, diameter=options.diameter, length=options.length)
+    for name in ("diameter", "length"):
+        if getattr(options, name) is not None:
+            raise InputError(f"--{name}", getattr(options, name), "only with --material", "or give --model or --prior")
+    return None
+
+
+def _controller(options: AdaptOptions, model):
+    """The controller; a rig's holds the torque for a cycle, and compensates the weights that its owner knows of."""
+    controller = options.build_controller()
+    if options.camera == "tip":
+        return controller
+    return replace(controller, control_period=1 / options.rate).reckoning_with(model)
+
+
+def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str | None:
+    """Return why the control loop would refuse a strike, None if it would not.
+
+    The rehearsal leaves out drag and dry friction of the whip, which an arm hardly feels and which take small steps.
+    """
+    from whiptool.rig.loop import LoopOptions
+    from whiptool.rig.rehearsal import rehearse
+
+    smooth = replace(believed, whip=replace(believed.whip, drag=0.0, dry_friction=0.0))
+    return rehearse(
+        model,
+        controller,
+        strike,
+        rate=options.rate,
+        delay=options.latency,
+        t_stay=options.t_stay,
+        margin=LoopOptions.margin + UNFELT,
+        believed=smooth,
+    ).refused
+
+
+def _port(options: AdaptOptions, model, controller, stock):
+    """What strikes and films."""
+    from whiptool.adaptation.ports import RigPort, TipPort
+    from whiptool.adaptation.twins import draw_twin
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
+    from whiptool.rig.session import TwinRig
+
+    target = options.build_target().position
+    if options.port != "twin":
+        rig = hardware_rig(options, model, controller, loop_options(options))
+        return RigPort(lambda number: rig, target)
+    twin = draw_twin(options.family, options.seed, model, controller, stock)
+    if options.camera == "tip":
+        return TipPort(twin, target, t_stay=options.t_stay)
+    camera = "d435-infrared" if options.camera == "twin" else options.camera
+    loop = loop_options(options)
+
+    def make(number: int) -> TwinRig:
+        seed = 1000 * options.seed + number
+        return TwinRig(
+            model,
+            twin.controller,
+            truth=twin.truth(HARDWARE if options.friction else Motor()),
+            camera=camera,
+            target=target,
+            options=loop,
+            at_once=True,
+            seed=seed,
+        )
+
+    return RigPort(make, target)

@@ -1,0 +1,106 @@
+"""Learn an unknown whip, strike by strike: `python -m whiptool.adapt --target X Y --port twin --camera twin`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from whiptool.adaptation.options import AdaptOptions, prepare
+from whiptool.commands import cli
+from whiptool.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from whiptool.adaptation.loop import Adaptation, Step
+    from whiptool.adaptation.prior import Belief
+
+REPORT = "report.html"
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "yes": False}
+_ABOUT = (
+    "Learn an unknown whip, strike by strike, until it hits. "
+    "Example: python -m whiptool.adapt --target 1.2 0.1 --port twin --camera points --family strange --seed 3"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0 after a hit, 1 without one, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _adapt(list(sys.argv[1:] if args is None else args)))
+
+
+def _adapt(words: list[str]) -> int:
+    options = cli.parse_resumable(
+        AdaptOptions, command="adapt", description=_ABOUT, args=words, not_configuration=_NOT_CONFIGURATION
+    )
+    adaptation = prepare(options)
+    config = {"command": "adapt", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
+    with cli.open_folder(options, "adapt", config) as folder:
+        adaptation.folder = folder.path
+        steps: list[Step] = []
+        adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
+        summary = _summary(steps)
+        write_whole(folder.path / REPORT, _page(adaptation, steps, options))
+        folder.write_result(summary)
+        print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
+        return 0 if summary["hit"] else 1
+
+
+def _tell(steps: list[Step], step: Step, prior: Belief) -> None:
+    """What came of a strike, as it comes."""
+    from whiptool.adaptation.report import lines
+
+    before = next((s.learned.belief for s in reversed(steps) if s.learned), None)
+    print("\n".join(lines(step, prior, before)), file=sys.stderr)
+    steps.append(step)
+
+
+def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> str:
+    """Return the report as one HTML page."""
+    from whiptool.adaptation.report import sections
+    from whiptool.runs import code_version
+    from whiptool.viz.report import to_html
+
+    x, y = adaptation.target.position[:2]
+    facts = {
+        "code": f"whiptool {code_version()}",
+        "believed": f"{options.model}, {options.controller_label()}; prior: {options.prior or options.whip}"
+        + (f", {options.material}" if options.material else ""),
+        "struck with": f"twin, family {options.family}, seed {options.seed}"
+        if options.port == "twin"
+        else options.port,
+        "camera": options.camera,
+        "target": f"({x:g}, {y:g}) m, hit radius {adaptation.target.hit_radius:g} m",
+    }
+    subtitle = "Strike, film, identify, plan again: what each strike taught of the whip."
+    return to_html("An unknown whip", subtitle, facts, sections(steps, adaptation.prior, adaptation.target))
+
+
+def _summary(steps) -> dict[str, Any]:
+    strikes = [step for step in steps if step.number]
+    misses = [None if step.judged is None else step.judged.miss for step in strikes]
+    return {
+        "hit": bool(strikes and strikes[-1].hit),
+        "strikes": len(strikes),
+        "miss_distance": [m if s.outcome.true_miss is None else s.outcome.true_miss for m, s in zip(misses, strikes)],
+        "judged_miss": misses,
+        "judged_error": [None if s.judged is None else s.judged.error for s in strikes],
+        "hit_probability": [None if s.judged is None else s.judged.probability for s in strikes],
+        "stated_probability": [s.plan.probability for s in strikes],
+        "faults": [s.outcome.fault for s in strikes],
+        "refused": strikes[-1].learned.refused if strikes and strikes[-1].learned else {},
+        "values": strikes[-1].learned.belief.values() if strikes and strikes[-1].learned else {},
+    }
+
+
+def _conclusion(summary: dict[str, Any], folder: Path) -> str:
+    from whiptool.adaptation.report import percent
+
+    rows = zip(summary["judged_miss"], summary["judged_error"], summary["hit_probability"], strict=True)
+    judged = ["unknown" if m is None else f"{100 * m:.2f} ± {100 * e:.2f} ({percent(p)})" for m, e, p in rows]
+    said = "hit claimed at" if summary["hit"] else "no hit claimed up to"
+    misses = f"misses as judged, with standard error and probability of a hit [cm]: {', '.join(judged)}"
+    return f"{said} strike {summary['strikes']}; {misses}; run folder {folder}"

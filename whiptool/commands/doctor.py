@@ -1,0 +1,173 @@
+"""What this machine has, and what to do about what is missing: `python -m whiptool.doctor`."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+from whiptool.commands import cli
+from whiptool.options import Options
+from whiptool.version import __version__
+
+CORE = ("casadi", "pin", "mujoco", "nlopt", "numpy", "scipy", "matplotlib", "tyro", "pymoo")
+EXTRAS = {
+    "rl": ("torch", "gymnasium", "tensorboard"),
+    "vision": ("opencv-python-headless",),
+    "rig": ("dynamixel-sdk", "pyrealsense2"),
+    "io": ("pyarrow", "rosbags", "ezc3d"),
+    "cluster": ("ray",),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoctorOptions(Options):
+    """Check the installation and this machine."""
+
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report: what was looked at, what was found, and the fix if there is something to mend."""
+
+    name: str
+    found: str
+    fix: str = ""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0 unless a core package is missing."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    description = "Check the installation and this machine. Example: python -m whiptool.doctor"
+    options = cli.parse(DoctorOptions, prog="whiptool doctor", description=description, args=args)
+    findings = examine()
+    if options.json:
+        print(json.dumps({f.name: {"found": f.found, "fix": f.fix} for f in findings}))
+    else:
+        for f in findings:
+            print(f"{'!' if f.fix else ' '} {f.name:22s} {f.found}" + (f"\n{'':25s}-> {f.fix}" if f.fix else ""))
+    return int(any(f.name in CORE and f.fix for f in findings))
+
+
+def examine() -> list[Finding]:
+    """All findings, in the order in which they are printed."""
+    findings = [
+        Finding("whiptool", __version__),
+        Finding("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
+    ]
+    findings += [_package(name) for name in CORE]
+    findings += [_extra(extra, names) for extra, names in EXTRAS.items()]
+    return [*findings, *_camera(), _processor(), *_engine(), _cache(), _graphics()]
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _package(name: str) -> Finding:
+    found = _version(name)
+    return Finding(name, found or "not installed", "" if found else "pip install whiptool")
+
+
+def _extra(extra: str, names: tuple[str, ...]) -> Finding:
+    """Optional packages: what is missing is named, and is no defect."""
+    versions = {name: _version(name) for name in names}
+    missing = not all(versions.values())
+    found = ", ".join(f"{name} {found or 'not installed'}" for name, found in versions.items())
+    return Finding(f"extra {extra}", found + (f"; if needed: pip install 'whiptool[{extra}]'" if missing else ""))
+
+
+def _camera() -> list[Finding]:
+    """Whether what is installed for the RealSense camera loads: its wheel does not hold the USB library."""
+    from whiptool.errors import WhiptoolError
+    from whiptool.vision.realsense import realsense
+
+    if _version("pyrealsense2") is None:
+        return []
+    try:
+        realsense()
+    except WhiptoolError as error:
+        found, _, fix = str(error).rpartition(": ")
+        return [Finding("RealSense", found, fix)]
+    return [Finding("RealSense", "pyrealsense2 loads")]
+
+
+def _processor() -> Finding:
+    from whiptool.rollout.threads import cores
+
+    return Finding("cores", str(cores()))
+
+
+def _engine() -> list[Finding]:
+    """Compiler, and the engine that strikes really run on here."""
+    from whiptool.impedance import ConstantImpedance, Controller
+    from whiptool.models import preset
+    from whiptool.rollout import CompiledRollout
+    from whiptool.rollout.compiler import find_compiler, has_simd
+    from whiptool.rollout.engine import VARIABLE, wanted_rung
+    from whiptool.rollout.native import NativeEngine
+
+    logging.getLogger("whiptool").setLevel(logging.ERROR)  # the findings say it
+    compiler, forced = find_compiler(), wanted_rung()
+    if compiler is None:
+        compiler_finding = Finding("C++ compiler", "none", "install g++ (Debian: apt-get install g++), or set CXX")
+    else:
+        run = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
+        simd = has_simd()
+        compiler_finding = Finding(
+            "C++ compiler",
+            f"{compiler}: {(run.stdout.splitlines() or ['?'])[0]}" + ("" if simd else "; without <experimental/simd>"),
+            "" if simd else "install GCC 11 or newer for SIMD",
+        )
+    rollout = CompiledRollout(preset("lemon2024"), Controller(ConstantImpedance()))
+    engine = rollout._engine(forward=False)
+    lanes = f", {engine.lanes} strikes at a time on each core" if isinstance(engine, NativeEngine) else ""
+    fix = ""
+    if compiler is not None and rollout.engine == "interpreter" and forced is None:
+        fix = "the compiler fails on the generated code: see the log of `whiptool optimize`"
+    by = f" (forced by {VARIABLE})" if forced else ""
+    return [compiler_finding, Finding("engine", rollout.engine + lanes + by, fix)]
+
+
+def _cache() -> Finding:
+    from whiptool.rollout.compiler import cache_folder
+
+    folder = cache_folder()
+    libraries = list(folder.glob("*.so"))
+    size = sum(path.stat().st_size for path in libraries) / 1e6
+    return Finding("compiled code", f"{folder}: {len(libraries)} libraries, {size:.1f} MB")
+
+
+def _graphics() -> Finding:
+    """Whether MuJoCo can draw here."""
+    program = (
+        "import mujoco; m = mujoco.MjModel.from_xml_string('<mujoco/>'); r = mujoco.Renderer(m, 16, 16);"
+        "d = mujoco.MjData(m); mujoco.mj_forward(m, d); r.update_scene(d); r.render(); r.close()"
+    )
+
+    fix = "videos are drawn by matplotlib; for MuJoCo's pictures install EGL (Debian: apt-get install libegl1 libgl1)"
+    for backend in dict.fromkeys([os.environ.get("MUJOCO_GL") or "egl", "egl", "glfw"]):
+        command = [sys.executable, "-c", program]
+        try:
+            run = subprocess.run(
+                command, env={**os.environ, "MUJOCO_GL": backend}, capture_output=True, timeout=60, check=False
+            )
+        except subprocess.TimeoutExpired:
+            continue
+        if run.returncode == 0:
+            return Finding("OpenGL", backend)
+    return Finding("OpenGL", "no context", fix)

@@ -1,0 +1,62 @@
+"""`python -m whiptool.rig.emulator`: emulated servos on a pseudo-terminal, for any program that speaks Protocol 2.0."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from whiptool.commands.cli import parse, run
+from whiptool.options import Options, refuse_idle
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmulatorOptions(Options):
+    """Emulated servos on a pseudo-terminal."""
+
+    model: str = "lemon2024"
+    """Preset or the path of a .toml file: what the servos move."""
+    baud: int = 1_000_000
+    """Bits per second that the servos are set to."""
+    friction: bool = True
+    """Friction and inertia as of real servos."""
+    lockstep: bool = False
+    """Time advances with every write of Goal Current, not with the wall clock."""
+    period: float = 0.002
+    """Control period in lock-step [s]."""
+    link: str | None = None
+    """A symbolic link to make to the device."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        if not self.lockstep:
+            refuse_idle(self, {"period": "nothing without --lockstep"})
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    from whiptool.rig.emulator.process import serve_alone, serve_child
+
+    words = list(sys.argv[1:] if args is None else args)
+    if words[:1] == ["--control"]:  # started by `Emulator`
+        serve_child(int(words[1]))
+        return 0
+
+    def command() -> int:
+        from whiptool.models.files import find_model
+        from whiptool.rig.emulator.motor import HARDWARE, Motor
+        from whiptool.rig.emulator.options import TwinOptions
+
+        o = parse(EmulatorOptions, prog="python -m whiptool.rig.emulator", description=__doc__ or "", args=words)
+        options = TwinOptions(
+            model=find_model(o.model),
+            motor=HARDWARE if o.friction else Motor(),
+            lockstep=o.lockstep,
+            period=o.period,
+            baud=o.baud,
+        )
+        serve_alone(options, o.link)
+        return 0
+
+    return run(command)

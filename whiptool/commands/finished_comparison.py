@@ -1,0 +1,65 @@
+"""The results in the run folder of a comparison that has ended, to be shipped in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.commands.cli import stored_options
+from whiptool.commands.compare import CompareOptions
+from whiptool.commands.reproduce import ReproduceOptions
+from whiptool.errors import InputError
+from whiptool.models.files import read_toml
+from whiptool.runs import CONFIG
+from whiptool.studies.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHODS, Comparison
+from whiptool.studies.comparison.series import collect
+from whiptool.studies.comparison.shipped import Results
+
+
+def read_run(folder: Path | str) -> Results:
+    """The results in the run folder of `whiptool.compare` or `whiptool.reproduce`.
+
+    Raises:
+        InputError: It is no such folder, or not all of its units are finished.
+    """
+    folder = Path(folder)
+    config = read_toml(folder / CONFIG)
+    kinds: dict[str, type[Any]] = {"compare": CompareOptions, "reproduce": ReproduceOptions}
+    kind = kinds.get(config.get("command", ""))
+    if kind is None:
+        raise InputError("run folder", str(folder), "one of whiptool.compare or whiptool.reproduce")
+    mine = {f.name for f in fields(kind)}  # older runs hold options that there are no more
+    options = stored_options(kind, {k: v for k, v in config["options"].items() if k in mine}, folder)
+    methods, observations = PAPER_METHODS, OBSERVATIONS
+    if kind is CompareOptions:
+        methods, observations = options.methods, options.observation
+    comparison = options.comparison(methods, observations)
+    units = comparison.units()
+    files = {unit.name: folder / "units" / f"{unit.name}.json" for unit in units}
+    missing = [name for name, file in files.items() if not file.exists()]
+    if missing:
+        fix = "finish it with --resume"
+        raise InputError("run folder", str(folder), f"all {len(files)} units ({len(missing)} are not there)", fix)
+    results = {name: json.loads(file.read_text(encoding="utf-8")) for name, file in files.items()}
+    return Results(
+        series=tuple(collect(units, results)),
+        rewards=_rewards(comparison, results),
+        random_episodes={o: comparison.training(o)[2] for o in comparison.observations},
+        cap=comparison.scene.cap,
+        version=config["version"],
+    )
+
+
+def _rewards(comparison: Comparison, results: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:
+    rewards: dict[str, dict[str, np.ndarray]] = {}
+    for o in comparison.observations:
+        for method in (m for m in LEARNERS if m in comparison.methods):
+            rows = [results[unit.name]["rewards"] for unit in comparison.learner_units(method, o)]
+            shortest = min(map(len, rows))  # training that diverged ends before
+            rewards.setdefault(o, {})[method] = np.array([row[:shortest] for row in rows])
+    return rewards

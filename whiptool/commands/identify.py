@@ -1,0 +1,331 @@
+"""Fit a whip's parameters to recorded strikes: `python -m whiptool.identify STRIKES... --free k b m`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from whiptool.commands import cli
+from whiptool.commands.identify_options import IDENTIFIED, NOT_CONFIGURATION, RECORDINGS, REPORT, IdentifyOptions
+from whiptool.commands.identify_pendulum import identify_pendulum
+from whiptool.errors import InputError
+from whiptool.options import refuse_idle
+from whiptool.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from whiptool.identification.plant import Plant
+    from whiptool.identification.results import Fit
+    from whiptool.impedance import Controller
+    from whiptool.runs import RunFolder
+
+_EXAMPLE = (
+    "Fit a whip's parameters to recorded strikes. "
+    "Example: python -m whiptool.identify strike1.csv strike2.csv strike3.csv --free k b m --out fitted"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    from whiptool.runs import check_new
+
+    options = cli.parse_resumable(
+        IdentifyOptions, command="identify", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
+    )
+    if options.out is not None:
+        check_new(options.out)  # before hours of film are tracked
+    if options.drive == "free":
+        return identify_pendulum(options)
+    run = _Run(options)
+    with run.open_folder() as folder:
+        run.write_recordings(folder)
+        run.fit()
+        return run.report(folder)
+
+
+class _Run:
+    """One identification: everything is checked before anything is written."""
+
+    def __init__(self, options: IdentifyOptions) -> None:
+        from whiptool.identification.inputs import full_name, profile_of, read_prior, split
+        from whiptool.identification.plant import Plant
+        from whiptool.identification.problem import HUBER, Options
+        from whiptool.models.files import find_model
+        from whiptool.runs import code_version
+
+        self.options = options
+        self.model = find_model(options.model)
+        fallback = options.build_controller()
+        names, held_out = split(options.recordings, options.held_out)
+        profile = profile_of(self.model, options.model) if options.profile else None
+        if not options.free:
+            raise InputError("--free", "none", "one or more names", "such as k")
+        for name in options.free:  # a slip is found before hours of film are tracked
+            full_name(name, Plant(self.model, fallback, profile, options.clamp))
+        controller = self._gather(names, held_out)
+        self.assumed = controller is None and options.drive == "command"
+        if controller is not None:
+            held = "nothing: the recordings hold their controller"
+            refuse_idle(options, dict.fromkeys(("controller", "preset"), held))
+        self.plant = Plant(self.model, controller or fallback, profile, options.clamp)
+        self.free = tuple(full_name(name, self.plant) for name in options.free)
+        self.how = Options(
+            drive=options.drive,
+            per_recording=options.per_recording,
+            prior=read_prior(options.prior, self.plant, self.free),
+            loss=HUBER if options.loss == "huber" else None,
+            starts=options.starts,
+            seed=options.seed,
+        )
+        self._check_fit()
+        self.version = code_version()
+
+    def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
+        """Read or track all recordings, and find their plane; the controller that they hold."""
+        from whiptool.identification.gather import gather, may_be_filmed
+        from whiptool.identification.inputs import common_controller, read_marker
+        from whiptool.recording.strike_plane import check_one_plane, fit_plane
+
+        tip = read_marker(self.options.tip)
+        if tip is not None and not any(may_be_filmed(name) for name in (*names, *held_out)):
+            raise InputError(
+                "--tip", self.options.tip, "nothing: no recording is a film, in which the tip is looked for"
+            )
+        handle = self.options.drive == "handle"
+        found = [gather(name, tip=tip, handle=handle) for name in (*names, *held_out)]
+        recordings = [recording for recording, _ in found]
+        self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
+        self.plane = fit_plane(recordings)
+        if self.plane is not None:
+            check_one_plane(recordings, self.plane)
+            recordings = [self.plane.project(recording) for recording in recordings]
+        self.recordings, self.held_out = recordings[: len(names)], recordings[len(names) :]
+        return common_controller(recordings)
+
+    def _check_fit(self) -> None:
+        """Refuse what the fit would refuse, before it begins."""
+        from whiptool.identification.predict import NEUTRAL, Predictor
+        from whiptool.identification.variables import variables_of
+
+        nodes = self.options.nodes
+        if nodes and not self.held_out:
+            raise InputError("--nodes", nodes, "a recording held out, whose error chooses N", "give --held-out 1")
+        if nodes and self.how.prior is not None and any(n.startswith("whip.") for n in self.how.prior.names):
+            raise InputError("--prior", self.how.prior.names, "no numbers per node beside --nodes", "give --profile")
+        self.plants = {N: self.plant.with_nodes(N) for N in nodes} or {self.model.whip.N: self.plant}
+        for plant in self.plants.values():
+            variables_of({**plant.values(), **NEUTRAL}, self.free, {})  # starts of all are in order
+        own = self.options.per_recording
+        Predictor([*self.recordings, *self.held_out], self.plant, drive=self.options.drive, shared=self.free, own=own)
+
+    def open_folder(self) -> RunFolder:
+        """The run folder, with its configuration."""
+        from whiptool.impedance.files import controller_to_table
+        from whiptool.models.files import model_to_table
+
+        assert self.plant.controller is not None
+        pairs = [(r, False) for r in self.recordings] + [(r, True) for r in self.held_out]
+        files = _file_names([r.source for r, _ in pairs])
+        config = {
+            "command": "identify",
+            "options": cli.as_plain(replace(self.options, **NOT_CONFIGURATION)),
+            "free": list(self.free),
+            "recordings": [
+                {"source": r.source, "sha256": r.sha256, "held_out": out, "file": f"{RECORDINGS}/{file}"}
+                for (r, out), file in zip(pairs, files, strict=True)
+            ],
+            "model": model_to_table(self.plant.model),
+            "controller": controller_to_table(self.plant.controller),
+        }
+        return cli.open_folder(self.options, "identify", config)
+
+    def write_recordings(self, folder: RunFolder) -> None:
+        """Keep the recordings as they are fitted."""
+        recordings = [*self.recordings, *self.held_out]
+        (folder.path / RECORDINGS).mkdir(exist_ok=True)
+        for recording, file in zip(recordings, _file_names([r.source for r in recordings]), strict=True):
+            recording.save(folder.path / RECORDINGS / file)
+
+    def fit(self) -> None:
+        """Fit, for every number of nodes that is to be tried."""
+        from whiptool.identification.fit import best_nodes, fit
+        from whiptool.identification.summary import root_mean_square
+
+        self.tried: list[tuple[int, float, float]] = []
+        fits: dict[int, Fit] = {}
+        for N, plant in self.plants.items():
+            self._say(
+                f"fitting {len(self.free)} parameters to {len(self.recordings)} recordings, N = {N}, "
+                f"{self.how.starts} starts"
+            )
+            fits[N] = fit(self.recordings, plant, self.free, held_out=self.held_out, options=self.how)
+            inside, outside = (root_mean_square(x) for x in (fits[N].recordings, fits[N].held_out))
+            assert inside is not None
+            self._say(
+                f"{fits[N].status.value}; RMS {1e3 * inside:.3g} mm"
+                + ("" if outside is None else f", held out {1e3 * outside:.3g} mm")
+            )
+            if self.options.nodes:
+                assert outside is not None
+                self.tried.append((N, inside, outside))
+        self.N = best_nodes(fits) if self.tried else next(iter(fits))
+        self.found = fits[self.N]
+        self.misfit = math.sqrt(sum(r.chi**2 for r in self.found.recordings) / len(self.found.recordings))
+
+    @property
+    def warning(self) -> str | None:
+        """What to know before anything is believed, if the model does not explain the recordings."""
+        from whiptool.identification.classes import MISFIT
+
+        if self.misfit <= MISFIT:
+            return None
+        joints = all(recording.joints_q is not None for recording in self.recordings)
+        cure = "try --drive joints, which needs no model of arm and friction" if joints else "check the recordings"
+        return (
+            f"the model does not explain the recordings: their errors are {self.misfit:.1f} times what they state. "
+            "Classes and intervals are withdrawn, and values are not to be trusted; free what is missing, or "
+            + (cure if self.options.drive == "command" else "check the recordings")
+        )
+
+    def report(self, folder: RunFolder) -> int:
+        """Write everything, tell people or programs."""
+        from whiptool.identification.plant import Plant
+        from whiptool.identification.report import sections
+        from whiptool.identification.solver import Status
+        from whiptool.models.files import write_model
+        from whiptool.viz.report import to_html
+
+        plant, path = self.found.plant, folder.path
+        assert isinstance(plant, Plant)
+        write_model(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
+        summary = self._summary(plant, path)
+        folder.write_result(summary)
+        parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
+        html = to_html("Identified whip", self._subtitle(), self._facts(), parts)
+        write_whole(path / REPORT, html)
+        if self.found.status is not Status.CONVERGED:
+            self._say(f"not converged: {self.found.status.value}; more --starts or a nearer --model may help")
+        if self.found.failed:
+            number, starts = len(self.found.failed), len(self.found.runs)
+            self._say(f"{number} of {starts} starts failed: they ended far above the best, which alone is judged")
+        if self.warning is not None:
+            self._say(self.warning)
+        print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary, path))
+        return 0
+
+    def _say(self, line: str) -> None:
+        print(f"whiptool: {line}", file=sys.stderr)
+
+    def _summary(self, plant: Plant, path: Path) -> dict[str, Any]:
+        from whiptool.identification.summary import fit_table
+        from whiptool.impedance.files import controller_to_table
+
+        assert plant.controller is not None
+        plane = None
+        if self.plane is not None:
+            plane = {
+                "out_of_plane_rms": self.plane.rms,
+                "out_of_plane_largest": self.plane.largest,
+                "tilt": self.plane.tilt,
+                "offset": self.plane.offset,
+            }
+        return {
+            **fit_table(self.found, self.recordings, self.held_out),
+            "misfit": self.misfit,
+            "warning": self.warning,
+            "model": self.model.name,
+            "N": self.N,
+            "nodes": [{"N": n, "rmse": a, "held_out_rmse": b} for n, a, b in self.tried],
+            "controller": controller_to_table(plant.controller),
+            "controller_assumed": self.assumed,
+            "plane": plane,
+            "synthetic": self.synthetic,
+            "identified": str(path / IDENTIFIED),
+            "report": str(path / REPORT),
+            "seed": self.options.seed,
+            "version": self.version,
+        }
+
+    def _subtitle(self) -> str:
+        said = f"{', '.join(self.free)} of {self.model.name} with {self.N} nodes, fitted to {len(self.recordings)} "
+        kind = "passive swings" if self.options.drive == "passive" else "recorded strikes"
+        said += f"{kind}, driven by {_DRIVEN[self.options.drive]}. {self.found.status.value.capitalize()}."
+        said += "" if self.warning is None else f" Warning: {self.warning}."
+        return said + (" Some of the recordings are synthetic: no real camera took them." if self.synthetic else "")
+
+    def _facts(self) -> dict[str, str]:
+        """What was run, for the report's head."""
+        from whiptool.identification.summary import recording_facts
+
+        options = self.options
+        facts = {
+            "code": f"whiptool {self.version}",
+            "method": "maximum likelihood" + ("" if self.how.prior is None else " with a prior (a posteriori)")
+            + "; Levenberg-Marquardt on the compiled model's exact sensitivities; "
+            + ("Huber's loss" if self.how.loss else "least squares")
+            + f"; {options.starts} starts, the first as given, the others within a factor of {self.how.dispersion:g}",
+            "started from": f"{options.model}",
+        }  # fmt: skip
+        if options.drive == "command":
+            facts["controller"] = f"{options.law_label()}, assumed: no recording says" if self.assumed \
+                else "as the recordings hold it"  # fmt: skip
+        own = (*options.per_recording, *(("first state",) if options.drive == "passive" else ()))
+        if own:
+            facts["each recording's own"] = ", ".join(own)
+        if options.drive == "passive":
+            facts["held"] = "behind a free hinge" if options.clamp is None else "in a clamp"
+        if self.plane is not None:
+            facts["strike plane"] = str(self.plane)
+        return facts | recording_facts([*self.recordings, *self.held_out])
+
+    def _text(self, summary: dict[str, Any], path: Path) -> str:
+        from whiptool.identification.summary import parameter_lines
+
+        lines = [
+            f"{self.found.status.value}; {summary['fit_time']:.1f} s; 95 % intervals",
+            *parameter_lines(self.found),
+        ]
+        held_out = summary["held_out_rmse"]
+        said = "none held out" if held_out is None else f"{1e3 * held_out:.3g} mm held out"
+        if any(r.predicted_from is not None for r in self.found.held_out):
+            said += " (second half; the first half gave what is unknown of each)"
+        lines.append(f"  error RMS   {1e3 * summary['rmse']:.3g} mm fitted, {said}")
+        if self.plane is not None:
+            lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
+        lines.append(
+            f"  misfit      {self.misfit:.2f} (errors over what the recordings state; about 1 if all is right)"
+        )
+        if self.assumed:
+            lines.append(f"  controller  {self.options.law_label()}, assumed: no recording says")
+        lines.append(f"  run folder  {path} ({REPORT}, {IDENTIFIED}, {RECORDINGS})")
+        return "\n".join(lines)
+
+
+_DRIVEN = {
+    "command": "the command",
+    "joints": "the measured joints",
+    "handle": "the tracked handle",
+    "passive": "nothing",
+}
+
+
+def _file_names(sources: list[str]) -> list[str]:
+    """A different NPZ name for each source."""
+    names: list[str] = []
+    for source in sources:
+        stem = re.sub(r"[^\w.-]+", "_", Path(source).stem) or "recording"
+        number = 1
+        while (name := f"{stem}.npz" if number == 1 else f"{stem}-{number}.npz") in names:
+            number += 1
+        names.append(name)
+    return names

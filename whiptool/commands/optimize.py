@@ -1,0 +1,364 @@
+"""Find a strike that hits a target: `python -m whiptool.optimize --method directl`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from whiptool.commands import cli
+from whiptool.errors import InputError
+from whiptool.options import ModelOptions, SimulatedControllerOptions, SimulatorOptions, TargetOptions, whole
+
+if TYPE_CHECKING:
+    from whiptool.models.strike import StrikeBounds
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimizeOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, SimulatorOptions):
+    """Find a strike with which the tip of the whip hits a target."""
+
+    method: str = "directl"
+    """directl, gradient, cmaes, ga, random; the learners sac, td3, ddpg, ppo; or nlopt:NAME of any of NLopt's global
+    algorithms, such as nlopt:GN_CRS2_LM."""
+    lower: tuple[float, ...] | None = None
+    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
+    upper: tuple[float, ...] | None = None
+    """Upper bounds, likewise."""
+    max_trials: int = 600
+    """No more trials than these."""
+    max_time: float | None = None
+    """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
+    limits: str | None = None
+    """Strikes beyond this motor's speed-torque line are refused, and count as misses: xm430."""
+    stop_at_hit: bool = True
+    """End with the first hit, or the batch that holds it; otherwise go on to come closer."""
+    seed: int = 0
+    """Seed of what is random in the method."""
+    out: Path | None = None
+    """Run folder; default: runs/METHOD-DATE-TIME."""
+    resume: Path | None = None
+    """Go on with the killed run in this folder; its options need not be given again."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+    video: bool = True
+    """Render the strike as a video."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.motor_limits import limits_preset
+        from whiptool.models.parameters import number
+        from whiptool.optimizers import find_method
+
+        super().check()
+        find_method(self.method)
+        if self.method == "gradient" and self.simulator == "reference":
+            raise InputError("--method", self.method, "one without derivatives, beside --simulator reference")
+        if self.limits is not None:
+            limits_preset(self.limits)
+        if self.max_time is not None:
+            number("--max-time", self.max_time, low=0, strict=True)
+        whole("--max-trials", self.max_trials)
+        whole("--seed", self.seed, low=0)
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
+_EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    options = cli.parse_resumable(
+        OptimizeOptions,
+        command="optimize",
+        description=_EXAMPLE,
+        args=args,
+        not_configuration=_NOT_CONFIGURATION,
+        changeable=("video",),
+    )
+    run = _Run(options)
+    with run.folder:
+        return run.report(run.search())
+
+
+class _Run:
+    """One search: everything is checked before anything is written."""
+
+    def __init__(self, options: OptimizeOptions) -> None:
+        from whiptool.impedance.files import controller_to_table
+        from whiptool.models.files import model_to_table
+        from whiptool.models.motor_limits import limits_preset
+        from whiptool.objective import Objective
+        from whiptool.optimizers.trial_log import TRIALS, TrialLog
+        from whiptool.runs import code_version
+
+        self.options = options
+        limits = None if options.limits is None else limits_preset(options.limits)
+        self.model, self.controller = options.build_model(), options.build_controller()
+        self.target = options.build_target()
+        self.target.check_reach(self.model)
+        self.controller.check_fits(self.model.arm)
+        bounds = bounds_within(options.lower, options.upper, self.model)
+        self.rollout = options.build_rollout(self.model, self.controller)
+        self.objective = Objective(
+            self.rollout,
+            self.target,
+            t_stay=options.t_stay,
+            bounds=bounds,
+            max_trials=options.max_trials,
+            max_time=options.max_time,
+            stop_at_hit=options.stop_at_hit,
+            limits=limits,
+        )
+        self.version = code_version()
+        config = {
+            "command": "optimize",
+            "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION)),
+            "bounds": {k: list(v) for k, v in asdict(self.objective.bounds).items()},
+            "model": model_to_table(self.model),
+            "controller": controller_to_table(self.controller),
+        }
+        self.folder = cli.open_folder(options, options.method.replace(":", "-"), config)
+        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm)
+        self.recorded = self.log.read() if options.resume else []
+
+    def search(self):
+        """Search with a progress bar, every new trial written as it happens."""
+        from tqdm import tqdm
+
+        from whiptool.optimizers import search
+
+        objective, known = self.objective, len(self.recorded)
+        with tqdm(
+            total=self.options.max_trials,
+            unit=" trials",
+            file=sys.stderr,
+            desc=self.options.method,
+            dynamic_ncols=True,
+            leave=False,
+        ) as bar:
+
+            def on_trial(trial) -> None:
+                if trial.number > known:
+                    self.log.append(trial)
+                assert objective.best is not None
+                bar.set_postfix_str(f"closest {objective.best.outcome.miss_distance:.4f} m", refresh=False)
+                bar.update()
+
+            objective.record(self.recorded, on_trial)
+            return search(objective, self.options.method, seed=self.options.seed)
+
+    def report(self, result) -> int:
+        """Replay on the reference, write everything, tell people or programs."""
+        from whiptool.optimizers import Status
+
+        status = 130 if result.status is Status.INTERRUPTED else 0
+        if result.strike is None:
+            print("whiptool: ended before the first trial", file=sys.stderr)
+            return status or 1
+        nothing_yet = {"miss_distance": None, "difference": None}
+        self.folder.write_result(self._summary(result, reference=nothing_yet))  # whatever happens below
+        replayed = self._replay(result)
+        summary = self._summary(result, reference=replayed)
+        trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
+        summary["warning"] = self._refine(result, trajectory)
+        if self.objective.limits is not None:
+            usage = self.objective.limits.violation(trajectory) + 1
+            summary |= {"n_refused": self.objective.n_refused, "motor_usage": usage if isfinite(usage) else None}
+        self.folder.write_result(summary)
+        files = save_strike(
+            self.folder.path,
+            trajectory,
+            self.model,
+            self.target,
+            self.options.controller_label(),
+            D=result.strike.D,
+            video=self.options.video,
+        )
+        from whiptool.viz.plots import save_convergence
+
+        lost = [t.outcome.diverged or self.objective.refuses(t.outcome) for t in result.trace]
+        misses = [float("nan") if gone else t.outcome.miss_distance for t, gone in zip(result.trace, lost, strict=True)]
+        label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
+        save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
+        print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
+        return status
+
+    def _replay(self, result) -> dict:
+        """The winning strike on the reference rollout; one line on stderr if that does not confirm it."""
+        import numpy as np
+
+        from whiptool.rollout.reference import AGREEMENT, replay
+
+        if result.outcome.diverged or self.objective.refuses(result.outcome):
+            return {"miss_distance": None, "difference": None}
+        expected = result.outcome.miss_distance
+        target = np.array(self.target.position)
+        seen = replay(self.model, self.controller, result.strike, target, t_stay=self.options.t_stay, expected=expected)
+        if not seen.confirmed:
+            what = "diverges" if seen.miss_distance is None else f"misses by {seen.miss_distance:.4f} m"
+            print(
+                f"whiptool: not confirmed: the strike {what} in MuJoCo at {1e3 * seen.timestep:.2g} ms, more than "
+                f"{1e3 * AGREEMENT:g} mm from {expected:.4f} m; try a smaller --timestep",
+                file=sys.stderr,
+            )
+        distance = seen.miss_distance
+        return {"miss_distance": distance, "difference": None if distance is None else distance - expected}
+
+    def _refine(self, result, trajectory) -> str | None:
+        """What a finer step says otherwise of the winning strike's peaks; said on stderr, too."""
+        import numpy as np
+
+        from whiptool.rollout.refinement import refine
+
+        if result.outcome.diverged or self.objective.refuses(result.outcome):
+            return None
+        warning = refine(
+            self.model,
+            self.controller,
+            result.strike,
+            trajectory,
+            timestep=self.rollout.timestep,
+            t_stay=self.options.t_stay,
+            target=np.array(self.target.position),
+        ).warning
+        if warning is not None:
+            print(f"whiptool: {warning}", file=sys.stderr)
+        return warning
+
+    def _summary(self, result, *, reference: dict) -> dict:
+        from whiptool.impedance.files import controller_to_table
+        from whiptool.models.strike import named_strike
+
+        outcome = result.outcome
+        return {
+            "method": result.method,
+            "status": result.status.value,
+            "message": result.message,
+            "target": list(self.target.position),
+            "hit_radius": self.target.hit_radius,
+            "strike": named_strike(result.strike, self.model.arm),
+            "miss_distance": outcome.miss_distance,
+            "hit": outcome.hit,
+            "hit_time": outcome.hit_time,
+            "tip_speed": None if outcome.diverged else outcome.tip_speed,
+            "n_trials": result.n_trials,
+            "n_diverged": result.n_diverged,
+            "wall_time": result.wall_time,
+            "reference": reference,
+            "warning": None,
+            "controller": controller_to_table(self.controller),
+            "model": self.model.name,
+            "seed": self.options.seed,
+            "version": self.version,
+        }
+
+    def _text(self, result, summary: dict, files: list[str]) -> str:
+        bounds, limits = self.objective.bounds, self.objective.limits
+        refused = self.objective.refuses(result.outcome)
+        batch = result.status.value == "hit" and result.first_hit != result.n_trials
+        first = f" (number {result.first_hit} was the first hit; batches are struck whole)" if batch else ""
+        lines = [
+            f"{result.method}: {result.message}, after {result.n_trials} trials{first} in {result.wall_time:.2f} s"
+            f" ({result.n_diverged} diverged)",
+            *strike_lines(summary["strike"], zip(bounds.lower, bounds.upper, strict=True)),
+            *(
+                ["  outcome        refused, as was every strike tried: beyond the motors' limits"]
+                if refused
+                else outcome_lines(result.outcome, self.target, self.model.arm.joints)
+            ),
+        ]
+        if limits is not None and summary["motor_usage"] is not None:
+            lines.append(
+                f"  motors         {summary['motor_usage']:.0%} of the {limits.name}'s speed-torque line at the worst "
+                f"instant; {summary['n_refused']} strikes beyond it were refused"
+            )
+        reference = summary["reference"]
+        if reference["miss_distance"] is None:
+            spared = result.outcome.diverged or refused
+            said = "not asked for such a strike" if spared else "not confirmed: no result in MuJoCo"
+            lines.append(f"  reference      {said}")
+        else:
+            lines.append(
+                f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, a difference of "
+                f"{1e3 * reference['difference']:+.3f} mm"
+            )
+        lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
+        lines.append(f"  run folder     {self.folder.path} ({', '.join(files)})")
+        return "\n".join(lines)
+
+
+def bounds_within(lower: tuple[float, ...] | None, upper: tuple[float, ...] | None, model) -> StrikeBounds:
+    """The box of strikes that `--lower` and `--upper` give; the usual bounds where they are not given.
+
+    Raises:
+        InputError: They are not of this arm, or cross.
+    """
+    from whiptool.models.strike import StrikeBounds, default_bounds
+
+    numbers = 2 * model.arm.n + 1
+    for name, given in (("--lower", lower), ("--upper", upper)):
+        if given is not None and len(given) != numbers:
+            raise InputError(name, given, f"{numbers} numbers, for an arm of {model.arm.n} joints")
+    if lower is not None and upper is not None:
+        return StrikeBounds(lower, upper)
+    usual = default_bounds(model.arm)
+    return StrikeBounds(lower or usual.lower, upper or usual.upper)
+
+
+def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
+    """A strike for people, with the bounds in which it was searched if given."""
+    lines = []
+    limits = list(bounds) if bounds is not None else [None] * len(strike)
+    for (name, value), limit in zip(strike.items(), limits, strict=True):
+        text = f"{value:.4f} s" if name == "D" else cli.degrees(value)
+        within = "" if limit is None else f"   within {limit[0]:+.4f} .. {limit[1]:+.4f}"
+        lines.append(f"  {name:14s} {text:27s}{within}")
+    return lines
+
+
+def outcome_lines(outcome, target, joints: Sequence[str]) -> list[str]:
+    """Return the lines that tell people an outcome; the joints are the arm's, by their names."""
+    if outcome.diverged:
+        cure = "a stiff or hardly damped whip needs a smaller --timestep"
+        return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
+    where = ", ".join(f"{x:.3f}" for x in target.position)
+    said = "hit" if outcome.hit else "missed"
+    return [
+        f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
+        f"hit radius {target.hit_radius:.3f} m",
+        f"  tip speed      {outcome.tip_speed:.1f} m/s",
+        *(
+            f"  {joint:14s} at most {speed:.1f} rad/s, {torque:.1f} N m"
+            for joint, speed, torque in zip(joints, outcome.max_joint_speed, outcome.max_torque, strict=True)
+        ),
+    ]
+
+
+def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float, video: bool) -> list[str]:
+    """Save trajectory, figures, interactive page and video of one strike; the files' kinds, for people."""
+    import numpy as np
+
+    from whiptool.viz.page import strike_page
+    from whiptool.viz.plots import save_strike_figures
+    from whiptool.whole_files import write_whole
+
+    trajectory.save(folder / "trajectory.npz")
+    save_strike_figures(folder, trajectory, model, target.position, target.hit_radius, label)
+    page = strike_page(model, trajectory, np.array(target.position), target.hit_radius, label=label)
+    write_whole(folder / "strike.html", page)
+    kinds = ["trajectory", "figures", "page"]
+    if video:
+        from whiptool.viz.video import render_video
+
+        render_video(folder / "strike.mp4", trajectory, model, target.position, target.hit_radius)
+        kinds.append("video")
+    return kinds

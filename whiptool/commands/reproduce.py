@@ -1,0 +1,201 @@
+"""The paper's figures and tables as one report: `python -m whiptool.reproduce fig6`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import tyro
+
+from whiptool.commands import cli
+from whiptool.commands.compare import CHANGEABLE, NOT_CONFIGURATION, QUICK, ComparisonOptions, open_folder
+from whiptool.errors import InputError
+from whiptool.options import MANY_TARGETS, refuse_idle, whole
+from whiptool.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from whiptool.runs import RunFolder
+    from whiptool.studies.comparison import Comparison
+
+REPORT = "report.html"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReproduceOptions(ComparisonOptions):
+    """The paper's figures and tables beside ours, in one HTML file."""
+
+    what: tyro.conf.Positional[str] = "all"
+    """fig5, fig6, fig7, table4 (with Fig. 8), hard (1 cm, everywhere), sim2real (Figs. 9, 10), adapt (unknown whips;
+    hours of its own), or all but adapt."""
+    whips: int = 100
+    """Unknown whips of each family, in adapt."""
+    whip_targets: int = 3
+    """Targets of each of them."""
+    rows: tuple[str, ...] = ()
+    """Of adapt, the ways to strike that are tried (nominal, robust, correction, sac, told, uniform, adapt, still,
+    wiggle), and chain: through servos, images and tracker; default: all."""
+    further_episodes: int | None = 100
+    """Episodes under observations other than paper, which show what they can much earlier."""
+    further_zones: tuple[str, ...] = ("0.3", "fast")
+    """Fig. 6 again where one strike does not do: targets from discs of these radii [m] around --target, and fast:
+    wherever the tip of random strikes is fast (3 m/s)."""
+    further_methods: tuple[str, ...] = ("directl", "ga", "sac", "td3", "ddpg", "ppo")
+    """What is compared there; random always stands beside them."""
+    further_observation: tuple[str, ...] = ("goal",)
+    """What learners see there."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.optimizers import find_method
+        from whiptool.studies.comparison.plan import OBSERVATIONS
+        from whiptool.studies.comparison.zones import check_zone
+        from whiptool.studies.reproduction import PARTS
+
+        super().check()
+        if self.what not in (*PARTS, "all"):
+            raise InputError("what to reproduce", self.what, ", ".join((*PARTS, "all")))
+        whole("--whips", self.whips, high=MANY_TARGETS)
+        whole("--whip-targets", self.whip_targets, high=MANY_TARGETS)
+        _check_rows(self.rows)
+        for method in self.further_methods:
+            find_method(method)
+        for observation in self.further_observation:
+            if observation not in OBSERVATIONS:
+                raise InputError("--further-observation", observation, ", ".join(OBSERVATIONS))
+        reach = self.build_model().reach
+        for zone in self.further_zones:
+            check_zone(zone, "--further-zones", self.target, reach)
+        if self.what != "adapt":
+            refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows"), "nothing but with adapt"))
+        usual = ReproduceOptions(**QUICK) if self.quick else None
+        further = ("further_zones", "further_methods", "further_observation")
+        if self.what not in ("fig6", "all"):
+            refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
+        elif not self.further_zones:
+            refuse_idle(self, dict.fromkeys(further[1:], "nothing without --further-zones"), usual)
+
+
+_EXAMPLE = (
+    "The paper's figures and tables, its numbers beside those measured here, in one HTML file; `all` takes hours, and "
+    "can be killed and resumed. Example: python -m whiptool.reproduce all --quick"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    options = cli.parse_resumable(
+        ReproduceOptions,
+        command="reproduce",
+        description=_EXAMPLE,
+        args=args,
+        not_configuration=NOT_CONFIGURATION,
+        changeable=CHANGEABLE,
+        quick=QUICK,
+    )
+    from whiptool.studies.comparison.plan import OBSERVATIONS, PAPER_METHODS
+
+    comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
+    further = options.comparison(options.further_methods, options.further_observation)
+    with open_folder("reproduce", options, comparison) as folder:
+        return _reproduce(options, comparison, further, folder)
+
+
+def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Comparison, folder: RunFolder) -> int:
+    """Work on what is not done yet, write the report, tell people or programs."""
+    from whiptool.studies.comparison import Store
+    from whiptool.studies.reproduction import ALL, PARTS, Context
+    from whiptool.viz.report import to_html
+
+    scene = comparison.scene
+    options.warn_if_coarse(scene.model, scene.controller, options.target, scene.t_stay)
+    store = Store(folder.path, workers=options.processes(), cluster=options.cluster)
+    context = Context(
+        comparison,
+        store,
+        options.quick,
+        whips=options.whips,
+        whip_targets=options.whip_targets,
+        rows=tuple(options.rows),
+        further=further,
+        zones=tuple(options.further_zones),
+    )
+    sections, start = [], time.monotonic()
+    for name in ALL if options.what == "all" else [options.what]:
+        print(f"whiptool: {name}", file=sys.stderr)
+        sections += PARTS[name](context)
+        text = to_html(
+            "A whip, a target, and six ways to learn",
+            _SUBTITLE + (_QUICK if options.quick else ""),
+            _facts(options, comparison),
+            sections,
+        )
+        write_whole(folder.path / REPORT, text)  # after each part: a killed run has shown something
+    claims = [asdict(claim) for section in sections for claim in section.claims]
+    summary = {
+        "what": options.what,
+        "report": str(folder.path / REPORT),
+        "claims": claims,
+        "worker_deaths": store.deaths,
+        "wall_time": time.monotonic() - start,
+    }
+    folder.write_result(summary)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+    else:
+        print("\n".join(f"{claim['verdict']}: {claim['claim']}\n    {claim['ours']}" for claim in claims))
+        if options.quick:
+            print(_QUICK.strip())
+        print(f"report {folder.path / REPORT}")
+    return 0
+
+
+_SUBTITLE = (
+    "The LEMON framework (Wang, Xiong, Tolu and Gorb 2024, doi:10.1007/s42235-024-00534-2), its claims and what was "
+    "measured here. Verdicts are computed from the data."
+)
+_QUICK = " Quick form: it shows that all works; its training is far too short to judge the paper by."
+
+
+def _facts(options: ReproduceOptions, comparison) -> dict[str, str]:
+    """What was run, for the report's head."""
+    from whiptool.models.strike import default_bounds, strike_names
+    from whiptool.runs import code_version
+
+    scene, further = comparison.scene, comparison.further_episodes
+    bounds = default_bounds(scene.model.arm)
+    limits = ", ".join(
+        f"{name} {low:.3f} to {high:.3f} {'s' if name == 'D' else 'rad'}"
+        for name, low, high in zip(strike_names(scene.model.arm), bounds.lower, bounds.upper, strict=True)
+    )
+    return {
+        "code": f"whiptool {code_version()}",
+        "model": f"{scene.model.name}: {scene.model.whip.N} nodes, {options.controller_label()}",
+        "bounds of a strike": f"{limits} (the paper prints none)",
+        "watched after the movement": f"{scene.t_stay:g} s (not printed in the paper)",
+        "targets": f"{scene.targets} in a circle of {options.zone_radius:g} m around {options.target} m, seed "
+        f"{options.target_seed}; at most {scene.cap} trials each; hit radii "
+        + ", ".join(f"{radius:g}" for radius in scene.radii)
+        + " m",
+        "training": f"{comparison.episodes} episodes of {comparison.trials} strikes, "
+        f"{comparison.random_episodes} random; {comparison.seeds} seeds"
+        + (f"; observations other than paper {further} episodes" if further is not None else ""),
+    }
+
+
+def _check_rows(rows: Sequence[str]) -> None:
+    from whiptool.studies.reproduction.unknown_whips import LEARNING, METHODS
+
+    known = (*METHODS, "chain")
+    for row in rows:
+        if row not in known:
+            raise InputError("--rows", row, ", ".join(known))
+    if rows and not set(rows) & set(LEARNING):
+        raise InputError("--rows", " ".join(rows), "one of " + ", ".join(LEARNING) + " among them")

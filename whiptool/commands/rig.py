@@ -1,0 +1,331 @@
+"""Strike with a rig: `python -m whiptool.rig strike --strike ... --port twin --camera twin`."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from whiptool.commands import cli
+from whiptool.errors import InputError
+from whiptool.options import LONGEST_STAY, refuse_idle, whole
+from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
+
+if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
+    from whiptool.models.strike import StrikeBounds
+    from whiptool.objective import Outcome, Target
+    from whiptool.optimizers import Result
+    from whiptool.rig.session import Rig, Struck
+    from whiptool.runs import RunFolder
+
+WORDS = ("strike", "learn")
+REPORT = "report.html"
+TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOptions(ArmOptions):
+    """What is struck with, and how, where strikes are given or searched as they are."""
+
+    cap: bool = False
+    """Cap stiffness and damping at what the sampled loop can carry, instead of refusing what it cannot."""
+    true_model: str | None = None
+    """Of the twin: what is really there, a preset or .toml; default: --model."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        if self.port != "twin":
+            refuse_idle(self, {"true_model": "nothing, unless --port twin is given"})
+            _check_camera(self.camera)
+        elif self.camera not in TWIN_CAMERAS:
+            raise InputError("--camera", self.camera, ", ".join(TWIN_CAMERAS) + " with --port twin")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrikeOptions(RigOptions):
+    """Run one strike on a rig."""
+
+    strike: tuple[float, ...]
+    """q_si q_ei q_sf q_ef [rad] D [s]."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.parameters import number
+        from whiptool.models.strike import Strike
+
+        super().check()
+        strike = Strike.from_vector(self.strike)
+        number("--strike: D", strike.D, low=0, high=LONGEST_STAY)
+        for angle in (*strike.q_i, *strike.q_f):
+            number("--strike: angle", angle, low=-2 * math.pi, high=2 * math.pi)
+        if self.port != "twin":
+            refuse_idle(self, {"seed": "nothing, unless --port twin is given"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnOptions(RigOptions):
+    """Search for a hit on the rig itself, strike by strike."""
+
+    method: str = "cmaes"
+    """Any method of whiptool optimize that needs no derivatives."""
+    lower: tuple[float, ...] | None = None
+    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
+    upper: tuple[float, ...] | None = None
+    """Upper bounds, likewise."""
+    max_trials: int = 20
+    """No more strikes than these."""
+    resume: Path | None = None
+    """Go on with the run in this folder: its strikes are not struck again."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.optimizers import find_method
+
+        super().check()
+        find_method(self.method)
+        if self.method == "gradient":
+            raise InputError("--method", self.method, "one without derivatives: a rig has none")
+        if self.camera == "none":
+            raise InputError("--camera", self.camera, "one that sees the tip: a search needs the miss")
+        whole("--max-trials", self.max_trials)
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "yes": False}
+_STRIKE = (
+    "Run a strike on a rig and leave its recording. "
+    "Example: python -m whiptool.rig strike --strike -0.622 0.221 0.705 2.122 1.176 --target 1.2 0.1 --port twin"
+)
+_LEARN = "Search for a hit on the rig itself. Example: python -m whiptool.rig learn --port twin --camera points"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 after a fault, 2 for bad input, 130 when interrupted."""
+    words = list(sys.argv[1:] if args is None else args)
+
+    def command() -> int:
+        if words[:1] in (["-h"], ["--help"]):
+            print("usage: whiptool rig strike|learn [options]\n\n  strike  " + _STRIKE + "\n  learn   " + _LEARN)
+            print("\nNothing here replaces a switch that cuts the servos' power, within reach.")
+            return 0
+        if not words or words[0] not in WORDS:
+            raise InputError("rig", " ".join(words[:1]), ", ".join(WORDS), "such as `whiptool rig strike --help`")
+        return _strike(words[1:]) if words[0] == "strike" else _learn(words[1:])
+
+    return cli.run(command)
+
+
+def _make_rig(options: RigOptions, model, controller):
+    """The rig that the options describe; everything is checked before anything moves."""
+    from whiptool.models.files import find_model
+    from whiptool.rig.caps import default_caps
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
+    from whiptool.rig.session import TwinRig, TwinTruth
+
+    loop = loop_options(options)
+    if options.cap:
+        loop = replace(loop, caps=default_caps(model, period=1 / options.rate, delay=options.latency))
+    if options.port != "twin":
+        return hardware_rig(options, model, controller, loop)
+    truth = TwinTruth(
+        find_model(options.true_model) if options.true_model is not None else model,
+        HARDWARE if options.friction else Motor(),
+        command_delay=options.latency / 2,
+        sample_delay=options.latency / 2,
+    )
+    camera = "d435-infrared" if options.camera == "twin" else options.camera
+    target = options.build_target().position
+    return TwinRig(model, controller, truth=truth, camera=camera, target=target, options=loop, seed=options.seed)
+
+
+def _check_camera(name: str) -> None:
+    """Refuse what is no real camera."""
+    if name.endswith(".db3") and not Path(name).is_file():
+        raise InputError("--camera", name, "a RealSense recording; there is no such file")
+    if name not in ("none", "realsense") and not name.endswith(".db3"):
+        raise InputError("--camera", name, "realsense, a .db3 recording, none", "the twin's cameras need --port twin")
+
+
+def _strike(words: list[str]) -> int:
+    from whiptool.models.strike import Strike
+    from whiptool.rig.session import CYCLES, RECORDING
+    from whiptool.runs import RunFolder, code_version, default_folder
+
+    options = cli.parse(StrikeOptions, prog="whiptool rig strike", description=_STRIKE, args=words)
+    model, controller = options.build_model(), options.build_controller()
+    strike, target = Strike.from_vector(options.strike), options.build_target()
+    target.check_reach(model)
+    if len(strike.q_i) != model.arm.n:
+        raise InputError(
+            "--strike", options.strike, f"{2 * model.arm.n + 1} numbers, for an arm of {model.arm.n} joints"
+        )
+    rig = _make_rig(options, model, controller)
+    config = {"command": "rig strike", "version": code_version(), "options": cli.as_plain(replace(options, out=None))}
+    with RunFolder.create(options.out or default_folder("rig"), config) as folder:
+        struck = rig.strike(strike, folder=folder.path)
+        summary = _summary(struck, target) | {"report": str(folder.path / REPORT)}
+        folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
+        _report(folder.path, struck, model, target, options)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+    else:
+        print("\n".join(_lines(struck, summary, target)))
+        kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
+        print(f"  run folder     {folder.path} ({kept}); look at it: whiptool view {folder.path}")
+    return 0 if struck.run.fault is None else 1
+
+
+def _report(folder: Path, struck: Struck, model: Model, target: Target, options: StrikeOptions) -> None:
+    """Write the report and its pictures."""
+    from whiptool.rig.strike_report import draw, save_pictures, sections
+    from whiptool.runs import code_version
+    from whiptool.viz.report import to_html
+    from whiptool.whole_files import write_whole
+
+    pictures = draw(struck, model, target)
+    save_pictures(folder, pictures)
+    facts = {
+        "strike": " ".join(f"{x:.4g}" for x in options.strike),
+        "rig": f"{options.port}, camera {options.camera}",
+        "arm and whip": model.name,
+        "controller": options.controller_label(),
+        "cycles per second": f"{options.rate:g}",
+        "version": code_version(),
+    }
+    html = to_html("A strike on the rig", str(folder), facts, sections(struck, model, target, pictures))
+    write_whole(folder / REPORT, html)
+
+
+def _summary(struck, target) -> dict[str, Any]:
+    import numpy as np
+
+    judged = struck.judged(target)
+    nearest = None if judged is None else judged.nearest
+    true = None if struck.truth is None else float(struck.truth.approach(np.array(target.position)).distance[0])
+    return {
+        "miss_distance": None if judged is None else judged.miss,
+        "miss_error": None if judged is None else judged.error,
+        "hit_probability": None if judged is None else judged.probability,
+        "hit": None if judged is None else judged.hit,
+        "hit_time": None if nearest is None else nearest.time,
+        "tip_speed": None if nearest is None else nearest.speed,
+        "unseen": struck.unseen(target),
+        "true_miss_distance": true,
+        "fault": None if struck.run.fault is None else str(struck.run.fault),
+        "torque_off": struck.run.torque_off,
+        "cycles": len(struck.run.cycles),
+        "missed": struck.run.missed,
+        "overruns": struck.run.overruns,
+    }
+
+
+def _lines(struck, summary: dict, target) -> list[str]:
+    if summary["fault"] is not None:
+        return [f"fault: {summary['fault']}; torque {'is off' if summary['torque_off'] else 'NOT confirmed off'}"]
+    where = ", ".join(f"{x:.3f}" for x in target.position)
+    if summary["miss_distance"] is None:
+        lines = [f"struck at ({where}) m; the tip was not seen"]
+    else:
+        lines = [
+            f"{struck.judged(target).verdict}, ({where}) m: as the camera saw the tip it came within "
+            f"{summary['miss_distance']:.4f} ± {summary['miss_error']:.4f} m at {summary['hit_time']:.3f} s, "
+            f"{summary['tip_speed']:.1f} m/s; a hit is {summary['hit_probability']:.0%} probable"
+        ]
+        if summary["unseen"] is not None:
+            lines.append(
+                "  not seen       from {:.3f} to {:.3f} s, around the closest approach".format(*summary["unseen"])
+            )
+    if summary["true_miss_distance"] is not None:
+        lines.append(f"  in truth       {summary['true_miss_distance']:.4f} m (the twin knows)")
+    lines.append(f"  cycles         {summary['cycles']}, {summary['missed']} missed, {summary['overruns']} too long")
+    return lines
+
+
+def _learn(words: list[str]) -> int:
+    """A search whose objective is the rig."""
+    from whiptool.commands.optimize import bounds_within
+
+    options = cli.parse_resumable(
+        LearnOptions, command="rig learn", description=_LEARN, args=words, not_configuration=_NOT_CONFIGURATION
+    )
+    model, controller = options.build_model(), options.build_controller()
+    bounds = bounds_within(options.lower, options.upper, model)
+    options.build_target().check_reach(model)
+    rig = _make_rig(options, model, controller)
+    config = {"command": "rig learn", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
+
+    def make(number: int) -> Rig:
+        """The rig of a strike's number: a twin's noise is that strike's own, lest a resumed run see another."""
+        if options.port != "twin":
+            return rig
+        return _make_rig(replace(options, seed=1000 * options.seed + number), model, controller)
+
+    with cli.open_folder(options, "rig-" + options.method, config) as folder:
+        return _search(options, make, model, bounds, folder)
+
+
+def _search(
+    options: LearnOptions, make: Callable[[int], Rig], model: Model, bounds: StrikeBounds, folder: RunFolder
+) -> int:
+    """Strike until it hits, every strike written as it happens; tell people or programs."""
+    from whiptool.models.strike import named_strike
+    from whiptool.objective import Objective
+    from whiptool.optimizers import search
+    from whiptool.optimizers.trial_log import TRIALS, TrialLog
+    from whiptool.rig.session import RigRollout
+
+    log = TrialLog(folder.path / TRIALS, model.arm, measured=True)
+    recorded = log.read()
+    rollout = RigRollout(make, model, folder=folder.path, done=len(recorded))
+    objective = Objective(
+        rollout,
+        options.build_target(),
+        t_stay=options.t_stay,
+        bounds=bounds,
+        max_trials=options.max_trials,
+        stop_at_hit=True,
+    )
+
+    def on_trial(trial) -> None:
+        if trial.number > len(recorded):
+            log.append(trial)
+        print(f"strike {trial.number}: {_measured(trial.outcome)}", file=sys.stderr)
+
+    objective.record(recorded, on_trial)
+    result = search(objective, options.method, seed=options.seed)
+    summary = {
+        "method": result.method,
+        "status": result.status.value,
+        "n_trials": result.n_trials,
+        "n_refused_or_lost": result.n_diverged,
+        "miss_distance": None if result.outcome is None else result.outcome.miss_distance,
+        "miss_error": None if result.outcome is None else result.outcome.miss_error,
+        "hit": None if result.outcome is None else result.outcome.hit,
+        "strike": None if result.strike is None else named_strike(result.strike, model.arm),
+    }
+    folder.write_result(summary)
+    print(json.dumps(summary) if options.json else "\n".join(_learned_lines(result, folder.path)))
+    return 130 if result.status.value == "interrupted" else 0
+
+
+def _measured(outcome: Outcome) -> str:
+    """What the camera saw of a strike's miss."""
+    if outcome.diverged:
+        return "refused or lost"
+    said = "hit claimed" if outcome.hit else "no hit claimed"
+    error = "" if outcome.miss_error is None else f" ± {outcome.miss_error:.4f}"
+    return f"{said}, {outcome.miss_distance:.4f}{error} m"
+
+
+def _learned_lines(result: Result, folder: Path) -> list[str]:
+    """What a search on the rig came to."""
+    lines = [f"{result.method}: {result.message}; {result.n_trials} strikes, {result.n_diverged} refused or lost"]
+    if result.outcome is not None and result.strike is not None:
+        strike = " ".join(f"{x:.4f}" for x in result.strike.vector)
+        lines += [f"  miss distance  {_measured(result.outcome)}", f"  strike         {strike}"]
+    return [*lines, f"  run folder     {folder}"]

@@ -1,0 +1,156 @@
+"""Play one strike, or export the model: `python -m whiptool.simulate --strike q_si q_ei q_sf q_ef D`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from whiptool.commands import cli
+from whiptool.errors import NOTHING, InputError
+from whiptool.options import ModelOptions, SimulatedControllerOptions, SimulatorOptions, TargetOptions, refuse_idle
+from whiptool.whole_files import write_whole
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, SimulatorOptions):
+    """Play one strike and save its trajectory, figures and video."""
+
+    strike: tuple[float, ...] | None = None
+    """q_si q_ei q_sf q_ef [rad] and D [s]."""
+    export: Path | None = None
+    """Write the model as MJCF for MuJoCo's own viewer."""
+    out: Path | None = None
+    """Run folder; default: runs/simulate-DATE-TIME."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+    video: bool = True
+    """Render the strike as a video."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.strike import Strike
+
+        super().check()
+        if self.strike is not None:
+            Strike.from_vector(self.strike)
+        elif self.export is None:
+            raise InputError("--strike", NOTHING, "five numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
+        else:
+            used = ("model", "target", "export")
+            refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
+
+
+_EXAMPLE = "Play one strike. Example: python -m whiptool.simulate --strike -1.2 0.9 1.2 0.3 0.7"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, or 2 for bad input."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    options = cli.parse(SimulateOptions, prog="whiptool simulate", description=_EXAMPLE, args=args)
+    model = options.build_model()
+    strike = None if options.strike is None else _strike(options, model.arm.n)
+    if options.export is not None:
+        _export(options, model)
+    if strike is not None:
+        _play(options, model, strike)
+    return 0
+
+
+def _strike(options: SimulateOptions, n: int):
+    from whiptool.models.strike import Strike
+
+    assert options.strike is not None
+    if len(options.strike) != 2 * n + 1:
+        raise InputError("--strike", options.strike, f"{2 * n + 1} numbers, for an arm of {n} joints")
+    return Strike.from_vector(options.strike)
+
+
+def _export(options: SimulateOptions, model) -> None:
+    from whiptool.rollout.mujoco_model import export_xml
+
+    assert options.export is not None
+    target = options.build_target()
+    xml, missing = export_xml(model, target=np.array(target.position))
+    try:
+        write_whole(options.export, xml)
+    except OSError as error:
+        raise InputError("--export", str(options.export), f"a file that can be written ({error.strerror})") from None
+    print(f"wrote {options.export}; it does not hold {'; '.join(missing)}", file=sys.stderr)
+
+
+def _play(options: SimulateOptions, model, strike) -> None:
+    from whiptool.commands.optimize import outcome_lines, save_strike, strike_lines
+    from whiptool.impedance.files import controller_to_table
+    from whiptool.models.files import model_to_table
+    from whiptool.models.strike import StrikeBounds, named_strike
+    from whiptool.objective import Objective
+    from whiptool.rollout.refinement import refine
+    from whiptool.runs import RunFolder, code_version, default_folder
+
+    controller, target = options.build_controller(), options.build_target()
+    target.check_radius(model)
+    rollout = options.build_rollout(model, controller)
+    n = len(strike.vector)
+    anywhere = StrikeBounds((-1.0,) * (n - 1) + (0.1,), (1.0,) * n)  # one strike needs no box
+    objective = Objective(rollout, target, t_stay=options.t_stay, bounds=anywhere, check_reach=False)
+    trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
+    config = {
+        "version": code_version(),
+        "command": "simulate",
+        "options": cli.as_plain(replace(options, out=None, export=None, json=False, video=True)),
+        "model": model_to_table(model),
+        "controller": controller_to_table(controller),
+    }
+    outcome = objective.judge(trajectory)
+    place = np.array(target.position)
+    warning = refine(
+        model, controller, strike, trajectory, timestep=rollout.timestep, t_stay=options.t_stay, target=place
+    ).warning
+    if warning is not None:
+        print(f"whiptool: {warning}", file=sys.stderr)
+    summary = {
+        "strike": named_strike(strike, model.arm),
+        "target": list(target.position),
+        "hit_radius": target.hit_radius,
+        "miss_distance": outcome.miss_distance,
+        "hit": outcome.hit,
+        "time": outcome.time,
+        "hit_time": outcome.hit_time,
+        "tip_speed": None if outcome.diverged else outcome.tip_speed,
+        "max_joint_speed": dict(zip(model.arm.joints, outcome.max_joint_speed, strict=True)),
+        "max_torque": dict(zip(model.arm.joints, outcome.max_torque, strict=True)),
+        "diverged": outcome.diverged,
+        "simulator": options.simulator,
+        "engine": rollout.engine,
+        "timestep": rollout.timestep,
+        "warning": warning,
+        "controller": controller_to_table(controller),
+        "model": model.name,
+        "version": code_version(),
+    }
+    label = options.controller_label()
+    with RunFolder.create(options.out or default_folder("simulate"), config) as folder:
+        folder.write_result(summary)
+        files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+        return
+    engine = f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
+    print(
+        "\n".join(
+            [
+                f"one strike: {model.name}, {label}, {engine}",
+                *strike_lines(summary["strike"]),
+                *outcome_lines(outcome, target, model.arm.joints),
+                f"  run folder     {folder.path} ({', '.join(files)})",
+            ]
+        )
+    )

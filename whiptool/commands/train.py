@@ -1,0 +1,341 @@
+"""Train a policy over a zone of targets (Algorithm 1): `python -m whiptool.train --method sac`."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from whiptool.commands import cli
+from whiptool.errors import InputError, WhiptoolError
+from whiptool.options import (
+    MANY_TARGETS,
+    ModelOptions,
+    SimulatedControllerOptions,
+    StepOptions,
+    TargetOptions,
+    check_training,
+    refuse_idle,
+    whole,
+)
+from whiptool.whole_files import append_whole, write_whole
+
+CHECKPOINT, EPISODES = "checkpoint.pt", "episodes.csv"
+_HYPERPARAMETERS = (
+    "learning_rate",
+    "discount",
+    "alpha",
+    "tau",
+    "batch_size",
+    "updates",
+    "noise",
+    "target_noise",
+    "noise_clip",
+    "delay",
+    "kl_target",
+    "beta",
+    "epochs",
+    "minibatch",
+    "spread",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, StepOptions):
+    """Train a policy that strikes at any target of a zone; the zone's centre is --target."""
+
+    method: str = "sac"
+    """sac, td3, ddpg or ppo."""
+    zone_radius: float = 0.1
+    """Targets are drawn from what the model can reach of the disc of this radius around --target [m]."""
+    zone: Path | None = None
+    """Draw targets from the region in this file instead (see whiptool.zone.Region)."""
+    observation: str = "goal"
+    """What the policy sees: paper, relative or goal."""
+    reward: str = "paper"
+    """paper (Eq. 17) or log (minus the logarithm of the miss distance in hit radii)."""
+    episodes: int = 500
+    """Number of episodes."""
+    trials: int = 100
+    """Strikes per episode."""
+    random_episodes: int = 50
+    """Episodes at the start with random strikes."""
+    strikes: int = 100
+    """Strikes at one target before it is given up."""
+    hindsight: int = 0
+    """Relabelled copies of every strike (sac, td3, ddpg with observation goal)."""
+    hidden: tuple[int, ...] | None = None
+    """Sizes of the hidden layers; this and the options down to --spread: default by method, see the documentation."""
+    learning_rate: float | None = None
+    """Of Adam."""
+    discount: float | None = None
+    """gamma; default: 0 for observation goal, else 0.99."""
+    alpha: float | None = None
+    """Weight of the entropy (sac)."""
+    tau: float | None = None
+    """Soft-update rate (sac, td3, ddpg)."""
+    batch_size: int | None = None
+    """Transitions per update (sac, td3, ddpg)."""
+    updates: int | None = None
+    """Updates per strike (sac, td3, ddpg)."""
+    noise: float | None = None
+    """Exploring noise (td3, ddpg)."""
+    target_noise: float | None = None
+    """sigma of Eq. 15 (td3)."""
+    noise_clip: float | None = None
+    """c of Eq. 15 (td3)."""
+    delay: int | None = None
+    """Critic updates per actor update (td3)."""
+    kl_target: float | None = None
+    """Divergence per batch that beta is steered to (ppo)."""
+    beta: float | None = None
+    """First weight of the KL penalty (ppo)."""
+    epochs: int | None = None
+    """Passes over a batch (ppo)."""
+    minibatch: int | None = None
+    """Transitions per step (ppo)."""
+    spread: float | None = None
+    """First standard deviation of the actions (ppo)."""
+    seed: int = 0
+    """Seed of everything random."""
+    checkpoint_every: int = 10
+    """Episodes between checkpoints."""
+    tests: int = 300
+    """Targets struck at with the trained policy at the end (Eq. 21)."""
+    out: Path | None = None
+    """Run folder; default: runs/METHOD-DATE-TIME."""
+    resume: Path | None = None
+    """Go on with the killed run in this folder; its options need not be given again."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.parameters import number
+        from whiptool.rl.settings import settings_for
+        from whiptool.rl.task import OBSERVATIONS, REWARDS
+
+        super().check()
+        settings_for(self.method, **self.hyperparameters())
+        for name, given, known in (
+            ("--observation", self.observation, OBSERVATIONS),
+            ("--reward", self.reward, tuple(REWARDS)),
+        ):
+            if given not in known:
+                raise InputError(name, given, ", ".join(known))
+        if self.zone is not None:
+            refuse_idle(self, dict.fromkeys(("target", "zone_radius"), "nothing beside --zone"))
+        number("--zone-radius", self.zone_radius, low=0, strict=True)
+        whole("--seed", self.seed, low=0)
+        whole("--tests", self.tests, high=MANY_TARGETS)
+        for name in ("checkpoint_every", "strikes"):
+            whole("--" + name.replace("_", "-"), getattr(self, name))
+        check_training(self.episodes, self.trials, self.random_episodes, self.hindsight)
+        if self.hindsight and (self.method == "ppo" or self.observation != "goal"):
+            allowed = "0, unless the learner has a replay buffer (sac, td3, ddpg) and the observation is goal"
+            raise InputError("--hindsight", self.hindsight, allowed)
+
+    def hyperparameters(self) -> dict[str, Any]:
+        """Those that are given."""
+        given = {name: getattr(self, name) for name in ("hidden", *_HYPERPARAMETERS)}
+        return {name: value for name, value in given.items() if value is not None}
+
+
+_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
+_EXAMPLE = (
+    "Train a policy that strikes at any target of a zone. "
+    "Example: python -m whiptool.train --method sac --episodes 20 --random-episodes 4"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    options = cli.parse_resumable(
+        TrainOptions,
+        command="train",
+        description=_EXAMPLE,
+        args=args,
+        not_configuration=_NOT_CONFIGURATION,
+        changeable=("checkpoint_every",),
+    )
+    run = _Run(options)
+    with run.folder:
+        return run.train()
+
+
+class _Run:
+    """One training: everything is checked before anything is written."""
+
+    def __init__(self, options: TrainOptions) -> None:
+        try:
+            import torch
+        except ImportError:
+            raise InputError(
+                "whiptool train", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]"
+            ) from None
+        torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
+
+        from whiptool.impedance.files import controller_to_table
+        from whiptool.models.files import model_to_table
+        from whiptool.rl.settings import settings_for
+        from whiptool.rl.task import StrikeTask
+        from whiptool.rl.training import Plan, Training, make_learner
+
+        self.options = options
+        settings = settings_for(options.method, **options.hyperparameters())
+        model, controller = options.build_model(), options.build_controller()
+        self.zone = self._zone(model)
+        rollout = options.build_compiled(model, controller)
+        options.warn_if_coarse(model, controller, options.target, options.t_stay)
+
+        def task() -> StrikeTask:
+            return StrikeTask(
+                rollout,  # type: ignore[arg-type]
+                self.zone,
+                observation=options.observation,
+                reward=options.reward,
+                hit_radius=options.hit_radius,
+                strikes=options.strikes,
+                t_stay=options.t_stay,
+            )
+
+        self.task = task
+        plan = Plan(options.episodes, options.trials, options.random_episodes, options.hindsight)
+        generator = torch.Generator().manual_seed(options.seed)
+        learner = make_learner(options.method, settings, task(), generator)
+        self.training = Training(learner, task(), plan)
+        config = {
+            "command": "train",
+            "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION)),
+            "settings": cli.as_plain(settings),
+            "model": model_to_table(model),
+            "controller": controller_to_table(controller),
+        }
+        self.folder = cli.open_folder(options, options.method, config)
+        self.checkpoint, self.table = self.folder.path / CHECKPOINT, self.folder.path / EPISODES
+        if options.resume is not None and self.checkpoint.exists():
+            self.training.load(self.checkpoint)
+        self._cut_table()
+
+    def _zone(self, model):
+        from whiptool.zone import Disc, Region, disc_within_reach
+
+        if self.options.zone is not None:
+            return Region.load(self.options.zone)
+        self.options.build_target().check_reach(model)
+        disc = Disc(self.options.target, self.options.zone_radius)  # type: ignore[arg-type]
+        return disc_within_reach(disc, model.reach)
+
+    def _cut_table(self) -> None:
+        """Leave those episodes in the table that the checkpoint holds; what came after it will be made again."""
+        lines = self.table.read_text(encoding="utf-8").splitlines(keepends=True) if self.table.exists() else []
+        write_whole(self.table, "".join(lines[: 1 + self.training.done if self.training.done else 0]))
+
+    def train(self) -> int:
+        """Train with a progress bar, log every episode, and strike at test targets at the end."""
+        from tqdm import tqdm
+
+        from whiptool.rl.event_log import EventLog
+        from whiptool.rl.learner import Diverged
+
+        training, options = self.training, self.options
+        start = time.monotonic()
+        board = EventLog(self.folder.path / "tensorboard", first_step=training.done + 1)
+        with tqdm(
+            total=training.plan.episodes,
+            initial=training.done,
+            unit=" episodes",
+            desc=options.method,
+            file=sys.stderr,
+            dynamic_ncols=True,
+            leave=False,
+        ) as bar:
+
+            def on_episode(episode) -> None:
+                self._log(episode)
+                losses = {f"loss/{name}": value for name, value in episode.losses.items()}
+                whole = {"mean_reward": episode.mean_reward, "share_hit": episode.share_hit}
+                board.add(whole | losses, episode.number)
+                if episode.number % options.checkpoint_every == 0:
+                    training.save(self.checkpoint)
+                bar.set_postfix_str(f"reward {episode.mean_reward:.1f}, hits {episode.share_hit:.0%}", refresh=False)
+                bar.update()
+
+            try:
+                training.run(on_episode)
+                training.save(self.checkpoint)
+            except Diverged as error:
+                kept = (
+                    f"the last good checkpoint is {self.checkpoint}" if self.checkpoint.exists() else "none was saved"
+                )
+                raise WhiptoolError(f"{error}; {kept}") from None
+        self._report(time.monotonic() - start)
+        return 0
+
+    def _log(self, episode) -> None:
+        """One line, which is in the file when this returns; every line has the same columns."""
+        from whiptool.rl.training import LOSSES
+
+        row = {k: v for k, v in asdict(episode).items() if k != "losses"}
+        row |= {name: episode.losses.get(name, "") for name in LOSSES[self.options.method]}
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(row), lineterminator="\n")
+        if self.table.stat().st_size == 0:
+            writer.writeheader()
+        writer.writerow(row)
+        append_whole(self.table, text.getvalue())
+
+    def _report(self, seconds: float) -> None:
+        """Eq. 21 under every convention, as a file and for people."""
+        import numpy as np
+
+        from whiptool.rl.policy import CONVENTIONS, trials_to_hit
+        from whiptool.runs import code_version
+        from whiptool.zone import sample
+
+        targets = sample(self.zone, self.options.tests, np.random.default_rng(self.options.seed))
+        result: dict[str, Any] = {}
+        for convention in CONVENTIONS:
+            trials, hit = trials_to_hit(self.training.learner, self.task(), targets, cap=600, convention=convention)
+            result[convention] = {
+                "mean_trials": float(trials.mean()),
+                "median_trials": float(np.median(trials)),
+                "largest": int(trials.max()),
+                "share_hit": float(hit.mean()),
+            }
+        plan = self.training.plan
+        summary = {
+            "method": self.options.method,
+            "observation": self.options.observation,
+            "training_strikes": plan.episodes * plan.trials,
+            "n_diverged": self.training.task.n_diverged,
+            "wall_time": seconds,
+            "tests": self.options.tests,
+            "zone_area": self.zone.area,
+            "hit_radius": self.options.hit_radius,
+            "trials_to_hit": result,
+            "seed": self.options.seed,
+            "version": code_version(),
+        }
+        self.folder.write_result(summary)
+        if self.options.json:
+            print(json.dumps(summary, allow_nan=False))
+            return
+        print(f"{self.options.method}: {plan.episodes * plan.trials} strikes in {seconds:.1f} s of training")
+        print(f"  trials to the first hit of {self.options.tests} targets, at most 600")
+        for convention, r in result.items():
+            print(
+                f"  {convention:12s} mean {r['mean_trials']:.3f}   median {r['median_trials']:g}   "
+                f"largest {r['largest']}   hit {r['share_hit']:.1%}   ({CONVENTIONS[convention]})"
+            )
+        print(f"  run folder     {self.folder.path} ({CHECKPOINT}, {EPISODES}, tensorboard)")

@@ -1,0 +1,250 @@
+"""Look at a run: `python -m whiptool.view RUN`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+import warnings
+import webbrowser
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import tyro
+
+from whiptool.commands import cli
+from whiptool.errors import InputError
+from whiptool.options import ControllerOptions, Options, TargetOptions
+
+if TYPE_CHECKING:
+    from whiptool.models import Model
+    from whiptool.objective import Target
+    from whiptool.rollout import Trajectory
+
+T = TypeVar("T")
+TRAJECTORY, VIDEO, PAGE, REPORT = "trajectory.npz", "strike.mp4", "strike.html", "report.html"
+RESUMED = ("optimize", "train", "compare", "reproduce", "adapt", "identify", "rig learn")  # commands with --resume
+FPS = 60.0  # frames a second in the viewer
+SPACE = 32  # GLFW's code of the key
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(Options):
+    """Look at a run."""
+
+    run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
+    """Run folder: of optimize or simulate (a strike), of identify, adapt, reproduce or rig strike (a report)."""
+    page: bool = False
+    """Write the interactive page anew and open it in the browser, in place of MuJoCo's viewer."""
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+
+
+@dataclass(frozen=True)
+class StrikeRun:
+    """The strike of a run folder; the label is its controller in words."""
+
+    trajectory: Trajectory
+    model: Model
+    target: Target
+    label: str
+
+
+_ABOUT = (
+    "Look at a run: its strike in MuJoCo's viewer, in a loop (space pauses), or its report. Without a display: where "
+    "its video and its interactive page are. Example: python -m whiptool.view runs/directl-20260102-030405"
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 2 for bad input, 130 when interrupted."""
+    return cli.run(lambda: _main(args))
+
+
+def _main(args: Sequence[str] | None) -> int:
+    options = cli.parse(ViewOptions, prog="whiptool view", description=_ABOUT, args=args)
+    shown = _look(options)
+    if options.json:
+        print(json.dumps(shown))
+        return 0
+    where = {"viewer": "shown in MuJoCo's viewer", "browser": "opened in the browser", None: "no window opens here"}
+    print(f"{shown['run']}: {where[shown['shown']]}")
+    print("".join(f"  {name:14s} {shown[name]}\n" for name in ("report", "page", "video") if shown[name]), end="")
+    return 0
+
+
+def _look(options: ViewOptions) -> dict[str, Any]:
+    """Show the run; what was shown where, and the files that hold it."""
+    folder = options.run
+    if not folder.is_dir():
+        raise InputError("RUN", str(folder), "the folder of a run", "" if folder.exists() else "it does not exist")
+    shown: dict[str, Any] = {"run": str(folder), "shown": None, "report": None, "page": None, "video": None}
+    if not (folder / TRAJECTORY).is_file():
+        if not (folder / REPORT).is_file():
+            raise _nothing_to_see(folder)
+        return shown | {"report": str(folder / REPORT), "shown": _open(folder / REPORT)}
+    strike = read_strike(folder)
+    if has_display() and not options.page and play(strike):
+        return shown | {"shown": "viewer"}
+    if options.page or not (folder / PAGE).is_file():
+        _write_page(folder, strike)
+    shown["page"] = str(folder / PAGE)
+    if options.page:
+        return shown | {"shown": _open(folder / PAGE)}
+    if not (folder / VIDEO).is_file():
+        _write_video(folder, strike)
+    return shown | {"video": str(folder / VIDEO)}
+
+
+def _nothing_to_see(folder: Path) -> InputError:
+    from whiptool.models.files import read_toml
+    from whiptool.runs import CONFIG, RESULT
+
+    command = read_toml(folder / CONFIG).get("command") if (folder / CONFIG).is_file() else None
+    if command in RESUMED and not (folder / RESULT).is_file():
+        go_on = f"it is not finished: go on with `whiptool {command} --resume {folder}`"
+        return InputError("RUN", str(folder), "a run that has ended", go_on)
+    return InputError(
+        "RUN",
+        str(folder),
+        f"a folder with {TRAJECTORY}, as optimize and simulate write it at their end, or {REPORT}, as identify, "
+        "adapt, reproduce and rig strike do",
+        f"this one is of `whiptool {command}`" if command else f"it has no {CONFIG}",
+    )
+
+
+def read_strike(folder: Path) -> StrikeRun:
+    """The strike of a run of optimize or simulate.
+
+    Raises:
+        InputError: A file is missing or damaged, or they do not belong together.
+    """
+    from whiptool.models.files import model_from_table, read_toml
+    from whiptool.rollout import Trajectory
+    from whiptool.runs import CONFIG
+
+    config = read_toml(folder / CONFIG)
+    try:
+        model = model_from_table(config.get("model", {}))
+        table: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in config.get("options", {}).items()
+        }
+        struck = _part(TargetOptions, table)
+        label = _part(ControllerOptions, table).controller_label()
+        target = struck.build_target()
+    except InputError as error:
+        raise error.within(f"{folder / CONFIG}: ") from None
+    try:
+        trajectory = Trajectory.load(folder / TRAJECTORY)
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        raise InputError(str(folder / TRAJECTORY), "a damaged file", "a trajectory as whiptool writes it") from None
+    if trajectory.q.shape[1:] != (model.n,):
+        raise InputError(str(folder / TRAJECTORY), f"{trajectory.q.shape[1]} joints", f"the model's {model.n}")
+    return StrikeRun(trajectory, model, target, label)
+
+
+def _part(group: type[T], table: dict[str, Any]) -> T:
+    """A group of the options that a folder holds."""
+    return group(**{f.name: table[f.name] for f in fields(group) if f.name in table})  # type: ignore[arg-type]
+
+
+def has_display() -> bool:
+    """Whether windows can be expected to open."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _open(page: Path) -> str | None:
+    """Open a page in the browser where there is a display."""
+    return "browser" if has_display() and webbrowser.open(page.resolve().as_uri()) else None
+
+
+def _write_page(folder: Path, strike: StrikeRun) -> None:
+    import numpy as np
+
+    from whiptool.viz.page import strike_page
+    from whiptool.whole_files import write_whole
+
+    target = np.array(strike.target.position)
+    page = strike_page(strike.model, strike.trajectory, target, strike.target.hit_radius, label=strike.label)
+    write_whole(folder / PAGE, page)
+
+
+def _write_video(folder: Path, strike: StrikeRun) -> None:
+    import numpy as np
+
+    from whiptool.viz.video import render_video
+
+    target = np.array(strike.target.position)
+    render_video(folder / VIDEO, strike.trajectory, strike.model, target, strike.target.hit_radius)
+
+
+def play(strike: StrikeRun) -> bool:
+    """Play a strike in MuJoCo's viewer at real speed, over and over, until its window is closed.
+
+    Returns:
+        False where no window opens.
+    """
+    if not window_opens():
+        return False
+    import mujoco.viewer
+    import numpy as np
+
+    from whiptool.rollout.mujoco_model import build_spec, set_posture
+    from whiptool.viz.video import _add_bar, _film
+
+    target, radius = np.array(strike.target.position), strike.target.hit_radius
+    film = _film(strike.trajectory, strike.model, target, radius, FPS, 1.0, (960, 540))
+    mj = build_spec(strike.model, target=target, target_radius=radius).compile()
+    data, paused = mujoco.MjData(mj), False
+
+    def on_key(key: int) -> None:
+        nonlocal paused
+        paused ^= key == SPACE
+
+    try:
+        viewer = mujoco.viewer.launch_passive(mj, data, key_callback=on_key, show_left_ui=False, show_right_ui=False)
+    except RuntimeError as error:  # on macOS, without mjpython
+        print(f"whiptool: no viewer: {error}", file=sys.stderr)
+        return False
+    with viewer:
+        viewer.cam.type, viewer.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, mj.cam("side").id
+        scene = viewer.user_scn
+        assert scene is not None
+        t, before = 0.0, time.monotonic()
+        while viewer.is_running():
+            now = time.monotonic()
+            t = t if paused else (t + now - before) % (len(film.q) / FPS)
+            before, frame = now, int(t * FPS)
+            with viewer.lock():
+                set_posture(mj, data, film.q[frame])
+                data.time = frame / FPS
+                scene.ngeom = 0
+                for ends, rgb in zip(film.trail[: film.shown[frame]], film.trail_rgb, strict=False):
+                    _add_bar(scene, ends, 0.03 * strike.model.reach, 0.01 * strike.model.reach, rgb)
+            viewer.sync()
+            time.sleep(max(0.0, now + 1 / FPS - time.monotonic()))
+    return True
+
+
+def window_opens() -> bool:
+    """Whether a window with OpenGL opens; the viewer's own thread would wait for one for ever."""
+    try:
+        import glfw
+    except ImportError:
+        return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what GLFW says where it fails
+        if not glfw.init():
+            return False
+        glfw.window_hint(glfw.VISIBLE, False)
+        window = glfw.create_window(64, 64, "whiptool", None, None)
+        if window:
+            glfw.destroy_window(window)
+        glfw.terminate()
+    return bool(window)

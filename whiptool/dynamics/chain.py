@@ -1,0 +1,329 @@
+"""The planar serial chain in CasADi: kinematics, articulated-body dynamics, energies.
+
+Parameters are symbols or numbers alike; what is given as the number 0 generates no term. Link i hangs from joint i;
+its absolute angle is `theta_i = q_0 + ... + q_i`, zero straight down, positive toward +x; y is up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import casadi as ca
+import numpy as np
+
+from whiptool.models.parameters import Model
+
+Scalar = ca.SX | float
+Vector = ca.SX | ca.DM | np.ndarray | Sequence  # (n,) of symbols or numbers
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Parameters of a chain of n links, each a column (n, 1) of symbols or numbers.
+
+    `length`, `mass`, `com` (along the link), `inertia` (about the centre of mass) describe links; `stiffness`,
+    `cubic_stiffness`, `rest_angle`, `damping`, `dry_friction` their joints; `drag` acts at each link's far end,
+    `drag_ratio` is one number for all. Units as in `WhipParameters` and `ArmLink`.
+    """
+
+    length: Vector
+    mass: Vector
+    com: Vector
+    inertia: Vector
+    stiffness: Vector
+    damping: Vector
+    rest_angle: Vector
+    dry_friction: Vector
+    drag: Vector
+    cubic_stiffness: Vector
+    drag_ratio: ca.SX | float = 1.0
+    friction_velocity: ca.SX | float = 0.1
+    gravity: ca.SX | float = 9.81
+
+    def __post_init__(self) -> None:
+        sizes = {f.name: ca.SX(getattr(self, f.name)).numel() for f in fields(self)}
+        scalars = ("drag_ratio", "friction_velocity", "gravity")
+        assert all(size == (1 if name in scalars else self.n) for name, size in sizes.items()), sizes
+
+    @property
+    def n(self) -> int:
+        """Number of links of the chain."""
+        return ca.SX(self.length).numel()
+
+    def each(self, name: str) -> list[ca.SX]:
+        """Quantity `name` as n scalars."""
+        return ca.vertsplit(ca.SX(getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class Base:
+    """Prescribed motion of the point that joint 1 hangs from, and of the frame that its angle is counted from.
+
+    `angle` [rad] with its rates `omega`, `alpha`, velocity (vx, vy) [m/s] and acceleration (ax, ay) [m/s^2].
+    """
+
+    angle: Scalar = 0.0
+    omega: Scalar = 0.0
+    alpha: Scalar = 0.0
+    vx: Scalar = 0.0
+    vy: Scalar = 0.0
+    ax: Scalar = 0.0
+    ay: Scalar = 0.0
+
+
+def ride_on_end(
+    mass: Scalar, com: Scalar, inertia: Scalar, length: Scalar, load: Scalar
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Mass, centre of mass and inertia of a link that carries a point mass `load` on its far end."""
+    total = mass + load
+    c = (mass * com + load * length) / total
+    return total, c, inertia + mass * (c - com) ** 2 + load * (length - c) ** 2
+
+
+def chain_of(model: Model, *, node_inertia: float = 0.0) -> Chain:
+    """The numbers of arm and whip as one chain; `node_inertia` [kg m^2] is for engines that want it positive."""
+    arm, whip = model.arm, model.whip
+    zeros, l = np.zeros(arm.n), whip.per_node("l")
+    mass, com, inertia = (arm.per_link(name) for name in ("mass", "com", "inertia"))
+    if whip.hinge_mass:
+        carried = ride_on_end(mass[-1], com[-1], inertia[-1], arm.links[-1].length, whip.hinge_mass)
+        mass[-1], com[-1], inertia[-1] = carried
+    return Chain(
+        length=np.r_[arm.per_link("length"), l],
+        mass=np.r_[mass, whip.per_node("m")],
+        com=np.r_[com, l],
+        inertia=np.r_[inertia, np.full(whip.N, node_inertia)],
+        stiffness=np.r_[zeros, whip.per_node("k")],
+        damping=np.r_[arm.per_link("friction"), whip.per_node("b")],
+        rest_angle=np.r_[zeros, whip.per_node("rest_angle")],
+        dry_friction=np.r_[zeros, whip.per_node("dry_friction")],
+        drag=np.r_[zeros, whip.per_node("drag")],
+        cubic_stiffness=np.r_[zeros, whip.per_node("cubic_stiffness")],
+        drag_ratio=whip.drag_ratio,
+        friction_velocity=whip.friction_velocity,
+        gravity=model.gravity,
+    )
+
+
+def link_ends(chain: Chain, q: ca.SX) -> ca.SX:
+    """Positions of the links' far ends [m], shape (n, 2); the last row is the tip."""
+    theta = ca.cumsum(ca.SX(q))
+    l = ca.SX(chain.length)
+    return ca.horzcat(ca.cumsum(l * ca.sin(theta)), ca.cumsum(-l * ca.cos(theta)))
+
+
+def tip_state(chain: Chain, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Tip position [m] and velocity [m/s], each (2, 1)."""
+    theta, omega, l = ca.cumsum(ca.SX(q)), ca.cumsum(ca.SX(v)), ca.SX(chain.length)
+    s, c = l * ca.sin(theta), l * ca.cos(theta)
+    return ca.vertcat(ca.sum1(s), -ca.sum1(c)), ca.vertcat(ca.dot(c, omega), ca.dot(s, omega))
+
+
+def passive_torque(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
+    """Torque of springs, dampers and smoothed dry friction [N m], shape (n, 1)."""
+    bent = q - ca.SX(chain.rest_angle)
+    spring = -ca.SX(chain.stiffness) * bent - ca.SX(chain.cubic_stiffness) * bent**3
+    friction = -ca.SX(chain.dry_friction) * v / ca.sqrt(v**2 + chain.friction_velocity**2)
+    return spring - ca.SX(chain.damping) * v + friction
+
+
+def _drag_force(drag: ca.SX, ratio: Scalar, ux: ca.SX, uy: ca.SX, sin: ca.SX, cos: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Quadratic drag [N] on a node of velocity u, its link along (sin, -cos); the tiny constant keeps the root
+    differentiable at rest."""
+    if drag.is_zero():
+        return ca.SX(0), ca.SX(0)
+    speed = ca.sqrt(ux**2 + uy**2 + 1e-12)
+    less = (1 - ca.SX(ratio)) * (ux * sin - uy * cos)  # of the velocity along the link, this much is not braked
+    return -drag * speed * (ux - less * sin), -drag * speed * (uy + less * cos)
+
+
+def _point_mass(com: ca.SX, length: ca.SX) -> bool:
+    """Whether a link's centre of mass is the same expression as its length: a point mass on a massless link."""
+    return ca.is_equal(com, length)
+
+
+def forward_dynamics(
+    chain: Chain,
+    q: ca.SX,
+    v: ca.SX,
+    torque: ca.SX,
+    *,
+    armature: ca.SX | None = None,
+    coupling: ca.SX | None = None,
+    base: Base | None = None,
+) -> ca.SX:
+    """Joint accelerations [rad/s^2], shape (n, 1), by the articulated-body algorithm.
+
+    Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 7, in the plane: axes stay parallel to the world's,
+    moments are taken about each joint, and accelerations are those of material points, so that the only velocity
+    term is centripetal. A link's articulated inertia is then a symmetric 2x2 `M`, a 2-vector `h` and a scalar `J`.
+
+    Args:
+        chain: Parameters.
+        q, v: Joint positions [rad] and velocities [rad/s], (n, 1).
+        torque: All joint torques, passive ones included [N m], (n, 1).
+        armature: Added to the diagonal of the mass matrix [kg m^2], (n, 1); the integrator puts damping here.
+        coupling: Added to the mass matrix's leading block [kg m^2], (a, a), symmetric or not; these first joints are
+            then solved for together.
+        base: How the chain's base moves; default: not at all. Not together with `coupling`.
+    """
+    n = chain.n
+    at = Base() if base is None else base
+    block = ca.SX(0, 0) if coupling is None else ca.SX(coupling)
+    a = block.shape[0]
+    assert base is None or a == 0
+    theta, omega = ca.vertsplit(ca.cumsum(ca.SX(q)) + at.angle), ca.vertsplit(ca.cumsum(ca.SX(v)) + at.omega)
+    tau = ca.vertsplit(ca.SX(torque))
+    extra = ca.vertsplit(ca.SX.zeros(n) if armature is None else ca.SX(armature))
+    length, mass, com, inertia, drag = (chain.each(x) for x in ("length", "mass", "com", "inertia", "drag"))
+
+    # outward: link vectors r (joint to joint) and, for drag, velocities of their ends
+    sin, cos = [ca.sin(t) for t in theta], [ca.cos(t) for t in theta]
+    rx, ry = [l * s for l, s in zip(length, sin)], [-l * c for l, c in zip(length, cos)]
+    fx, fy = [ca.SX(0)] * n, [ca.SX(0)] * n
+    ux, uy = ca.SX(at.vx), ca.SX(at.vy)
+    for i in range(n):
+        ux, uy = ux - omega[i] * ry[i], uy + omega[i] * rx[i]
+        fx[i], fy[i] = _drag_force(drag[i], chain.drag_ratio, ux, uy, sin[i], cos[i])
+
+    # inward: articulated inertia and bias of link i about joint i; gravity enters as the base's acceleration
+    zero = ca.SX(0)
+    Mxx = Mxy = Myy = hx = hy = J = px = py = pn = zero  # what the child hands down
+    h_of = [(zero, zero)] * n
+    J_of, D_of, u_of = ([zero] * n for _ in range(3))
+    for i in reversed(range(n)):
+        x, y = rx[i], ry[i]
+        w2 = omega[i] ** 2
+        if _point_mass(com[i], length[i]):  # the node's mass joins what its end carries
+            Mxx, Myy = Mxx + mass[i], Myy + mass[i]
+        Mrx, Mry = -Mxx * y + Mxy * x, -Mxy * y + Myy * x  # M r_perp, r_perp = (-y, x)
+        bx, by = px - fx[i] - w2 * (Mxx * x + Mxy * y), py - fy[i] - w2 * (Mxy * x + Myy * y)
+        pn = pn - y * bx + x * by - w2 * (hx * x + hy * y)
+        px, py = bx, by
+        J = J - y * (Mrx + 2 * hx) + x * (Mry + 2 * hy) + inertia[i]
+        hx, hy = hx + Mrx, hy + Mry
+        if not _point_mass(com[i], length[i]):
+            cx, cy = com[i] * sin[i], -com[i] * cos[i]
+            mcx, mcy = mass[i] * cx, mass[i] * cy
+            px, py = px - w2 * mcx, py - w2 * mcy
+            J = J + mcx * cx + mcy * cy
+            hx, hy = hx - mcy, hy + mcx
+            Mxx, Myy = Mxx + mass[i], Myy + mass[i]
+        D, u = J + extra[i], tau[i] - pn
+        h_of[i], J_of[i], D_of[i], u_of[i] = (hx, hy), J, D, u
+        if i < a or i == 0:  # joints that are solved for together hand down everything; joint 0 has no parent
+            continue
+        # joint i takes its share
+        inv = 1 / D
+        gx, gy, ud = hx * inv, hy * inv, u * inv
+        Mxx, Mxy, Myy = Mxx - gx * hx, Mxy - gx * hy, Myy - gy * hy
+        px, py, pn = px + hx * ud, py + hy * ud, pn + J * ud
+        if extra[i].is_zero():
+            hx = hy = J = zero
+        else:
+            share = extra[i] * inv
+            hx, hy, J = hx * share, hy * share, J * share
+
+    # the first joints together: (composite inertia + coupling) qdd = u, gravity included
+    together = []
+    if a:
+        g = ca.SX(chain.gravity)
+        H, rhs = block, ca.SX.zeros(a)
+        for j in range(a):
+            x, y = zero, zero
+            H[j, j] += D_of[j]
+            for i in reversed(range(j)):  # from joint i to joint j
+                x, y = x + rx[i], y + ry[i]
+                inertia_ij = J_of[j] - y * h_of[j][0] + x * h_of[j][1]
+                H[i, j] += inertia_ij
+                H[j, i] += inertia_ij
+            # the bias so far counts velocities beyond joint j; those before it move the joint itself
+            bx, by = zero, g
+            for i in range(j):
+                bx, by = bx - omega[i] ** 2 * rx[i], by - omega[i] ** 2 * ry[i]
+            rhs[j] = u_of[j] - h_of[j][0] * bx - h_of[j][1] * by
+        together = ca.vertsplit(_solve(H, rhs))
+
+    # outward: accelerations of the joints' points and of the links
+    ax, ay, alpha = ca.SX(at.ax), ca.SX(chain.gravity) + at.ay, ca.SX(at.alpha)
+    result = []
+    for i in range(n):
+        (hx, hy), J, D, u = h_of[i], J_of[i], D_of[i], u_of[i]
+        qdd = together[i] if i < a else (u - hx * ax - hy * ay - J * alpha) / D
+        result.append(qdd)
+        alpha = alpha + qdd
+        w2 = omega[i] ** 2
+        ax, ay = ax - alpha * ry[i] - w2 * rx[i], ay + alpha * rx[i] - w2 * ry[i]
+    return ca.vertcat(*result)
+
+
+def _solve(A: ca.SX, b: ca.SX) -> ca.SX:
+    """`A x = b` by elimination without pivoting: for small matrices near a positive definite one."""
+    A, b, n = ca.SX(A), ca.SX(b), b.numel()
+    for i in range(n):
+        for j in range(i + 1, n):
+            factor = A[j, i] / A[i, i]
+            A[j, i:] -= factor * A[i, i:]
+            b[j] -= factor * b[i]
+    for i in reversed(range(n)):
+        b[i] = (b[i] - sum((A[i, j] * b[j] for j in range(i + 1, n)), ca.SX(0))) / A[i, i]
+    return b
+
+
+def inverse_dynamics(chain: Chain, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+    """Joint torques [N m], shape (n, 1), that give accelerations `a`, by recursive Newton-Euler; passive torques
+    (springs, dampers, friction) are not included, drag is."""
+    theta, omega, alpha = (ca.vertsplit(ca.cumsum(ca.SX(z))) for z in (q, v, a))
+    length, mass, com, inertia, drag = (chain.each(x) for x in ("length", "mass", "com", "inertia", "drag"))
+    ux, uy, ax, ay = ca.SX(0), ca.SX(0), ca.SX(0), ca.SX(chain.gravity)
+    links = []
+    for i in range(chain.n):
+        s, c, w2 = ca.sin(theta[i]), ca.cos(theta[i]), omega[i] ** 2
+        x, y, cx, cy = length[i] * s, -length[i] * c, com[i] * s, -com[i] * c
+        Fx, Fy = mass[i] * (ax - alpha[i] * cy - w2 * cx), mass[i] * (ay + alpha[i] * cx - w2 * cy)
+        ux, uy = ux - omega[i] * y, uy + omega[i] * x
+        drags = _drag_force(drag[i], chain.drag_ratio, ux, uy, s, c)
+        links.append((x, y, cx, cy, Fx, Fy, inertia[i] * alpha[i], *drags))
+        ax, ay = ax - alpha[i] * y - w2 * x, ay + alpha[i] * x - w2 * y
+    fx, fy, moment, torques = ca.SX(0), ca.SX(0), ca.SX(0), []
+    for x, y, cx, cy, Fx, Fy, N, dx, dy in reversed(links):
+        moment = moment + N + cx * Fy - cy * Fx + x * (fy - dy) - y * (fx - dx)
+        fx, fy = fx - dx + Fx, fy - dy + Fy
+        torques.append(moment)
+    return ca.vertcat(*reversed(torques))
+
+
+def bias_forces(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
+    """Torques of gravity, velocity and drag [N m], shape (n, 1): inverse dynamics at zero acceleration."""
+    return inverse_dynamics(chain, q, v, ca.SX.zeros(chain.n))
+
+
+def mass_matrix(chain: Chain, q: ca.SX) -> ca.SX:
+    """Joint-space inertia [kg m^2], shape (n, n): what inverse dynamics multiplies the accelerations with."""
+    a = ca.SX.sym("a", chain.n)
+    return ca.jacobian(inverse_dynamics(chain, q, ca.SX.zeros(chain.n), a), a)
+
+
+def kinetic_energy(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
+    """Kinetic energy [J], summed over the links."""
+    theta, omega = ca.vertsplit(ca.cumsum(ca.SX(q))), ca.vertsplit(ca.cumsum(ca.SX(v)))
+    length, mass, com, inertia = (chain.each(x) for x in ("length", "mass", "com", "inertia"))
+    ux, uy, T = ca.SX(0), ca.SX(0), ca.SX(0)
+    for i in range(chain.n):
+        ex, ey = omega[i] * ca.cos(theta[i]), omega[i] * ca.sin(theta[i])  # velocity per length along the link
+        T += (mass[i] * ((ux + com[i] * ex) ** 2 + (uy + com[i] * ey) ** 2) + inertia[i] * omega[i] ** 2) / 2
+        ux, uy = ux + length[i] * ex, uy + length[i] * ey
+    return T
+
+
+def potential_energy(chain: Chain, q: ca.SX) -> ca.SX:
+    """Potential energy of weight and springs [J]; weight is counted from the first joint's height."""
+    theta = ca.vertsplit(ca.cumsum(ca.SX(q)))
+    length, mass, com = (chain.each(x) for x in ("length", "mass", "com"))
+    y, V = ca.SX(0), ca.SX(0)
+    for i in range(chain.n):
+        V += mass[i] * chain.gravity * (y - com[i] * ca.cos(theta[i]))
+        y = y - length[i] * ca.cos(theta[i])
+    bent = q - ca.SX(chain.rest_angle)
+    return V + ca.dot(ca.SX(chain.stiffness), bent**2) / 2 + ca.dot(ca.SX(chain.cubic_stiffness), bent**4) / 4

@@ -1,0 +1,84 @@
+"""The arm in Pinocchio: inertia I(q), gravity Jacobians and gravity compensation (Eq. 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # built outside site-packages
+
+from whiptool.models.parameters import Model
+
+
+def pinocchio_chain(
+    length: np.ndarray, mass: np.ndarray, com: np.ndarray, inertia: np.ndarray, gravity: float
+) -> pin.Model:
+    """Return links in a row as a Pinocchio model in the x-y plane: joint axes along z, gravity along -y.
+
+    Args:
+        length: Of each link [m], (n,).
+        mass: [kg], (n,).
+        com: Distance of the centre of mass from the joint [m], (n,).
+        inertia: About the centre of mass [kg m^2], (n,).
+        gravity: [m/s^2].
+    """
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, -gravity, 0.0])
+    parent, placement = 0, pin.SE3.Identity()
+    for i in range(len(length)):
+        joint = model.addJoint(parent, pin.JointModelRZ(), placement, f"joint{i + 1}")
+        about_com = np.diag([0.0, 0.0, inertia[i]])
+        model.appendBodyToJoint(joint, pin.Inertia(mass[i], np.array([0, -com[i], 0]), about_com), pin.SE3.Identity())
+        at_com = pin.SE3(np.eye(3), np.array([0.0, -com[i], 0.0]))
+        model.addFrame(pin.Frame(f"com{i + 1}", joint, 0, at_com, pin.FrameType.OP_FRAME))
+        parent, placement = joint, pin.SE3(np.eye(3), np.array([0.0, -length[i], 0.0]))
+    model.addFrame(pin.Frame("end", parent, 0, placement, pin.FrameType.OP_FRAME))
+    return model
+
+
+class Arm:
+    """The bare arm of a model, and the weight of the whip at its hand.
+
+    Args:
+        model: Arm, whip and gravity.
+    """
+
+    def __init__(self, model: Model) -> None:
+        n = model.arm.n
+        links = (model.arm.per_link(name) for name in ("length", "mass", "com", "inertia"))
+        self.n = n
+        self._model = pinocchio_chain(*links, gravity=model.gravity)
+        self._data = self._model.createData()
+        self._friction = model.arm.per_link("friction")
+        self._frames = [self._model.getFrameId(f"com{i + 1}") for i in range(n)] + [self._model.getFrameId("end")]
+        self._gravity = model.gravity
+        self._weights = np.append(model.arm.per_link("mass"), model.whip.mass) * model.gravity  # [N]
+
+    def inertia(self, q: np.ndarray) -> np.ndarray:
+        """Inertia matrix I(q) of the bare arm [kg m^2], shape (n, n), as in Eq. 7."""
+        return pin.crba(self._model, self._data, np.asarray(q, float)).copy()
+
+    def gravity_jacobians(self, q: np.ndarray) -> np.ndarray:
+        """Jacobians of the points where the weights act, shape (n + 1, 2, n): the links' centres of mass and the
+        hand; for two joints J_s, J_e and J_w of Eq. 3. Rows are x and y [m/rad]."""
+        pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
+        pin.updateFramePlacements(self._model, self._data)
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobians = (pin.getFrameJacobian(self._model, self._data, frame, world) for frame in self._frames)
+        return np.array([jacobian.reshape(6, -1)[:2] for jacobian in jacobians])  # (6,) for a single joint
+
+    def gravity_compensation(self, q: np.ndarray, masses: Sequence[float] | None = None) -> np.ndarray:
+        """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3).
+
+        Args:
+            q: Posture [rad], (n,).
+            masses: Of the links and, last, of the whip [kg], in place of the model's, (n + 1,).
+        """
+        weights = self._weights if masses is None else np.asarray(masses) * self._gravity
+        return weights @ self.gravity_jacobians(q)[:, 1]  # sum of J^T f, f upward
+
+    def feedforward(self, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray) -> np.ndarray:
+        """Torque [N m], shape (n,), of the bare arm along the reference, without gravity."""
+        with_gravity = pin.rnea(self._model, self._data, q_d, v_d, a_d)
+        weight = pin.computeGeneralizedGravity(self._model, self._data, q_d)
+        return with_gravity - weight + self._friction * v_d

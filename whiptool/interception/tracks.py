@@ -1,0 +1,189 @@
+"""Where a target was seen, which motion that is, and where it will be, with what certainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2 as chi2_distribution
+
+from whiptool.errors import InputError
+from whiptool.interception.motions import GRAVITY, MOTIONS, Motion, find_motion
+from whiptool.models.parameters import number
+
+LEAST = 3  # frames that a motion is chosen from
+DOUBTFUL = 4.0  # times the stated variance, from which a track warns
+STEPS = 40  # of a fit, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A target's motion as it is known.
+
+    Args:
+        motion: Which.
+        numbers: Of the motion, (p,), with its time 0 at `epoch`.
+        covariance: Of the numbers, (p, p), the misfit included.
+        epoch: [s]
+        chi2: Sum of squared residuals in units of the measurement error.
+        dof: Measured coordinates less p.
+        bic: chi2 + p log(measured coordinates); the motion of the smallest is the most plausible (Schwarz 1978).
+        last: Time of the last frame that it was seen in [s]; -inf: it was told, not seen.
+    """
+
+    motion: Motion
+    numbers: np.ndarray
+    covariance: np.ndarray
+    epoch: float = 0.0
+    chi2: float = 0.0
+    dof: int = 0
+    bic: float = 0.0
+    last: float = -np.inf
+
+    @classmethod
+    def known(cls, motion: Motion, numbers: np.ndarray, *, epoch: float = 0.0) -> Track:
+        """A motion without any doubt."""
+        numbers = np.asarray(numbers, float)
+        return cls(motion, numbers, np.zeros((len(numbers), len(numbers))), epoch)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of residuals so large, if it moves like that; small: it does not."""
+        return float(chi2_distribution.sf(self.chi2, self.dof)) if self.dof > 0 else 1.0
+
+    @property
+    def misfit(self) -> float:
+        """max(1, chi2 / dof): by how much the variance of a frame is larger than stated, for all that is known."""
+        return _misfit(self.chi2, self.dof)
+
+    @property
+    def warning(self) -> str:
+        """A sentence where the frames spread much wider than stated; else empty."""
+        if self.misfit <= DOUBTFUL:
+            return ""
+        return (
+            f"The frames lie {self.misfit**0.5:.1f} times as far from a {self.motion.name} motion as sigma states: "
+            "sigma is too small, or the target moves otherwise; what is said of the future is a guess."
+        )
+
+    def position(self, t: np.ndarray | float) -> np.ndarray:
+        """Most probable position at times (T,) [s], (T, 2) [m]."""
+        return self.positions(self.numbers, t)
+
+    def positions(self, numbers: np.ndarray, t: np.ndarray | float) -> np.ndarray:
+        """The same for other numbers (..., p), such as samples of them, (..., T, 2) [m]."""
+        return self.motion.positions(numbers, np.atleast_1d(np.asarray(t, float)) - self.epoch)
+
+    def velocity(self, t: np.ndarray | float) -> np.ndarray:
+        """Return the velocity at times t [m/s], (T, 2)."""
+        t, h = np.atleast_1d(np.asarray(t, float)), 1e-4
+        return (self.position(t + h) - self.position(t - h)) / (2 * h)
+
+    def derivatives(self, t: np.ndarray | float) -> np.ndarray:
+        """Of the position by the numbers, (T, 2, p)."""
+        return derivatives(self.motion, self.numbers, np.atleast_1d(np.asarray(t, float)) - self.epoch)
+
+    def covariance_at(self, t: np.ndarray | float) -> np.ndarray:
+        """Of the position at times (T,), to first order [m^2], (T, 2, 2)."""
+        J = self.derivatives(t)
+        return J @ self.covariance @ np.swapaxes(J, 1, 2)
+
+    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Numbers that are all still possible, (count, p)."""
+        return rng.multivariate_normal(self.numbers, self.covariance, count, method="eigh", check_valid="ignore")
+
+    def after(self, t: np.ndarray, sigma: float) -> Track:
+        """The same motion with the certainty that it will have once frames at times t (T,) are seen, too.
+
+        To first order it does not depend on what they show. They are taken to be as wrong as those so far (`misfit`).
+        """
+        J = self.derivatives(t).reshape(-1, len(self.numbers)) / (sigma * self.misfit**0.5)
+        return replace(self, covariance=_inverse(_inverse(self.covariance) + J.T @ J))
+
+
+def derivatives(motion: Motion, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Of a motion's positions at times (T,) by its numbers (p,), (T, 2, p), by central differences."""
+    steps = 1e-5 * np.maximum(1.0, np.abs(numbers))
+    moved = np.vstack([numbers + np.diag(steps), numbers - np.diag(steps)])
+    ahead, behind = np.split(motion.positions(moved, t), 2)
+    return np.moveaxis((ahead - behind) / (2 * steps[:, None, None]), 0, 2)
+
+
+def fit_track(
+    t: np.ndarray,
+    points: np.ndarray,
+    *,
+    sigma: float,
+    motion: str = "auto",
+    pivot: tuple[float, float] | None = None,
+    gravity: float = GRAVITY,
+) -> Track:
+    """The motion behind noisy positions, by least squares over all of them (Levenberg-Marquardt).
+
+    For the linear motions this is what a Kalman filter without process noise ends with; a pendulum is searched from
+    several lengths of its string.
+
+    Where the residuals are larger than `sigma` says, because it is understated or because the target moves otherwise,
+    the covariance is that of the variance which they show: `sigma` squared, times chi2 / dof if that is above 1
+    (Birge 1932). So predictions, samples and stated probabilities know of the misfit. An error of the motion itself
+    grows differently from noise, so that this is a remedy for small ones; see `Track.warning`.
+
+    Args:
+        t: Times of the frames [s], (T,), increasing. Gaps do no harm.
+        points: Positions in the strike plane [m], (T, 2); NaN where it was not seen.
+        sigma: Standard error of each coordinate [m].
+        motion: `still`, `straight`, `ballistic`, `pendulum`, or `auto`: the most plausible of these by BIC.
+        pivot: Of the pendulum (x, y) [m], if known.
+        gravity: [m/s^2]
+
+    Raises:
+        InputError: Shapes do not match, times do not increase, the motion is unknown, or it was seen in too few frames.
+    """
+    t, points = np.asarray(t, float), np.asarray(points, float)
+    number("sigma", sigma, low=0, strict=True)
+    if t.ndim != 1 or points.shape != (len(t), 2):
+        raise InputError("track", (t.shape, points.shape), "times (T,) and positions (T, 2)")
+    if not np.isfinite(t).all() or (np.diff(t) <= 0).any():
+        raise InputError("times of the track", "some that are not finite or do not increase", "finite, increasing [s]")
+    candidates = [
+        find_motion(name, pivot=pivot, gravity=gravity) for name in (MOTIONS if motion == "auto" else (motion,))
+    ]
+    seen = np.isfinite(points).all(axis=1)
+    needed = LEAST if motion == "auto" else -(-len(candidates[0].names) // 2)
+    if seen.sum() < needed:
+        raise InputError("track", f"{seen.sum()} frames that show the target", f"at least {needed} for {motion}")
+    return min((_fit(x, t[seen], points[seen], sigma) for x in candidates), key=lambda track: track.bic)
+
+
+def _fit(motion: Motion, t: np.ndarray, points: np.ndarray, sigma: float) -> Track:
+    epoch, p = float(t.mean()), len(motion.names)
+    mean, weight = motion.loosely
+    known = weight > 0
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        return np.r_[(motion.positions(x, t - epoch) - points).ravel() / sigma, (weight * (x - mean))[known]]
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.vstack([derivatives(motion, x, t - epoch).reshape(-1, p) / sigma, np.diag(weight)[known]])
+
+    fits = [
+        least_squares(residuals, x, jac=slopes, method="lm", max_nfev=STEPS)  # pyright: ignore[reportArgumentType]
+        for x in motion.starts(t - epoch, points)
+    ]
+    best = min(fits, key=lambda fit: fit.cost)
+    chi2, dof = float((residuals(best.x)[: 2 * len(t)] ** 2).sum()), 2 * len(t) - p
+    J = slopes(best.x)
+    J[: 2 * len(t)] /= _misfit(chi2, dof) ** 0.5  # what is known beforehand is not touched
+    bic = chi2 + p * float(np.log(2 * len(t)))
+    return Track(motion, best.x, _inverse(J.T @ J), epoch, chi2, dof, bic, float(t[-1]))
+
+
+def _misfit(chi2: float, dof: int) -> float:
+    return max(1.0, chi2 / dof) if dof > 0 else 1.0
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Of a positive definite matrix, scaled first: its numbers differ by orders of magnitude."""
+    scale = np.sqrt(np.diag(matrix))
+    return np.linalg.inv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)

@@ -1,0 +1,151 @@
+"""What a motor can do: the line from stall torque to no-load speed, and how far a strike is beyond it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import number
+
+
+class Motion(Protocol):
+    """Speeds and torques of a strike at T instants; a `Trajectory` has them."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times of the instants [s], (T,)."""
+        ...
+
+    @property
+    def v(self) -> np.ndarray:
+        """Joint speeds [rad/s], (T, n): those of the arm come first."""
+        ...
+
+    @property
+    def tau(self) -> np.ndarray:
+        """Torques of the arm's joints [N m], (T, a)."""
+        ...
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the simulation was given up."""
+        ...
+
+
+class Peaks(Protocol):
+    """Largest speeds and torques of one strike or many; an `Outcome` and an `Approach` have them."""
+
+    @property
+    def max_joint_speed(self) -> np.ndarray | tuple[float, ...]:
+        """[rad/s], (a,) or (B, a)."""
+        ...
+
+    @property
+    def max_torque(self) -> np.ndarray | tuple[float, ...]:
+        """[N m], (a,) or (B, a)."""
+        ...
+
+    @property
+    def diverged(self) -> np.ndarray | bool:
+        """Whether the simulation was given up, () or (B,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class MotorLimits:
+    """The speed-torque line of a motor at its supply voltage.
+
+    Driving at speed w, a motor gives at most `stall_torque (1 - w / no_load_speed)`; braking, at most its stall
+    torque, which is what its current limit allows.
+
+    Args:
+        name: What it is called.
+        stall_torque: [N m].
+        no_load_speed: [rad/s].
+        stall_current: [A].
+
+    Raises:
+        InputError: A number is not positive.
+    """
+
+    name: str
+    stall_torque: float
+    no_load_speed: float
+    stall_current: float
+
+    def __post_init__(self) -> None:
+        for name in ("stall_torque", "no_load_speed", "stall_current"):
+            number(name, getattr(self, name), low=0, strict=True)
+
+    @property
+    def torque_constant(self) -> float:
+        """At the output [N m/A]."""
+        return self.stall_torque / self.stall_current
+
+    def available(self, v: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Largest torque [N m] in a direction (+1, -1) at speeds v [rad/s]; negative beyond the no-load speed."""
+        return self.stall_torque * np.minimum(1.0, 1.0 - v * direction / self.no_load_speed)
+
+    def usage(self, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """How much of the motor a state uses: 1 is on its line, more is beyond. Same shape as v and tau.
+
+        `|tau| / stall_torque + (speed in the torque's direction, if any) / no_load_speed`, and no less than
+        `|v| / no_load_speed`: faster than that, a motor has no torque left to steer with.
+        """
+        driving = np.maximum(v * np.sign(tau), 0.0) / self.no_load_speed
+        return np.maximum(np.abs(tau) / self.stall_torque + driving, np.abs(v) / self.no_load_speed)
+
+    def violation(self, trajectory: Motion, *, margin: float = 0.0) -> float:
+        """How far the worst instant of a trajectory lies beyond the line, in parts of it; <= 0: within.
+
+        Args:
+            trajectory: Speeds and torques of the arm at every instant.
+            margin: This part of the line is kept free.
+        """
+        if trajectory.diverged:
+            return math.inf
+        a = trajectory.tau.shape[1]
+        return float(self.usage(trajectory.v[:, :a], trajectory.tau).max()) - (1.0 - margin)
+
+    def violation_of_peaks(self, outcome: Peaks, *, margin: float = 0.0) -> np.ndarray:
+        """The same from largest speed and largest torque alone, which need not come at the same instant.
+
+        An upper bound of `violation`: a strike that passes here passes there. For a search's constraint.
+
+        Returns:
+            One number per strike: shape () for an Outcome, (B,) for an Approach.
+        """
+        v, tau = np.asarray(outcome.max_joint_speed), np.asarray(outcome.max_torque)
+        worst = np.max(tau / self.stall_torque + v / self.no_load_speed, axis=-1) - (1.0 - margin)
+        return np.where(np.asarray(outcome.diverged) | ~np.isfinite(worst), np.inf, worst)
+
+    def explain(self, trajectory: Motion, joints: tuple[str, ...]) -> str:
+        """The worst instant in words."""
+        a = trajectory.tau.shape[1]
+        v, tau = trajectory.v[:, :a], trajectory.tau
+        i, j = (int(x) for x in np.unravel_index(self.usage(v, tau).argmax(), tau.shape))
+        left = float(self.available(v[i, j], np.sign(tau[i, j])))
+        return (
+            f"at {trajectory.t[i]:.3f} s the {joints[j]} turns at {v[i, j]:+.2f} rad/s "
+            f"and asks for {tau[i, j]:+.2f} N m, where the {self.name} gives {max(left, 0.0):.2f} N m"
+        )
+
+
+# XM430-W350 at 12 V, from https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/: 4.1 N m at 2.3 A, 46 rev/min
+XM430 = MotorLimits("XM430-W350", stall_torque=4.1, no_load_speed=46 * 2 * math.pi / 60, stall_current=2.3)
+LIMITS = {"xm430": XM430}
+
+
+def limits_preset(name: str) -> MotorLimits:
+    """The motor called `name`.
+
+    Raises:
+        InputError: There is none of that name; the message lists them.
+    """
+    if name not in LIMITS:
+        raise InputError("limits", name, ", ".join(LIMITS))
+    return LIMITS[name]

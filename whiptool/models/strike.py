@@ -1,0 +1,147 @@
+"""A strike: the arm moves from q_i to q_f in D seconds along a minimum-jerk path (Eq. 1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import ArmParameters
+
+PI = math.pi
+T_STAY = 0.3  # [s] that a strike is watched after the movement ended; not printed in the paper
+
+
+def strike_names(arm: ArmParameters) -> tuple[str, ...]:
+    """Return the names of the strike's parameters, for shoulder and elbow `q_si, q_ei, q_sf, q_ef, D` (Algorithm 1).
+
+    Joints whose names begin with the same letter have their whole names in them: `q_shoulder_i`.
+    """
+    stems = [f"q_{s}" if len(s) == 1 or s.isdecimal() else f"q_{s}_" for s in arm.subscripts]
+    return (*(stem + "i" for stem in stems), *(stem + "f" for stem in stems), "D")
+
+
+def named_strike(strike: Strike, arm: ArmParameters) -> dict[str, float]:
+    """Return the strike's parameters by their names, angles in rad and D in s."""
+    return dict(zip(strike_names(arm), map(float, strike.vector), strict=True))
+
+
+@dataclass(frozen=True)
+class Strike:
+    """Zero-torque trajectory of the arm's n joints.
+
+    Args:
+        q_i: Joint positions at the start [rad], length n.
+        q_f: Joint positions at the end [rad], length n.
+        D: Duration of the movement [s].
+
+    Raises:
+        InputError: A value is not finite, D is not positive, or the lengths differ.
+    """
+
+    q_i: tuple[float, ...]
+    q_f: tuple[float, ...]
+    D: float
+
+    def __post_init__(self) -> None:
+        for name in ("q_i", "q_f"):
+            values = tuple(float(x) for x in getattr(self, name))
+            if not values or not all(map(math.isfinite, values)):
+                raise InputError(name, values, "finite angles in rad")
+            object.__setattr__(self, name, values)
+        if len(self.q_i) != len(self.q_f):
+            raise InputError("q_f", self.q_f, f"{len(self.q_i)} angles, as many as q_i")
+        if not (math.isfinite(self.D) and self.D > 0):
+            raise InputError("D", self.D, "a finite duration > 0 s")
+        object.__setattr__(self, "D", float(self.D))
+
+    @classmethod
+    def from_vector(cls, vector: Sequence[float] | np.ndarray) -> Strike:
+        """From `[q_i, q_f, D]`, shape (2 n + 1,).
+
+        Raises:
+            InputError: The length is even, or a value breaks its rule.
+        """
+        values = [float(x) for x in vector]
+        if len(values) < 3 or len(values) % 2 == 0:
+            raise InputError("strike", values, "the angles q_i, as many angles q_f, and D")
+        n = len(values) // 2
+        return cls(tuple(values[:n]), tuple(values[n : 2 * n]), values[-1])
+
+    @property
+    def vector(self) -> np.ndarray:
+        """`[q_i, q_f, D]`, shape (2 n + 1,)."""
+        return np.array([*self.q_i, *self.q_f, self.D])
+
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.q_i), np.array(self.q_f) - np.array(self.q_i)
+
+    def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Desired positions, velocities and accelerations at times t [s], each of shape (*t.shape, n); Eq. 1.
+
+        Before 0 the arm is to stay at `q_i`, after D at `q_f`.
+        """
+        if isinstance(t, float):
+            s = min(max(t / self.D, 0.0), 1.0)
+        else:
+            s = np.clip(np.asarray(t, float) / self.D, 0.0, 1.0)[..., None]
+        q_i, span = self._ends
+        position = q_i + span * (s**3 * (10 - 15 * s + 6 * s**2))  # Eq. 1
+        velocity = span * (30 * s**2 * (1 - s) ** 2 / self.D)
+        acceleration = span * (60 * s * (1 - s) * (1 - 2 * s) / self.D**2)
+        return position, velocity, acceleration
+
+
+@dataclass(frozen=True)
+class StrikeBounds:
+    """Box in which strikes are searched; `lower` and `upper` in the order of `Strike.vector`.
+
+    Raises:
+        InputError: Lengths differ, a value is not finite, lower is not below upper, or D may be <= 0.
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("lower", "upper"):
+            object.__setattr__(self, name, tuple(float(x) for x in getattr(self, name)))
+        lower, upper = self.lower, self.upper
+        if len(lower) != len(upper) or len(lower) < 3 or len(lower) % 2 == 0:
+            raise InputError("bounds", (lower, upper), "lower and upper of the same odd length (q_i, q_f, D)")
+        for i, (low, high) in enumerate(zip(lower, upper, strict=True)):
+            if not (math.isfinite(low) and math.isfinite(high) and low < high):
+                raise InputError(f"bounds[{i}]", (low, high), "finite, lower < upper", "swap or widen them")
+        if lower[-1] <= 0:
+            raise InputError("bounds of D", lower[-1], "a shortest duration > 0 s")
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper as arrays of shape (2 n + 1,)."""
+        return np.array(self.lower), np.array(self.upper)
+
+    def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
+        """Uniformly random strike vectors, shape (size, 2 n + 1)."""
+        lower, upper = self.box
+        return rng.uniform(lower, upper, (size, len(lower)))
+
+
+def default_bounds(arm: ArmParameters) -> StrikeBounds:
+    """Bounds for the two-joint arm; the paper prints none. [rad], [s]
+
+    Raises:
+        InputError: The arm does not have two joints; give bounds of your own.
+    """
+    if arm.n != 2:
+        raise InputError(
+            "bounds",
+            "none",
+            f"lower and upper, {2 * arm.n + 1} numbers each (joints of the arm: {arm.n})",
+            "give --lower and --upper",
+        )
+    return StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, 0.4), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, 1.5))

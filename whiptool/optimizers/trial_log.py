@@ -1,0 +1,137 @@
+"""The trials of a run as they happen; what a killed search needs to go on."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import ArmParameters
+from whiptool.models.strike import strike_names
+from whiptool.objective import Outcome, Trial
+from whiptool.whole_files import append_whole, write_whole
+
+TRIALS = "trials.csv"
+_NUMBERS = re.compile(rb"[-+.,0-9a-z]*")  # and nan, inf: what a kill in the middle of a line leaves
+
+
+class TrialLog:
+    """The trials of a run as CSV, one line written and flushed per trial, numbers at full precision.
+
+    Args:
+        path: The file; made with its header if it is not there.
+        arm: Names the columns.
+        measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
+    """
+
+    def __init__(self, path: Path, arm: ArmParameters, *, measured: bool = False) -> None:
+        self.path, self.n, self.measured = path, arm.n, measured
+        self._names = strike_names(arm)
+        self._header = [
+            "trial",
+            *self._names,
+            "miss_distance",
+            "hit",
+            "time",
+            "tip_x",
+            "tip_y",
+            "tip_velocity_x",
+            "tip_velocity_y",
+            *(f"max_joint_speed_{joint}" for joint in arm.joints),
+            *(f"max_torque_{joint}" for joint in arm.joints),
+            "diverged",
+            *(["miss_error"] if measured else []),
+        ]
+
+    def read(self) -> list[Trial]:
+        """All trials up to the first line that is damaged.
+
+        A last line that was cut off is removed from the file. Where more is damaged, the file is first put aside as it
+        is, and one line on stderr says so.
+
+        Raises:
+            InputError: The file is not of this arm, or its first line is damaged.
+        """
+        if not self.path.exists():
+            return []
+        data = self.path.read_bytes()
+        *lines, cut_off = data.split(b"\n")
+        header = _line(self._header).encode()
+        if not header.startswith(b"".join(line + b"\n" for line in lines[:1]) or cut_off):
+            given = data[:80].decode("utf-8", "backslashreplace")
+            fix = "move it away: resumed without it, the run makes its trials again"
+            raise InputError(str(self.path), given, "the columns " + ",".join(self._header), fix)
+        trials: list[Trial] = []
+        for line in lines[1:]:
+            trial = self._trial(line)
+            if trial is None or trial.number != len(trials) + 1:
+                break
+            trials.append(trial)
+        whole = b"".join(line + b"\n" for line in lines[: 1 + len(trials)])
+        if len(trials) < len(lines[1:]) or (lines and not _NUMBERS.fullmatch(cut_off)):
+            self._put_aside(data, intact=len(trials))
+        if len(whole) < len(data):
+            write_whole(self.path, whole)
+        return trials
+
+    def _put_aside(self, data: bytes, *, intact: int) -> None:
+        """Keep a damaged file under another name, and say so."""
+        names = (self.path.with_name(f"{self.path.stem}-damaged-{i}{self.path.suffix}") for i in itertools.count(1))
+        aside = next(name for name in names if not name.exists())
+        write_whole(aside, data)
+        print(
+            f"whiptool: {self.path}, line {intact + 2}: no trial as whiptool writes it; the {intact} before it are "
+            f"kept, those after it are made again; the file as it was is {aside}",
+            file=sys.stderr,
+        )
+
+    def append(self, trial: Trial) -> None:
+        """Add one trial; it is in the file when this returns."""
+        o = trial.outcome
+        row = [
+            trial.number,
+            *map(repr, trial.strike),
+            repr(o.miss_distance),
+            int(o.hit),
+            repr(o.time),
+            *map(repr, o.tip),
+            *map(repr, o.tip_velocity),
+            *map(repr, o.max_joint_speed),
+            *map(repr, o.max_torque),
+            int(o.diverged),
+            *([repr(math.nan if o.miss_error is None else o.miss_error)] if self.measured else []),
+        ]
+        new = not self.path.exists() or self.path.stat().st_size == 0
+        append_whole(self.path, (_line(self._header) if new else "") + _line(row))
+
+    def _trial(self, line: bytes) -> Trial | None:
+        """The trial in a line; None where it holds none."""
+        row = line.decode("utf-8", "replace").split(",")
+        if len(row) != len(self._header):
+            return None
+        n, start = self.n, 1 + len(self._names)
+        try:
+            number, numbers = int(row[0]), [float(x) for x in row]
+        except ValueError:
+            return None
+        distance, hit, time = numbers[start : start + 3]
+        tip, velocity, speeds, torques = (
+            tuple(numbers[start + first : start + first + count])
+            for first, count in ((3, 2), (5, 2), (7, n), (7 + n, n))
+        )
+        diverged, *error = numbers[start + 7 + 2 * n :]
+        error = error[0] if error and not math.isnan(error[0]) else None
+        outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, bool(diverged), error)
+        return Trial(number, tuple(numbers[1:start]), outcome)
+
+
+def _line(row: Sequence[object]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(row)
+    return text.getvalue()

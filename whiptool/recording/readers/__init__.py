@@ -1,0 +1,145 @@
+"""Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker.
+
+How each format looks stands in its module: `tracks` (CSV), `deeplabcut`, `mat`, `c3d`, `lerobot`, `rosbag`, `video`,
+and `whiptool.recording.npz`; what the TOML file beside any of them may hold, in `sidecar`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from whiptool.errors import InputError
+from whiptool.recording.readers.c3d import read_c3d
+from whiptool.recording.readers.deeplabcut import read_deeplabcut
+from whiptool.recording.readers.lerobot import lerobot_episode, lerobot_video, read_lerobot
+from whiptool.recording.readers.mat import read_mat
+from whiptool.recording.readers.rosbag import db3_frames, db3_topics, read_db3
+from whiptool.recording.readers.tracks import read_csv, write_csv
+from whiptool.recording.readers.video import SUFFIXES, VideoSource, read_video, video_frames
+from whiptool.recording.strike_recording import StrikeRecording
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of recordings.
+
+    Args:
+        what: For people.
+        matches: Whether a path with these first bytes (none of a folder) is of it.
+        tracks: Reads tracks, if it can hold any.
+        video: Reads images, if it can hold any.
+    """
+
+    what: str
+    matches: Callable[[Path, bytes], bool]
+    tracks: Callable[..., StrikeRecording] | None = None
+    video: Callable[..., VideoSource] | None = None
+
+
+def _named(*suffixes: str) -> Callable[[Path, bytes], bool]:
+    return lambda path, _: path.is_file() and path.suffix.lower() in suffixes
+
+
+def _deeplabcut(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() == ".csv" and head.removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"scorer")
+
+
+READERS: dict[str, Format] = {
+    "deeplabcut": Format("DeepLabCut CSV", _deeplabcut, read_deeplabcut),
+    "csv": Format("CSV with columns t, tip_x, tip_y, ...", _named(".csv"), read_csv),
+    "npz": Format("NPZ of whiptool", _named(".npz"), StrikeRecording.load),
+    "mat": Format("MAT version 5", _named(".mat"), read_mat),
+    "c3d": Format("C3D motion capture", _named(".c3d"), read_c3d),
+    "lerobot": Format(
+        "folder of a LeRobotDataset v3", lambda p, _: (p / "meta/info.json").is_file(), read_lerobot, lerobot_video
+    ),
+    "db3": Format(
+        "ROS 2 bag (.db3, or its folder)",
+        lambda p, _: p.suffix.lower() == ".db3" or (p / "metadata.yaml").is_file(),
+        video=read_db3,
+    ),
+    "video": Format("video (" + ", ".join(SUFFIXES) + ")", _named(*SUFFIXES), video=read_video),
+}
+
+
+def find_format(path: Path | str) -> str:
+    """The key in `READERS` of a recording's format, by its name and first bytes.
+
+    Raises:
+        InputError: There is nothing at the path, or it is none of the formats, which are listed.
+    """
+    path = Path(path)
+    head = b""
+    try:
+        if not path.exists():
+            raise InputError("recording", str(path), "a file or folder that exists")
+        if path.is_file():
+            with path.open("rb") as file:
+                head = file.read(64)
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError("recording", str(path)[:200], f"a path that can be read ({error})") from None
+    for name, form in READERS.items():
+        if form.matches(path, head):
+            return name
+    formats = "; ".join(f"{name}: {form.what}" for name, form in READERS.items())
+    raise InputError("recording", str(path), f"one of the formats {formats}", "or give the option format")
+
+
+def read_recording(path: Path | str, *, format: str | None = None, **options: Any) -> StrikeRecording:
+    """Read the tracks of a strike from a file or folder of any format that holds tracks.
+
+    Args:
+        path: The file or folder.
+        format: A key of `READERS`; None to choose by name and first bytes.
+        options: Of the format's reader: the keys of its sidecar, which they override.
+
+    Raises:
+        InputError: The format is unknown or holds images (see `open_video`), the file is damaged, empty, in wrong
+            units, or breaks another rule, or an option is unknown.
+    """
+    form = _format(path, format)
+    if form.tracks is None:
+        raise InputError(
+            "recording", str(path), "tracks, or images that were tracked first", f"this is {form.what}; track it"
+        )
+    return form.tracks(path, **_checked(form.tracks, options))
+
+
+def open_video(path: Path | str, *, format: str | None = None, **options: Any) -> VideoSource:
+    """Open the images of a strike from a file or folder of any format that holds images.
+
+    Args:
+        path: The file or folder.
+        format: A key of `READERS`; None to choose by name and first bytes.
+        options: Of the format's reader: the keys of its sidecar, which they override.
+
+    Raises:
+        InputError: The format is unknown or holds no images, the file is damaged, or a value breaks its rule.
+    """
+    form = _format(path, format)
+    if form.video is None:
+        raise InputError("recording", str(path), "images", f"this is {form.what}; read it with read_recording")
+    return form.video(path, **_checked(form.video, options))
+
+
+def _format(path: Path | str, name: str | None) -> Format:
+    name = find_format(path) if name is None else name
+    if name not in READERS:
+        raise InputError("format", name, "one of " + ", ".join(READERS))
+    return READERS[name]
+
+
+def _checked(reader: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
+    """The options, if the reader takes any; readers with a sidecar check their names themselves."""
+    parameters = inspect.signature(reader).parameters.values()
+    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+        return options
+    for key in options:
+        raise InputError("option " + key, options[key], "none; this format says everything itself")
+    return options

@@ -1,0 +1,147 @@
+"""Motion capture as C3D, read with ezc3d.
+
+Times come from the file's frame numbers and rate (the first frame of a cut recording is not at 0; subtract the
+command's `start`), units from POINT:UNITS, the axes from POINT:X_SCREEN and Y_SCREEN. A negative residual marks a point
+as missing. Keys of the sidecar beside the common ones: `markers` (which labels are what, as in `{tip = "WHIP5"}`;
+default: all by their own names, those that name a part of arm or whip in lower case), `units`, `axes` and `origin` (the
+shoulder in the file's axes and units), and `sigma` (standard error per coordinate [m]; default 1 mm).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.recording.parsing import need, parsing, sha256, whole_file
+from whiptool.recording.readers.sealed import unpack
+from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.strike_recording import StrikeRecording
+
+PARTS = re.compile(r"tip|handle|shoulder|elbow|node\d+")
+
+
+def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
+    """Read a C3D file.
+
+    Args:
+        path: The file.
+        options: Keys of the sidecar, which they override.
+
+    Raises:
+        InputError: It is damaged, has no points or no rate, does not say its units or axes, a label is missing, or a
+            value breaks its rule; or ezc3d is not installed.
+    """
+    path = whole_file(path)
+    side = Sidecar.of(path, options, *SPACE, "markers", "sigma")
+    need("ezc3d", "io", "C3D files")
+    _check_header(path)
+    data = unpack(path, "c3d")
+    with parsing(path, "C3D"):
+        labels = [str(x).strip() for x in data["labels"]]
+        own = {x.lower() if PARTS.fullmatch(x.lower()) else x: x for x in labels if x}
+        names = side.names("markers") or own
+        for label in names.values():
+            if label not in labels:
+                raise InputError("markers", label, "one of the labels " + ", ".join(labels)[:300])
+        points = data["points"][:, [labels.index(label) for label in names.values()]]
+        rate = float(data["rate"])
+        if not 1 <= rate <= 1e5:
+            raise InputError("POINT:RATE", rate, "frames per second from 1 to 100000")
+        units = str(data["units"]).strip().lower()
+        if units not in UNITS and "units" not in side.table:
+            raise InputError("POINT:UNITS", units, "one of " + ", ".join(UNITS), "give the option units")
+        axes = _axes(str(data["forward"]), str(data["up"]))
+        if axes is None and "axes" not in side.table:
+            raise InputError(
+                "POINT:Y_SCREEN", None, "which axis points up", 'give the option axes, such as ["x", "z", "-y"]'
+            )
+        t = (int(data["first_frame"]) + np.arange(len(points))) / rate - side.start
+        return StrikeRecording(
+            t=t,
+            points=side.metres(points, units if units in UNITS else "m", axes),
+            markers=tuple(names),
+            sigma=np.array(side.number("sigma", 1e-3, low=1e-9, high=1.0)),
+            source=str(path),
+            sha256=sha256(path),
+            **side.fields(),
+        )
+
+
+def _axes(forward: str, up: str) -> tuple[str, str, str] | None:
+    """Our three axes, right-handed, from those that point forward (x on the screen) and up (y); None if not said."""
+    unit = {sign + name: (1.0 if sign != "-" else -1.0) * np.eye(3)[i] for i, name in enumerate("xyz") for sign in "+-"}
+    x, y = (unit.get(name.strip().lower()) for name in (forward, up))
+    if x is None or y is None or abs(x @ y) > 0:
+        return None
+    out = np.cross(x, y)
+    third = next(name for name, vector in unit.items() if (vector == out).all())
+    return forward.strip().lower(), up.strip().lower(), third
+
+
+def _check_header(path: Path) -> None:
+    """Refuse at once what is no C3D file, or shorter than its header says: ezc3d would go on past the end.
+
+    Raises:
+        InputError: It is.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        header = file.read(512)
+        if len(header) < 512 or header[1] != 0x50 or not 512 * header[0] <= size:
+            raise InputError(str(path), "no header of C3D", "a whole C3D file")
+        file.seek(512 * (header[0] - 1) if header[0] else 0)
+        parameters = file.read(4)
+    order = {0x54: "<", 0x55: None, 0x56: ">"}.get(parameters[3], "")
+    if order == "":
+        raise InputError(str(path), f"processor type {parameters[3]}", "a whole C3D file")
+    if order is None:
+        return  # a VAX; its numbers are laid out otherwise
+    points, analog, first, last, _ = struct.unpack(f"{order}5H", header[2:12])
+    (scale,) = struct.unpack(f"{order}f", header[12:16])
+    (start,) = struct.unpack(f"{order}H", header[16:18])
+    width = 4 if scale < 0 else 2  # [bytes]: floats have a negative scale
+    frames = last - first + 1
+    needed = 512 * (start - 1) + width * (4 * points + analog) * min(max(frames, 0), 65535)
+    if points == 0 or frames < 1 or start < 2:
+        raise InputError(str(path), f"{points} points over {frames} frames", "at least one point and frame")
+    if last < 65535 and needed > size:
+        raise InputError(str(path), f"{size} bytes", f"at least {needed}, as its header says", "was the file cut off?")
+
+
+def parse(path: str) -> dict[str, np.ndarray]:
+    """Points (T, M, 3) as they stand in the file, NaN where missing, and what is said of them; run where it may crash.
+
+    Raises:
+        InputError: There are no points.
+    """
+    import ezc3d
+
+    file = ezc3d.c3d(path)
+    group = file["parameters"]["POINT"]
+
+    def first(name: str, default: Any) -> Any:
+        values = group[name]["value"] if name in group else []
+        return values[0] if len(values) else default
+
+    points = np.moveaxis(file["data"]["points"][:3], 0, 2).swapaxes(0, 1)  # (3, M, T) -> (T, M, 3)
+    residuals = file["data"]["meta_points"]["residuals"][0].T  # (T, M)
+    parts = [name for name in sorted(group, key=len) if re.fullmatch(r"LABELS\d*", name)]  # 255 labels in each
+    labels = [str(x) for name in parts for x in group[name]["value"]]
+    if points.size == 0 or len(labels) < points.shape[1]:
+        raise InputError(
+            "POINT:LABELS", len(labels), f"one per point, at least one; there are {points.shape[1]} points"
+        )
+    return {
+        "points": np.where((residuals < 0)[..., None], np.nan, points),
+        "labels": np.array(labels[: points.shape[1]], dtype=str),
+        "rate": np.array(float(first("RATE", 0.0))),
+        "units": np.array(str(first("UNITS", ""))),
+        "forward": np.array(str(first("X_SCREEN", ""))),
+        "up": np.array(str(first("Y_SCREEN", ""))),
+        "first_frame": np.array(int(file["header"]["points"]["first_frame"])),
+    }

@@ -1,0 +1,271 @@
+"""Folders of LeRobotDataset v3: one episode as a recording, or its cameras as images for the tracker.
+
+What is read: `meta/info.json` (version, rate, names of features), `meta/episodes/chunk-*/file-*.parquet` (where an
+episode's rows and images are), its rows of `data/chunk-*/file-*.parquet`, and the MP4 files that `video_path` names,
+which hold several episodes each. Features, besides `timestamp` and `episode_index`:
+
+- `observation.state`: joints of the arm.
+- `observation.whip` (or `observation.markers`): places of markers; its `names` in `info.json` are columns such as
+  `tip_x, tip_y, handle_x, handle_y`, perhaps with `tip_sigma`. A dataset without it is filmed: track its cameras.
+
+The sidecar is `whiptool.toml` in the folder, with a table `[episode.3]` over the rest for what differs. Its keys beside
+the common ones: `markers_feature`, `joints_feature`, `units`, `axes`, `origin`, `sigma`, and for cameras those of
+`whiptool.recording.readers.video`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.files import read_toml
+from whiptool.recording.parsing import need, parsing, sha256, whole_file
+from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, Sidecar
+from whiptool.recording.readers.tracks import AXES, split_columns
+from whiptool.recording.readers.video import VideoSource, segment, source, video_frames
+from whiptool.recording.strike_recording import StrikeRecording
+
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+MARKERS = ("observation.whip", "observation.markers")
+KEYS = (*SPACE, *CLOCK, *PIXELS, "sigma", "markers_feature", "joints_feature")
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One episode of a dataset, of T rows.
+
+    Args:
+        t: `timestamp` [s], (T,), 0 at the episode's first row.
+        columns: Features that are numbers, by name, (T, n), as `observation.state` and `action`.
+        names: Of the n columns of each feature, as far as `info.json` has them.
+        videos: For each camera its MP4 file, and when the episode begins in it [s].
+        fps: Rows and images per second.
+        files: What was read.
+    """
+
+    t: np.ndarray
+    columns: dict[str, np.ndarray]
+    names: dict[str, list[str]]
+    videos: dict[str, tuple[Path, float]]
+    fps: float
+    files: tuple[Path, ...]
+
+
+def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
+    """Read one episode's rows, and where its images are.
+
+    Raises:
+        InputError: It is no dataset of version 3, damaged, or has no such episode; or pyarrow is not installed.
+    """
+    folder = Path(folder)
+    info_file = whole_file(folder / "meta/info.json")
+    parquet = need("pyarrow.parquet", "io", "LeRobot datasets")
+    with parsing(info_file, "LeRobot info.json"):
+        info = json.loads(info_file.read_text(encoding="utf-8"))
+        version, fps, features = (info.get(key) for key in ("codebase_version", "fps", "features"))
+        if not re.fullmatch(r"v?3\.\d+", str(version)):
+            raise InputError("codebase_version", version, "v3.0", "convert it with LeRobot's own converter to v3.0")
+        if isinstance(fps, bool) or not isinstance(fps, (int, float)) or not 1 <= fps <= 1e5:
+            raise InputError("fps", fps, "rows per second from 1 to 100000")
+        if not isinstance(features, dict) or not all(isinstance(x, dict) for x in features.values()):
+            raise InputError("features", str(features)[:80], "a table of features")
+    row, index_file = _episode_row(parquet, folder, episode)
+    data_file = whole_file(_inside(folder, info.get("data_path", DATA), row, "data"))
+    with parsing(data_file, "Parquet"):
+        kinds = {name: str(feature.get("dtype")) for name, feature in features.items()}
+        numbers = [name for name, kind in kinds.items() if re.fullmatch(r"(float|int|uint)\d+", kind)]
+        present = set(parquet.read_schema(data_file).names)
+        for name in ("timestamp", "episode_index"):
+            if name not in present:
+                raise InputError("columns", ", ".join(sorted(present))[:120], f"a column {name}")
+        wanted = sorted(present & {*numbers, "timestamp", "episode_index"})
+        table = parquet.read_table(data_file, columns=wanted, filters=[("episode_index", "=", episode)])
+        if table.num_rows < 2 or table.num_rows != int(row.get("length", table.num_rows)):
+            raise InputError("rows", table.num_rows, f"{row.get('length', 'at least 2')}, as the episodes' table says")
+        columns = {name: _matrix(name, table.column(name)) for name in wanted}
+    videos = {
+        name: (_inside(folder, info.get("video_path", VIDEO), row, f"videos/{name}", name), _time(row, name))
+        for name, kind in kinds.items()
+        if kind == "video" and f"videos/{name}/chunk_index" in row
+    }
+    return Episode(
+        t=columns.pop("timestamp")[:, 0],
+        columns=columns,
+        names={name: _names(feature.get("names")) for name, feature in features.items()},
+        videos=videos,
+        fps=float(fps),
+        files=(info_file, index_file, data_file),
+    )
+
+
+def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> StrikeRecording:
+    """One episode of a dataset that holds places of markers.
+
+    Args:
+        folder: The dataset.
+        episode: Its index.
+        options: Keys of the sidecar, which they override.
+
+    Raises:
+        InputError: As `lerobot_episode`; there are no markers (then its cameras must be tracked), or a value breaks
+            its rule.
+    """
+    folder = Path(folder)
+    side = _sidecar(folder, episode, options)
+    data = lerobot_episode(folder, episode)
+    with parsing(folder, "LeRobot dataset"):
+        feature = _feature(data, side, "markers_feature", MARKERS)
+        if feature is None:
+            fix = f"track one of its cameras: {', '.join(data.videos)}" if data.videos else ""
+            raise InputError("features", ", ".join(data.columns)[:120], " or ".join(MARKERS), fix)
+        names, table = data.names.get(feature, []), data.columns[feature]
+        if len(names) != table.shape[1]:
+            raise InputError(f"names of {feature}", names, f"{table.shape[1]} names, as tip_x, tip_y")
+        markers, columns = split_columns(names, ("sigma",))
+        pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
+        axes = [axis for axis in AXES if axis in columns[markers[0]]]
+        unit, default = UNITS[side.word("units", UNITS, "m")], side.number("sigma", 1e-3, low=1e-9, high=1.0)
+        sigma = [pick(m, "sigma") * unit if "sigma" in columns[m] else np.full(len(table), default) for m in markers]
+        return StrikeRecording(
+            **{
+                "t": data.t - side.start,
+                "points": side.metres(np.stack([np.stack([pick(m, axis) for axis in axes], 1) for m in markers], 1)),
+                "markers": tuple(markers),
+                "sigma": np.stack(sigma, 1),
+                "source": f"{folder}, episode {episode}",
+                "sha256": sha256(data.files),
+                **_joints(data, side),
+                **side.fields(),
+            }
+        )
+
+
+def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int = 0, **options: Any) -> VideoSource:
+    """One camera's images of one episode, with the measured joints in `about`.
+
+    Args:
+        folder: The dataset.
+        camera: The feature, as `observation.images.front`; None if there is only one.
+        episode: Its index.
+        options: Keys of the sidecar, which they override.
+
+    Raises:
+        InputError: As `lerobot_episode`; there is no such camera, its file is missing or too short, or a value breaks
+            its rule; or OpenCV is not installed.
+    """
+    folder = Path(folder)
+    side = _sidecar(folder, episode, options)
+    data = lerobot_episode(folder, episode)
+    if camera is None and len(data.videos) == 1:
+        camera = next(iter(data.videos))
+    if camera not in data.videos:
+        raise InputError("camera", camera, "one of the cameras " + (", ".join(data.videos) or "(there are none)"))
+    path, first = data.videos[camera]
+    count = len(data.t)
+    stream = video_frames(path)
+    image = next(stream, None)
+    stream.close()  # type: ignore[attr-defined]  # a generator
+    if image is None:
+        raise InputError(str(path), "no image that can be decoded", "a whole video file")
+    given = side.table if side.table.keys() & {"timestamps", "fps"} else {**side.table, "timestamps": data.t.tolist()}
+    times = Sidecar(given, side.folder, side.place).clock(count)
+    made = source(side, lambda: segment(path, first, count, data.fps), times, image.shape, path, sha256(path))
+    with parsing(folder, "LeRobot dataset"):
+        made.about.update({**_joints(data, side), **made.about})
+    return made
+
+
+def _sidecar(folder: Path, episode: int, options: dict[str, Any]) -> Sidecar:
+    """The folder's sidecar, with the episode's own table over it, and the options over both."""
+    if not isinstance(episode, (int, np.integer)) or isinstance(episode, bool) or episode < 0:
+        raise InputError("episode", episode, "an index, 0 or more")
+    file = folder / "whiptool.toml"
+    table = read_toml(file) if file.is_file() else {}
+    episodes = table.pop("episode", {})
+    own = episodes.get(str(episode), {}) if isinstance(episodes, dict) else None
+    if not isinstance(own, dict):
+        raise InputError(f"{file}: episode", str(own)[:80], f"tables, as [episode.{episode}]")
+    given = {key: value for key, value in options.items() if value is not None}
+    side = Sidecar.of(folder, {**table, **own, **given}, *KEYS, file=folder / "meta" / "none.toml")
+    return Sidecar(side.table, folder, f"{file if table or own else folder}: ")
+
+
+def _episode_row(parquet: Any, folder: Path, episode: int) -> tuple[dict[str, Any], Path]:
+    """The row of an episode in `meta/episodes`, and its file."""
+    files = sorted((folder / "meta/episodes").glob("chunk-*/file-*.parquet"))
+    known: list[int] = []
+    for path in files:
+        with parsing(path, "Parquet"):
+            wanted = [x for x in parquet.read_schema(path).names if not x.startswith("stats/")]
+            if "episode_index" not in wanted:
+                raise InputError("columns", ", ".join(wanted)[:120], "a column episode_index")
+            indices = parquet.read_table(path, columns=["episode_index"]).column(0).to_pylist()
+            known += indices
+            if episode in indices:
+                table = parquet.read_table(path, columns=wanted).slice(indices.index(episode), 1)
+                return table.to_pylist()[0], path
+    if not files:
+        raise InputError(str(folder / "meta/episodes"), "no files", "chunk-000/file-000.parquet and so on")
+    raise InputError(
+        f"{folder}: episode", episode, f"one of {len(known)} episodes" + (f", {known[:8]}" if known else "")
+    )
+
+
+def _inside(folder: Path, template: object, row: dict[str, Any], prefix: str, key: str = "") -> Path:
+    """The file that a template of `info.json` names; it must lie in the folder."""
+    fields = {"chunk_index": row.get(f"{prefix}/chunk_index"), "file_index": row.get(f"{prefix}/file_index")}
+    plain = r"(?:[^{}]|\{(?:(?:chunk|file)_index(?::0\dd)?|video_key)\})+"  # format strings can do more than is wanted
+    if not isinstance(template, str) or not re.fullmatch(plain, template):
+        raise InputError(f"{folder}: path template", template, DATA)
+    if not all(isinstance(x, int) and 0 <= x < 10**6 for x in fields.values()):
+        raise InputError(f"{folder}: {prefix}/chunk_index, file_index", list(fields.values()), "two indices")
+    path = folder / template.format(**fields, video_key=key)
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{folder}: path template", template, "a path inside the dataset")
+    return path
+
+
+def _time(row: dict[str, Any], camera: str) -> float:
+    """When the episode begins in the camera's file [s]."""
+    value = row.get(f"videos/{camera}/from_timestamp")
+    if not isinstance(value, (int, float)) or not 0 <= value < 1e7:
+        raise InputError(f"videos/{camera}/from_timestamp", value, "a time in s, 0 or more")
+    return float(value)
+
+
+def _matrix(name: str, column: Any) -> np.ndarray:
+    """A column of numbers or of lists of one length as (T, n)."""
+    try:
+        table = np.array(column.to_pylist(), float)
+    except (TypeError, ValueError):
+        raise InputError(name, "rows of different lengths, or no numbers", "as many numbers in each row") from None
+    return table.reshape(len(table), -1)
+
+
+def _names(names: object) -> list[str]:
+    """Names of columns; LeRobot has them as a list, or as lists in a table."""
+    if isinstance(names, dict):
+        names = next(iter(names.values()), [])
+    return [str(x) for x in names] if isinstance(names, list) else []
+
+
+def _feature(data: Episode, side: Sidecar, key: str, default: tuple[str, ...]) -> str | None:
+    """The feature that a key names, or the first default that is there."""
+    if key in side.table:
+        return side.word(key, tuple(data.columns), "")
+    return next((name for name in default if name in data.columns), None)
+
+
+def _joints(data: Episode, side: Sidecar) -> dict[str, np.ndarray]:
+    """Return the joint log of an episode, as keyword arguments of a recording."""
+    name = _feature(data, side, "joints_feature", ("observation.state",))
+    if name is None:
+        return {}
+    return {"joints_t": data.t - side.start, "joints_q": side.radians(data.columns[name])}

@@ -1,0 +1,165 @@
+"""Recordings in MAT files of version 5 (MATLAB's `save -v6` or `-v7`), as variables or as the fields of one struct.
+
+| variable | what |
+|---|---|
+| `t` (T) or `fps` | times [s], or frames per second, the first at 0 |
+| `points` (T, M, 2 or 3), or `x`, `y` and perhaps `z`, each (T, M) | places, NaN where missing |
+| `markers` | cell array of M names; default: `tip` if M = 1 |
+| `units` | of the places: m, cm, mm, in; default m |
+| `sigma` | standard error, a number or (T, M), in the same units; default 1 mm |
+| `t_points`, `exposure`, `joints_t` (S), `joints_q` (S, a), `target`, `t_stay`, `camera` | as in `StrikeRecording` |
+| `strike` | `[q_i, q_f, D]`, or a struct with these fields |
+
+Other variables are left alone. The sidecar may hold the common keys, `fps`, `units`, `axes`, `origin` and `markers` (a
+list of M names).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.strike import Strike
+from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.sealed import unpack
+from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.strike_recording import StrikeRecording
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
+    """Read a MAT file of version 5.
+
+    Args:
+        path: The file.
+        options: Keys of the sidecar, which they override.
+
+    Raises:
+        InputError: It is of another version (7.3 is HDF5), damaged, holds objects or functions of MATLAB, a variable is
+            missing, or a value breaks its rule.
+    """
+    path = whole_file(path)
+    side = Sidecar.of(path, options, *SPACE, "markers", "fps")
+    with path.open("rb") as file:
+        head = file.read(520)
+    if head[:8] == HDF5 or head[512:520] == HDF5 or head.startswith(b"MATLAB 7.3"):
+        raise InputError(str(path), "MAT version 7.3 (HDF5)", "MAT version 5", "in MATLAB: save(name, '-v7', ...)")
+    if not head.startswith(b"MATLAB 5.0"):
+        raise InputError(str(path), "no header of MAT version 5", "MAT version 5", "in MATLAB: save(name, '-v7', ...)")
+    flat = unpack(path, "mat")
+    with parsing(path, "MAT"):
+        data = _one_struct(flat)
+        points = _points(data)
+        count, n = points.shape[:2]
+        if "t" in data:
+            t = data["t"].astype(float).ravel() - side.start
+        elif "fps" in data or "fps" in side.table:
+            rate = float(data["fps"].item()) if "fps" in data else 0.0
+            rate = side.number("fps", rate, low=1.0, high=1e5)
+            t = np.arange(count) / rate - side.start
+        else:
+            raise InputError("t", None, "the variable t, times [s], or fps")
+        units = str(data["units"].item()) if "units" in data else "m"
+        if units not in UNITS:
+            raise InputError("units", units, "one of " + ", ".join(UNITS))
+        fields: dict[str, Any] = {}
+        if "sigma" in data:
+            fields["sigma"] = data["sigma"].astype(float) * UNITS[side.word("units", UNITS, units)]
+            if fields["sigma"].size == 1:
+                fields["sigma"] = fields["sigma"].item()
+        if "t_points" in data:
+            fields["t_points"] = data["t_points"].astype(float) - side.start
+        for key in ("exposure", "t_stay"):
+            if key in data:
+                fields[key] = float(data[key].item())
+        if "joints_t" in data and "joints_q" in data:
+            fields["joints_t"] = data["joints_t"].astype(float).ravel() - side.start
+            fields["joints_q"] = side.radians(data["joints_q"].astype(float))
+        if "target" in data:
+            fields["target"] = tuple(data["target"].astype(float).ravel())
+        if "camera" in data:
+            fields["camera"] = str(data["camera"].item())
+        if "strike" in data:
+            fields["strike"] = Strike.from_vector(data["strike"].astype(float).ravel())
+        elif "strike.D" in data:
+            q_i, q_f, D = (data[f"strike.{key}"].astype(float).ravel() for key in ("q_i", "q_f", "D"))
+            fields["strike"] = Strike(tuple(q_i), tuple(q_f), D.item())
+        names = side.names("markers") or [str(x).strip() for x in data.get("markers", np.array("tip")).ravel()]
+        if len(names) != n:
+            raise InputError("markers", list(names), f"{n} names, one per marker")
+        return StrikeRecording(
+            **{
+                "t": t,
+                "points": side.metres(points, units),
+                "markers": tuple(names),
+                "source": str(path),
+                "sha256": sha256(path),
+                **fields,
+                **side.fields(),
+            }
+        )
+
+
+def _one_struct(flat: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The variables of the recording: the plain ones, or the fields of the one struct that holds places."""
+    if "points" in flat or "x" in flat:
+        return flat
+    structs = sorted({name.rpartition(".")[0] for name in flat if name.rpartition(".")[2] in ("points", "x")})
+    if len(structs) != 1:
+        found = ", ".join(structs or sorted(flat)) or "nothing"
+        raise InputError("variables", found[:120], "points, or x and y, plain or in exactly one struct")
+    prefix = structs[0] + "."
+    return {name.removeprefix(prefix): value for name, value in flat.items() if name.startswith(prefix)}
+
+
+def _points(data: dict[str, np.ndarray]) -> np.ndarray:
+    """Places (T, M, d) as they stand in the file."""
+    if "points" in data:
+        points = data["points"].astype(float)
+        points = points[:, None, :] if points.ndim == 2 else points  # MATLAB drops no axis but the last; M = 1
+        if points.ndim != 3 or points.shape[2] not in (2, 3):
+            raise InputError("points", f"shape {points.shape}", "(T, M, 2), (T, M, 3), or for one marker (T, 2)")
+        return points
+    axes = [data[name].astype(float) for name in ("x", "y", "z") if name in data]
+    axes = [axis.T if axis.shape[0] == 1 else axis for axis in axes]  # a row is one marker over time
+    if len(axes) < 2 or len({axis.shape for axis in axes}) > 1 or axes[0].ndim != 2:
+        raise InputError("x, y", ", ".join(str(axis.shape) for axis in axes), "x and y of the same shape (T, M)")
+    return np.stack(axes, axis=2)
+
+
+def parse(path: str) -> dict[str, np.ndarray]:
+    """All variables, the fields of structs as `struct.field`, cell arrays of texts as arrays; run where it may crash.
+
+    Raises:
+        InputError: An object, a function, an array of structs, or a cell array of anything but texts.
+    """
+    from scipy.io import loadmat
+
+    flat: dict[str, np.ndarray] = {}
+    for name, value in loadmat(path).items():
+        if not name.startswith("__"):
+            _flatten(name, value, flat)
+    return flat
+
+
+def _flatten(name: str, value: Any, flat: dict[str, np.ndarray]) -> None:
+    if type(value) is not np.ndarray:  # SciPy's own classes stand for objects, functions, and sparse matrices
+        raise InputError(name, type(value).__name__, "numbers, texts, structs of them, or cell arrays of texts")
+    if value.dtype.names is not None:
+        if value.size != 1:
+            raise InputError(name, f"{value.size} structs", "one struct")
+        for field in value.dtype.names:
+            _flatten(f"{name}.{field}", value.item()[value.dtype.names.index(field)], flat)
+    elif value.dtype.kind == "O":
+        texts = [x for x in value.ravel() if isinstance(x, np.ndarray) and x.dtype.kind == "U" and x.size == 1]
+        if len(texts) < value.size:
+            raise InputError(name, "a cell array of other things", "a cell array of texts")
+        flat[name] = np.array([x.item() for x in texts], dtype=str)
+    elif value.dtype.kind in "biufU":
+        flat[name] = value
+    else:
+        raise InputError(name, f"numbers of type {value.dtype}", "real numbers")

@@ -1,0 +1,198 @@
+"""Images from ROS 2 bags in SQLite (`.db3`): RealSense's own recordings, and `ros2 bag record`.
+
+A bag is one `.db3` file or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` beside the file or `whiptool.toml`
+in the folder; beside the keys of `whiptool.recording.readers.video` it may name the `topic`. Times are, in this
+order, the camera's own (RealSense writes them to a metadata topic), the images' stamps, or the bag's, whichever is
+there for every image and increases; `start` is by that clock, and without it the first image is at 0. A key
+`timestamps` or `fps` overrides them.
+
+Only `sensor_msgs/Image` as rosbags itself defines it is decoded; definitions in the bag are not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.recording.parsing import need, parsing, sha256, whole_file
+from whiptool.recording.readers.sidecar import CLOCK, PIXELS, Sidecar
+from whiptool.recording.readers.video import VideoSource, source
+
+IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"
+ZSTD = b"\x28\xb5\x2f\xfd"  # RealSense compresses message by message
+LARGEST_MESSAGE = 1 << 28  # [bytes]
+ENCODINGS = {  # type of a number, how many a pixel, whether red comes first
+    "mono8": ("u1", 1, False),
+    "8UC1": ("u1", 1, False),
+    "mono16": ("u2", 1, False),
+    "16UC1": ("u2", 1, False),
+    "bgr8": ("u1", 3, False),
+    "8UC3": ("u1", 3, False),
+    "rgb8": ("u1", 3, True),
+    "bgra8": ("u1", 4, False),
+    "rgba8": ("u1", 4, True),
+}
+
+
+def db3_topics(path: Path | str) -> dict[str, int]:
+    """Topics of images, and how many each has.
+
+    Raises:
+        InputError: It is no bag, or damaged; or rosbags is not installed.
+    """
+    with _opened(path) as bag:
+        return {c.topic: c.msgcount for c in bag.connections if c.msgtype == IMAGE}
+
+
+def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[float, np.ndarray]]:
+    """Time stamp [s] and image of each message of a topic, in the order of recording.
+
+    Args:
+        path: The `.db3` file, or the bag's folder.
+        topic: Which images; None if there is only one topic of them.
+
+    Yields:
+        The message's stamp, by the clock that its header has, and the image: (H, W, 3) uint8 in the order BGR, or
+        (H, W) uint8 or uint16.
+
+    Raises:
+        InputError: It is no bag, or damaged; the topic is not there; an image is of another encoding (allowed are
+            16UC1, mono16, 8UC1, mono8, rgb8, bgr8, rgba8, bgra8) or cut off; or rosbags is not installed.
+    """
+    topic = _one_topic(path, topic)
+    for _, message in _messages(path, topic, IMAGE):
+        with parsing(Path(path), "ROS 2 bag"):
+            image = decode_image(message)
+        yield _stamp(message), image
+
+
+def decode_image(message: Any) -> np.ndarray:
+    """A `sensor_msgs/Image` as (H, W, 3) uint8 in the order BGR, or (H, W) uint8 or uint16.
+
+    Raises:
+        InputError: Its encoding is another one, or its data do not fit its size.
+    """
+    if message.encoding not in ENCODINGS:
+        raise InputError("encoding", message.encoding, "one of " + ", ".join(ENCODINGS))
+    kind, channels, red_first = ENCODINGS[message.encoding]
+    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+    height, width, step = message.height, message.width, message.step
+    row = width * channels * dtype.itemsize
+    data = np.asarray(message.data, np.uint8)
+    if not (height and width) or step < row or data.size < step * height:
+        raise InputError("image", f"{data.size} bytes", f"{height} rows of {step} bytes for {width} pixels")
+    image = np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :row]).view(dtype)
+    image = image.reshape(height, width, channels).astype(dtype.newbyteorder("="))
+    if channels == 1:
+        return image[..., 0]
+    return np.ascontiguousarray(image[..., [2, 1, 0]] if red_first else image[..., :3])
+
+
+def read_db3(path: Path | str, **options: Any) -> VideoSource:
+    """The images of one topic of a bag.
+
+    Args:
+        path: The `.db3` file, or the bag's folder.
+        options: Keys of the sidecar, which they override.
+
+    Raises:
+        InputError: As `db3_frames`; there are fewer than two images, they differ in size, or a key breaks its rule.
+    """
+    path = Path(path)
+    folder = path.is_dir()
+    side = Sidecar.of(path, options, *CLOCK, *PIXELS, "topic", file=path / "whiptool.toml" if folder else None)
+    topic = _one_topic(path, side.table.get("topic"))
+    own = _camera_times(path, topic)
+    shapes, stamps, bag_times = set(), [], []
+    for bag_time, message in _messages(path, topic, IMAGE):
+        shapes.add((message.height, message.width, message.encoding))
+        stamps.append(_stamp(message))
+        bag_times.append(bag_time)
+    if len(stamps) < 2:
+        raise InputError(str(path), f"{len(stamps)} images on {topic}", "at least two")
+    if len(shapes) > 1:
+        raise InputError(str(path), f"images of {len(shapes)} sizes or encodings", "all alike")
+    if side.table.keys() & {"timestamps", "fps"}:
+        times = side.clock(len(stamps))
+    else:
+        clocks = ([own.get(time, np.nan) for time in bag_times], stamps, [1e-9 * time for time in bag_times])
+        clock = next((np.array(c) for c in clocks if (np.diff(c) > 0).all()), None)
+        if clock is None:
+            raise InputError(str(path), "time stamps that do not increase", "increasing ones, or the key timestamps")
+        origin = 0.0 if "start" in side.table else float(clock[0])
+        times = Sidecar({**side.table, "timestamps": (clock - origin).tolist()}, side.folder, side.place).clock(None)
+    files = sorted(path.glob("*.db3")) if folder else [path]
+    frames = lambda: (image for _, image in db3_frames(path, topic))  # noqa: E731
+    return source(side, frames, times, next(iter(shapes))[:2], path, sha256(files))
+
+
+@contextmanager
+def _opened(path: Path | str) -> Iterator[Any]:
+    path = Path(path)
+    rosbag2 = need("rosbags.rosbag2", "io", "ROS 2 bags")
+    if path.is_dir():
+        whole_file(path / "metadata.yaml")
+    else:
+        path = whole_file(path, largest=np.inf)
+        with path.open("rb") as file:
+            if file.read(16) != b"SQLite format 3\0":
+                raise InputError(str(path), "no SQLite file", "a ROS 2 bag in SQLite (.db3)")
+    with parsing(path, "ROS 2 bag"), rosbag2.Reader(path) as bag:
+        yield bag
+
+
+def _messages(path: Path | str, topic: str, kind: str) -> Iterator[tuple[int, Any]]:
+    """The bag's time [ns] and the message, for each message of a topic."""
+    with _opened(path) as bag:
+        chosen = [c for c in bag.connections if c.topic == topic and c.msgtype == kind]
+        for _, time, data in bag.messages(chosen) if chosen else ():
+            yield time, _types().deserialize_cdr(_unpacked(bytes(data)), kind)
+
+
+@cache
+def _types() -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def _unpacked(data: bytes) -> bytes:
+    """A message without the compression that RealSense may have put around it."""
+    if not data.startswith(ZSTD):
+        return data
+    zstd = need("backports.zstd", "io", "compressed bags")  # rosbags brings it
+    return zstd.ZstdDecompressor().decompress(data, LARGEST_MESSAGE)
+
+
+def _stamp(message: Any) -> float:
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def _one_topic(path: Path | str, topic: str | None) -> str:
+    topics = db3_topics(path)
+    if topic is None and len(topics) == 1:
+        return next(iter(topics))
+    if topic not in topics:
+        raise InputError(f"{path}: topic", topic, "one of the topics of images: " + (", ".join(topics) or "none"))
+    return topic
+
+
+def _camera_times(path: Path, topic: str) -> dict[int, float]:
+    """The camera's own time [s] of each image by the bag's time [ns], where RealSense's metadata has it."""
+    head, _, last = topic.rpartition("/")
+    if last != "data":
+        return {}
+    times = {}
+    for bag_time, message in _messages(path, f"{head}/metadata", TEXT):
+        pairs = dict(pair.partition("=")[::2] for pair in message.data.split(";"))
+        try:
+            times[bag_time] = 1e-3 * float(pairs["timestamp"])
+        except (KeyError, ValueError):
+            return {}
+    return times

@@ -1,0 +1,263 @@
+"""What a file of tracks or images does not say itself: a TOML file beside it, or the reader's options.
+
+Every key of the sidecar `NAME.toml` of `NAME.csv`, `NAME.mp4`, ... is an option of the reader too, and the option wins.
+Common to all formats:
+
+    camera = "infra 848x480x90"      # for people
+    exposure = 0.002                 # [s]
+    target = [1.2, 0.1]              # [m]
+    t_stay = 0.3                     # [s]
+    start = 1.25                     # when the command started by the file's own clock [s]; subtracted from its times
+    joints = "NAME.joints.csv"       # measured joints: columns t [s], then one per joint [rad]
+    joint_units = "rad"              # or "deg"
+
+    [strike]                         # what was commanded
+    q_i = [-1.36, 0.47]              # [rad]
+    q_f = [1.73, 1.41]
+    D = 0.95                         # [s]
+
+    [controller]                     # as in the config.toml of whiptool.optimize
+    law = "oiac"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.files import read_toml
+from whiptool.models.strike import Strike
+from whiptool.recording.readers import plane
+from whiptool.recording.readers.table import read_columns
+
+COMMON = ("camera", "exposure", "target", "t_stay", "start", "joints", "joint_units", "strike", "controller")
+SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
+PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic")  # of readers whose files hold pixels
+CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+KINDS = ("color", "infrared")  # of light
+STAMPS = {"start": 0.5, "middle": 0.0, "end": -0.5}  # exposures from the stamp to the middle
+
+
+@dataclass(frozen=True)
+class Sidecar:
+    """Checked access to the keys of a sidecar, with the options laid over it.
+
+    Args:
+        table: Key and value.
+        folder: Where file names in it are looked up.
+        place: What errors are prefixed with.
+    """
+
+    table: Mapping[str, Any]
+    folder: Path
+    place: str
+
+    @classmethod
+    def of(cls, path: Path, options: Mapping[str, Any], *keys: str, file: Path | None = None) -> Sidecar:
+        """The sidecar of a recording, if there is one, and the options.
+
+        Args:
+            path: The recording.
+            options: Those of its reader.
+            keys: What the format knows beside the common keys.
+            file: The sidecar, if it is not `NAME.toml`.
+
+        Raises:
+            InputError: The sidecar is not TOML, or a key is unknown.
+        """
+        file = file or path.with_suffix(".toml")
+        table = read_toml(file) if file.is_file() else {}
+        known = (*COMMON, *keys)
+        for where, given in ((f"{file}: ", table), ("option ", options)):
+            for key in given:
+                if key not in known:
+                    raise InputError(where + key, given[key], "one of the keys " + ", ".join(known))
+        given = {key: value for key, value in options.items() if value is not None}
+        return cls({**table, **given}, file.parent, f"{file if table else path}: ")
+
+    def refuse(self, key: str, allowed: str, fix: str = "") -> InputError:
+        """The error that a value breaks its rule."""
+        return InputError(self.place + key, self.table.get(key), allowed, fix)
+
+    def number(self, key: str, default: float, *, low: float = -np.inf, high: float = np.inf) -> float:
+        """A number from `low` to `high`."""
+        value = self.table.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not low <= value <= high:
+            raise self.refuse(key, f"a number from {low:g} to {high:g}")
+        return float(value)
+
+    def word(self, key: str, words: Mapping[str, Any] | tuple[str, ...], default: str) -> str:
+        """One of several words."""
+        value = self.table.get(key, default)
+        if not isinstance(value, str) or value not in words:
+            raise self.refuse(key, "one of " + ", ".join(words))
+        return value
+
+    def flag(self, key: str) -> bool:
+        """True or false; false if the key is not there."""
+        value = self.table.get(key, False)
+        if not isinstance(value, bool):
+            raise self.refuse(key, "true or false")
+        return value
+
+    def array(self, key: str, *shape: int | None) -> np.ndarray | None:
+        """Numbers of a shape, None in it standing for any length; None if the key is not there."""
+        if key not in self.table:
+            return None
+        try:
+            array = np.array(self.table[key], float)
+        except (TypeError, ValueError):
+            array = np.array(np.nan)
+        fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape))
+        if not fits or not np.isfinite(array).all():
+            raise self.refuse(key, "finite numbers, " + " x ".join("n" if n is None else str(n) for n in shape))
+        return array
+
+    def names(self, key: str) -> dict[str, str] | None:
+        """A table `our name = "name in the file"`, or a list of names to take as they are; None if there is none."""
+        value = self.table.get(key)
+        if value is None:
+            return None
+        if isinstance(value, (list, tuple)):
+            value = {name: name for name in value if isinstance(name, str)} if len(value) else None
+        if not isinstance(value, Mapping) or not value or not all(isinstance(x, str) for x in value.values()):
+            raise self.refuse(key, 'names, as in {tip = "WhipTip", handle = "Hand"}')
+        return dict(value)
+
+    def file(self, key: str) -> Path | None:
+        """A file in the sidecar's folder; None if the key is not there."""
+        name = self.table.get(key)
+        if name is None:
+            return None
+        if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
+            raise self.refuse(key, "the name of a file beside it, without folders")
+        return self.folder / name
+
+    def fields(self) -> dict[str, Any]:
+        """What the common keys say of a recording, as arguments of `StrikeRecording`; times without `start`.
+
+        Raises:
+            InputError: A value breaks its rule.
+        """
+        fields: dict[str, Any] = {key: self.table[key] for key in ("target", "t_stay", "exposure") if key in self.table}
+        camera, strike, controller = (self.table.get(key) for key in ("camera", "strike", "controller"))
+        if camera is not None:
+            fields["camera"] = str(camera)
+        if isinstance(strike, Mapping):
+            if set(strike) != {"q_i", "q_f", "D"}:
+                raise self.refuse("strike", "a table with q_i, q_f and D")
+            try:
+                strike = Strike(**strike)
+            except InputError as error:
+                raise error.within(f"{self.place}strike.") from None
+            except (TypeError, ValueError):
+                raise self.refuse("strike", "angles q_i, q_f [rad] and a duration D [s]") from None
+        if strike is not None:
+            if not isinstance(strike, Strike):
+                raise self.refuse("strike", "a table with q_i, q_f and D")
+            fields["strike"] = strike
+        if controller is not None:
+            if not isinstance(controller, Mapping):
+                raise self.refuse("controller", "a table")
+            fields["controller"] = dict(controller)
+        if (file := self.file("joints")) is not None:
+            _, log = read_columns(file)
+            if log.shape[1] < 2:
+                raise InputError(str(file), "one column", "t [s] and one column per joint [rad]")
+            fields |= {"joints_t": log[:, 0] - self.start, "joints_q": self.radians(log[:, 1:])}
+        return fields
+
+    @property
+    def start(self) -> float:
+        """When the command started, by the file's clock [s]."""
+        return self.number("start", 0.0)
+
+    def radians(self, angles: np.ndarray) -> np.ndarray:
+        """Joint angles as they stand in the file, in rad."""
+        return np.deg2rad(angles) if self.word("joint_units", ("rad", "deg"), "rad") == "deg" else angles
+
+    def metres(self, points: np.ndarray, units: str = "m", axes: tuple[str, ...] | None = None) -> np.ndarray:
+        """Places (..., 2 or 3) as they stand in the file, in metres in our axes.
+
+        The keys: `units` (m, cm, mm, in); `axes`, which of the file's axes point forward, up and, in space, out of the
+        plane, such as `["x", "z", "-y"]`; `origin`, the shoulder in the file's axes and units.
+        """
+        factor = UNITS[self.word("units", UNITS, units)]
+        d = points.shape[-1]
+        if (origin := self.array("origin", d)) is not None:
+            points = points - origin
+        chosen = self.table.get("axes", axes)
+        if chosen is not None:
+            known = [sign + name for name in "xyz"[:d] for sign in ("", "-", "+")]
+            if not isinstance(chosen, (list, tuple)) or len(chosen) not in (2, 3) or not set(chosen) <= set(known):
+                raise self.refuse("axes", f"2 or {d} of {', '.join(known)}" if d > 2 else "2 of x, y, -x, -y")
+            columns = ["xyz".index(name[-1]) for name in chosen]
+            if len(set(columns)) < len(columns):
+                raise self.refuse("axes", "different axes")
+            points = points[..., columns] * [-1.0 if name[0] == "-" else 1.0 for name in chosen]
+        return points * factor
+
+    def homography(self) -> np.ndarray | None:
+        """Pixels to metres (3, 3), from `homography`, `known_points`, or `scale` and `origin`; None without them."""
+        matrix, known = self.array("homography", 3, 3), self.table.get("known_points")
+        given = [key for key in ("homography", "known_points", "scale") if key in self.table]
+        if len(given) > 1:
+            raise InputError(self.place + given[1], f"beside {given[0]}", "only one of " + ", ".join(given))
+        try:
+            if matrix is not None:
+                return plane.checked_homography(matrix)
+            if known is not None:
+                if not isinstance(known, Mapping) or set(known) != {"pixels", "metres"}:
+                    raise InputError("known_points", known, "a table with the lists pixels and metres")
+                pair = Sidecar(known, self.folder, "known_points.")
+                return plane.homography_from_points(pair.array("pixels", None, 2), pair.array("metres", None, 2))
+            if "scale" in self.table:
+                if (origin := self.array("origin", 2)) is None:
+                    raise InputError("origin", None, "the shoulder's pixel [u, v], beside scale")
+                return plane.homography_from_scale(self.number("scale", 0.0), origin)
+        except InputError as error:
+            raise (error if error.name.startswith(self.place) else error.within(self.place)) from None
+        return None
+
+    def clock(self, count: int | None, fps_hint: float = 0.0) -> np.ndarray:
+        """Middles of the first row's exposures [s], from `timestamps` (numbers or a CSV file) or `fps`, less `start`.
+
+        Args:
+            count: Number of frames, checked against the timestamps.
+            fps_hint: What the file says, for the message only: it knows nothing of frames that were dropped.
+
+        Raises:
+            InputError: There is neither, or there are not as many timestamps as frames.
+        """
+        if "timestamps" in self.table:
+            if isinstance(self.table["timestamps"], str):
+                file = self.file("timestamps")
+                assert file is not None
+                names, columns = read_columns(file)
+                times = columns[:, names.index("t") if "t" in names else 0]
+            else:
+                times = self.array("timestamps", None)
+                assert times is not None
+            if count is not None and len(times) != count:
+                raise InputError(f"{self.place}timestamps", f"{len(times)} times", f"{count}, one per frame")
+        elif "fps" in self.table:
+            times = np.arange(count or 0) / self.number("fps", 0.0, low=1.0, high=1e5)
+        else:
+            hint = f" (the file itself says {fps_hint:g}; true only if no frame was dropped)" if fps_hint > 0 else ""
+            raise InputError(f"{self.place}fps", None, "fps or timestamps" + hint, "write one into the sidecar .toml")
+        shift = STAMPS[self.word("stamp", STAMPS, "middle")] * self.number("exposure", 0.0, low=0, high=60)
+        return times + shift - self.start
+
+    def readout(self) -> float:
+        """Time from the first row's exposure to the last's [s]; 0 with a global shutter."""
+        readout = self.number("readout", 0.0, low=0.0, high=1.0)
+        shutter = self.word("shutter", ("global", "rolling"), "rolling" if readout else "global")
+        if (shutter == "rolling") != (readout > 0):
+            raise self.refuse("readout", "> 0 with a rolling shutter, 0 or absent with a global one")
+        return readout

@@ -1,0 +1,140 @@
+"""Tracks as CSV, the format to write by hand or from any tool.
+
+`NAME.csv` has one row of column names and one row per frame:
+
+    t, tip_x, tip_y[, tip_z][, tip_sigma][, tip_t], handle_x, handle_y, ...
+
+`t` [s] is the frame's time, 0 the command's start; `_x`, `_y`, `_z` [m] a marker's place in the strike plane (x
+forward, y up, origin at the shoulder), empty or NaN where it is missing; `_sigma` [m] its standard error per
+coordinate; `_t` [s] the middle of its exposure, where it is not the frame's. `NAME.toml` beside it may hold what
+`whiptool.recording.readers.sidecar` lists, and `units`, `axes`, `origin`, and `sigma` for all points.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from whiptool.errors import InputError
+from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.readers.table import read_columns
+from whiptool.recording.strike_recording import StrikeRecording
+
+AXES = ("x", "y", "z")
+
+
+def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
+    """Read tracks and their sidecar.
+
+    Args:
+        path: The CSV file.
+        options: Keys of the sidecar, which they override.
+
+    Raises:
+        InputError: A column is missing or unknown, a cell is not a number, or what they say breaks a rule.
+    """
+    path = whole_file(path)
+    side = Sidecar.of(path, options, *SPACE, "sigma")
+    names, table = read_columns(path)
+    with parsing(path, "CSV"):
+        if "t" not in names:
+            raise InputError("columns", ", ".join(names)[:80], "a column t [s]")
+        t = table[:, names.index("t")] - side.start
+        markers, columns = split_columns([name for name in names if name != "t"], ("sigma", "t"))
+        pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
+        dimension = len(columns[markers[0]].keys() & set(AXES))
+        points = np.stack([np.stack([pick(m, axis) for axis in AXES[:dimension]], 1) for m in markers], 1)
+        unit = UNITS[side.word("units", UNITS, "m")]
+        default = side.number("sigma", 1e-3, low=1e-9, high=1.0)
+        sigma = [pick(m, "sigma") * unit if "sigma" in columns[m] else np.full(len(t), default) for m in markers]
+        times = [pick(m, "t") - side.start if "t" in columns[m] else t for m in markers]
+        return StrikeRecording(
+            t=t,
+            points=side.metres(points),
+            markers=tuple(markers),
+            sigma=np.stack(sigma, 1),
+            t_points=np.stack(times, 1),
+            source=str(path),
+            sha256=sha256(path),
+            **side.fields(),
+        )
+
+
+def split_columns(names: list[str], more: tuple[str, ...] = ()) -> tuple[list[str], dict[str, dict[str, str]]]:
+    """Markers in order of appearance, and for each its columns by what they hold (`x`, `y`, `z` and `more`).
+
+    Raises:
+        InputError: A name does not end in `_x`, ..., a marker has no x or y, or only some have a z.
+    """
+    columns: dict[str, dict[str, str]] = {}
+    for name in names:
+        marker, _, what = name.rpartition("_")
+        if not marker or what not in (*AXES, *more):
+            endings = ", ".join("_" + x for x in (*AXES, *more))
+            raise InputError("column", name, f"MARKER with one of {endings}", "as in tip_x, tip_y")
+        columns.setdefault(marker, {})[what] = name
+    if not columns:
+        raise InputError("columns", "no markers", "at least tip_x and tip_y")
+    for marker, found in columns.items():
+        if not {"x", "y"} <= found.keys():
+            raise InputError(f"marker {marker}", ", ".join(found.values()), f"{marker}_x and {marker}_y")
+    if len({"z" in found for found in columns.values()}) > 1:
+        raise InputError("columns", ", ".join(names)[:80], "_z for all markers or for none")
+    return list(columns), columns
+
+
+def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
+    """Write a recording as `NAME.csv`, `NAME.toml` and, with a joint log, `NAME.joints.csv`; all numbers exact.
+
+    Provenance is not written: read back, the recording comes from this file.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: The name does not end in .csv, a marker's name cannot be a column, or a file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".csv":
+        raise InputError("path", str(path), "a name that ends in .csv")
+    bad = [m for m in recording.markers if m != m.strip() or f"{m}_x" == "t" or any(c in m for c in '\r\n",')]
+    if bad:
+        raise InputError("marker", bad[0], "a name without commas, quotes, line breaks or outer blanks")
+    d = recording.points.shape[2]
+    header, columns = ["t"], [recording.t]
+    for j, marker in enumerate(recording.markers):
+        header += [f"{marker}_{what}" for what in (*AXES[:d], "sigma", "t")]
+        columns += [*recording.points[:, j].T, recording.sigma[:, j], recording.t_points[:, j]]
+    table: dict[str, Any] = {"units": "m", "t_stay": recording.t_stay, "exposure": recording.exposure}
+    table |= {"camera": recording.camera} if recording.camera else {}
+    table |= {} if recording.target is None else {"target": list(recording.target)}
+    files = [path, path.with_suffix(".toml")]
+    try:
+        _write_columns(path, header, np.stack(columns, 1))
+        if recording.joints_t is not None and recording.joints_q is not None:
+            files.append(path.with_suffix(".joints.csv"))
+            table["joints"] = files[-1].name
+            angles = recording.joints_q
+            names = ["t", *(f"q_{i + 1}" for i in range(angles.shape[1]))]
+            _write_columns(files[-1], names, np.column_stack([recording.joints_t, angles]))
+        if recording.strike is not None:
+            s = recording.strike
+            table["strike"] = {"q_i": list(s.q_i), "q_f": list(s.q_f), "D": s.D}
+        if recording.controller is not None:
+            table["controller"] = recording.controller
+        files[1].write_text(tomli_w.dumps(table), encoding="utf-8")
+    except OSError as error:
+        raise InputError("path", str(path), f"a file that can be written ({error.strerror})") from None
+    return files
+
+
+def _write_columns(path: Path, names: list[str], table: np.ndarray) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([["" if np.isnan(x) else repr(float(x)) for x in row] for row in table])

@@ -1,0 +1,196 @@
+"""Images over time, for the tracker: what every video format is turned into, and files that OpenCV decodes.
+
+The sidecar `NAME.toml` of `NAME.mp4` says what the file does not, beside the common keys:
+
+    timestamps = "NAME.times.csv"    # a column t [s], one row per frame; or an array; or instead
+    fps = 60                         # only if no frame was dropped
+    stamp = "middle"                 # or start, end: what of the first row's exposure a timestamp means
+    exposure = 0.004                 # [s]
+    shutter = "rolling"              # or "global"
+    readout = 0.015                  # from the first row's exposure to the last's [s]; rolling only
+    homography = [[...], [...], [...]]   # 3 x 3, pixel (u, v, 1) -> strike plane [m]; or instead
+    known_points = {pixels = [[u, v], ...], metres = [[x, y], ...]}   # at least four; or instead
+    scale = 0.004                    # [m/pixel] of a camera that looks straight at the plane, with
+    origin = [424, 240]              # the shoulder's pixel
+    kind = "infrared"                # or "color"; needed only where grey images are stored with three channels
+    synthetic = false                # true where no real camera took them
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.recording.parsing import need, sha256, whole_file
+from whiptool.recording.readers.sidecar import CLOCK, KINDS, PIXELS, Sidecar
+
+MOST_FRAMES = 200_000
+SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
+
+
+@dataclass(frozen=True, eq=False)
+class VideoSource:
+    """Images over time, with what turns pixels into metres and rows into times.
+
+    Args:
+        frames: Gives a new iterator over the F images each time it is called: (H, W, 3) uint8 in the order BGR, or
+            (H, W) uint8 or uint16. It raises an InputError where an image cannot be decoded.
+        times: Middle of the first row's exposure in each image [s], (F,), strictly increasing, 0 the command's start.
+        shape: Height and width [pixels].
+        homography: Pixel (u, v, 1) -> strike plane (x, y) [m], (3, 3); pixel (0, 0) is the centre of the first. None
+            where the camera is not calibrated yet.
+        exposure: Of every row [s].
+        readout: From the first row's exposure to the last's [s]; 0 with a global shutter.
+        kind: Of light, `color` or `infrared`; empty where the images themselves show it by their number of channels.
+        synthetic: Whether no real camera took them.
+        fps: Images per second, the inverse of the median step of `times`.
+        about: What else is known, as arguments of `StrikeRecording`: strike, controller, target, t_stay, joints_t,
+            joints_q, camera, source, sha256, exposure.
+    """
+
+    frames: Callable[[], Iterator[np.ndarray]]
+    times: np.ndarray
+    shape: tuple[int, int]
+    homography: np.ndarray | None = None
+    exposure: float = 0.0
+    readout: float = 0.0
+    kind: str = ""
+    synthetic: bool = False
+    fps: float = 0.0
+    about: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        steps = np.diff(self.times)
+        if len(self.times) < 2 or not np.isfinite(self.times).all() or not (steps > 0).all():
+            raise InputError("times", f"{len(self.times)} times", "at least two, finite and strictly increasing [s]")
+        if np.median(steps) >= 1:
+            raise InputError("times", f"steps of {np.median(steps):g}", "steps below 1 s", "are these milliseconds?")
+        object.__setattr__(self, "fps", float(1 / np.median(steps)))
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __iter__(self) -> Iterator[tuple[float, np.ndarray]]:
+        """Time of the first row's middle of exposure [s] and image, for each image."""
+        return zip(self.times.tolist(), self.frames(), strict=True)
+
+    def time_of(self, frame: np.ndarray | int, v: np.ndarray | float) -> np.ndarray:
+        """Middle of the exposure of row v (a fraction allowed) of an image [s], broadcast over both."""
+        return self.times[frame] + self.readout * np.asarray(v) / max(self.shape[0] - 1, 1)
+
+
+def video_frames(path: Path | str) -> Iterator[np.ndarray]:
+    """The images of a video file, (H, W, 3) uint8, BGR.
+
+    Raises:
+        InputError: It cannot be opened or decoded, its images differ in size; or OpenCV is not installed.
+    """
+    path = whole_file(path, largest=np.inf)
+    cv2, capture = _capture(path)
+    shape = None
+    try:
+        if not capture.isOpened():
+            raise InputError(str(path), "no video that can be decoded", "a whole video file, such as MP4 or AVI")
+        for _ in range(MOST_FRAMES):
+            there, image = capture.read()
+            if not there:
+                return
+            if image.shape != (shape := shape or image.shape) or image.dtype != np.uint8:
+                raise InputError(str(path), f"an image of shape {image.shape}", f"images of shape {shape}")
+            yield image
+        raise InputError(str(path), f"more than {MOST_FRAMES} images", f"at most {MOST_FRAMES}", "cut the strike out")
+    except (cv2.error, MemoryError) as error:
+        raise InputError(str(path), "a damaged file", "a whole video file", str(error)[:160]) from None
+    finally:
+        capture.release()
+
+
+def read_video(path: Path | str, **options: Any) -> VideoSource:
+    """A video file with its sidecar; the images are counted by decoding them once.
+
+    Args:
+        path: The file.
+        options: Keys of the sidecar, which they override.
+
+    Raises:
+        InputError: It cannot be decoded, has fewer than two images, there are no times or not one per image, or a key
+            breaks its rule; or OpenCV is not installed.
+    """
+    path = whole_file(path, largest=np.inf)
+    side = Sidecar.of(path, options, *CLOCK, *PIXELS)
+    count, shape = 0, (0, 0)
+    for image in video_frames(path):
+        count, shape = count + 1, image.shape[:2]
+    if count < 2:
+        raise InputError(str(path), f"{count} images that can be decoded", "at least two", "was the file cut off?")
+    return source(side, lambda: video_frames(path), side.clock(count, _claimed_rate(path)), shape, path, sha256(path))
+
+
+def source(
+    side: Sidecar,
+    frames: Callable[[], Iterator[np.ndarray]],
+    times: np.ndarray,
+    shape: tuple[int, ...],
+    path: Path,
+    digest: str,
+) -> VideoSource:
+    """A source of images with what its sidecar says of the camera and the strike.
+
+    Raises:
+        InputError: A key breaks its rule, or the times do not increase.
+    """
+    about = {**side.fields(), "source": str(path), "sha256": digest}
+    about["exposure"] = side.number("exposure", 0.0, low=0.0, high=1.0)
+    try:
+        return VideoSource(
+            frames=frames,
+            times=times,
+            shape=(int(shape[0]), int(shape[1])),
+            homography=side.homography(),
+            exposure=about["exposure"],
+            readout=side.readout(),
+            kind=side.word("kind", KINDS, "color") if "kind" in side.table else "",
+            synthetic=side.flag("synthetic"),
+            about=about,
+        )
+    except InputError as error:
+        raise (error if error.name.startswith(side.place) else error.within(side.place)) from None
+
+
+def segment(path: Path, first: float, count: int, fps: float) -> Iterator[np.ndarray]:
+    """The `count` images of a file with `fps` images per second, from the time `first` [s] on.
+
+    Raises:
+        InputError: There are fewer.
+    """
+    skip = round(first * fps)
+    got = 0
+    for image in itertools.islice(video_frames(path), skip, skip + count):
+        got += 1
+        yield image
+    if got < count:
+        raise InputError(str(path), f"{skip + got} images", f"at least {skip + count}", "was the file cut off?")
+
+
+def _claimed_rate(path: Path) -> float:
+    """Frames per second as the file says, 0 if it does not."""
+    cv2, capture = _capture(path)
+    rate = capture.get(cv2.CAP_PROP_FPS)
+    capture.release()
+    return float(rate) if 0 < rate < 1e5 else 0.0
+
+
+def _capture(path: Path) -> tuple[Any, Any]:
+    """OpenCV, and its decoder of a file."""
+    # what OpenCV and FFmpeg print on damage says nothing that our error does not; both read these when first used
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    cv2 = need("cv2", "vision", "video")
+    return cv2, cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)

@@ -1,0 +1,128 @@
+"""The strike plane through markers in space, and recordings projected on it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.recording.strike_recording import StrikeRecording
+
+_THIN = 1e-2  # breadth over length of the points below which they lie on a line and no plane is fitted
+_ONE_PLANE = np.deg2rad(5)  # between a recording's own plane and that of all, up to which they are the same
+_DISTINCT = 3.0  # breadth over depth of the points from which they have a plane of their own
+_STEEPEST = np.deg2rad(30)  # of a plane against the vertical, in which a whip's weight still keeps its motion
+
+
+@dataclass(frozen=True, eq=False)
+class StrikePlane:
+    """A plane through points in space.
+
+    The recordings' y axis is taken to point up, against gravity: a camera or a motion capture system that was set up
+    otherwise has to say so (key `axes` of a sidecar). The plane's x axis is horizontal and points forward, its y axis
+    points up within the plane; gravity along it is smaller by the cosine of `tilt`, which the model leaves aside.
+
+    Args:
+        axes: Its x axis, y axis and normal in the recordings' axes, rows, (3, 3).
+        offset: Of the plane from the shoulder along the normal [m].
+        tilt: Of the plane against the vertical [rad].
+        rms, largest: Distances of the points from it [m].
+    """
+
+    axes: np.ndarray
+    offset: float
+    tilt: float
+    rms: float
+    largest: float
+
+    def __str__(self) -> str:
+        return (
+            f"fitted through the points in space: {1e3 * self.rms:.2f} mm RMS and at most {1e3 * self.largest:.2f} mm "
+            f"out of plane, {np.rad2deg(self.tilt):.2f} deg from the vertical, {1e3 * self.offset:+.1f} mm from the "
+            "shoulder; y is taken to point up, and gravity to lie in the plane"
+        )
+
+    def project(self, recording: StrikeRecording) -> StrikeRecording:
+        """A recording in space as one in the plane, the shoulder's foot on the plane as its origin; others as they are.
+
+        Errors across the plane are left out; those along it stay as stated.
+        """
+        if recording.points.shape[2] == 2:
+            return recording
+        target = recording.target
+        if target is not None and len(target) == 3:
+            target = tuple((self.axes[:2] @ np.array(target)).tolist())
+        return dataclasses.replace(recording, points=recording.points @ self.axes[:2].T, target=target)
+
+
+def fit_plane(recordings: Sequence[StrikeRecording]) -> StrikePlane | None:
+    """The plane nearest to all points of the recordings in space, by total least squares; None if all are planar.
+
+    Raises:
+        InputError: The points lie on a line, or in a plane that is nearly horizontal or faces forward.
+    """
+    points = [r.points[r.seen] for r in recordings if r.points.shape[2] == 3]
+    if not points:
+        return None
+    X = np.concatenate(points)  # (K, 3)
+    middle = X.mean(axis=0)
+    _, s, directions = np.linalg.svd(X - middle, full_matrices=False)
+    if len(s) < 3 or s[1] < _THIN * s[0]:
+        raise InputError("points", f"{len(X)} points on a line", "points that span the strike plane")
+    normal = directions[2]
+    tilt = float(np.arcsin(abs(normal[1])))
+    if tilt > _STEEPEST:
+        raise InputError(
+            "points",
+            f"a plane {np.rad2deg(tilt):.0f} deg from the vertical",
+            f"a strike plane within {np.rad2deg(_STEEPEST):.0f} deg of it",
+            "does y point up? (key axes of the sidecar)",
+        )
+    x = np.array([normal[2], 0.0, -normal[0]]) / np.hypot(normal[0], normal[2])  # horizontal, in the plane
+    if abs(x[0]) < 0.5:
+        raise InputError(
+            "points",
+            f"a plane that runs {np.rad2deg(np.arccos(abs(x[0]))):.0f} deg aside of x",
+            "a strike plane along x, which points forward",
+            "give the key axes of the sidecar",
+        )
+    x *= np.sign(x[0])
+    y = np.cross(normal, x)
+    y, normal = (y, normal) if y[1] > 0 else (-y, -normal)
+    away = (X - middle) @ normal
+    return StrikePlane(
+        axes=np.stack([x, y, normal]),
+        offset=float(middle @ normal),
+        tilt=tilt,
+        rms=float(np.sqrt(np.mean(away**2))),
+        largest=float(np.abs(away).max()),
+    )
+
+
+def check_one_plane(recordings: Sequence[StrikeRecording], plane: StrikePlane) -> None:
+    """Refuse recordings in space whose own planes differ from the common one.
+
+    Projected on it, their motion would be foreshortened: by 18 % at 35 degrees. A recording whose points are nearly on
+    a line in the common plane has no plane of its own to compare.
+
+    Raises:
+        InputError: One lies in another plane.
+    """
+    for recording in recordings:
+        if recording.points.shape[2] == 2:
+            continue
+        X = recording.points[recording.seen]
+        _, s, directions = np.linalg.svd(X - X.mean(axis=0), full_matrices=False)
+        if len(s) < 3 or s[1] < _THIN * s[0] or s[1] < _DISTINCT * s[2]:
+            continue
+        angle = np.arccos(min(1.0, abs(float(directions[2] @ plane.axes[2]))))
+        if angle > _ONE_PLANE:
+            raise InputError(
+                f"{recording.source}: points",
+                f"in a plane {np.rad2deg(angle):.0f} deg from that of all recordings together",
+                f"recordings of one plane, within {np.rad2deg(_ONE_PLANE):.0f} deg",
+                "turn each into its own plane (keys axes and origin of its sidecar), or fit them apart",
+            )

@@ -1,0 +1,267 @@
+"""A recorded strike: what was seen of the whip, when, how well, and what was commanded."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.strike import T_STAY, Strike
+from whiptool.whole_files import write_npz
+
+FORMAT = 1  # of the NPZ file; raised when a key changes its meaning
+DEFAULT_SIGMA = 1e-3  # [m]
+FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
+WIDEST = 50.0  # [rad], eight turns of a joint
+SLOWEST = 1.0  # [s] between frames; frame numbers and milliseconds are beyond it
+AT_REST = 0.02  # [s] from the start of a joint log, in which the arm has hardly moved
+NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's counts are half of that
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
+class StrikeRecording:
+    """One strike as it was recorded, M markers over T frames.
+
+    Args:
+        t: Frame times [s], (T,), strictly increasing; 0 is the command's start by the recording's own clock.
+        points: Marker positions [m], (T, M, 2) or (T, M, 3), NaN where missing (one NaN coordinate makes the whole
+            point missing); in the strike plane x is forward, y up, the origin at the shoulder.
+        markers: M different names: `tip`, `handle`, `node1` .. `nodeN`, `shoulder`, `elbow`, or free ones.
+        sigma: Standard error of each point, per coordinate [m], (T, M) or what broadcasts to it; default: 1 mm.
+        t_points: Middle of each point's exposure [s], (T, M) or what broadcasts to it (a rolling shutter reads rows at
+            different times); default: t for all.
+        exposure: A point is the mean of its marker's path over this span around `t_points` [s].
+        strike: What was commanded.
+        controller: Of the arm, as `whiptool.impedance.files.controller_to_table` writes it.
+        joints_t: Times of the joint log [s], (S,), strictly increasing.
+        joints_q: Measured joints of the arm [rad], (S, a).
+        target: Its position [m].
+        t_stay: How long the strike is watched after the movement ended [s].
+        camera: Name of the camera settings, for people.
+        source: Where the recording came from.
+        sha256: Of the source's bytes.
+
+    Raises:
+        InputError: Shapes do not fit, times do not increase, nothing was seen, or the units cannot be right.
+    """
+
+    t: np.ndarray
+    points: np.ndarray
+    markers: tuple[str, ...]
+    sigma: np.ndarray = field(default=None)  # type: ignore[assignment]  # never None once constructed
+    t_points: np.ndarray = field(default=None)  # type: ignore[assignment]  # likewise
+    exposure: float = 0.0
+    strike: Strike | None = None
+    controller: dict | None = None
+    joints_t: np.ndarray | None = None
+    joints_q: np.ndarray | None = None
+    target: tuple[float, ...] | None = None
+    t_stay: float = T_STAY
+    camera: str = ""
+    source: str = ""
+    sha256: str = ""
+
+    def __post_init__(self) -> None:
+        put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
+        t = _times("t", self.t)
+        points = _numbers("points", self.points)
+        markers = tuple(str(name) for name in self.markers)
+        if points.ndim != 3 or points.shape[:2] != (len(t), len(markers)) or points.shape[2] not in (2, 3):
+            raise InputError(
+                "points",
+                f"shape {points.shape}",
+                f"shape ({len(t)}, {len(markers)}, 2 or 3)",
+            )
+        if not markers or len(set(markers)) < len(markers) or not all(markers):
+            raise InputError("markers", markers, "at least one name, all different, none empty")
+        seen = np.logical_not(np.isnan(points).any(axis=2))  # (T, M)
+        points = np.where(seen[..., None], points, np.nan)
+        if not seen.any():
+            raise InputError("points", "none", "at least one point that is not missing")
+        farthest = np.abs(points[seen]).max()
+        if not farthest <= FARTHEST:
+            raise InputError(
+                "points", float(farthest), f"coordinates within {FARTHEST:g} m", "are these millimetres or pixels?"
+            )
+        for name, value, default in (("sigma", self.sigma, DEFAULT_SIGMA), ("t_points", self.t_points, t[:, None])):
+            put(name, _spread(name, default if value is None else value, seen.shape))
+        if not ((self.sigma[seen] > 0) & np.isfinite(self.sigma[seen])).all():
+            raise InputError("sigma", float(np.nanmin(self.sigma[seen])), "finite and > 0 m wherever there is a point")
+        if not (np.abs((self.t_points - t[:, None])[seen]) <= SLOWEST).all():
+            raise InputError("t_points", "times far from their frame's", f"within {SLOWEST:g} s of t")
+        for name, value in (("t", t), ("points", points), ("markers", markers)):
+            put(name, value)
+
+        for name in ("exposure", "t_stay"):
+            value = float(_numbers(name, getattr(self, name)))
+            if not 0 <= value <= 60:
+                raise InputError(name, value, "a span from 0 to 60 s")
+            put(name, value)
+        if self.target is not None:
+            target = _numbers("target", self.target)
+            if target.ndim != 1 or len(target) not in (2, 3) or not (np.abs(target) <= FARTHEST).all():
+                raise InputError("target", target.tolist(), f"2 or 3 coordinates within {FARTHEST:g} m")
+            put("target", tuple(target.tolist()))
+        if self.controller is not None:
+            put("controller", _plain_table(self.controller))
+        if (self.joints_t is None) != (self.joints_q is None):
+            raise InputError("joints_q", "one of joints_t and joints_q", "both or neither")
+        if self.joints_t is not None:
+            joints_t, joints_q = _times("joints_t", self.joints_t), _numbers("joints_q", self.joints_q)
+            if joints_q.ndim != 2 or len(joints_q) != len(joints_t) or joints_q.shape[1] == 0:
+                raise InputError("joints_q", f"shape {joints_q.shape}", f"shape ({len(joints_t)}, number of joints)")
+            widest = np.abs(joints_q).max()
+            if not widest <= WIDEST:
+                raise InputError(
+                    "joints_q", float(widest), f"finite angles within {WIDEST:g} rad", "are these degrees?"
+                )
+            put("joints_t", joints_t)
+            put("joints_q", joints_q)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Which points are there, (T, M)."""
+        return ~np.isnan(self.points[..., 0])
+
+    @property
+    def sag(self) -> np.ndarray | None:
+        """How far from `q_i` the arm was measured to stand when its strike began [rad], (a,); zero where no encoder
+        could tell; None where it was not measured, or not from the start."""
+        if self.joints_t is None or self.joints_q is None or self.strike is None or self.joints_t[0] > AT_REST:
+            return None
+        begun = self.joints_q[self.joints_t <= max(self.joints_t[0], 0.0) + AT_REST]
+        if begun.shape[1] != len(self.strike.q_i):
+            return None
+        off = np.median(begun, axis=0) - self.strike.q_i
+        return np.where(np.abs(off) > NOTICED, off, 0.0)
+
+    @property
+    def stood(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        """The same as a rollout takes it."""
+        sag = self.sag
+        return None if sag is None else lambda q_i: np.broadcast_to(sag, q_i.shape)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where it came from and what it holds, as plain data for a report."""
+        return {
+            "source": self.source,
+            "sha256": self.sha256,
+            "camera": self.camera,
+            "frames": len(self.t),
+            "span": [float(self.t[0]), float(self.t[-1])],
+            "markers": {name: int(n) for name, n in zip(self.markers, self.seen.sum(axis=0))},
+        }
+
+    def marker(self, name: str) -> np.ndarray:
+        """Positions of one marker [m], (T, d), NaN where missing.
+
+        Raises:
+            InputError: There is none of this name.
+        """
+        if name not in self.markers:
+            raise InputError("marker", name, "one of " + ", ".join(self.markers))
+        return self.points[:, self.markers.index(name)]
+
+    def without(self, mask: np.ndarray) -> StrikeRecording:
+        """The same recording without the points under a mask of shape (T, M), or without the frames under one of (T,).
+
+        Raises:
+            InputError: The mask has another shape, or nothing is left.
+        """
+        mask = np.asarray(mask, bool)
+        if mask.shape not in ((len(self.t),), self.seen.shape):
+            raise InputError("mask", f"shape {mask.shape}", f"shape {self.seen.shape} or ({len(self.t)},)")
+        mask = mask if mask.ndim == 2 else np.broadcast_to(mask[:, None], self.seen.shape)
+        return dataclasses.replace(self, points=np.where(mask[..., None], np.nan, self.points))
+
+    def save(self, path: Path | str) -> None:
+        """Write an NPZ file, without pickle.
+
+        Its keys are the names of the fields, with those that are None left out, and `format`, the number of this
+        layout (1). `markers` is an array of strings, `strike` the vector `[q_i, q_f, D]`, `controller` a JSON text.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        arrays["strike"] = None if self.strike is None else self.strike.vector
+        arrays["controller"] = None if self.controller is None else json.dumps(self.controller)
+        arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+        try:
+            write_npz(Path(path), {"format": np.int64(FORMAT), **arrays})
+        except OSError as error:
+            raise InputError("recording", str(path), f"a file that can be written ({error.strerror})") from None
+
+    def __repr__(self) -> str:
+        span = f"{len(self.t)} frames from {self.t[0]:.3f} to {self.t[-1]:.3f} s"
+        of = "" if self.strike is None else f", {self.strike}"
+        return f"StrikeRecording({', '.join(self.markers)}: {span}{of})"
+
+    @classmethod
+    def load(cls, path: Path | str) -> StrikeRecording:
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: The file cannot be read, is damaged, or is of a later format.
+        """
+        from whiptool.recording.npz import read_npz
+
+        return read_npz(path, cls, [f.name for f in dataclasses.fields(cls)], layout=FORMAT)
+
+
+def _numbers(name: str, value: object) -> np.ndarray:
+    """As a float array; what is not a number, or infinite, is refused."""
+    try:
+        array = np.array(value, dtype=float)  # a copy: what the caller does to its own array later must not show here
+    except (ValueError, TypeError, OverflowError):
+        raise InputError(name, str(value)[:80], "numbers") from None
+    if np.isinf(array).any():
+        raise InputError(name, "infinite values", "finite numbers, or NaN where missing")
+    return array
+
+
+def _times(name: str, value: object) -> np.ndarray:
+    """At least two finite, strictly increasing times in seconds, (T,)."""
+    t = _numbers(name, value)
+    if t.ndim != 1 or len(t) < 2:
+        raise InputError(name, f"shape {t.shape}", "at least two times, shape (T,)")
+    if not np.isfinite(t).all():
+        raise InputError(name, f"NaN at index {int(np.flatnonzero(np.isnan(t))[0])}", "finite times in s")
+    steps = np.diff(t)
+    if not (steps > 0).all():
+        i = int(np.flatnonzero(~(steps > 0))[0])
+        raise InputError(f"{name}[{i + 1}]", float(t[i + 1]), f"later than {name}[{i}] = {float(t[i])!r}")
+    if np.median(steps) >= SLOWEST:
+        raise InputError(
+            name,
+            f"steps of {float(np.median(steps)):g}",
+            f"steps below {SLOWEST:g} s",
+            "are these milliseconds or frame numbers?",
+        )
+    return t
+
+
+def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers broadcast to a shape, as an array of their own."""
+    array = _numbers(name, value)
+    try:
+        return np.broadcast_to(array, shape).copy()
+    except ValueError:
+        raise InputError(name, f"shape {array.shape}", f"shape {shape}, or what broadcasts to it") from None
+
+
+def _plain_table(value: object) -> dict:
+    """A table of plain data, as JSON keeps it."""
+    if not isinstance(value, dict) or not isinstance(value.get("law"), str):
+        raise InputError("controller", str(value)[:80], "a table with the key law, as whiptool.optimize writes it")
+    try:
+        return json.loads(json.dumps(value, allow_nan=False))
+    except (TypeError, ValueError):
+        raise InputError("controller", str(value)[:80], "a table of finite numbers, texts and lists") from None

@@ -1,0 +1,310 @@
+"""The compiled rollout: batches of strikes through the code that CasADi generates, with exact derivatives."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from tqdm import tqdm
+
+from whiptool.dynamics.closed_loop import Structure
+from whiptool.dynamics.posture import start_derivative, start_posture
+from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
+from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
+from whiptool.models.parameters import Model, number
+from whiptool.models.strike import T_STAY, Strike, strike_names
+from whiptool.rollout.batch import Batch, Engine
+from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
+from whiptool.rollout.interface import Points, Rollout, Strikes, strike_vectors, target_points
+from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
+
+TIMESTEP = 2.5e-4  # [s]; benchmarks/accuracy.py shows why
+_AT_ONCE = 8192  # strikes packed at once: bounds the memory
+_TRAJECTORIES_AT_ONCE = 64
+
+
+class CompiledRollout(Rollout):
+    """Rolls strikes of one model and controller out, or of many that share their structure.
+
+    Args:
+        model: Whip, arm, gravity.
+        controller: Law and options.
+        timestep: Largest step of the integrator [s].
+        engine: `simd`, `scalar` or `interpreter`; default: the environment variable WHIPTOOL_ENGINE, or the best that
+            works here.
+        free: Names of parameters along which derivatives will be taken although their terms are zero in this model.
+        threads: Default: one per core.
+        sag: How far from postures `q_i` (B, a) the arm stands when strikes begin [rad], (B, a) or (a,); None: there.
+
+    Raises:
+        InputError: An argument is out of range, or the law does not fit the arm.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        controller: Controller,
+        *,
+        timestep: float = TIMESTEP,
+        engine: str | None = None,
+        free: Sequence[str] = (),
+        threads: int | None = None,
+        sag: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> None:
+        if engine is not None and engine not in RUNGS:
+            raise InputError("engine", engine, ", ".join(RUNGS))
+        self.model, self.controller = model, controller
+        self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
+        self.free = tuple(free)
+        self._sag = sag
+        self.structure = Structure.of(model, controller, free=free)
+        controller.check_fits(model.arm)
+        self._rung, self._threads = engine or wanted_rung(), threads
+        self.engine: str = self._engine(forward=False).rung
+
+    def _engine(self, *, forward: bool) -> Engine:
+        return find_engine(self.structure, forward=forward, rung=self._rung)
+
+    def approach(
+        self,
+        strikes: Strikes,
+        target: Points,
+        *,
+        t_stay: float = T_STAY,
+        models: Sequence[Model] | None = None,
+        controllers: Sequence[Controller] | None = None,
+        progress: bool = False,
+    ) -> Approach:
+        """Closest approaches of any number of strikes; memory stays bounded, whatever their number.
+
+        Args:
+            strikes: One `Strike` or many, or vectors, (B, 2 a + 1). A strike lasts `D + t_stay` seconds.
+            target: A `Target` or (x, y) for all, or one place each, (B, 2) [m].
+            t_stay: [s]
+            models, controllers: One per strike, if they differ; each within this rollout's structure.
+            progress: Show a bar.
+
+        Raises:
+            InputError: Shapes do not match, or a model has terms that this rollout was not made with.
+        """
+        strikes = strike_vectors(strikes, self.model.arm.n)
+        B, a = len(strikes), self.model.arm.n
+        targets = target_points(target, B)
+        engine, out = self._engine(forward=False), np.empty((B, 9 + 2 * a))
+        bar = tqdm(total=B, unit=" strikes", disable=not progress, leave=False)
+        for first in range(0, B, _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            batch = self._batch(
+                strikes[part], targets[part], t_stay, models and models[part], controllers and controllers[part]
+            )
+            out[part] = engine(batch, threads=self._threads).out
+            bar.update(len(batch.p))
+        bar.close()
+        return _approach(out, a)
+
+    def gradient(
+        self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
+    ) -> tuple[Approach, np.ndarray]:
+        """Closest approaches and the exact derivatives of the miss distance, by CasADi's forward mode.
+
+        When the tip is closest drops out (envelope theorem), unless that is the end of the strike, which moves with D.
+
+        Args:
+            strikes, target, t_stay: As in `approach`.
+            names: m parameters: of the strike (`q_si` ... `D`), of the model and of the controller
+                (`parameters()` of each). Default: those of the strike.
+
+        Returns:
+            The approaches, and derivatives [m per unit of the parameter], (B, m).
+        """
+        strikes = strike_vectors(strikes, self.model.arm.n)
+        names = list(strike_names(self.model.arm) if names is None else names)
+        B, m = len(strikes), len(names)
+        targets = target_points(target, B)
+        directions = self.directions(names)
+        out = np.empty((B, m, 9 + 2 * self.model.arm.n))
+        at_once = max(1, _AT_ONCE // m)
+        for first in range(0, B, at_once):
+            part = slice(first, first + at_once)
+            batch = self._forward_batch(strikes[part], targets[part], t_stay, directions)
+            out[part] = self._engine(forward=True)(batch, threads=self._threads).out.reshape(-1, m, out.shape[2])
+        return _approach(out[:, 0], self.model.arm.n), out[:, :, 8]
+
+    def tip_path(
+        self,
+        strikes: Strikes,
+        *,
+        t_stay: float = T_STAY,
+        rate: float,
+        names: Sequence[str] = (),
+        models: Sequence[Model] | None = None,
+        controllers: Sequence[Controller] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The tip's path at equal times, and its exact derivatives.
+
+        Args:
+            strikes, t_stay: As in `approach`.
+            rate: Samples a second [1/s].
+            names: m parameters, as in `gradient`; none where strikes differ in their models.
+            models, controllers: As in `approach`.
+
+        Returns:
+            Times (S,) [s]; positions (B, S, 2) [m], NaN after a strike's end; derivatives (B, S, 2, m).
+        """
+        strikes = strike_vectors(strikes, self.model.arm.n)
+        number("rate", rate, low=0, strict=True)
+        if names and (models or controllers):
+            raise InputError("names", list(names), "none, where strikes differ in their models")
+        S = int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1
+        B, m = len(strikes), len(names)
+        directions, engine = self.directions(names), self._engine(forward=m > 0)
+        paths, slopes = np.empty((B, S, 2)), np.empty((B, S, 2, m))
+        at_once = max(1, _AT_ONCE // max(m, 1))
+        for first in range(0, B, at_once):
+            part = slice(first, first + at_once)
+            targets = np.zeros((len(strikes[part]), 2))
+            if m:
+                batch = self._forward_batch(strikes[part], targets, t_stay, directions)
+            else:
+                batch = self._batch(
+                    strikes[part], targets, t_stay, models and models[part], controllers and controllers[part]
+                )
+            batch.rate, batch.samples = rate, S
+            path = engine(batch, threads=self._threads).path
+            assert path is not None
+            both = path.reshape(len(targets), max(m, 1), S, -1)
+            paths[part] = both[:, 0, :, :2]
+            if m:
+                slopes[part] = both[..., 2:].transpose(0, 2, 3, 1)
+        return np.arange(S) / rate, paths, slopes
+
+    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+        """The whole strike, at every step of the integrator."""
+        return next(self.trajectories(strike, t_stay=t_stay))
+
+    def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
+        """The whole of many strikes, one after the other; only a few are in memory at a time."""
+        strikes, n = strike_vectors(strikes, self.model.arm.n), self.model.n
+        for first in range(0, len(strikes), _TRAJECTORIES_AT_ONCE):
+            some = strikes[first : first + _TRAJECTORIES_AT_ONCE]
+            batch = self._batch(some, np.zeros((len(some), 2)), t_stay)
+            batch.with_rows = True
+            rolled = self._engine(forward=False)(batch, threads=self._threads)
+            assert rolled.rows is not None
+            assert rolled.first_row is not None
+            for vector, start, out in zip(some, rolled.first_row, rolled.out, strict=True):
+                rows = rolled.rows[start : start + int(out[7]) + 1]
+                yield complete_trajectory(
+                    self.model,
+                    self.controller,
+                    Strike.from_vector(vector),
+                    t=rows[:, 0],
+                    q=rows[:, 1 : 1 + n],
+                    v=rows[:, 1 + n : 1 + 2 * n],
+                    tau=rows[:, 1 + 2 * n :],
+                    diverged=bool(out[6]),
+                )
+
+    def directions(self, names: Sequence[str]) -> np.ndarray:
+        """How the parameter vector changes with each named parameter, (m, P); it is linear in all of them.
+
+        Raises:
+            InputError: A name is unknown, or its term is not part of this rollout (see `free`).
+        """
+        of_strike = strike_names(self.model.arm)
+        of_model, of_controller = self.model.parameters(), self.controller.parameters()
+        rows = np.zeros((len(names), self.structure.n_parameters))
+        layout = self.structure.layout
+        base = self.structure.pack(self.model, self.controller, np.zeros((1, len(of_strike))))[0]
+        for row, name in zip(rows, names, strict=True):
+            block, index = re.fullmatch(r"([\w.]+)(?:\[(\d+)\])?", name).groups()  # type: ignore[union-attr]
+            if name in of_strike:
+                row[of_strike.index(name)] = 1
+            elif name in of_controller:
+                row[self.structure.columns(block).start + int(index or 0)] = 1
+            elif name in of_model and block in layout:
+                moved = self.model.with_parameters({name: of_model[name] + 1})
+                row[:] = self.structure.pack(moved, self.controller, np.zeros((1, len(of_strike))))[0] - base
+            else:
+                known = [*of_strike, *(x for x in of_model if x.split("[")[0] in layout), *of_controller]
+                raise InputError(
+                    "parameter",
+                    name,
+                    "one of " + ", ".join(known),
+                    "name it in `free` if its term is zero in this model" if name in of_model else "",
+                )
+        return np.round(rows, 12)  # differences of the packed numbers: zeros and ones
+
+    def _batch(
+        self,
+        strikes: np.ndarray,
+        targets: np.ndarray,
+        t_stay: float,
+        models: Sequence[Model] | None = None,
+        controllers: Sequence[Controller] | None = None,
+    ) -> Batch:
+        n, B = self.model.n, len(strikes)
+        period = self.controller.control_period
+        h, h_last, steps, hold = time_grid(strikes[:, -1] + t_stay, timestep=self.timestep, control_period=period)
+        x0 = np.zeros((B, 2 * n))
+        if models is None and controllers is None:
+            p = self.structure.pack(self.model, self.controller, strikes)
+            x0[:, :n] = start_posture(self.model, self._starts(strikes))
+        else:
+            p = np.empty((B, self.structure.n_parameters))
+            pairs = zip(models or [self.model] * B, controllers or [self.controller] * B, strict=True)
+            groups: dict[tuple[int, int], tuple[Model, Controller, list[int]]] = {}
+            for i, (model, controller) in enumerate(pairs):
+                groups.setdefault((id(model), id(controller)), (model, controller, []))[2].append(i)
+            for model, controller, which in groups.values():
+                self._check_within(model, controller)
+                p[which] = self.structure.pack(model, controller, strikes[which])
+                x0[which, :n] = start_posture(model, self._starts(strikes[which]))
+        return Batch(p, x0, np.ascontiguousarray(targets), h, h_last, steps, hold)
+
+    def _starts(self, strikes: np.ndarray) -> np.ndarray:
+        """Where the arm stands when strikes begin, (B, a) [rad]."""
+        q_i = strikes[:, : self.model.arm.n]
+        return q_i if self._sag is None else q_i + self._sag(q_i)
+
+    def _check_within(self, model: Model, controller: Controller) -> None:
+        needs = Structure.of(model, controller)
+        fits = replace(needs, optional=self.structure.optional) == self.structure
+        fits &= set(needs.optional) <= set(self.structure.optional)
+        if not fits or controller.control_period != self.controller.control_period:
+            raise InputError(
+                "model or controller of a batch",
+                str(needs),
+                f"one within {self.structure}",
+                "make the rollout with the richest of them",
+            )
+
+    def _forward_batch(self, strikes: np.ndarray, targets: np.ndarray, t_stay: float, directions: np.ndarray) -> Batch:
+        """Every strike once per direction: strike 0 along all of them, then strike 1, ..."""
+        m, n, a = len(directions), self.model.n, self.model.arm.n
+        batch = self._batch(strikes, targets, t_stay).take(np.repeat(np.arange(len(strikes)), m))
+        batch.dp = np.tile(directions, (len(strikes), 1))
+        batch.dx0 = np.zeros_like(batch.x0)
+        batch.dx0[:, :n] = start_derivative(self.model, self.structure, batch.x0[:, :n], batch.p, batch.dp)
+        longer = batch.dp[:, 2 * a]  # the strike's duration grows with D
+        if self.controller.control_period is None:
+            batch.dh = batch.dh_last = longer / batch.steps
+        else:
+            batch.dh, batch.dh_last = np.zeros(len(longer)), longer.copy()
+        return batch
+
+
+def _approach(out: np.ndarray, a: int) -> Approach:
+    """The columns of the driver's outcome."""
+    return Approach(
+        distance=out[:, 0],
+        time=out[:, 1],
+        velocity=out[:, 2:4],
+        tip=out[:, 4:6],
+        diverged=out[:, 6] != 0,
+        max_joint_speed=out[:, 9 : 9 + a],
+        max_torque=out[:, 9 + a :],
+    )

@@ -1,0 +1,58 @@
+"""Which engine rolls strikes out: SIMD C++, scalar C++, or CasADi's interpreter, the best that works here."""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+from importlib.resources import files
+
+from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.stepping import FASTEST
+from whiptool.errors import InputError
+from whiptool.rollout.batch import Engine
+from whiptool.rollout.compiler import has_simd, load_library
+from whiptool.rollout.interpreter import InterpretedEngine
+from whiptool.rollout.native import NativeEngine, generate_c
+
+RUNGS = ("simd", "scalar", "interpreter")
+VARIABLE = "WHIPTOOL_ENGINE"
+
+
+def wanted_rung() -> str | None:
+    """The rung that the environment variable forces, if any.
+
+    Raises:
+        InputError: It names none.
+    """
+    name = os.environ.get(VARIABLE) or None
+    if name is not None and name not in RUNGS:
+        raise InputError(VARIABLE, name, ", ".join(RUNGS))
+    return name
+
+
+@lru_cache(maxsize=64)
+def find_engine(structure: Structure, *, forward: bool, rung: str | None) -> Engine:
+    """The best engine for a structure, or the given rung.
+
+    A compiler without SIMD support falls to scalar code, no working compiler to the interpreter, each with one line
+    in the log.
+    """
+    wanted = RUNGS if rung is None else RUNGS[RUNGS.index(rung) :]
+    loop = closed_loop(structure)
+    for name in wanted[:-1]:
+        if name == "simd" and not has_simd():
+            continue
+        defines = {
+            "NQ": structure.n,
+            "NA": structure.n_arm,
+            "NP": structure.n_parameters,
+            "HELD": int(structure.held),
+            "FASTEST": FASTEST,
+            "SIMD": int(name == "simd"),
+            "FORWARD": int(forward),
+        }
+        driver = files("whiptool.rollout").joinpath("driver.cpp").read_text()
+        library = load_library(generate_c(loop, forward=forward), driver, defines)
+        if library is not None:
+            return NativeEngine(library, structure, name)
+    return InterpretedEngine(structure, forward=forward)

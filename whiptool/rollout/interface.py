@@ -1,0 +1,134 @@
+"""What every rollout of strikes does, be it compiled, the reference, or a rig."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, Protocol, TypeAlias
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import Model
+from whiptool.models.strike import T_STAY, Strike
+from whiptool.rollout.trajectory import Approach, Trajectory
+
+
+class Placed(Protocol):
+    """What has a position, such as a `Target`."""
+
+    @property
+    def position(self) -> tuple[float, ...]:
+        """Place (x, y) in the strike plane [m]."""
+        ...
+
+
+Strikes: TypeAlias = Strike | Sequence[Strike] | np.ndarray
+Points: TypeAlias = Placed | np.ndarray | Sequence[float]
+
+
+def strike_vectors(strikes: Strikes, joints: int) -> np.ndarray:
+    """Return strikes as vectors, (B, 2 a + 1).
+
+    Args:
+        strikes: One `Strike` or many, or vectors of shape (B, 2 a + 1) or (2 a + 1,).
+        joints: a, of the arm.
+
+    Raises:
+        InputError: They are of another arm, a value is not finite, or a duration D is not positive.
+    """
+    if isinstance(strikes, Strike):
+        strikes = strikes.vector
+    elif not isinstance(strikes, np.ndarray):
+        strikes = np.array([x.vector if isinstance(x, Strike) else x for x in strikes], float)
+    vectors = np.ascontiguousarray(np.atleast_2d(strikes), float)
+    width = 2 * joints + 1
+    if vectors.ndim != 2 or vectors.shape[1] != width:
+        raise InputError("strikes", vectors.shape, f"an array of shape (B, {width}), for an arm of {joints} joints")
+    if not np.isfinite(vectors).all() or not (vectors[:, -1] > 0).all():
+        raise InputError("strikes", "a value that is not finite, or D <= 0", "finite angles and D > 0 s")
+    return vectors
+
+
+def target_points(target: Points, count: int) -> np.ndarray:
+    """Return the places of targets, (count, 2) [m].
+
+    Args:
+        target: A `Target`, or (x, y), for all; or one each, (count, 2) [m].
+        count: Of strikes.
+
+    Raises:
+        InputError: It has another shape.
+    """
+    position = target if isinstance(target, np.ndarray | Sequence) else target.position
+    points = np.asarray(position, float)
+    if points.shape not in ((2,), (count, 2)):
+        raise InputError("target", f"shape {points.shape}", f"a Target, shape (2,), or one each, ({count}, 2)")
+    return np.broadcast_to(points, (count, 2))
+
+
+class Rollout(ABC):
+    """Strikes in, what the tip did out. Whoever has one, has any: search, learner, planner.
+
+    Args:
+        model: Whip, arm and gravity.
+        engine: What computes, or strikes: a name.
+        timestep: Of the integrator [s].
+        one_by_one: Whether each strike costs more than time, so that none is asked for that may not be needed.
+    """
+
+    model: Model
+    engine: str
+    timestep: float
+    one_by_one: ClassVar[bool] = False
+
+    @abstractmethod
+    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+        """Return the whole of one strike of `D + t_stay` seconds.
+
+        Args:
+            strike: A `Strike`, or its vector, (2 a + 1,).
+            t_stay: How long the strike is watched after the movement ended [s].
+
+        Raises:
+            InputError: The strike is of another arm, or needs too many steps.
+        """
+
+    def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
+        """Return the whole of many strikes, one after the other."""
+        for vector in strike_vectors(strikes, self.model.arm.n):
+            yield self.trajectory(vector, t_stay=t_stay)
+
+    def approach(self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY) -> Approach:
+        """Return the closest approaches of any number of strikes.
+
+        Args:
+            strikes: One `Strike` or many, or vectors, (B, 2 a + 1).
+            target: A `Target` or (x, y) for all, or one place each, (B, 2) [m].
+            t_stay: [s]
+
+        Raises:
+            InputError: Shapes do not match.
+        """
+        vectors = strike_vectors(strikes, self.model.arm.n)
+        paths = self.trajectories(vectors, t_stay=t_stay)
+        points = target_points(target, len(vectors))
+        return joined([path.approach(point) for path, point in zip(paths, points, strict=True)])
+
+    def gradient(
+        self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
+    ) -> tuple[Approach, np.ndarray]:
+        """Return the closest approaches, and the exact derivatives of the miss distances, (B, m).
+
+        Raises:
+            InputError: This rollout has none.
+        """
+        raise InputError("simulator", self.engine, "one with derivatives", "use the compiled simulator")
+
+
+def joined(approaches: Sequence[Approach]) -> Approach:
+    """Return approaches of single strikes as one of them all."""
+    rows = [[getattr(x, f.name) for x in approaches] for f in dataclasses.fields(Approach)]
+    columns: list[Any] = [None if row[0] is None else np.concatenate(row) for row in rows]
+    return Approach(*columns)

@@ -1,0 +1,235 @@
+"""The reference rollout: MuJoCo steps, Pinocchio compensates gravity, the controller is plain NumPy."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from scipy.linalg import eigh
+
+from whiptool.dynamics.posture import start_posture
+from whiptool.dynamics.stepping import FASTEST, LARGEST_STEP, SMALLEST_STEP, time_grid
+from whiptool.errors import InputError
+from whiptool.impedance.arm import Arm
+from whiptool.impedance.controller import Controller
+from whiptool.models.parameters import Model, number
+from whiptool.models.strike import T_STAY, Strike
+from whiptool.rollout.interface import Rollout, strike_vectors
+from whiptool.rollout.mujoco_import import mujoco
+from whiptool.rollout.mujoco_model import build_spec
+from whiptool.rollout.trajectory import Trajectory, complete_trajectory
+
+Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
+TIMESTEP = 1e-4  # [s], largest that is chosen
+SMALLEST_TIMESTEP = 2e-5  # [s], likewise
+_callback = threading.Lock()  # MuJoCo's control callback is one per process
+
+
+class ReferenceRollout(Rollout):
+    """Rolls strikes of one model and controller out in MuJoCo.
+
+    A torque written to `ctrl` once a step is held over the integrator's stages, which makes any of them first order.
+    A continuous controller therefore acts through MuJoCo's control callback, at every stage. Drag and smoothed
+    friction, which MuJoCo lacks, act there too, at bodies and joints.
+
+    Args:
+        model: Whip, arm, gravity.
+        controller: Law and options.
+        timestep: MuJoCo's step [s].
+        integrator: One of MuJoCo's. Where neither is given: RK4 at 0.1 ms, or less where the whip's damping asks for
+            it; where it asks for less than 0.02 ms, that step with `implicitfast`, of first order.
+    """
+
+    engine = "reference"
+
+    def __init__(
+        self,
+        model: Model,
+        controller: Controller,
+        *,
+        timestep: float | None = None,
+        integrator: str | None = None,
+    ) -> None:
+        if integrator is not None:
+            check_integrator(integrator)
+        controller.check_fits(model.arm)
+        self.model, self.controller = model, controller
+        self._mj = build_spec(model).compile()
+        if timestep is None:
+            stable = _stable_timestep(self._mj, model)
+            timestep = min(TIMESTEP, max(stable, SMALLEST_TIMESTEP))
+            integrator = integrator or ("RK4" if stable >= SMALLEST_TIMESTEP else "implicitfast")
+        integrator = integrator or "RK4"
+        self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
+        self._mj.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+        self._data = mujoco.MjData(self._mj)
+        self._arm = Arm(model)
+        self._tip = self._mj.site("tip").id
+        whip = model.whip
+        zeros = np.zeros(model.arm.n)
+        self._friction = np.r_[zeros, whip.per_node("dry_friction")]
+        self._drag = whip.per_node("drag")
+        self._nodes = np.array([self._mj.body(f"whip{i + 1}").id for i in range(whip.N)])
+        self._root = self._mj.body_rootid[self._nodes[0]]
+        self.has_forces = bool(self._friction.any() or self._drag.any())
+
+    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+        """The whole strike of `D + t_stay` seconds, at every step.
+
+        Raises:
+            InputError: The strike is of another arm, or needs too many steps.
+        """
+        a, n = self.model.arm.n, self.model.n
+        (vector,) = strike_vectors(strike, a)
+        strike = Strike.from_vector(vector)
+        gave_up: list[str] = []  # what MuJoCo warns of: it resets the state, or drops the control, and goes on
+        loop = self.controller.bind(self._arm, strike)
+        grid = time_grid(
+            np.array([strike.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
+        )
+        h, h_last, steps = (x[0].item() for x in grid[:3])
+        hold = grid[3] if self.controller.control_period is not None else 0
+        mj, data = self._mj, self._data
+        mujoco.mj_resetData(mj, data)
+        data.qpos[:] = start_posture(self.model, np.array([strike.q_i]))[0]
+        times, q, v = np.empty(steps + 1), np.empty((steps + 1, n)), np.empty((steps + 1, n))
+        tau, tip, velocity = np.empty((steps + 1, a)), np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
+        diverged, i, unrecorded = False, 0, 0
+
+        def act(_: mujoco.MjModel, acting: mujoco.MjData) -> None:
+            """Write torques and forces at every stage of a step; at its first, record the state that it begins with."""
+            nonlocal unrecorded
+            if acting._address != own:  # the callback is one per process: leave other simulations alone
+                return
+            if not hold:
+                data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
+            if self.has_forces:
+                self.apply_forces(data)
+            if unrecorded == i:
+                times[i], q[i], v[i], tau[i] = data.time, data.qpos, data.qvel, data.ctrl
+                tip[i], velocity[i] = data.site_xpos[self._tip, ::2], self._tip_velocity()
+                unrecorded = i + 1
+
+        own = data._address
+        with _callback:
+            mujoco.set_mjcb_control(act)
+            mujoco.set_mju_user_warning(gave_up.append)
+            try:
+                for i in range(steps + 1):
+                    t = i * h if i < steps else (i - 1) * h + h_last
+                    data.time = t
+                    mj.opt.timestep = h_last if i + 1 == steps else h
+                    if hold and i % hold == 0:
+                        data.ctrl[:] = loop.torque(t, data.qpos[:a], data.qvel[:a])
+                    if i == steps:
+                        mujoco.mj_forward(mj, data)
+                        break
+                    mujoco.mj_step(mj, data)
+                    if gave_up or not data.qvel @ data.qvel < FASTEST**2:
+                        diverged = True
+                        break
+            finally:
+                mujoco.set_mjcb_control(None)
+                mujoco.set_mju_user_warning(None)
+        done = slice(i + 1)
+        return complete_trajectory(
+            self.model,
+            self.controller,
+            strike,
+            t=times[done],
+            q=q[done],
+            v=v[done],
+            tau=tau[done],
+            diverged=diverged,
+            tip=(tip[done], velocity[done]),
+        )
+
+    def apply_forces(self, data: mujoco.MjData) -> None:
+        """Write smoothed friction and drag at the data's velocities into its applied forces."""
+        v = data.qvel
+        if self._friction.any():
+            data.qfrc_applied[:] = -self._friction * v / np.sqrt(v**2 + self.model.whip.friction_velocity**2)
+        if self._drag.any():
+            # node i sits at its body's centre of mass, where MuJoCo applies forces; the plane is x and z
+            lever = data.xipos[self._nodes] - data.subtree_com[self._root]
+            turning = data.cvel[self._nodes, 1]  # about y
+            u = data.cvel[self._nodes, 3::2]  # (N, 2), of the point of each body that is at the chain's centre of mass
+            u[:, 0] += turning * lever[:, 2]
+            u[:, 1] -= turning * lever[:, 0]
+            braked = u
+            if self.model.whip.drag_ratio != 1:
+                # each body's own z axis points from the node to its joint
+                axes = data.xmat[self._nodes].reshape(-1, 3, 3)[:, ::2, 2]  # (N, 2)
+                along = (u * axes).sum(axis=1, keepdims=True)
+                braked = u - (1 - self.model.whip.drag_ratio) * along * axes
+            drag = -self._drag[:, None] * np.sqrt((u**2).sum(axis=1, keepdims=True) + 1e-12) * braked
+            data.xfrc_applied[self._nodes, :3:2] = drag
+
+    def _tip_velocity(self) -> np.ndarray:
+        velocity = np.empty(6)
+        mujoco.mj_objectVelocity(self._mj, self._data, mujoco.mjtObj.mjOBJ_SITE, self._tip, velocity, 0)
+        return velocity[[3, 5]]
+
+
+def check_integrator(name: str) -> None:
+    """Refuse what is not one of MuJoCo's integrators.
+
+    Raises:
+        InputError: It is none; the message lists them.
+    """
+    if name not in get_args(Integrator):
+        raise InputError("integrator", name, ", ".join(get_args(Integrator)))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A strike in MuJoCo.
+
+    Args:
+        miss_distance: [m]; None if it diverged at every step that was tried.
+        timestep: The last of them [s].
+        confirmed: Whether that is within `AGREEMENT` of what was expected.
+    """
+
+    miss_distance: float | None
+    timestep: float
+    confirmed: bool
+
+
+AGREEMENT = 3e-4  # [m], of miss distances in the two simulators
+
+
+def replay(
+    model: Model, controller: Controller, strike: Strike, target: np.ndarray, *, t_stay: float, expected: float
+) -> Replay:
+    """Play a strike in MuJoCo, and where that does not agree with what is expected, again at smaller steps.
+
+    An explicit integrator under a controller whose gain grows with the error can be wrong without diverging; a strike
+    is only called unconfirmed when an eighth of the usual step does not agree either.
+    """
+    rollout, distance = ReferenceRollout(model, controller), None
+    for attempt in range(4):
+        if attempt:
+            rollout = ReferenceRollout(model, controller, timestep=rollout.timestep / 2)
+        path = rollout.trajectory(strike, t_stay=t_stay)
+        distance = None if path.diverged else float(path.approach(target).distance[0])
+        if distance is not None and abs(distance - expected) <= AGREEMENT:
+            return Replay(distance, rollout.timestep, True)
+    return Replay(distance, rollout.timestep, False)
+
+
+def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:
+    """A step [s] well inside RK4's stability limit (2.78 over the fastest decay) for damping and friction."""
+    rng, data = np.random.default_rng(0), mujoco.MjData(mj)
+    whip = model.whip
+    damping = mj.dof_damping + np.r_[np.zeros(model.arm.n), whip.per_node("dry_friction")] / whip.friction_velocity
+    fastest = 1e-9
+    for _ in range(20):  # the limit depends on the posture
+        data.qpos[:] = rng.normal(0, 0.5, model.n)
+        mujoco.mj_forward(mj, data)
+        M = np.empty((model.n, model.n))
+        mujoco.mj_fullM(mj, data, M)
+        fastest = max(fastest, eigh(np.diag(damping), M, eigvals_only=True)[-1])
+    return 2.0 / fastest

@@ -1,0 +1,158 @@
+"""What a rollout leaves: the closest approach to a target, and on request the whole trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from whiptool.models.parameters import Model
+from whiptool.whole_files import write_npz
+
+if TYPE_CHECKING:
+    from whiptool.impedance.controller import Controller
+    from whiptool.models.strike import Strike
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Closest approach of the tip to its target, for B strikes of an arm of a joints.
+
+    Args:
+        distance: Of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
+        time: When [s], (B,).
+        velocity: Of the tip, then [m/s], (B, 2).
+        tip: Where [m], (B, 2).
+        max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
+        max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
+        diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
+        error: Standard error of the distance [m], (B,), where it was measured; None: it was computed.
+    """
+
+    distance: np.ndarray
+    time: np.ndarray
+    velocity: np.ndarray
+    tip: np.ndarray
+    max_joint_speed: np.ndarray
+    max_torque: np.ndarray
+    diverged: np.ndarray
+    error: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        if len(self.distance) == 1:
+            return f"Approach({self.distance[0]:.4f} m at {self.time[0]:.3f} s, {self.speed[0]:.1f} m/s)"
+        return f"Approach({len(self.distance)} strikes, the nearest {np.nanmin(self.distance, initial=np.inf):.4f} m)"
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Of the tip at the closest approach [m/s], (B,)."""
+        return np.hypot(*self.velocity.T)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One strike over T instants, for an arm of a joints and a chain of n.
+
+    Args:
+        t: Times [s], (T,).
+        q, v: Joint positions [rad] and velocities [rad/s], (T, n).
+        q_d, v_d: Desired positions and velocities of the arm, (T, a).
+        tau: Arm torques [N m], (T, a).
+        K, B: Stiffness [N m/rad] and damping [N m s/rad] of the controller, (T, a, a).
+        tip, tip_velocity: [m], [m/s], (T, 2).
+        diverged: Whether it ends early because it diverged.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    q_d: np.ndarray
+    v_d: np.ndarray
+    tau: np.ndarray
+    K: np.ndarray
+    B: np.ndarray
+    tip: np.ndarray
+    tip_velocity: np.ndarray
+    diverged: bool = False
+
+    def __repr__(self) -> str:
+        fastest = np.hypot(*self.tip_velocity.T).max()
+        ended = "diverged" if self.diverged else "ended"
+        return f"Trajectory({len(self.t)} instants, {ended} at {self.t[-1]:.3f} s, tip at most {fastest:.1f} m/s)"
+
+    def approach(self, target: np.ndarray) -> Approach:
+        """The closest approach (B = 1): the nearest point of the segments between successive tip positions."""
+        start, step = self.tip[:-1], np.diff(self.tip, axis=0)
+        squared = (step**2).sum(axis=1)
+        along = ((target - start) * step).sum(axis=1)
+        s = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0), 0, 1)  # (T - 1,)
+        points = start + s[:, None] * step
+        distance = np.hypot(*(target - points).T)
+        i = int(distance.argmin()) if len(distance) else None
+        a = self.tau.shape[1]
+        if i is None:  # diverged in the first step
+            nearest = np.inf, 0.0, np.full(2, np.nan), np.full(2, np.nan)
+        else:
+            velocity = self.tip_velocity[i] + s[i] * (self.tip_velocity[i + 1] - self.tip_velocity[i])
+            time = self.t[i] + s[i] * (self.t[i + 1] - self.t[i])
+            nearest = distance[i], time, velocity, points[i]
+        return Approach(
+            *(np.array([x]) for x in nearest),
+            max_joint_speed=np.abs(self.v[:, :a]).max(axis=0)[None],
+            max_torque=np.abs(self.tau).max(axis=0)[None],
+            diverged=np.array([self.diverged]),
+        )
+
+    def distance(self, target: np.ndarray) -> np.ndarray:
+        """Distance between tip and target at every instant [m], (T,)."""
+        return np.hypot(*(self.tip - target).T)
+
+    def save(self, path: Path) -> None:
+        """Write an NPZ file, without pickle."""
+        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        write_npz(path, arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> Trajectory:
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as data:
+            arrays = {f.name: data[f.name] for f in fields(cls)}
+        return cls(**{**arrays, "diverged": bool(arrays["diverged"])})
+
+
+def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
+    """Positions of shoulder, joints and tip [m], shape (..., n + 1, 2), for joint positions q of shape (..., n)."""
+    theta = np.cumsum(q, axis=-1)
+    l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
+    steps = np.stack([l * np.sin(theta), -l * np.cos(theta)], axis=-1)
+    return np.concatenate([np.zeros((*steps.shape[:-2], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
+
+
+def complete_trajectory(
+    model: Model,
+    controller: Controller,
+    strike: Strike,
+    *,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    tau: np.ndarray,
+    diverged: bool,
+    tip: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Trajectory:
+    """A trajectory with what follows from states: references, gains, and, unless given, the tip's path."""
+    a = model.arm.n
+    q_d, v_d, _ = strike.reference(t)
+    K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
+    if tip is None:
+        theta, omega = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
+        l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
+        tip = (
+            joint_points(model, q)[:, -1],
+            np.stack([(l * np.cos(theta) * omega).sum(1), (l * np.sin(theta) * omega).sum(1)], axis=1),
+        )
+    return Trajectory(
+        t=t, q=q, v=v, q_d=q_d, v_d=v_d, tau=tau, K=K, B=B, tip=tip[0], tip_velocity=tip[1], diverged=diverged
+    )

@@ -1,0 +1,101 @@
+"""How much a task asks for: the share of its targets that one and the same strike hits, and that random strikes hit.
+
+Where one strike does for nearly all targets, a method can hit them without looking at them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from whiptool.models.strike import StrikeBounds, default_bounds
+from whiptool.rollout import CompiledRollout
+from whiptool.studies.comparison.tables import percent
+from whiptool.studies.comparison.units import Scene
+
+RATE = 1000.0  # [1/s] of the paths by which strikes are ranked
+_KEPT, _CHILDREN = 1 / 250, 25  # the share of the random strikes' number that is varied, and variations of each
+WIDTHS = (0.1, 0.05, 0.05, 0.02, 0.02, 0.01, 0.01, 0.005)  # of the variations, in widths of the box
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifficultyUnit:
+    """The best single strike for all targets, and random strikes.
+
+    The best of random strikes are varied, ever less, and those that hit most targets kept: what is found is a lower
+    bound of what one strike can hit.
+
+    Args:
+        scene: Model, targets, hit radius (the first).
+        strikes: Random ones.
+        task: Put before the name, where a folder holds several tasks.
+    """
+
+    scene: Scene
+    strikes: int = 10_000
+    task: str = ""
+
+    @property
+    def name(self) -> str:
+        """Task and number of strikes."""
+        return f"{self.task}difficulty-{self.strikes}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Strike: each random strike at a target of its own, the best strike at all."""
+        scene, rng = self.scene, np.random.default_rng(scene_seed(self.scene))
+        rollout, bounds, targets = scene.rollout(threads), default_bounds(scene.model.arm), scene.points()
+        strikes = bounds.sample(rng, self.strikes)
+        own = targets[np.arange(len(strikes)) % len(targets)]
+        random = rollout.approach(strikes, own, t_stay=scene.t_stay).distance <= scene.radii[0]
+        kept = math.ceil(_KEPT * self.strikes)
+        best = _best(strikes, targets_hit(rollout, strikes, scene), kept)
+        for width in WIDTHS:
+            some = np.vstack([best, varied(best, width, bounds, rng)])
+            best = _best(some, targets_hit(rollout, some, scene), kept)
+        at_all = rollout.approach(np.tile(best[0], (len(targets), 1)), targets, t_stay=scene.t_stay)
+        return {
+            "one_strike": best[0].tolist(),
+            "one_strike_hits": float(np.mean(at_all.distance <= scene.radii[0])),
+            "random_strikes_hit": float(random.mean()),
+        }
+
+
+def scene_seed(scene: Scene) -> list[int]:
+    """Of the random strikes: other than those that drew the targets."""
+    return [scene.target_seed, 1]
+
+
+def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: Scene) -> np.ndarray:
+    """How many of a scene's targets each strike's tip passes within the hit radius, at `RATE`, (B,)."""
+    targets, radius, found = scene.points(), scene.radii[0], []
+    low, high = targets.min(axis=0) - radius, targets.max(axis=0) + radius
+    for first in range(0, len(strikes), 1024):
+        for path in rollout.tip_path(strikes[first : first + 1024], t_stay=scene.t_stay, rate=RATE)[1]:
+            near = path[((path >= low) & (path <= high)).all(axis=1)]  # no NaN among them
+            found.append(int((cdist(near, targets).min(axis=0) <= radius).sum()) if len(near) else 0)
+    return np.array(found)
+
+
+def varied(strikes: np.ndarray, width: float, bounds: StrikeBounds, rng: np.random.Generator) -> np.ndarray:
+    """Return variations of strikes (B, d), normal with a standard deviation of `width` of the box, (25 B, d)."""
+    lower, upper = bounds.box
+    children = np.repeat(strikes, _CHILDREN, axis=0)
+    return np.clip(children + width * (upper - lower) * rng.standard_normal(children.shape), lower, upper)
+
+
+def _best(strikes: np.ndarray, hits: np.ndarray, kept: int) -> np.ndarray:
+    """Those that hit most, the most first."""
+    return strikes[np.argsort(-hits, kind="stable")[:kept]]
+
+
+def sentence(found: dict[str, Any]) -> str:
+    """What a unit found, for people."""
+    return (
+        f"One and the same strike hits {percent(found['one_strike_hits'])} of the targets; random strikes hit "
+        f"{percent(found['random_strikes_hit'])}."
+    )

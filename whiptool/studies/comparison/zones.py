@@ -1,0 +1,88 @@
+"""Where the targets of a comparison are drawn: a disc, or wherever the tip can be fast."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import LARGEST
+from whiptool.models.strike import default_bounds
+from whiptool.objective import TARGET
+from whiptool.studies.comparison.store import Store
+from whiptool.studies.comparison.units import Scene
+from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region
+
+FAST = "fast"
+SPEED = 3.0  # [m/s] at least, of the tip in the fast region
+STRIKES, QUICK_STRIKES = 1_000_000, 8_192  # random ones that find the fast region
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionUnit:
+    """Where the tip of random strikes passes with a speed.
+
+    Args:
+        scene: Its zone and targets do not matter.
+        strikes: Random ones.
+    """
+
+    scene: Scene
+    strikes: int
+
+    @property
+    def name(self) -> str:
+        """Name of the unit: least speed and number of strikes."""
+        return f"region-{SPEED:g}-{self.strikes}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Strike at random, and return the region that fast tips reach."""
+        bounds = default_bounds(self.scene.model.arm)
+        region = reachable_region(self.scene.rollout(threads), bounds, speed=SPEED, count=self.strikes)
+        return {"corners": region.corners.tolist(), "cell": region.cell}
+
+
+def fast_region(scene: Scene, store: Store, *, quick: bool = False) -> Region:
+    """All cells through which the tip passes with at least `SPEED`; found once and kept in the store."""
+    unit = RegionUnit(scene=scene, strikes=QUICK_STRIKES if quick else STRIKES)
+    known = store.results([unit], desc="region")[unit.name]
+    return Region(np.array(known["corners"]), known["cell"])
+
+
+def check_zone(name: str, option: str, centre: tuple[float, ...] = TARGET, reach: float = LARGEST) -> None:
+    """Whether a zone's name is `fast`, or the radius [m] of a disc around a centre of which the reach leaves a part.
+
+    Raises:
+        InputError: It is neither.
+    """
+    if name == FAST:
+        return
+    try:
+        disc = Disc(centre, float(name))  # type: ignore[arg-type]
+    except ValueError:
+        raise InputError(option, name, f"radii > 0 in m, or {FAST}") from None
+    try:
+        disc_within_reach(disc, reach)
+    except InputError as error:
+        raise InputError(option, name, error.allowed) from None
+
+
+def zone_named(name: str, scene: Scene, store: Store, *, quick: bool = False) -> Zone:
+    """The fast region, or what is within reach of the disc of a radius [m] around the middle of a scene's zone."""
+    if name == FAST:
+        return fast_region(scene, store, quick=quick)
+    around = scene.zone.disc if isinstance(scene.zone, ReachableDisc) else scene.zone
+    x, y = np.mean(around.box, axis=0).tolist()
+    return disc_within_reach(Disc((x, y), float(name)), scene.model.reach)
+
+
+def words(zone: Zone) -> str:
+    """A zone, for people."""
+    if isinstance(zone, Disc):
+        return f"a disc of radius {zone.radius:g} m around ({zone.centre[0]:g}, {zone.centre[1]:g}) m"
+    if isinstance(zone, ReachableDisc):
+        return f"what is within reach ({zone.reach:.3f} m) of {words(zone.disc)}"
+    return f"wherever the tip can pass with {SPEED:g} m/s, {zone.area:.2f} m^2"

@@ -1,0 +1,25 @@
+"""The paper's figures and tables, one function each: from a context to the sections of a report.
+
+A further one is added to `PARTS`, and, if it does not take hours of its own, to `ALL`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from whiptool.studies.reproduction import adapt, fig5, fig6, fig7, hard, sim2real, table4
+from whiptool.studies.reproduction.context import Context
+from whiptool.viz.report import Section
+
+__all__ = ["ALL", "PARTS", "Context"]
+
+PARTS: dict[str, Callable[[Context], list[Section]]] = {
+    "fig5": fig5.sections,
+    "fig6": fig6.sections,
+    "fig7": fig7.sections,
+    "table4": table4.sections,
+    "hard": hard.sections,
+    "sim2real": sim2real.sections,
+    "adapt": adapt.sections,
+}
+ALL = ("fig5", "fig6", "fig7", "table4", "hard", "sim2real")

@@ -1,0 +1,228 @@
+"""Following one marker from image to image: gated prediction, mean-shift, search, and how sure it all is.
+
+Plain mean-shift loses a fast tip for good: at 60 frames/s a tip at 20 m/s jumps 60 pixels. So a filter predicts where
+the marker will be, mean-shift starts there inside a gate, and where that fails the whole image is searched by connected
+components. A marker keeps its light whatever its blur, so a blob's light tells whether all of it is seen: what is
+hidden, cut off or something else gets a low confidence and no position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.vision.calibration import PlaneCalibration
+from whiptool.vision.camera_model import CameraSettings, measurement_sigma
+from whiptool.vision.marker_motion import MotionFilter
+from whiptool.vision.markers import Blob, Marker, find_blobs, noise_of
+from whiptool.vision.source import Frame
+
+SURE = 0.5  # confidence from which a position is reported
+_LIGHT_TOLERANCE = 0.15  # relative deviation of a blob's light that makes it doubtful
+_USUAL = 0.06  # what shading and noise make of it
+_MAX_SIZE_ERROR = 1.7  # of a first blob's area against the marker's own, either way
+_SLOW = 2.0  # speed below which the marker's light is learned [m/s]
+_SLOWLY = 0.05  # weight of a new blob in what the marker's light is known to be
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """One marker in one frame.
+
+    Args:
+        t_point: Middle of its exposure [s]: that of its own row, with a rolling shutter.
+        pixel: Mean position over the exposure [pixels], (2,); NaN where unsure.
+        point: The same on the strike plane [m], (2,); NaN where unsure.
+        sigma: Standard error of `point`, per coordinate [m]; NaN where unsure.
+        confidence: In [0, 1]; positions are given from 0.5.
+    """
+
+    t_point: float
+    pixel: np.ndarray
+    point: np.ndarray
+    sigma: float
+    confidence: float
+
+
+class MarkerTracker:
+    """Follows one marker.
+
+    Args:
+        marker: Its looks.
+        settings: The camera.
+        calibration: Of the strike plane; default: from the settings' pose.
+        background: Image of the scene without the marker, like the frames; default: the first frame, without the blob
+            that is taken for the marker. Whatever else of the marker's colour is in it is never mistaken for it.
+        start: Where the marker is in the first frame (2,) [pixels], if something there looks like it.
+    """
+
+    def __init__(
+        self,
+        marker: Marker,
+        settings: CameraSettings,
+        *,
+        calibration: PlaneCalibration | None = None,
+        background: np.ndarray | None = None,
+        start: np.ndarray | None = None,
+    ) -> None:
+        if (marker.hue is None) != (settings.kind == "infrared"):
+            raise InputError(
+                "marker", marker, f"one {'without' if marker.hue is None else 'with'} a hue for color images"
+            )
+        self.marker, self.settings = marker, settings
+        self._to_plane = (calibration or settings).to_plane
+        self._background = None if background is None else marker.strength(background)
+        self._start, self._begun = start, False
+        self._noise, self._mass = 0.0, np.nan  # noise of the strength; light of the whole marker [pixels]
+        self._motion: MotionFilter | None = None
+        self._locked = False  # on something that the gate is around
+
+    def update(self, frame: Frame) -> Sighting:
+        """Look for the marker in the next frame."""
+        if not self._begun:
+            self._begin(frame)
+        blob, confidence = self._gated(frame) if self._locked else (None, 0.0)
+        if blob is not None and confidence >= SURE:
+            return self._seen(frame, blob, confidence)
+        # Lost: whatever else looks like it is taken up for the next frame to confirm, and not reported before
+        found, sureness = self._anywhere(frame) if self._begun else (None, 0.0)
+        self._locked = found is not None
+        if found is not None:
+            t = self._time_of(frame, found.pixel[1])
+            self._motion = MotionFilter(found.pixel, t, self._pixels_per_metre(found.pixel), moving=True)
+        return self._unsure(frame, max(confidence, sureness))
+
+    def _begin(self, frame: Frame) -> None:
+        """Find the marker at rest, learn its light, and learn the background."""
+        whole = self._image_region()
+        strength = self.marker.strength(frame.image)
+        self._noise = noise_of(strength)
+        background = np.full_like(strength, np.median(strength)) if self._background is None else self._background
+        least = self.marker.value[0] / 2 if self.marker.hue is None else 0.0  # infrared sees everything in one colour
+        blobs = find_blobs(
+            self.marker, frame.image, background, self._noise, whole, least_mass=0.0, least_strength=least
+        )
+        fits = [b for b in blobs if self._could_be_first(b)]
+        if self._start is not None:
+            fits = sorted(fits, key=lambda b: np.hypot(*(b.pixel - self._start)))[:1]
+        if self._background is None:
+            # The arm is in it too, and will move: where it has less of the marker's colour, it is left out
+            usual = np.median(strength)
+            strength[strength < usual - 5 * self._noise] = usual
+            self._background = strength
+            if len(fits) == 1:  # fill its place with what is around it
+                x, y, w, h = fits[0].box
+                wide = np.s_[max(y - 6, 0) : y + h + 6, max(x - 6, 0) : x + w + 6]
+                inner = np.s_[max(y - 3, 0) : y + h + 3, max(x - 3, 0) : x + w + 3]
+                strength[inner] = np.nan
+                strength[inner] = np.nanmedian(strength[wide])
+        if fits:
+            self._mass = float(np.median([b.mass for b in fits]))
+        self._begun = bool(fits)
+        if len(fits) == 1:
+            pixel = fits[0].pixel
+            self._motion = MotionFilter(pixel, self._time_of(frame, pixel[1]), self._pixels_per_metre(pixel))
+            self._locked = True
+
+    def _could_be_first(self, blob: Blob) -> bool:
+        size = np.pi * (self.marker.radius * self._pixels_per_metre(blob.pixel)) ** 2
+        low, high = self.marker.value
+        right_size = 1 / _MAX_SIZE_ERROR < blob.mass / blob.peak / size < _MAX_SIZE_ERROR
+        return right_size and not blob.cut and (self.marker.hue is not None or low <= blob.peak <= high)
+
+    def _gated(self, frame: Frame) -> tuple[Blob | None, float]:
+        """Mean-shift from where the marker should be now, inside the gate."""
+        assert self._motion is not None
+        expected, gate = self._predict(frame)
+        size = self.marker.radius * self._pixels_per_metre(expected)
+        blur = np.hypot(*self._motion.velocity) * self.settings.exposure
+        half = gate + 1.5 * size + blur + 4
+        x0, y0, x1, y1 = self._image_region()
+        low, high = np.floor(expected - half).astype(int), np.ceil(expected + half).astype(int) + 1
+        region = max(x0, low[0]), max(y0, low[1]), min(x1, high[0]), min(y1, high[1])
+        if region[2] - region[0] < 3 or region[3] - region[1] < 3:
+            return None, 0.0
+        blobs = find_blobs(
+            self.marker, frame.image, self._background, self._noise, region, least_mass=self._mass, near=expected
+        )
+        inside = [b for b in blobs[:1] if np.hypot(*(b.pixel - expected)) <= gate]
+        return (inside[0], self._likeness(frame, inside[0])) if inside else (None, 0.0)
+
+    def _anywhere(self, frame: Frame) -> tuple[Blob | None, float]:
+        """Connected components in the whole image; never sure before the next frame confirms it."""
+        blobs = find_blobs(
+            self.marker, frame.image, self._background, self._noise, self._image_region(), least_mass=self._mass
+        )
+        scores = np.array([self._likeness(frame, b) for b in blobs])
+        if self._motion is not None and len(blobs):
+            reach = [self._motion.could_reach(self._time_of(frame, b.pixel[1]), b.pixel) for b in blobs]
+            scores = np.where(reach, scores, 0.0)
+        if not len(blobs) or scores.max() < SURE:
+            return None, 0.0
+        best = int(scores.argmax())
+        if scores.sum() > scores[best] + SURE:
+            return None, 0.0  # two that could be it
+        return blobs[best], float(scores[best])
+
+    def _missing(self, frame: Frame, blob: Blob) -> float:
+        """By what share a blob's light differs from that of the whole marker."""
+        return abs(blob.mass / (self._mass * self._stretch(frame, blob)) - 1)
+
+    def _likeness(self, frame: Frame, blob: Blob) -> float:
+        """How much a blob's light is that of the whole marker, in [0, 1]."""
+        off = self._missing(frame, blob) / _LIGHT_TOLERANCE
+        return float(np.exp(-0.5 * off**2)) * (0.3 if blob.cut else 1.0)
+
+    def _stretch(self, frame: Frame, blob: Blob) -> float:
+        """A marker that runs along with the rows of a rolling shutter is seen for longer."""
+        if self._motion is None or not self.settings.readout:
+            return 1.0
+        velocity = self._motion.velocity_with(self._time_of(frame, blob.pixel[1]), blob.pixel)
+        share = velocity[1] * self.settings.readout / self.settings.height
+        return float(1 / (1 - np.clip(share, -0.3, 0.3)))
+
+    def _seen(self, frame: Frame, blob: Blob, confidence: float) -> Sighting:
+        assert self._motion is not None
+        per_metre, stretch = self._pixels_per_metre(blob.pixel), self._stretch(frame, blob)
+        # Light that is missing at one end moves the centroid by half its share of the blob's length
+        doubt = max(0.0, self._missing(frame, blob) - _USUAL) * max(blob.box[2:]) / 2  # [pixels]
+        self._motion.update(self._time_of(frame, blob.pixel[1]), blob.pixel)
+        speed = float(np.hypot(*self._motion.velocity)) / per_metre
+        if speed < _SLOW:
+            self._mass += _SLOWLY * (blob.mass / stretch - self._mass)
+        return Sighting(
+            self._time_of(frame, blob.pixel[1]),
+            blob.pixel,
+            self._to_plane(blob.pixel),
+            float(np.hypot(max(blob.noise, doubt) / per_metre, measurement_sigma(self.settings, speed))),
+            confidence,
+        )
+
+    def _unsure(self, frame: Frame, confidence: float) -> Sighting:
+        row = self.settings.height / 2 if self._motion is None else self._predict(frame)[0][1]
+        unseen = np.full(2, np.nan)
+        t = self._time_of(frame, float(np.clip(row, 0, self.settings.height)))
+        return Sighting(t, unseen, unseen, np.nan, min(confidence, 0.9 * SURE))
+
+    def _predict(self, frame: Frame) -> tuple[np.ndarray, float]:
+        """Where it should be in this frame (2,), and how far off it may be [pixels]."""
+        assert self._motion is not None
+        expected, gate = self._motion.predict(self._time_of(frame, self._motion.pixel[1]))
+        if self.settings.readout:  # its row, and with it its time, follows from where it is
+            expected, gate = self._motion.predict(
+                self._time_of(frame, float(np.clip(expected[1], 0, self.settings.height)))
+            )
+        return expected, gate
+
+    def _time_of(self, frame: Frame, row: float) -> float:
+        return frame.t + float(self.settings.row_delay(row)) + self.settings.exposure / 2
+
+    def _pixels_per_metre(self, pixel: np.ndarray) -> float:
+        steps = self._to_plane(pixel + np.array([[0, 0], [1, 0], [0, 1]]))
+        dx, dy = steps[1] - steps[0], steps[2] - steps[0]
+        return float(1 / np.sqrt(abs(dx[0] * dy[1] - dx[1] * dy[0])))
+
+    def _image_region(self) -> tuple[int, int, int, int]:
+        return 0, 0, self.settings.width, self.settings.height

@@ -1,0 +1,210 @@
+"""What a marker looks like, and the blobs of its colour in an image (Sect. 2.4: Gaussian filter, HSV thresholds)."""
+
+from __future__ import annotations
+
+import colorsys
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.vision.opencv import opencv
+
+_SMOOTHING = 1.0  # standard deviation of the Gaussian filter [pixels]
+_FLOOR = 0.02  # least strength that can be part of a blob, of a whole marker's 1 or so
+_DIM = 0.12  # likewise in infrared, where everything reflects some light
+_DEVIATIONS = 6.0  # of the filtered noise, that a blob stands out by
+_FILTERED = 1 / (2 * np.sqrt(np.pi) * _SMOOTHING)  # what the filter leaves of white noise
+_MARGIN = 2  # pixels around a blob that may hold some of its light
+_FAINT = 0.35  # share of a known marker's light below which a blob is not worth looking at
+
+
+@dataclass(frozen=True)
+class Marker:
+    """Thresholds and size of a marker.
+
+    Args:
+        radius: [m]
+        hue: Lowest and highest [deg], around the circle if the first is the larger; None in infrared.
+        saturation: Least, in [0, 1]. A blurred marker mixes with its background: its hue stays, its saturation falls.
+        value: Infrared only: by how much the brightest point of the marker at rest outshines what is around it, least
+            and most, in [0, 1].
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    radius: float
+    hue: tuple[float, float] | None = None
+    saturation: float = 0.12
+    value: tuple[float, float] = (0.2, 1.0)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.radius < np.inf:
+            raise InputError("radius", self.radius, "a radius > 0 m")
+        if self.hue is not None and not all(0 <= x <= 360 for x in self.hue):
+            raise InputError("hue", self.hue, "two angles in [0, 360] deg")
+        if not 0 <= self.saturation <= 1:
+            raise InputError("saturation", self.saturation, "a number in [0, 1]")
+        if not 0 <= self.value[0] < self.value[1] <= 1:
+            raise InputError("value", self.value, "two numbers in [0, 1], the first the smaller")
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Of red, green and blue [1 / level] in the marker's strength, (1, 3), or of brightness, (1, 1).
+
+        The strength is linear, as light is, so that a blurred blob's centroid is the exposure's mean position; greys
+        have none.
+        """
+        if self.hue is None:
+            return np.full((1, 1), 1 / 255, np.float32)
+        low, high = self.hue
+        middle = (low + ((high - low) % 360) / 2) % 360
+        rgb = np.array(colorsys.hsv_to_rgb(middle / 360, 1, 1))
+        chroma = rgb - rgb.mean()
+        return (chroma / (chroma @ rgb) / 255).astype(np.float32)[None]
+
+    def strength(self, image: np.ndarray) -> np.ndarray:
+        """How much of the marker each pixel shows, (H, W) of float32, 1 for a pure bright colour."""
+        return opencv().transform(image.astype(np.float32), self.weights)
+
+    def is_of_color(self, rgb: np.ndarray) -> bool:
+        """Whether a colour (3,), in levels, passes the thresholds of hue and saturation."""
+        if self.hue is None:
+            return True
+        hue, saturation, _ = colorsys.rgb_to_hsv(*np.clip(rgb, 0, 255) / 255)
+        low, high = self.hue
+        return saturation >= self.saturation and (hue * 360 - low) % 360 <= (high - low) % 360
+
+
+# For the markers of the virtual camera; a rig's own need thresholds of their own.
+TIP_MARKERS = {
+    "color": Marker(0.025, hue=(95, 140)),
+    "infrared": Marker(0.025, value=(0.65, 1.0)),
+}
+TARGET_MARKERS = {
+    "color": Marker(0.04, hue=(5, 40)),
+    "infrared": Marker(0.04, value=(0.25, 0.6)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Blob:
+    """A connected patch of a marker's strength.
+
+    Args:
+        pixel: Its centroid, weighted by strength, (2,) [pixels].
+        mass: Its strength in all [pixels].
+        peak: Its greatest strength, after filtering.
+        box: Left, top, width, height [pixels].
+        cut: Whether it touches the image's edge.
+        noise: Standard error of its centroid, per coordinate, from the sensor's noise [pixels].
+    """
+
+    pixel: np.ndarray
+    mass: float
+    peak: float
+    box: tuple[int, int, int, int]
+    cut: bool
+    noise: float
+
+
+def noise_of(strength: np.ndarray) -> float:
+    """Standard deviation of a strength image's noise, robustly from neighbours in a row."""
+    return float(1.4826 * np.median(np.abs(np.diff(strength[::4], axis=1))) / np.sqrt(2))
+
+
+def find_blobs(
+    marker: Marker,
+    image: np.ndarray,
+    background: np.ndarray | None,
+    noise: float,
+    region: tuple[int, int, int, int],
+    *,
+    least_mass: float,
+    least_strength: float = 0.0,
+    near: np.ndarray | None = None,
+) -> list[Blob]:
+    """The blobs of a marker's colour in a region of an image.
+
+    Args:
+        marker: What to look for.
+        image: (H, W, 3) or (H, W) of uint8.
+        background: Strength (H, W) of the scene without the marker, or None for none.
+        noise: Of the strength, from `noise_of`.
+        region: Left, top, right, bottom [pixels].
+        least_mass: Light of the whole marker [pixels]; blobs with less than a share `_FAINT` of it are left out.
+        least_strength: Of any part of a blob.
+        near: Where the marker is expected (2,) [pixels]: then mean-shift climbs from there, and the blob at the top
+            is the first of the list.
+    """
+    cv2 = opencv()
+    left, top, right, bottom = region
+    part = image[top:bottom, left:right]
+    strength = marker.strength(part)
+    if background is not None:
+        strength -= background[top:bottom, left:right]
+    smooth = cv2.GaussianBlur(strength, (0, 0), _SMOOTHING)
+    threshold = max(_FLOOR if marker.hue else _DIM, _DEVIATIONS * noise * _FILTERED, least_strength)
+    mask = (smooth > threshold).view(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if count == 1:
+        return []
+    order = list(range(1, count))
+    if near is not None:
+        first = _climb(smooth * mask, labels, near - (left, top), stats)
+        order.sort(key=lambda i: i != first)
+    height, width = image.shape[:2]
+    blobs = []
+    for i in order:
+        x, y, w, h, area = (int(v) for v in stats[i])
+        if area * smooth.max() < _FAINT * least_mass:
+            continue  # cannot weigh enough
+        x0, y0 = max(x - _MARGIN, 0), max(y - _MARGIN, 0)
+        window = np.s_[y0 : y + h + _MARGIN, x0 : x + w + _MARGIN]
+        own = (labels[window] == i).view(np.uint8)
+        own_smooth = np.where(own, smooth[window], 0)
+        row, column = divmod(int(own_smooth.argmax()), own.shape[1])
+        patch = part[window][max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+        if marker.hue is not None and not marker.is_of_color(patch.reshape(-1, 3).mean(axis=0)):
+            continue
+        # Light spills over the threshold's edge, but not into a neighbouring blob
+        wide = cv2.dilate(own, np.ones((2 * _MARGIN + 1, 2 * _MARGIN + 1), np.uint8)).astype(bool)
+        wide &= (labels[window] == i) | (labels[window] == 0)
+        # What is darker than the background (arm and whip before it) is no light, nor negative light, which would push
+        # the centroid away from the whip; noise around zero stays
+        light = np.where(strength[window] < -3 * noise, 0, strength[window]) * wide
+        mass = float(light.sum())
+        if mass < _FAINT * least_mass:
+            continue
+        xs, ys = np.arange(light.shape[1]), np.arange(light.shape[0])
+        u, v = float(light.sum(axis=0) @ xs) / mass, float(light.sum(axis=1) @ ys) / mass
+        spread = (wide * ((xs - u) ** 2 + (ys[:, None] - v) ** 2)).sum() / 2
+        blobs.append(
+            Blob(
+                pixel=np.array([left + x0 + u, top + y0 + v]),
+                mass=mass,
+                peak=float(own_smooth.max()),
+                box=(left + x, top + y, w, h),
+                cut=left + x <= 1 or top + y <= 1 or left + x + w >= width - 1 or top + y + h >= height - 1,
+                noise=float(noise * np.sqrt(spread) / mass),
+            )
+        )
+    return blobs
+
+
+def _climb(density: np.ndarray, labels: np.ndarray, start: np.ndarray, stats: np.ndarray) -> int:
+    """The label that mean-shift ends on (cv2.meanShift); the nearest where it starts in the void."""
+    cv2 = opencv()
+    size = int(max(8, np.median(stats[1:, 2:4])))
+    height, width = density.shape
+    corner = np.clip(np.round(start) - size // 2, 0, [max(width - size, 0), max(height - size, 0)]).astype(int)
+    scaled = np.minimum(density * 255, 255).astype(np.uint8)
+    until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.5)
+    _, (x, y, w, h) = cv2.meanShift(scaled, (int(corner[0]), int(corner[1]), size, size), until)
+    inside = np.bincount(labels[y : y + h, x : x + w].ravel(), density[y : y + h, x : x + w].ravel(), len(stats))
+    if inside[1:].any():
+        return int(inside[1:].argmax()) + 1
+    centers = stats[1:, :2] + stats[1:, 2:4] / 2
+    return int(np.hypot(*(centers - start).T).argmin()) + 1

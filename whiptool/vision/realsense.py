@@ -1,0 +1,131 @@
+"""Frames of a RealSense camera, live or from a recording of its SDK, through pyrealsense2.
+
+Bags in SQLite (`.db3`) need no SDK: `whiptool.recording.readers.open_video` reads them, and
+`whiptool.vision.recorded.RecordedCamera` plays them.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError, WhiptoolError
+from whiptool.vision.camera_model import CameraSettings
+from whiptool.vision.source import Frame
+
+
+def realsense() -> Any:
+    """The module pyrealsense2.
+
+    Raises:
+        WhiptoolError: It is not installed, or its USB library is not.
+    """
+    try:
+        return importlib.import_module("pyrealsense2")
+    except ImportError as error:
+        missing_usb = "libusb" in str(error)
+        fix = "apt-get install libusb-1.0-0" if missing_usb else "pip install 'whiptool[rig]'"
+        raise WhiptoolError(f"pyrealsense2 does not load ({error}): {fix}") from error
+
+
+class RealSenseCamera:
+    """A `FrameSource` of one stream of a RealSense camera.
+
+    Exposure is fixed, for what moves during it is part of the measurement; the infrared emitter is off, for its dots
+    would be taken for markers. Frame times are the device's own, which mean the exposure's middle, less half of it.
+
+    Args:
+        settings: What is asked of the camera: size, rate, exposure, kind (`color` or `infrared`), and the pose and
+            readout that frames are to carry. Focal lengths and principal point are replaced by the device's own.
+        serial: Which camera; empty for the only one.
+        file: A recording of the SDK to play instead, every frame of it.
+
+    Raises:
+        InputError: The recording cannot be read.
+        WhiptoolError: On `open`: there is no pyrealsense2, no camera, or it has no such stream.
+    """
+
+    def __init__(self, settings: CameraSettings, *, serial: str = "", file: Path | str | None = None) -> None:
+        self.settings, self.serial = settings, serial
+        self.file = None if file is None else Path(file)
+        if self.file is not None and not self.file.is_file():
+            raise InputError("recording", str(file), "a file that exists")
+        self._rs: Any = None
+        self._pipeline: Any = None
+
+    def open(self) -> None:
+        """Start the stream; opening twice does no harm."""
+        if self._pipeline is not None:
+            return
+        rs, s = realsense(), self.settings
+        config, pipeline = rs.config(), rs.pipeline()
+        color = s.kind == "color"
+        stream, form = (rs.stream.color, rs.format.rgb8) if color else (rs.stream.infrared, rs.format.y8)
+        if self.file is not None:
+            config.enable_device_from_file(str(self.file), repeat_playback=False)
+            config.enable_stream(stream)
+        else:
+            if self.serial:
+                config.enable_device(self.serial)
+            config.enable_stream(stream, 0 if color else 1, s.width, s.height, form, round(s.fps))
+        try:
+            profile = pipeline.start(config)
+        except RuntimeError as error:
+            what = str(self.file or self.serial or "the only camera")
+            raise WhiptoolError(f"RealSense {what}: {error}; is it plugged into USB 3?") from error
+        self._rs, self._pipeline = rs, pipeline
+        try:
+            device = profile.get_device()
+            if self.file is not None:
+                device.as_playback().set_real_time(False)
+            else:
+                self._fix_exposure(device, color=color)
+            lens = profile.get_stream(stream).as_video_stream_profile().get_intrinsics()
+            self.settings = s.replace(
+                width=lens.width, height=lens.height, fx=lens.fx, fy=lens.fy, cx=lens.ppx, cy=lens.ppy
+            )
+        except RuntimeError as error:
+            self.close()
+            raise WhiptoolError(f"RealSense: {error}") from error
+
+    def _fix_exposure(self, device: Any, *, color: bool) -> None:
+        """Exposure by hand, emitter off."""
+        option = self._rs.option
+        sensor = device.first_color_sensor() if color else device.first_depth_sensor()
+        sensor.set_option(option.enable_auto_exposure, 0)
+        unit = 1e-4 if color else 1e-6  # [s] of the option, which the two sensors count differently
+        sensor.set_option(option.exposure, round(self.settings.exposure / unit))
+        if not color and sensor.supports(option.emitter_enabled):
+            sensor.set_option(option.emitter_enabled, 0)
+
+    def read(self, timeout: float = 1.0) -> Frame | None:
+        """The next frame, or None if there is none within the timeout [s], or the recording is over.
+
+        Raises:
+            InputError: The camera is not open.
+        """
+        if self._pipeline is None:
+            raise InputError("camera", "closed", "an open one", "call open() first")
+        there, frames = self._pipeline.try_wait_for_frames(max(1, round(1e3 * timeout)))
+        if not there:
+            return None
+        color = self.settings.kind == "color"
+        frame = frames.get_color_frame() if color else frames.get_infrared_frame()
+        if not frame:
+            return None
+        return Frame(
+            image=np.array(frame.get_data(), np.uint8),  # a copy: the SDK uses its buffer again
+            t=1e-3 * frame.get_timestamp() - self.settings.exposure / 2,
+            clock="device",
+            sequence=int(frame.get_frame_number()),
+            settings=self.settings,
+        )
+
+    def close(self) -> None:
+        """Stop the stream; closing twice does no harm."""
+        if self._pipeline is not None:
+            pipeline, self._pipeline = self._pipeline, None
+            pipeline.stop()

@@ -1,0 +1,133 @@
+"""Recorded images as frames, for the tracker and for rehearsals without a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.recording.readers.video import VideoSource
+from whiptool.vision.calibration import PlaneCalibration
+from whiptool.vision.camera_model import CameraSettings, apply_homography
+from whiptool.vision.source import Frame
+
+_DISTANCE = 3.5  # [m]; the images fix the ratio of focal length and distance only
+_INSTANT = 1e-6  # [s], where the exposure is not known
+
+
+def recorded_settings(video: VideoSource, kind: str) -> CameraSettings:
+    """Settings of a camera that looks straight at the plane and has the video's size, timing and scale.
+
+    A homography does not say how far away the camera was, so the distance is made up: what is used of it is the number
+    of pixels per metre, here that in the middle of the image. Positions come from `calibration_of`.
+
+    Args:
+        video: With a homography.
+        kind: Of light, `color` or `infrared`.
+
+    Raises:
+        InputError: It has no homography, or its exposure is longer than the time between images.
+    """
+    H, (height, width) = calibration_of(video).homography, video.shape
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    here, right, down = apply_homography(H, middle + np.array([[0, 0], [1, 0], [0, 1]]))
+    area = abs((right - here)[0] * (down - here)[1] - (right - here)[1] * (down - here)[0])  # [m^2] of a pixel
+    focal = _DISTANCE / float(np.sqrt(area))
+    return CameraSettings(
+        name=str(video.about.get("camera") or "recorded"),
+        width=width,
+        height=height,
+        fps=video.fps,
+        fx=focal,
+        fy=focal,
+        cx=float(middle[0]),
+        cy=float(middle[1]),
+        position=(float(here[0]), float(here[1]), _DISTANCE),
+        rotation=(0.0, 0.0, 0.0),
+        exposure=video.exposure or _INSTANT,
+        readout=video.readout * height / max(height - 1, 1),  # to the row after the last
+        kind=kind,
+    )
+
+
+def calibration_of(video: VideoSource) -> PlaneCalibration:
+    """Metres on the strike plane from the video's pixels.
+
+    Raises:
+        InputError: The video has no homography.
+    """
+    if video.homography is None:
+        raise InputError(
+            str(video.about.get("source", "video")),
+            "no calibration of the strike plane",
+            "one of homography, known_points, or scale with origin",
+            "write it into the sidecar .toml beside it",
+        )
+    return PlaneCalibration(video.homography)
+
+
+class RecordedCamera:
+    """A `FrameSource` of recorded images; their times are the strike's, 0 being the command's start.
+
+    Args:
+        video: The images, with times, size and calibration.
+
+    Attributes:
+        settings: Of the camera; see `recorded_settings`.
+        calibration: Of the strike plane, for the tracker.
+
+    Raises:
+        InputError: The strike plane is not calibrated, an image cannot be decoded or is of another kind than stated.
+    """
+
+    def __init__(self, video: VideoSource) -> None:
+        self.video = video
+        self.calibration = calibration_of(video)
+        kind = video.kind or ("infrared" if next(iter(video.frames())).ndim == 2 else "color")
+        self.settings = recorded_settings(video, kind)
+        self._images: Iterator[np.ndarray] | None = None
+        self._next = 0
+
+    def __len__(self) -> int:
+        return len(self.video)
+
+    def open(self) -> None:
+        """Go to the first image; opening twice does no harm."""
+        if self._images is None:
+            self._images, self._next = iter(self.video.frames()), 0
+
+    def read(self, timeout: float = 1.0) -> Frame | None:
+        """The next frame, or None after the last; there is nothing to wait for.
+
+        Raises:
+            InputError: The camera is not open, or an image cannot be decoded or is of another kind than stated.
+        """
+        if self._images is None:
+            raise InputError("camera", "closed", "an open one", "call open() first")
+        image = next(self._images, None)
+        if image is None or self._next >= len(self.video):
+            return None
+        number, self._next = self._next, self._next + 1
+        return Frame(
+            image=_as_stated(image, self.settings.kind),
+            t=float(self.video.times[number]) - self.settings.exposure / 2,
+            clock="strike",
+            sequence=number,
+            settings=self.settings,
+        )
+
+    def close(self) -> None:
+        """Let go of the file; closing twice does no harm."""
+        self._images = None
+
+
+def _as_stated(image: np.ndarray, kind: str) -> np.ndarray:
+    """A decoded image, BGR or grey, as a frame has it: RGB of uint8, or grey of uint8."""
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if kind == "infrared":
+        return np.ascontiguousarray(image[..., 0]) if image.ndim == 3 else image  # three times the same
+    if image.ndim == 2:
+        raise InputError("kind", kind, "infrared, where images are grey")
+    return np.ascontiguousarray(image[..., ::-1])

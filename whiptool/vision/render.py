@@ -1,0 +1,296 @@
+"""The virtual camera: films a strike of the MuJoCo model as a real camera would, and knows what was really there.
+
+Its images are synthetic, and whatever is written from them says so. Exposure is integrated over sub-frames; each row of
+a rolling shutter in its own time; light arrives in electrons, with shot and read noise. The sensor is taken to be
+linear, the lens free of distortion, both markers evenly lit to an eighth of their brightness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.parameters import Model
+from whiptool.rollout.trajectory import Trajectory, joint_points
+from whiptool.vision.camera_model import CameraSettings, Exposed, expose
+from whiptool.vision.scene import Scene
+from whiptool.vision.source import Frame
+
+_FINE = 4  # samples per pixel and direction where the tip is
+_TIP_STEP = 1.0  # pixels that the tip moves from one sub-frame to the next, at most
+_WHIP_STEP = 2.0  # likewise for arm and whip
+_SHARES = 4  # sub-frames per exposure at least, each shifted by a part of a pixel against jagged edges
+_SHIFTS = ((-0.375, 0.125), (0.125, 0.375), (0.375, -0.125), (-0.125, -0.375))
+_STILL = 0.02  # pixels that still count as rest
+_BOARD = 0.16  # brightness of an occluding board
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the sensor.
+
+    Args:
+        full_well: Electrons that make a pixel white; shot noise is the root of their number.
+        read: Read noise [electrons].
+    """
+
+    full_well: float = 5000.0
+    read: float = 25.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.full_well < np.inf or not 0 <= self.read < np.inf:
+            raise InputError("noise", (self.full_well, self.read), "full_well > 0 and read >= 0 electrons")
+
+
+@dataclass(frozen=True)
+class Board:
+    """A dark board before the camera, over part of the image and for part of the time.
+
+    Args:
+        left, top, right, bottom: Its edges [pixels]; right and bottom are the first pixels beside it.
+        start, end: It is there in frames that start in [start, end) [s].
+    """
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    start: float = -np.inf
+    end: float = np.inf
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What was really there in one frame.
+
+    Args:
+        t_point: Middle of the tip's exposure [s].
+        point, pixel: Its mean position meanwhile [m], [pixels], (2,); whether it was seen or not.
+        visible: Share of the marker's light that reached the image: 0 hidden, 1 wholly seen.
+        speed: Of the tip, meanwhile [m/s].
+        target: Centre of the target [m], (2,), or None.
+    """
+
+    t_point: float
+    point: np.ndarray
+    pixel: np.ndarray
+    visible: float
+    speed: float
+    target: np.ndarray | None = None
+
+
+@dataclass
+class VirtualCamera:
+    """A `FrameSource` that films a trajectory; synthetic, and with exact ground truth for every frame read.
+
+    Args:
+        settings: The camera.
+        model, trajectory: The strike, and the model that it was rolled out with.
+        rng: For the noise and nothing else.
+        target: [m], (2,), or None.
+        marker_radius, target_radius: Of the tip's ball and of the target's disc [m].
+        noise: Of the sensor; None for none.
+        boards: What may hide the tip.
+        start: When the first frame starts, relative to the strike [s]; before it the arm rests.
+
+    Raises:
+        InputError: A radius is not positive, or the trajectory has other joints than the model.
+        WhiptoolError: On `open`, where there is no OpenGL.
+    """
+
+    settings: CameraSettings
+    model: Model
+    trajectory: Trajectory
+    rng: np.random.Generator
+    target: np.ndarray | None = None
+    marker_radius: float = 0.025
+    target_radius: float = 0.04
+    noise: Noise | None = field(default_factory=Noise)
+    boards: Sequence[Board] = ()
+    start: float = 0.0
+    synthetic: bool = field(default=True, init=False)
+
+    def __post_init__(self) -> None:
+        for name in ("marker_radius", "target_radius"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(name, getattr(self, name), "a radius > 0 m")
+        if self.trajectory.q.shape[1] != self.model.n:
+            raise InputError("trajectory", f"{self.trajectory.q.shape[1]} joints", f"{self.model.n}, as the model has")
+        if self.target is not None:
+            self.target = np.asarray(self.target, float)
+        self.truths: list[Truth] = []  # of the frames read so far
+        t = self.trajectory.t
+        n = max(1, int(np.floor((t[-1] - self.start) * self.settings.fps + 1e-9)) + 1)
+        self.starts: np.ndarray = self.start + np.arange(n) / self.settings.fps  # of all frames [s], (F,)
+        self._points = joint_points(self.model, self.trajectory.q)  # (T, n + 1, 2)
+        self._exposed: Exposed = expose(self.settings, t, self._points[:, -1], self.starts)
+        self._scene: Scene | None = None
+
+    def open(self) -> None:
+        """Make the scene, and draw all that never moves."""
+        if self._scene is not None:
+            return
+        s = self.settings
+        self._scene = Scene(
+            s,
+            self.model,
+            target=self.target,
+            marker_radius=self.marker_radius,
+            target_radius=self.target_radius,
+        )
+        pictures = [self._scene.draw(None, (dx, dy, s.width, s.height)) for dx, dy in _SHIFTS]
+        self._background = np.stack(pictures).mean(axis=0, dtype=np.float32)
+        self.truths = []
+
+    def close(self) -> None:
+        """Free the scene; the truths stay."""
+        if self._scene is not None:
+            self._scene.close()
+            self._scene = None
+
+    def read(self, timeout: float = 1.0) -> Frame | None:
+        """The next frame, or None after the last; it never has to wait."""
+        self.open()
+        k = len(self.truths)
+        if k == len(self.starts):
+            return None
+        start, exposed = float(self.starts[k]), self._exposed
+        light, marker = self._light(start, k)
+        seen = marker.copy()
+        for board in self.boards:
+            if board.start <= start < board.end:
+                rows, columns = slice(max(board.top, 0), board.bottom), slice(max(board.left, 0), board.right)
+                light[rows, columns] = 255 * _BOARD
+                seen[rows, columns] = 0
+        # Light of the whole marker: the ball's disc, for as long as the shutter is open to it
+        s = self.settings
+        scale = s.scale(exposed.points[k])
+        ray = np.append(exposed.points[k], 0.0) - np.array(s.position)
+        slant = np.linalg.norm(ray) / (ray @ s.rotation_matrix[2])  # a ball beside the axis shows as an ellipse
+        whole = slant * np.pi * (self.marker_radius * scale) ** 2 * exposed.duration[k] / s.exposure
+        self.truths.append(
+            Truth(
+                t_point=float(exposed.t_points[k]),
+                point=exposed.points[k],
+                pixel=exposed.pixels[k],
+                visible=float(np.clip(seen.sum() / whole, 0, 1)),
+                speed=float(exposed.speed[k]),
+                target=self.target,
+            )
+        )
+        image = self._develop(light)
+        return Frame(image if s.kind == "color" else image[..., 0].copy(), start, "strike", k, s)
+
+    def _develop(self, light: np.ndarray) -> np.ndarray:
+        """From mean brightness (H, W, 3) in [0, 255] to an image of uint8, with noise."""
+        if self.settings.kind == "infrared":
+            light = light[..., :1]
+        if self.noise is not None:
+            per_level = self.noise.full_well / 255
+            deviation = np.sqrt(light * np.float32(1 / per_level) + np.float32((self.noise.read / per_level) ** 2))
+            light = light + deviation * self.rng.standard_normal(light.shape, np.float32)
+        return np.clip(light + np.float32(0.5), 0, 255).astype(np.uint8)
+
+    def _light(self, start: float, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Mean brightness over the exposure (H, W, 3), and the tip marker's share of each pixel (H, W)."""
+        s, scene = self.settings, self._scene
+        assert scene is not None
+        light, marker = np.array(self._background, np.float32), np.zeros((s.height, s.width), np.float32)
+        scale = s.scale(self._exposed.points[k])
+        blur = self._exposed.speed[k] * scale * s.exposure  # [pixels]
+        # Arm and whip, wherever they were while any row was open
+        t = self.trajectory.t
+        window = np.r_[start, t[(t > start) & (t < start + s.readout + s.exposure)], start + s.readout + s.exposure]
+        moving = np.stack([np.interp(window, t, x) for x in self._points.reshape(len(t), -1).T], axis=1)
+        box = self._box(moving.reshape(len(window), -1, 2), 0.05 * self.model.reach)
+        if box is not None:
+            self._expose(box, start, 1, s.exposure / int(np.clip(np.ceil(blur / _WHIP_STEP), _SHARES, 16)), light, None)
+        # The tip, finely
+        reach = self.marker_radius * 1.1 + 3 / scale
+        rows = s.project(moving.reshape(len(window), -1, 2)[:, -1])[:, 1]
+        opens = start + s.row_delay(rows)
+        slack = s.row_delay(2 * reach * scale)
+        near = (window >= opens - slack) & (window <= opens + s.exposure + slack)
+        tips = moving.reshape(len(window), -1, 2)[near, -1:]
+        tips = np.concatenate([tips, self._exposed.points[k][None, None]])
+        box = self._box(tips, reach)
+        if box is not None:
+            steps = max(_SHARES, int(np.ceil(blur / _TIP_STEP)))
+            self._expose(box, start, _FINE, s.exposure / steps, light, marker)
+        return light, marker
+
+    def _expose(
+        self,
+        box: tuple[int, int, int, int],
+        start: float,
+        scale: int,
+        step: float,
+        light: np.ndarray,
+        marker: np.ndarray | None,
+    ) -> None:
+        """Integrate a box (left, top, width, height) of the image over the exposure, in sub-frames of `step` [s]."""
+        s, scene = self.settings, self._scene
+        assert scene is not None
+        left, top, width, height = box
+        scale = scene.largest_scale(width, height, scale)
+        opens = start + s.row_delay(np.arange(top, top + height))  # (height,)
+        first, last = opens[0], opens[-1] + s.exposure
+        n = max(1, int(np.ceil((last - first) / step - 1e-9)))
+        edges = np.linspace(first, last, n + 1)
+        middle = (edges[1:] + edges[:-1]) / 2
+        q = self._q(middle)  # (n, joints)
+        still = self._span(q) < _STILL
+        if still:  # one picture of all rows at once
+            n, edges = _SHARES, None
+        weights = np.full((height, n), 1 / n, np.float32)
+        if edges is not None:
+            overlap = np.minimum(edges[1:], opens[:, None] + s.exposure) - np.maximum(edges[:-1], opens[:, None])
+            weights = (np.maximum(overlap, 0) / s.exposure).astype(np.float32)  # (height, n)
+        sum_light, sum_marker = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
+        for i in range(n):
+            rows = np.flatnonzero(weights[:, i])
+            if not len(rows):
+                continue
+            part = slice(rows[0], rows[-1] + 1)
+            dx, dy = _SHIFTS[i % len(_SHIFTS)] if scale == 1 else (0.0, 0.0)
+            drawn = scene.draw(
+                q[min(i, len(q) - 1)], (left + dx, top + rows[0] + dy, width, rows[-1] + 1 - rows[0]), scale
+            )
+            w = weights[part, i, None]
+            sum_light[part] += w[..., None] * _shrink(drawn.astype(np.float32), scale)
+            if marker is not None:
+                sum_marker[part] += w * _shrink(scene.is_tip(drawn).astype(np.float32), scale)
+        light[top : top + height, left : left + width] = sum_light
+        if marker is not None:
+            marker[top : top + height, left : left + width] = sum_marker
+
+    def _q(self, times: float | np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(times, self.trajectory.t, x) for x in self.trajectory.q.T], axis=-1)
+
+    def _span(self, q: np.ndarray) -> float:
+        """How far any joint or the tip moves over postures q (n, joints) [pixels]."""
+        points = joint_points(self.model, q)
+        return float(np.ptp(points, axis=0).max()) * self.settings.scale(points[0, -1])
+
+    def _box(self, points: np.ndarray, margin: float) -> tuple[int, int, int, int] | None:
+        """Left, top, width and height of what holds the points (..., 2) and a margin [m]; None outside the image."""
+        points = points.reshape(-1, 2)
+        low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+        corners = self.settings.project(np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])]))
+        limits = (self.settings.width, self.settings.height)
+        (left, top), (right, bottom) = (
+            np.clip(np.floor(corners.min(axis=0)), 0, limits).astype(int),
+            np.clip(np.ceil(corners.max(axis=0)) + 1, 0, limits).astype(int),
+        )
+        return (int(left), int(top), int(right - left), int(bottom - top)) if right > left and bottom > top else None
+
+
+def _shrink(fine: np.ndarray, scale: int) -> np.ndarray:
+    """Means over squares of `scale` samples."""
+    if scale == 1:
+        return fine
+    h, w = fine.shape[0] // scale, fine.shape[1] // scale
+    return fine.reshape(h, scale, w, scale, *fine.shape[2:]).mean(axis=(1, 3))

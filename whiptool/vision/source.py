@@ -1,0 +1,70 @@
+"""What a frame is, and where frames come from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.vision.camera_model import CameraSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image and when it was taken.
+
+    Args:
+        image: Red, green, blue, (H, W, 3), or infrared, (H, W), of uint8.
+        t: When the first row's exposure started [s].
+        clock: Which clock `t` is read from: `strike` (0 is the command's start), `system`, `device`, ...
+        sequence: Number of the frame; a gap is a lost frame.
+        settings: Intrinsics, pose, exposure and readout of the camera.
+
+    Raises:
+        InputError: The image is not of the settings' size and kind, or the time is not finite.
+    """
+
+    image: np.ndarray
+    t: float
+    clock: str
+    sequence: int
+    settings: CameraSettings
+
+    def __post_init__(self) -> None:
+        shape = (self.settings.height, self.settings.width, *((3,) if self.settings.kind == "color" else ()))
+        if self.image.shape != shape or self.image.dtype != np.uint8:
+            raise InputError(
+                "image", f"{self.image.dtype} {self.image.shape}", f"uint8 {shape}, as {self.settings.name} has"
+            )
+        if not np.isfinite(self.t):
+            raise InputError("t", self.t, "a finite time")
+
+
+@runtime_checkable
+class FrameSource(Protocol):
+    """A camera, a recording, or a twin of either."""
+
+    def open(self) -> None:
+        """Get ready to read; opening twice does no harm."""
+        ...
+
+    def read(self, timeout: float = 1.0) -> Frame | None:
+        """The next frame, or None if there is none within the timeout [s], or no more at all."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the device or file; closing twice does no harm."""
+        ...
+
+
+def frames_of(source: FrameSource, *, timeout: float = 1.0) -> Iterator[Frame]:
+    """All frames of a source until it has no more; opens and closes it."""
+    source.open()
+    try:
+        while (frame := source.read(timeout)) is not None:
+            yield frame
+    finally:
+        source.close()

@@ -1,0 +1,89 @@
+"""Figures of where a search looks: the miss distance over two strike parameters, and trials over them.
+
+As in `whiptool.viz.plots`, every function draws into axes that it is given and returns them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
+
+from whiptool.errors import InputError
+from whiptool.objective import Trial
+from whiptool.viz.plots import COLORS
+
+_COLORMAP = "cividis"  # made for readers with and without a colour vision deficiency; dark is near
+_HIT, _LOST = COLORS["vermilion"], "0.75"
+
+
+def axis_label(name: str) -> str:
+    """A strike parameter with its unit, such as `$q_{sf}$ [rad]`."""
+    if name == "D":
+        return "$D$ [s]"
+    symbol, _, subscript = name.partition("_")
+    return f"${symbol}_{{{subscript}}}$ [rad]"
+
+
+def plot_landscape(
+    ax: Axes, x: np.ndarray, y: np.ndarray, miss_distance: np.ndarray, hit_radius: float, *, names: Sequence[str]
+) -> Axes:
+    """Miss distance over two strike parameters, all others held, with a line around what hits.
+
+    Args:
+        ax: Where to; a colour bar is set beside it.
+        x: First parameter, (X,), in its own unit.
+        y: Second parameter, (Y,).
+        miss_distance: [m], (Y, X); NaN or infinite where a strike diverged, which is drawn grey.
+        hit_radius: The tip hits within this distance [m].
+        names: Of the two parameters, as `whiptool.models.strike.strike_names` has them.
+
+    Raises:
+        InputError: The shapes do not fit, or no strike came to its end.
+    """
+    x, y, miss = np.asarray(x, float), np.asarray(y, float), np.asarray(miss_distance, float)
+    if miss.shape != (len(y), len(x)):
+        raise InputError("miss distance", f"shape {miss.shape}", f"shape ({len(y)}, {len(x)})")
+    miss = np.where(np.isfinite(miss), miss, np.nan)
+    if np.isnan(miss).all():
+        raise InputError("miss distance", "no finite value", "at least one strike that did not diverge")
+    # what is far closer than a hit needs no more shades
+    nearest, farthest = max(float(np.nanmin(miss)), hit_radius / 10), max(float(np.nanmax(miss)), hit_radius)
+    norm = LogNorm(nearest, farthest)
+    ax.set_facecolor(_LOST)
+    ax.pcolormesh(x, y, np.maximum(miss, nearest), cmap=_COLORMAP, norm=norm, shading="nearest", rasterized=True)
+    if np.nanmin(miss) <= hit_radius < np.nanmax(miss):
+        ax.contour(x, y, miss, levels=[hit_radius], colors=_HIT, linewidths=1.6)
+        ax.plot([], [], color=_HIT, linewidth=1.6, label=f"hit radius {hit_radius:g} m")
+    ax.set(xlabel=axis_label(names[0]), ylabel=axis_label(names[1]))
+    ax.grid(visible=False)
+    figure = ax.get_figure()
+    assert figure is not None
+    figure.colorbar(ScalarMappable(norm, _COLORMAP), ax=ax, label="miss distance [m]")
+    return ax
+
+
+def plot_trials(ax: Axes, trials: Sequence[Trial], columns: tuple[int, int], *, names: Sequence[str]) -> Axes:
+    """Where a search struck, seen along the other parameters, over a landscape or alone; hits are filled.
+
+    Both kinds are labelled for a legend, which is left to the caller.
+
+    Args:
+        ax: Where to.
+        trials: In order.
+        columns: Which two entries of the strike vector.
+        names: Of the two parameters.
+    """
+    at = np.array([trial.strike for trial in trials]).reshape(len(trials), -1)
+    hit = np.array([trial.outcome.hit for trial in trials], bool)
+    i, j = columns
+    style = {"linestyle": "", "marker": "o", "markeredgewidth": 0.9, "zorder": 3}
+    misses, hits = at[~hit][:, [i, j]].T, at[hit][:, [i, j]].T
+    ax.plot(*misses, markerfacecolor="none", markeredgecolor="white", markersize=4.6, **style)  # seen on the dark
+    ax.plot(*misses, markerfacecolor="none", markeredgecolor=COLORS["black"], markersize=3.2, label="miss", **style)
+    ax.plot(*hits, markerfacecolor=_HIT, markeredgecolor="white", markersize=5.5, label="hit", **style)
+    ax.set(xlabel=axis_label(names[0]), ylabel=axis_label(names[1]))
+    return ax
