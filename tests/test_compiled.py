@@ -15,10 +15,11 @@ from processes import HANG
 
 from whiptool.dynamics.closed_loop import Structure, closed_loop
 from whiptool.dynamics.posture import _settle, hinge_is_free, start_posture
-from whiptool.identification.dynamics import SwingStructure, dynamics
+from whiptool.dynamics.swing import SwingStructure, swing
+from whiptool.dynamics.system import along
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.models.parameters import Model
+from whiptool.models.parameters import Model, WhipParameters
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout import compiler as compiler_module
@@ -175,16 +176,36 @@ def test_behind_a_free_hinge_the_whips_shape_does_not_know_the_arm():
         assert bent_alike == hinge_is_free(changed) == (changed.whip is whip)
 
 
-@pytest.mark.parametrize("system", ["rollout", "paths"])
-def test_no_step_takes_a_power_lane_by_lane(system):
+@pytest.mark.parametrize("forward", [False, True])
+@pytest.mark.parametrize("driven", ["by its arm", "by its base"])
+def test_no_generated_function_takes_a_power_lane_by_lane(driven, forward):
     """A power of a vector of lanes is a call for each: with one in it, a step took three times as long."""
-    if system == "rollout":
-        step = closed_loop(Structure.of(everything(), CONTROLLERS["oiac"])).step
+    if driven == "by its arm":
+        system = closed_loop(Structure.of(everything(), CONTROLLERS["oiac"]))
     else:
-        step = dynamics(SwingStructure.of(n=3, moving=True, point_masses=False, used=["dry_friction"])).advance
-    used = {step.instruction_id(k) for k in range(step.n_instructions())}
+        system = swing(SwingStructure.of(n=3, moving=True, point_masses=False, used=["dry_friction"]))
+    functions = [along(f) if forward else f for f in system.functions.values()]
+    used = {f.instruction_id(k) for f in functions for k in range(f.n_instructions())}
     assert used & {ca.OP_SQRT}  # dry friction is in it
     assert not used & {ca.OP_POW, ca.OP_CONSTPOW}
+
+
+def test_a_joint_takes_one_division():
+    """CasADi writes a product with a reciprocal as a division, each as slow as five products."""
+    functions = closed_loop(Structure.of(LEMON, CONTROLLERS["oiac"])).functions
+    for name in ("outward", "inward", "accelerate", "predict", "advance"):
+        f = functions[name]
+        divisions = [f.instruction_id(k) in (ca.OP_DIV, ca.OP_INV) for k in range(f.n_instructions())]
+        assert sum(divisions) == (1 if name == "inward" else 0), name
+
+
+def test_generated_code_does_not_grow_with_the_whip():
+    sizes = []
+    for N in (5, 40):
+        model = dataclasses.replace(LEMON, whip=WhipParameters(N=N, l=0.9 / N, m=0.2 / N, k=0.1, b=0.1))
+        system = closed_loop(Structure.of(model, CONTROLLERS["oiac"]))
+        sizes.append([f.n_instructions() for name, f in system.functions.items() if name != "react"])
+    assert sizes[0] == sizes[1]
 
 
 def test_trajectories_are_saved_without_pickle(tmp_path):

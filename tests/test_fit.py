@@ -10,10 +10,9 @@ from films import film
 from scipy.optimize import least_squares
 from scipy.stats import binom
 
+from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
-from whiptool.identification.dynamics import SwingStructure
 from whiptool.identification.fit import Options, choose_nodes, fit, predict
-from whiptool.identification.paths import Lanes, PathEngine
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import PROFILE, Plant, lumping
 from whiptool.identification.predict import Predictor
@@ -28,6 +27,8 @@ from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective, Target
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
+from whiptool.rollout.batch import Batch
+from whiptool.rollout.engine import RUNGS, find_engine
 
 LEMON, CONTROLLER = preset("lemon2024"), Controller()
 STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(0), 8)
@@ -106,11 +107,17 @@ def test_derivatives_are_those_of_differences(case):
 def test_every_engine_gives_the_same_paths(moving):
     structure = SwingStructure(3, moving, False, ("stiffness", "dry_friction", "drag", "cubic_stiffness", "drag_ratio"))
     rng, L, steps = np.random.default_rng(4), 11, np.arange(40, 51)
-    lanes = Lanes(
+    h = np.full(L, 1e-3)
+    lanes = Batch(
         p=rng.uniform(0.1, 1, (L, structure.n_parameters)),
         x0=rng.normal(size=(L, 6)),
+        target=np.zeros((L, 2)),
+        h=h,
+        h_last=h,
+        dh=np.zeros(L),
+        dh_last=np.zeros(L),
         steps=steps,
-        h=1e-3,
+        hold=1,
         columns=np.array([4, 5, 8]),
         dp=rng.normal(size=(L, structure.n_parameters)),
         dx0=rng.normal(size=(L, 6)),
@@ -119,8 +126,7 @@ def test_every_engine_gives_the_same_paths(moving):
     if moving:
         lanes.u, lanes.u_row = rng.normal(size=(600, 7)), 50 * np.arange(L)
         lanes.du, lanes.du_row = rng.normal(size=(600, 7)), np.where(np.arange(L) % 2, 50 * np.arange(L), -1)
-    results = {r: PathEngine(structure, forward=True, rung=r) for r in ("simd", "scalar", "interpreter")}
-    paths = {name: engine(lanes) for name, engine in results.items()}
+    paths = {name: find_engine(structure, forward=True, rung=name)(lanes).observed() for name in RUNGS}
     for name in ("simd", "scalar"):
         for mine, theirs in zip(paths[name], paths["interpreter"], strict=True):
             for a, b, n in zip(mine, theirs, steps, strict=True):

@@ -16,7 +16,8 @@ from scipy.linalg import expm
 from scipy.special import ellipj, ellipk
 
 from whiptool.dynamics.chain import chain_of, kinetic_energy, potential_energy
-from whiptool.dynamics.closed_loop import GAMMA, Structure, closed_loop
+from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.integrator import GAMMA
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.oiac import OIAC, oiac_preset
@@ -37,9 +38,9 @@ def roll(model: Model, x0: np.ndarray, h: float, steps: int, tau: np.ndarray | f
     assert structure.held
     p = structure.pack(model, controller, np.ones((1, 2 * a + 1)))[0]
     step = closed_loop(structure).step
-    states = [np.asarray(x0, float)]
+    states, torque = [np.asarray(x0, float)], np.full(a, tau)
     for i in range(steps):
-        states.append(np.array(step(states[-1], i * h, h, p, np.full(a, tau))[0])[:, 0])
+        states.append(np.array(step(states[-1], i * h, h, p, torque, torque)[0])[:, 0])
     return np.array(states)
 
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass, fields
 import casadi as ca
 import numpy as np
 
+from whiptool.dynamics import articulated
+from whiptool.dynamics.articulated import Frame, Link, Scalar
 from whiptool.models.parameters import Model
 
-Scalar = ca.SX | float
 Vector = ca.SX | ca.DM | np.ndarray | Sequence  # (n,) of symbols or numbers
 
 
@@ -55,6 +56,12 @@ class Chain:
         """Quantity `name` as n scalars."""
         return ca.vertsplit(ca.SX(getattr(self, name)))
 
+    @property
+    def links(self) -> list[Link]:
+        """The n links, each with its own numbers."""
+        quantities = zip(*(self.each(name) for name in ("length", "mass", "com", "inertia", "drag")), strict=True)
+        return [Link(*numbers, self.drag_ratio) for numbers in quantities]
+
 
 @dataclass(frozen=True)
 class Base:
@@ -70,6 +77,11 @@ class Base:
     vy: Scalar = 0.0
     ax: Scalar = 0.0
     ay: Scalar = 0.0
+
+    @property
+    def frame(self) -> Frame:
+        """Where the first link begins; places are counted from the base."""
+        return Frame(self.angle, self.omega, self.vx, self.vy)
 
 
 def ride_on_end(
@@ -128,21 +140,6 @@ def passive_torque(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
     return spring - ca.SX(chain.damping) * v + friction
 
 
-def _drag_force(drag: ca.SX, ratio: Scalar, ux: ca.SX, uy: ca.SX, sin: ca.SX, cos: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Quadratic drag [N] on a node of velocity u, its link along (sin, -cos); the tiny constant keeps the root
-    differentiable at rest."""
-    if drag.is_zero():
-        return ca.SX(0), ca.SX(0)
-    speed = ca.sqrt(ux**2 + uy**2 + 1e-12)
-    less = (1 - ca.SX(ratio)) * (ux * sin - uy * cos)  # of the velocity along the link, this much is not braked
-    return -drag * speed * (ux - less * sin), -drag * speed * (uy + less * cos)
-
-
-def _point_mass(com: ca.SX, length: ca.SX) -> bool:
-    """Whether a link's centre of mass is the same expression as its length: a point mass on a massless link."""
-    return ca.is_equal(com, length)
-
-
 def forward_dynamics(
     chain: Chain,
     q: ca.SX,
@@ -153,11 +150,7 @@ def forward_dynamics(
     coupling: ca.SX | None = None,
     base: Base | None = None,
 ) -> ca.SX:
-    """Joint accelerations [rad/s^2], shape (n, 1), by the articulated-body algorithm.
-
-    Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 7, in the plane: axes stay parallel to the world's,
-    moments are taken about each joint, and accelerations are those of material points, so that the only velocity
-    term is centripetal. A link's articulated inertia is then a symmetric 2x2 `M`, a 2-vector `h` and a scalar `J`.
+    """Return joint accelerations [rad/s^2], shape (n, 1), by the articulated-body algorithm.
 
     Args:
         chain: Parameters.
@@ -168,122 +161,53 @@ def forward_dynamics(
             then solved for together.
         base: How the chain's base moves; default: not at all. Not together with `coupling`.
     """
-    n = chain.n
-    at = Base() if base is None else base
+    n, links = chain.n, chain.links
     block = ca.SX(0, 0) if coupling is None else ca.SX(coupling)
     a = block.shape[0]
     assert base is None or a == 0
-    theta, omega = ca.vertsplit(ca.cumsum(ca.SX(q)) + at.angle), ca.vertsplit(ca.cumsum(ca.SX(v)) + at.omega)
-    tau = ca.vertsplit(ca.SX(torque))
+    at = Base() if base is None else base
+    qs, vs, tau = (ca.vertsplit(ca.SX(x)) for x in (q, v, torque))
     extra = ca.vertsplit(ca.SX.zeros(n) if armature is None else ca.SX(armature))
-    length, mass, com, inertia, drag = (chain.each(x) for x in ("length", "mass", "com", "inertia", "drag"))
 
-    # outward: link vectors r (joint to joint) and, for drag, velocities of their ends
-    sin, cos = [ca.sin(t) for t in theta], [ca.cos(t) for t in theta]
-    rx, ry = [l * s for l, s in zip(length, sin)], [-l * c for l, c in zip(length, cos)]
-    fx, fy = [ca.SX(0)] * n, [ca.SX(0)] * n
-    ux, uy = ca.SX(at.vx), ca.SX(at.vy)
-    for i in range(n):
-        ux, uy = ux - omega[i] * ry[i], uy + omega[i] * rx[i]
-        fx[i], fy[i] = _drag_force(drag[i], chain.drag_ratio, ux, uy, sin[i], cos[i])
+    frame, moving = at.frame, []
+    for link, q_i, v_i in zip(links, qs, vs, strict=True):
+        frame, link_moves = articulated.outward(frame, q_i, v_i, link)
+        moving.append(link_moves)
 
-    # inward: articulated inertia and bias of link i about joint i; gravity enters as the base's acceleration
-    zero = ca.SX(0)
-    Mxx = Mxy = Myy = hx = hy = J = px = py = pn = zero  # what the child hands down
-    h_of = [(zero, zero)] * n
-    J_of, D_of, u_of = ([zero] * n for _ in range(3))
+    carried, carried_by, joints = articulated.Carried(), [], []
     for i in reversed(range(n)):
-        x, y = rx[i], ry[i]
-        w2 = omega[i] ** 2
-        if _point_mass(com[i], length[i]):  # the node's mass joins what its end carries
-            Mxx, Myy = Mxx + mass[i], Myy + mass[i]
-        Mrx, Mry = -Mxx * y + Mxy * x, -Mxy * y + Myy * x  # M r_perp, r_perp = (-y, x)
-        bx, by = px - fx[i] - w2 * (Mxx * x + Mxy * y), py - fy[i] - w2 * (Mxy * x + Myy * y)
-        pn = pn - y * bx + x * by - w2 * (hx * x + hy * y)
-        px, py = bx, by
-        J = J - y * (Mrx + 2 * hx) + x * (Mry + 2 * hy) + inertia[i]
-        hx, hy = hx + Mrx, hy + Mry
-        if not _point_mass(com[i], length[i]):
-            cx, cy = com[i] * sin[i], -com[i] * cos[i]
-            mcx, mcy = mass[i] * cx, mass[i] * cy
-            px, py = px - w2 * mcx, py - w2 * mcy
-            J = J + mcx * cx + mcy * cy
-            hx, hy = hx - mcy, hy + mcx
-            Mxx, Myy = Mxx + mass[i], Myy + mass[i]
-        D, u = J + extra[i], tau[i] - pn
-        h_of[i], J_of[i], D_of[i], u_of[i] = (hx, hy), J, D, u
-        if i < a or i == 0:  # joints that are solved for together hand down everything; joint 0 has no parent
-            continue
-        # joint i takes its share
-        inv = 1 / D
-        gx, gy, ud = hx * inv, hy * inv, u * inv
-        Mxx, Mxy, Myy = Mxx - gx * hx, Mxy - gx * hy, Myy - gy * hy
-        px, py, pn = px + hx * ud, py + hy * ud, pn + J * ud
-        if extra[i].is_zero():
-            hx = hy = J = zero
-        else:
-            share = extra[i] * inv
-            hx, hy, J = hx * share, hy * share, J * share
+        carried = articulated.inward(carried, moving[i], links[i])
+        carried_by.append(carried)
+        joints.append(articulated.joint(carried, tau[i], extra[i]))
+        if i >= a:  # joints that are solved for together do not give way
+            carried = articulated.share(carried, joints[-1], extra[i])
+    carried_by.reverse()
+    joints.reverse()
 
-    # the first joints together: (composite inertia + coupling) qdd = u, gravity included
-    together = []
-    if a:
-        g = ca.SX(chain.gravity)
-        H, rhs = block, ca.SX.zeros(a)
-        for j in range(a):
-            x, y = zero, zero
-            H[j, j] += D_of[j]
-            for i in reversed(range(j)):  # from joint i to joint j
-                x, y = x + rx[i], y + ry[i]
-                inertia_ij = J_of[j] - y * h_of[j][0] + x * h_of[j][1]
-                H[i, j] += inertia_ij
-                H[j, i] += inertia_ij
-            # the bias so far counts velocities beyond joint j; those before it move the joint itself
-            bx, by = zero, g
-            for i in range(j):
-                bx, by = bx - omega[i] ** 2 * rx[i], by - omega[i] ** 2 * ry[i]
-            rhs[j] = u_of[j] - h_of[j][0] * bx - h_of[j][1] * by
-        together = ca.vertsplit(_solve(H, rhs))
-
-    # outward: accelerations of the joints' points and of the links
-    ax, ay, alpha = ca.SX(at.ax), ca.SX(chain.gravity) + at.ay, ca.SX(at.alpha)
+    g = ca.SX(chain.gravity)  # enters as the base's acceleration
+    together = articulated.joint_together(carried_by[:a], moving[:a], tau[:a], extra[:a], block, g) if a else []
+    acceleration = articulated.Acceleration(ca.SX(at.ax), g + at.ay, ca.SX(at.alpha))
     result = []
     for i in range(n):
-        (hx, hy), J, D, u = h_of[i], J_of[i], D_of[i], u_of[i]
-        qdd = together[i] if i < a else (u - hx * ax - hy * ay - J * alpha) / D
+        qdd = together[i] if i < a else articulated.joint_acceleration(acceleration, joints[i])
         result.append(qdd)
-        alpha = alpha + qdd
-        w2 = omega[i] ** 2
-        ax, ay = ax - alpha * ry[i] - w2 * rx[i], ay + alpha * rx[i] - w2 * ry[i]
+        acceleration = articulated.accelerate(acceleration, qdd, moving[i])
     return ca.vertcat(*result)
-
-
-def _solve(A: ca.SX, b: ca.SX) -> ca.SX:
-    """`A x = b` by elimination without pivoting: for small matrices near a positive definite one."""
-    A, b, n = ca.SX(A), ca.SX(b), b.numel()
-    for i in range(n):
-        for j in range(i + 1, n):
-            factor = A[j, i] / A[i, i]
-            A[j, i:] -= factor * A[i, i:]
-            b[j] -= factor * b[i]
-    for i in reversed(range(n)):
-        b[i] = (b[i] - sum((A[i, j] * b[j] for j in range(i + 1, n)), ca.SX(0))) / A[i, i]
-    return b
 
 
 def inverse_dynamics(chain: Chain, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
     """Joint torques [N m], shape (n, 1), that give accelerations `a`, by recursive Newton-Euler; passive torques
     (springs, dampers, friction) are not included, drag is."""
     theta, omega, alpha = (ca.vertsplit(ca.cumsum(ca.SX(z))) for z in (q, v, a))
-    length, mass, com, inertia, drag = (chain.each(x) for x in ("length", "mass", "com", "inertia", "drag"))
+    length, mass, com, inertia = (chain.each(x) for x in ("length", "mass", "com", "inertia"))
     ux, uy, ax, ay = ca.SX(0), ca.SX(0), ca.SX(0), ca.SX(chain.gravity)
     links = []
-    for i in range(chain.n):
+    for i, link in enumerate(chain.links):
         s, c, w2 = ca.sin(theta[i]), ca.cos(theta[i]), omega[i] ** 2
         x, y, cx, cy = length[i] * s, -length[i] * c, com[i] * s, -com[i] * c
         Fx, Fy = mass[i] * (ax - alpha[i] * cy - w2 * cx), mass[i] * (ay + alpha[i] * cx - w2 * cy)
         ux, uy = ux - omega[i] * y, uy + omega[i] * x
-        drags = _drag_force(drag[i], chain.drag_ratio, ux, uy, s, c)
+        drags = articulated.drag_force(link, ux, uy, s, c)
         links.append((x, y, cx, cy, Fx, Fy, inertia[i] * alpha[i], *drags))
         ax, ay = ax - alpha[i] * y - w2 * x, ay + alpha[i] * x - w2 * y
     fx, fy, moment, torques = ca.SX(0), ca.SX(0), ca.SX(0), []

@@ -1,8 +1,7 @@
-"""The closed loop of strike, controller, arm and whip as one CasADi step, and its second-order integrator."""
+"""The closed loop of strike, controller, arm and whip: a system that the arm's controller drives."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,21 +11,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.chain import (
-    Chain,
-    forward_dynamics,
-    inverse_dynamics,
-    passive_torque,
-    potential_energy,
-    ride_on_end,
-    tip_state,
-)
+from whiptool.dynamics import articulated
+from whiptool.dynamics.articulated import Acceleration, Carried, Frame, Moving
+from whiptool.dynamics.chain import Chain, inverse_dynamics, potential_energy, ride_on_end
+from whiptool.dynamics.integrator import GAMMA
+from whiptool.dynamics.system import Hand, Reaction, System
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.law import LAWS
 from whiptool.models.parameters import ArmParameters, Model
 
 _OPTIONAL = ("rest_angle", "dry_friction", "drag", "cubic_stiffness")  # per node, generated only where used
-GAMMA = 1 - 1 / math.sqrt(2)  # of the Rosenbrock method: L-stable
+_LINK = {  # quantities of a link: what they are called in a whip
+    "length": "l", "mass": "m", "stiffness": "k", "damping": "b", "rest_angle": "rest_angle",
+    "dry_friction": "dry_friction", "drag": "drag", "cubic_stiffness": "cubic_stiffness", "drag_ratio": "drag_ratio",
+    "friction_velocity": "friction_velocity",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -127,27 +126,25 @@ class Structure:
         return np.hstack([strikes, np.broadcast_to(same, (len(strikes), len(same)))])
 
 
-def _friction_gain(chain: Chain, v: ca.SX) -> ca.SX:
-    """Slope of the joints' damping and smoothed friction against their speed [N m s/rad], (n, 1)."""
-    smooth = chain.friction_velocity**2
-    square = v**2 + smooth
-    # not square**1.5: a power is taken lane by lane, and would cost more than all else in a step
-    return ca.SX(chain.damping) + ca.SX(chain.dry_friction) * smooth / (square * ca.sqrt(square))
+class ClosedLoop(System):
+    """Strike, controller, arm and whip of one structure: the arm's controller drives the whip.
 
-
-class ClosedLoop:
-    """Symbolic closed loop of one structure.
-
-    `step(x, t, h, p, tau)` advances the state x = [q, v] by one step of h seconds and also returns, at its start, tip
-    position and velocity and the arm's torques; `control(x, t, p)` gives the torques to hold. `tau` is empty in a
-    continuous loop.
+    The input is the held torque (a, 1), or empty in a continuous loop.
     """
 
     def __init__(self, structure: Structure) -> None:
         self.structure = structure
+        self.n_drive, self.n_links = structure.n_arm, structure.n_whip
+        self.held = structure.held
+        self.n_inputs = structure.n_arm if structure.held else 0
         self.parameters = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
         self.p = ca.vertcat(*self.parameters.values())
         self.chain = self._chain()
+        self.link_columns = {
+            quantity: (structure.columns(f"whip.{name}").start, int(structure.layout[f"whip.{name}"] > 1))
+            for quantity, name in _LINK.items()
+            if f"whip.{name}" in structure.layout
+        }
 
     def _chain(self) -> Chain:
         P, a, N = self.parameters, self.structure.n_arm, self.structure.n_whip
@@ -234,63 +231,53 @@ class ClosedLoop:
         tau = self.torque(t, qa, va)
         return tuple(ca.substitute([tau, -ca.jacobian(tau, va)], [qa, va], [q[:a], v[:a]]))  # type: ignore[return-value]
 
-    @cached_property
-    def step(self) -> ca.Function:
-        """One step of the two-stage Rosenbrock-W method of order 2 (ROS2).
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
+        """Return where the arm's hand is, and its links' ends."""
+        frame, ends, angles, _ = self._move_arm(q, v)
+        return Hand(frame, ca.vertcat(*ends), ca.vertcat(*angles))
 
-        Verwer, Spee, Blom, Hundsdorfer (1999), SIAM J. Sci. Comput. 20(4), 1456-1480:
-        `(1 - gamma h A) k1 = f(y)`, `(1 - gamma h A) k2 = f(y + h k1) - 2 k1`, `y+ = y + 3/2 h k1 + 1/2 h k2`,
-        of order 2 for any A. Here A knows only `-M^-1 G`, G the joints' damping and the controller's
-        velocity gain, so a stage is one articulated-body pass with `gamma h G` added to the mass matrix. With
-        `w = k2 + 2 k1` the second stage reads `(M + gamma h G) w = F + 2 gamma h G k1`.
-        """
-        S, n, a = self.structure, self.structure.n, self.structure.n_arm
-        x, t, h = ca.SX.sym("x", 2 * n), ca.SX.sym("t"), ca.SX.sym("h")
-        held = ca.SX.sym("tau", a if S.held else 0)
-        q, v = x[:n], x[n:]
+    def _move_arm(self, q: ca.SX, v: ca.SX) -> tuple[Frame, list[ca.SX], list[ca.SX], list[Moving]]:
+        """The hand's frame; each arm link's end (1, 2), absolute angle, and how it moves."""
+        frame, ends, angles, moving = Frame(), [], [], []
+        for link, q_i, v_i in zip(self.chain.links, ca.vertsplit(q), ca.vertsplit(v), strict=False):
+            frame, moves = articulated.outward(frame, q_i, v_i, link)
+            ends.append(ca.horzcat(frame.x, frame.y))
+            angles.append(frame.angle)
+            moving.append(moves)
+        return frame, ends, angles, moving
 
-        def stage(t: ca.SX, q: ca.SX, v: ca.SX, before: ca.SX | None) -> tuple[ca.SX, ca.SX]:
-            tau, gain = self._torque_and_gain(t, q, v, held)
-            joints = GAMMA * h * _friction_gain(self.chain, v)
-            loop = None if gain is None else GAMMA * h * gain
-            torque = passive_torque(self.chain, q, v)
-            torque[:a] += tau
-            if before is not None:
-                torque += 2 * joints * before
-                if loop is not None:
-                    torque[:a] += 2 * loop @ before[:a]
-            return forward_dynamics(self.chain, q, v, torque, armature=joints, coupling=loop), tau
-
-        k1, tau = stage(t, q, v, None)
-        w, _ = stage(t + h, q + h * v, v + h * k1, k1)
-        x_next = ca.vertcat(q + h * v + h**2 / 2 * k1, v + h / 2 * (k1 + w))
-        tip = ca.vertcat(*tip_state(self.chain, q, v))
-        return ca.Function(
-            "step",
-            [x, t, h, self.p, held],
-            [x_next, tip, tau],
-            ["x", "t", "h", "p", "tau_held"],
-            ["x_next", "tip", "tau"],
-            {"cse": True},
-        )
+    def react(
+        self, t: ca.SX, h: ca.SX, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX | None, carried: Carried
+    ) -> Reaction:
+        """Return how the controlled arm moves under what it carries; its joints are solved for together."""
+        a, gravity = self.n_drive, self.parameters["gravity"]
+        tau, gain = self._torque_and_gain(t, q, v, u)
+        friction = self.parameters["arm.friction"]
+        braked = GAMMA * h * friction
+        loop = ca.SX.zeros(a, a) if gain is None else GAMMA * h * gain
+        torque = tau - friction * v
+        if before is not None:
+            torque += 2 * braked * before + 2 * loop @ before
+        *_, moving = self._move_arm(q, v)
+        carried_by = []
+        for i in reversed(range(a)):
+            carried = articulated.inward(carried, moving[i], self.chain.links[i])
+            carried_by.append(carried)
+        carried_by.reverse()
+        joints = ca.vertsplit(torque), ca.vertsplit(braked)
+        qdd = articulated.joint_together(carried_by, moving, *joints, loop, gravity)
+        acceleration = Acceleration(ca.SX(0), gravity, ca.SX(0))
+        for i in range(a):
+            acceleration = articulated.accelerate(acceleration, qdd[i], moving[i])
+        return Reaction(ca.vertcat(*qdd), acceleration, tau)
 
     @cached_property
     def control(self) -> ca.Function:
-        """The controller alone: torques (n_arm, 1) at state x and time t."""
+        """The controller alone: torques (n_arm, 1) at state x and time t, to hold where they are held."""
         n, a = self.structure.n, self.structure.n_arm
         x, t = ca.SX.sym("x", 2 * n), ca.SX.sym("t")
         tau = self.torque(t, x[:a], x[n : n + a])
         return ca.Function("control", [x, t, self.p], [tau], ["x", "t", "p"], ["tau"], {"cse": True})
-
-    @cached_property
-    def step_forward(self) -> ca.Function:
-        """`step` with its derivative along one direction (dx, dt, dh, dp, dtau); CasADi's forward mode."""
-        return _with_forward(self.step, ["x_next", "tip"])
-
-    @cached_property
-    def control_forward(self) -> ca.Function:
-        """`control` with its derivative along one direction (dx, dt, dp)."""
-        return _with_forward(self.control, ["tau"])
 
     @cached_property
     def whip_balance(self) -> ca.Function:
@@ -302,16 +289,6 @@ class ClosedLoop:
         change = ca.jtimes(gradient, q, dq) + ca.jtimes(gradient, self.p, dp)
         outputs = [gradient[a:], hessian[a:, a:], change[a:]]
         return ca.Function("whip_balance", [q, self.p, dq, dp], outputs, {"cse": True})
-
-
-def _with_forward(function: ca.Function, differentiated: list[str]) -> ca.Function:
-    """All outputs of a function, then the derivatives of some along one direction of all inputs."""
-    inputs = [ca.SX.sym(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
-    direction = [ca.SX.sym("d", *x.shape) for x in inputs]
-    outputs = function.call(inputs)
-    chosen = [outputs[function.index_out(name)] for name in differentiated]
-    slopes = ca.forward(chosen, inputs, [direction])[0]
-    return ca.Function(function.name(), [*inputs, *direction], [*outputs, *slopes], {"cse": True})
 
 
 @lru_cache(maxsize=32)

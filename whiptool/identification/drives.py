@@ -15,8 +15,8 @@ import numpy as np
 
 from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
+from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
-from whiptool.identification.dynamics import SwingStructure
 from whiptool.identification.motion import HandleMotion, JointMotion, Motion, StillMotion
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Identifiable, Plant, Quantities

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from scipy.interpolate import BSpline
 
+from whiptool.dynamics.swing import BASE
 from whiptool.errors import InputError
-from whiptool.identification.dynamics import BASE
 from whiptool.models.parameters import ArmParameters
 
 DEGREE = 5  # accelerations are then twice differentiable

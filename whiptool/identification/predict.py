@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.dynamics.swing import BASE
 from whiptool.errors import InputError
 from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive
-from whiptool.identification.dynamics import BASE
-from whiptool.identification.paths import Lanes, find_paths
 from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.plant import Identifiable, slopes
 from whiptool.identification.sampling import Readings
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.batch import Batch
+from whiptool.rollout.engine import find_engine, wanted_rung
 
 CAMERA = ("scale", "rotation", "shift_x", "shift_y")  # measured = scale R(rotation) position + shift
 NUISANCE = ("delay", *CAMERA)
@@ -183,34 +184,36 @@ class Predictor:
         columns = [2 * i + c for i in self._links for c in range(2)] if width == 2 else [2 * n + i for i in self._links]
         D = [max(len(s.dp), 1) if derivatives else 1 for s in shots]
         lanes = np.repeat(np.arange(len(shots)), D)
-        roll = Lanes(
+        steps = np.array([d.steps for d in drives])[lanes]
+        h = np.full(len(lanes), self.h)
+        batch = Batch(
             p=np.array([s.p for s in shots])[lanes],
             x0=np.array([s.x0 for s in shots])[lanes],
-            steps=np.array([d.steps for d in drives])[lanes],
-            h=self.h,
-            columns=np.array(columns, int),
+            target=np.zeros((len(lanes), 2)),
+            h=h,
+            h_last=h,
+            steps=steps,
             hold=drives[0].hold,
+            columns=np.array(columns, int),
             stride=self.stride,
         )
         if derivatives:
-            roll.dp, roll.dx0 = np.zeros_like(roll.p), np.zeros_like(roll.x0)
+            batch.dp, batch.dx0 = np.zeros_like(batch.p), np.zeros_like(batch.x0)
+            batch.dh = batch.dh_last = np.zeros_like(h)
             for s, first in zip(shots, np.cumsum([0, *D]), strict=False):
-                roll.dp[first : first + len(s.dp)], roll.dx0[first : first + len(s.dp)] = s.dp, s.dx0
+                batch.dp[first : first + len(s.dp)], batch.dx0[first : first + len(s.dp)] = s.dp, s.dx0
         if shots[0].u is not None:
-            roll.u = np.concatenate([s.u for s in shots])  # type: ignore[arg-type]
-            roll.u_row = np.cumsum([0, *(len(s.u) for s in shots[:-1])])[lanes]  # type: ignore[arg-type]
+            batch.u = np.concatenate([s.u for s in shots])  # type: ignore[arg-type]
+            batch.u_row = np.cumsum([0, *(len(s.u) for s in shots[:-1])])[lanes]  # type: ignore[arg-type]
             if derivatives:
                 moving = [s.moving for s in shots if s.moving is not None]
-                roll.du, roll.du_row, row = (
-                    np.concatenate([x.reshape(-1, BASE) for x in moving]),
-                    np.full(len(lanes), -1),
-                    0,
-                )
+                batch.du = np.concatenate([x.reshape(-1, BASE) for x in moving])
+                batch.du_row, row = np.full(len(lanes), -1), 0
                 for s, x, first in zip(shots, moving, np.cumsum([0, *D]), strict=False):
                     each = np.arange(len(x))
-                    roll.du_row[first + s.first + each] = row + x.shape[1] * each
+                    batch.du_row[first + s.first + each] = row + x.shape[1] * each
                     row += x.shape[0] * x.shape[1]
-        y, dy = find_paths(structure, forward=derivatives)(roll)
+        y, dy = find_engine(structure, forward=derivatives, rung=wanted_rung())(batch).observed()
         found, lane = [], 0
         for s, i, count in zip(shots, which, D, strict=True):
             read, some = self._read[i], range(len(s.dp) if derivatives else 0)

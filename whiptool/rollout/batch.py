@@ -7,7 +7,8 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from whiptool.dynamics.closed_loop import Structure
+from whiptool.dynamics.columns import outcome_columns, row_columns
+from whiptool.dynamics.system import System
 
 
 @dataclass
@@ -21,8 +22,12 @@ class Batch:
         h, h_last, steps, hold: As `time_grid` gives them.
         dp, dx0, dh, dh_last: Direction of each strike along which derivatives are taken, shaped like what they change;
             None: no derivatives.
+        u, du: Inputs at successive instants and their changes, (rows, inputs); a strike needs steps + 2 rows.
+        u_row, du_row: First row of each strike's in them, (B,); a negative du_row: its inputs do not change.
         rate, samples: The tip's path is wanted at `samples` times, `rate` times a second.
         with_rows: Trajectories are wanted at every step.
+        columns, stride: Of what is observed (see `whiptool.dynamics.system.observed`), to keep every `stride` steps,
+            (C,).
     """
 
     p: np.ndarray
@@ -36,11 +41,19 @@ class Batch:
     dx0: np.ndarray | None = None
     dh: np.ndarray | None = None
     dh_last: np.ndarray | None = None
+    u: np.ndarray | None = None
+    du: np.ndarray | None = None
+    u_row: np.ndarray | None = None
+    du_row: np.ndarray | None = None
     rate: float = 0.0
     samples: int = 0
     with_rows: bool = False
+    columns: np.ndarray | None = None
+    stride: int = 1
 
-    PER_STRIKE: ClassVar = ("p", "x0", "target", "h", "h_last", "steps", "dp", "dx0", "dh", "dh_last")
+    PER_STRIKE: ClassVar = (
+        *("p", "x0", "target", "h", "h_last", "steps", "dp", "dx0", "dh", "dh_last", "u_row", "du_row"),
+    )
 
     def take(self, order: np.ndarray) -> Batch:
         """The strikes in another order."""
@@ -58,20 +71,31 @@ class Rolled:
     """What came of a batch.
 
     Args:
-        out: Miss distance, its time, tip velocity x and y, tip x and y, diverged, last step, derivative of the miss
-            distance, then largest speed and torque of each arm joint: (B, 9 + 2 a).
+        out: Of each strike, in the columns of `outcome_columns`, (B, 9 + 2 a).
         path: Tip at equal times, (B, samples, 2), or with derivatives (B, samples, 4); NaN after the strike's end.
-        rows: Time, state, torques at every step, strike after strike; `first_row` says where each begins.
+        rows: Every step, strike after strike, in the columns of `row_columns`; `first_row` says where each begins.
+        y, dy: What is observed and its derivatives, (rows, C), strike after strike; `y_row` says where each begins.
+            NaN from where a strike broke off.
     """
 
     out: np.ndarray
     path: np.ndarray | None = None
     rows: np.ndarray | None = None
     first_row: np.ndarray | None = None
+    y: np.ndarray | None = None
+    dy: np.ndarray | None = None
+    y_row: np.ndarray | None = None
+
+    def observed(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Return what is observed of every strike, each (S, C), and its derivatives (none: empty)."""
+        assert self.y is not None
+        assert self.y_row is not None
+        changes = [] if self.dy is None else np.split(self.dy, self.y_row[1:])
+        return np.split(self.y, self.y_row[1:]), changes
 
 
 class Engine(Protocol):
-    """Rolls batches of one structure out."""
+    """Rolls batches of one system out."""
 
     rung: str
 
@@ -80,13 +104,23 @@ class Engine(Protocol):
         ...
 
 
-def empty_results(batch: Batch, structure: Structure) -> Rolled:
-    """Arrays for the results of a batch."""
-    B, columns = len(batch.p), 1 + 2 * structure.n + structure.n_arm
-    rolled = Rolled(np.empty((B, 9 + 2 * structure.n_arm)))
+def empty_results(batch: Batch, system: System) -> Rolled:
+    """Return arrays for the results of a batch."""
+    B, n, a = len(batch.p), system.n, system.n_drive
+    rolled = Rolled(np.empty((B, outcome_columns(a).width)))
     if batch.samples:
         rolled.path = np.full((B, batch.samples, 4 if batch.forward else 2), np.nan)
     if batch.with_rows:
-        rolled.first_row = np.concatenate([[0], np.cumsum(batch.steps + 1)[:-1]]).astype(np.int64)
-        rolled.rows = np.empty((int((batch.steps + 1).sum()), columns))
+        rolled.first_row = _firsts(batch.steps + 1)
+        rolled.rows = np.empty((int((batch.steps + 1).sum()), row_columns(n, a).width))
+    if batch.columns is not None:
+        samples = batch.steps // batch.stride + 1
+        rolled.y_row = _firsts(samples)
+        rolled.y = np.full((int(samples.sum()), len(batch.columns)), np.nan)
+        rolled.dy = np.full_like(rolled.y, np.nan) if batch.forward else None
     return rolled
+
+
+def _firsts(counts: np.ndarray) -> np.ndarray:
+    """Where each of successive parts begins."""
+    return np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)

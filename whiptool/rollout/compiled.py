@@ -10,6 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from whiptool.dynamics.closed_loop import Structure
+from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.errors import InputError
@@ -93,7 +94,7 @@ class CompiledRollout(Rollout):
         strikes = strike_vectors(strikes, self.model.arm.n)
         B, a = len(strikes), self.model.arm.n
         targets = target_points(target, B)
-        engine, out = self._engine(forward=False), np.empty((B, 9 + 2 * a))
+        engine, out = self._engine(forward=False), np.empty((B, outcome_columns(a).width))
         bar = tqdm(total=B, unit=" strikes", disable=not progress, leave=False)
         for first in range(0, B, _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
@@ -125,13 +126,14 @@ class CompiledRollout(Rollout):
         B, m = len(strikes), len(names)
         targets = target_points(target, B)
         directions = self.directions(names)
-        out = np.empty((B, m, 9 + 2 * self.model.arm.n))
+        columns = outcome_columns(self.model.arm.n)
+        out = np.empty((B, m, columns.width))
         at_once = max(1, _AT_ONCE // m)
         for first in range(0, B, at_once):
             part = slice(first, first + at_once)
             batch = self._forward_batch(strikes[part], targets[part], t_stay, directions)
             out[part] = self._engine(forward=True)(batch, threads=self._threads).out.reshape(-1, m, out.shape[2])
-        return _approach(out[:, 0], self.model.arm.n), out[:, :, 8]
+        return _approach(out[:, 0], self.model.arm.n), out[:, :, columns["slope"]][..., 0]
 
     def tip_path(
         self,
@@ -187,7 +189,8 @@ class CompiledRollout(Rollout):
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
         """The whole of many strikes, one after the other; only a few are in memory at a time."""
-        strikes, n = strike_vectors(strikes, self.model.arm.n), self.model.n
+        strikes, n, a = strike_vectors(strikes, self.model.arm.n), self.model.n, self.model.arm.n
+        columns, outcome = row_columns(n, a), outcome_columns(a)
         for first in range(0, len(strikes), _TRAJECTORIES_AT_ONCE):
             some = strikes[first : first + _TRAJECTORIES_AT_ONCE]
             batch = self._batch(some, np.zeros((len(some), 2)), t_stay)
@@ -196,16 +199,16 @@ class CompiledRollout(Rollout):
             assert rolled.rows is not None
             assert rolled.first_row is not None
             for vector, start, out in zip(some, rolled.first_row, rolled.out, strict=True):
-                rows = rolled.rows[start : start + int(out[7]) + 1]
+                rows = rolled.rows[start : start + int(out[outcome["last_step"]][0]) + 1]
                 yield complete_trajectory(
                     self.model,
                     self.controller,
                     Strike.from_vector(vector),
                     t=rows[:, 0],
-                    q=rows[:, 1 : 1 + n],
-                    v=rows[:, 1 + n : 1 + 2 * n],
-                    tau=rows[:, 1 + 2 * n :],
-                    diverged=bool(out[6]),
+                    q=rows[:, columns["x"]][:, :n],
+                    v=rows[:, columns["x"]][:, n:],
+                    tau=rows[:, columns["tau"]],
+                    diverged=bool(out[outcome["diverged"]][0]),
                 )
 
     def directions(self, names: Sequence[str]) -> np.ndarray:
@@ -298,13 +301,8 @@ class CompiledRollout(Rollout):
 
 
 def _approach(out: np.ndarray, a: int) -> Approach:
-    """The columns of the driver's outcome."""
-    return Approach(
-        distance=out[:, 0],
-        time=out[:, 1],
-        velocity=out[:, 2:4],
-        tip=out[:, 4:6],
-        diverged=out[:, 6] != 0,
-        max_joint_speed=out[:, 9 : 9 + a],
-        max_torque=out[:, 9 + a :],
-    )
+    """The engine's outcome of each strike, by name."""
+    columns = outcome_columns(a)
+    single = {name: out[:, columns[name]][:, 0] for name in ("distance", "time")}
+    several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque")}
+    return Approach(**single, **several, diverged=out[:, columns["diverged"]][:, 0] != 0)

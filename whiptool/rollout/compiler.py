@@ -29,6 +29,7 @@ FLAGS = (
     "-fno-trapping-math",
     "-fno-signed-zeros",
     "-fPIC",
+    "-fvisibility=hidden",  # else nothing of the generated code is inlined
     "-shared",
     "-w",
 )

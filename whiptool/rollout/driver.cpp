@@ -1,9 +1,10 @@
-// Rolls strikes through the generated step, a lane each: closest approach to the target, extremes, divergence,
-// trajectories, and in forward mode the derivative of all that along one direction per lane.
+// Rolls strikes, or chains on a moving base, through the generated functions of one link, a lane each: closest approach
+// to the target, extremes, divergence, trajectories, samples of all links, and in forward mode the derivative of all
+// that along one direction per lane.
 //
-// Compiled together with the C that CasADi generates for `step` (and `control` where the torque is held). Defined on
-// the command line: GENERATED (file to include), NQ joints, NA arm joints, NP parameters, HELD 0 or 1, FASTEST (norm of
-// all joint speeds [rad/s] above which a strike counts as diverged), SIMD 0 or 1, FORWARD 0 or 1.
+// Compiled together with GENERATED (defined on the command line): sizes and columns as constants, then the C that CasADi
+// generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD, each 0 or 1, and FASTEST, the norm of
+// all joint speeds [rad/s] above which a lane counts as diverged.
 #include <math.h>
 
 #include <cmath>
@@ -31,9 +32,14 @@ inline double lane(const real& x, int) { return x; }
 inline void set_lane(real& x, int, double value) { x = value; }
 #endif
 inline real whiptool_le(real a, real b) { return select(a <= b, real(1), real(0)); }
+#if SIMD  // the library's take lanes one by one
+inline real fmax(const real& a, const real& b) { return select(a > b, a, b); }
+inline real fmin(const real& a, const real& b) { return select(a < b, a, b); }
+#endif
 
 #define casadi_int long long int
 #define casadi_real real
+#define CASADI_SYMBOL_EXPORT static inline
 #pragma push_macro("__STDC_VERSION__")
 #define __STDC_VERSION__ 199901L  // let the generated code call fmin and fmax
 #include GENERATED
@@ -41,9 +47,116 @@ inline real whiptool_le(real a, real b) { return select(a <= b, real(1), real(0)
 
 namespace {
 
-constexpr int NX = 2 * NQ;
-constexpr int NOUT = 9 + 2 * NA;     // columns of the outcome
-constexpr int NROW = 1 + NX + NA;    // columns of a trajectory's row: t, x, tau
+constexpr int NQ = N_DRIVE + N_LINKS, NX = 2 * NQ;
+
+// Numbers of all lanes, and how they change along the lane's direction.
+template <int N>
+struct Numbers {
+  real x[N + !N];
+#if FORWARD
+  real d[N + !N];
+#endif
+};
+
+// What a generated function reads and writes: a column, and its change.
+struct In {
+  const real* x;
+#if FORWARD
+  const real* d;
+  template <int N>
+  In(const Numbers<N>& of, int first = 0) : x(of.x + first), d(of.d + first) {}
+#else
+  template <int N>
+  In(const Numbers<N>& of, int first = 0) : x(of.x + first) {}
+#endif
+};
+
+struct Out {
+  real* x;
+#if FORWARD
+  real* d;
+  template <int N>
+  Out(Numbers<N>& of, int first = 0) : x(of.x + first), d(of.d + first) {}
+#else
+  template <int N>
+  Out(Numbers<N>& of, int first = 0) : x(of.x + first) {}
+#endif
+};
+
+template <auto FUNCTION, int I, int O>
+inline __attribute__((always_inline)) void call(const In (&in)[I], const Out (&out)[O]) {
+#if FORWARD
+  const real* arg[2 * I];
+  real* res[2 * O];
+  for (int i = 0; i < I; ++i) arg[I + i] = in[i].d;
+  for (int i = 0; i < O; ++i) res[O + i] = out[i].d;
+#else
+  const real* arg[I];
+  real* res[O];
+#endif
+  for (int i = 0; i < I; ++i) arg[i] = in[i].x;
+  for (int i = 0; i < O; ++i) res[i] = out[i].x;
+  FUNCTION(arg, res, nullptr, nullptr, 0);
+}
+
+template <int N>
+void clear(Numbers<N>& numbers) {
+  for (int j = 0; j < N; ++j) {
+    numbers.x[j] = 0;
+#if FORWARD
+    numbers.d[j] = 0;
+#endif
+  }
+}
+
+// One stage of the integrator: accelerations of all joints, by one pass out, one in and one out over the links.
+struct Stage {
+  Numbers<2 * N_DRIVE> ends;
+  Numbers<N_DRIVE> angles, tau;
+  Numbers<FRAME> frame[N_LINKS + 1];  // where each link begins; the last is the tip
+  Numbers<NQ> qdd;
+
+  template <bool KEEP>  // the frames, or only what this stage needs
+  void take(const Numbers<NX>& x, const Numbers<1>& t, const Numbers<1>& h, const Numbers<NP>& p,
+            const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before) {
+    Numbers<MOVING> moving[N_LINKS];
+    Numbers<JOINT> joint[N_LINKS];
+    Numbers<1> torque[N_LINKS], armature[N_LINKS];
+    call<hand>({In(x, 0), In(x, NQ), p, u}, {frame[0], ends, angles});
+    for (int i = 0; i < N_LINKS; ++i) {
+      const int j = N_DRIVE + i;
+      call<outward>({frame[i], In(x, j), In(x, NQ + j), w[i], h, In(before, j)},
+                    {frame[i + 1], moving[i], torque[i], armature[i]});
+    }
+    Numbers<CARRIED> carried[N_LINKS + 1];  // by each link's joint; nothing at the tip
+    clear(carried[N_LINKS]);
+    for (int i = N_LINKS - 1; i >= 0; --i)
+      call<inward>({carried[i + 1], moving[i], w[i], torque[i], armature[i]}, {carried[i], joint[i]});
+    Numbers<ACCELERATION> at[N_LINKS + 1];
+    call<react>({t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), carried[0]}, {Out(qdd, 0), at[0], tau});
+    for (int i = 0; i < N_LINKS; ++i)
+      call<accelerate>({at[i], joint[i], moving[i]}, {at[i + 1], Out(qdd, N_DRIVE + i)});
+  }
+
+  // Tip: position and velocity.
+  void tip(Numbers<4>& to) const {
+    constexpr int COLUMNS[] = {FRAME_x, FRAME_y, FRAME_vx, FRAME_vy};
+    for (int c = 0; c < 4; ++c) {
+      to.x[c] = frame[N_LINKS].x[COLUMNS[c]];
+#if FORWARD
+      to.d[c] = frame[N_LINKS].d[COLUMNS[c]];
+#endif
+    }
+  }
+
+  // Column c of what is observed: all links' ends (x, y of each in turn), then their absolute angles.
+  In observed(int64_t c) const {
+    if (c < 2 * N_DRIVE) return In(ends, c);
+    if (c < 2 * NQ) return In(frame[c / 2 - N_DRIVE + 1], c % 2 ? FRAME_y : FRAME_x);
+    const int64_t i = c - 2 * NQ;
+    return i < N_DRIVE ? In(angles, i) : In(frame[i - N_DRIVE + 1], FRAME_angle);
+  }
+};
 
 // Nearest point of the segments between successive tip positions, each a (x, y) with its velocity behind it.
 struct ClosestApproach {
@@ -73,17 +186,23 @@ struct ClosestApproach {
   }
 };
 
-struct Strikes {  // what the caller gives and gets; arrays of rows, one per strike
+struct Strikes {  // what the caller gives and gets; arrays of rows, one per lane unless said otherwise
   const double *p, *x0, *target, *h, *h_last;
   const int64_t* steps;
-  int64_t hold;
-  const double *dp, *dx0, *dh, *dh_last;  // forward mode: the direction of each strike
+  int64_t hold;                           // steps for which a torque is held
+  const double *dp, *dx0, *dh, *dh_last;  // forward mode: the direction of each lane
+  const double *u, *du;                   // rows of inputs, one per instant: of a lane, steps + 2
+  const int64_t *u_row, *du_row;          // first row of each lane's inputs; du_row < 0: they do not move
   double* out;
-  double* rows;               // trajectories, or null
-  const int64_t* first_row;   // where each strike's rows begin
-  double* path;               // tip path at equal times, or null: (strikes, samples, 2), and derivatives behind it
+  double* rows;              // trajectories, or null
+  const int64_t* first_row;  // where each lane's rows begin
+  double* path;              // tip path at equal times, or null: (lanes, samples, 2), and derivatives behind it
   int64_t samples;
-  double rate;                // [1/s]
+  double rate;             // [1/s]
+  double *y, *dy;          // what is observed, or null: (rows, n_columns)
+  const int64_t* columns;  // of what is observed, to keep
+  int64_t n_columns, stride;
+  const int64_t* y_row;  // first row of each lane's samples, `stride` steps apart
 };
 
 real gather(const double* base, int64_t stride, int64_t first, int64_t count, int64_t column) {
@@ -99,132 +218,232 @@ double hermite(double p0, double v0, double p1, double v1, double h, double s) {
   return r * r * ((1 + 2 * s) * p0 + s * h * v0) + s * s * ((1 + 2 * r) * p1 - r * h * v1);
 }
 
-void roll(const Strikes& io, int64_t first, int64_t count) {
-  real p[NP], x[NX], next[NX], tip[4], before[4] = {0, 0, 0, 0}, tau[NA], held[NA + 1], now = 0, dt, target[2];
-  real fastest[NA], strongest[NA], h, h_last, steps;
-  for (int j = 0; j < NP; ++j) p[j] = gather(io.p, NP, first, count, j);
-  for (int j = 0; j < NX; ++j) x[j] = gather(io.x0, NX, first, count, j);
-  for (int j = 0; j < 2; ++j) target[j] = gather(io.target, 2, first, count, j);
-  for (int j = 0; j < NA; ++j) fastest[j] = strongest[j] = 0, held[j] = 0;
-  h = gather(io.h, 1, first, count, 0), h_last = gather(io.h_last, 1, first, count, 0);
-  int64_t longest = 0, done[LANES];
+void inputs(real* to, const double* from, const int64_t* row, int64_t instant, const Strikes& io, int64_t first,
+            int64_t count) {
   for (int l = 0; l < LANES; ++l) {
-    const int64_t n = io.steps[first + (l < count ? l : count - 1)];
-    set_lane(steps, l, static_cast<double>(n));
-    longest = n > longest ? n : longest, done[l] = 0;
-  }
-#if FORWARD
-  real dp[NP], dx[NX], dnext[NX], dtip[4], dbefore[4] = {0, 0, 0, 0}, dheld[NA + 1], dnow = 0, ddt, dh, dh_last;
-  for (int j = 0; j < NP; ++j) dp[j] = gather(io.dp, NP, first, count, j);
-  for (int j = 0; j < NX; ++j) dx[j] = gather(io.dx0, NX, first, count, j);
-  for (int j = 0; j < NA; ++j) dheld[j] = 0;
-  dh = gather(io.dh, 1, first, count, 0), dh_last = gather(io.dh_last, 1, first, count, 0);
-  const real* control_arg[] = {x, &now, p, dx, &dnow, dp};
-  real* control_res[] = {held, dheld};
-  const real* arg[] = {x, &now, &dt, p, held, dx, &dnow, &ddt, dp, dheld};
-  real* res[] = {next, tip, tau, dnext, dtip};
-  const real *dfrom = dbefore, *dto = dtip;
-#else
-  const real* control_arg[] = {x, &now, p};
-  real* control_res[] = {held};
-  const real* arg[] = {x, &now, &dt, p, held};
-  real* res[] = {next, tip, tau};
-  const real *dfrom = nullptr, *dto = nullptr;
-#endif
-  ClosestApproach closest;
-  mask alive = h == h, diverged = !alive;  // lanes that still move; lanes that broke off
-  for (int64_t i = 0; i <= longest; ++i) {  // one evaluation more than steps: the final state has a tip, too
-    const real k = static_cast<double>(i);
-    const mask last = k + 1 == steps, end = k == steps;
-    dt = select(last, h_last, h);
-    const real elapsed = select(end, h_last, h);  // the step that led here
-    now = select(end && k > 0, (k - 1) * h + h_last, k * h);
-#if FORWARD
-    ddt = select(last, dh_last, dh);
-    const real delapsed = select(end, dh_last, dh);
-    dnow = select(end && k > 0, (k - 1) * dh + dh_last, k * dh);
-#endif
-#if HELD
-    if (i % io.hold == 0) control(control_arg, control_res, nullptr, nullptr, 0);
-#else
-    (void)control_arg, (void)control_res;
-#endif
-    step(arg, res, nullptr, nullptr, 0);
-    if (i > 0) closest.segment(alive, before, tip, now - elapsed, elapsed, target, dfrom, dto);
-    for (int j = 0; j < NA; ++j) {
-      fastest[j] = select(alive && abs(x[NQ + j]) > fastest[j], abs(x[NQ + j]), fastest[j]);
-      strongest[j] = select(alive && abs(tau[j]) > strongest[j], abs(tau[j]), strongest[j]);
-    }
-    for (int l = 0; l < LANES && l < count && (io.rows || io.path); ++l) {
-      if (!lane(select(alive, real(1), real(0)), l)) continue;
-      const double t = lane(now, l);
-      if (io.rows) {
-        double* row = io.rows + (io.first_row[first + l] + i) * NROW;
-        *row++ = t;
-        for (int j = 0; j < NX; ++j) *row++ = lane(x[j], l);
-        for (int j = 0; j < NA; ++j) *row++ = lane(tau[j], l);
-      }
-      if (io.path) {
-        const double span = lane(elapsed, l), start = i > 0 ? t - span : t;
-        int64_t sample = i > 0 ? static_cast<int64_t>(std::floor(start * io.rate + 1e-9)) + 1 : 0;
-        for (; sample < io.samples && sample <= t * io.rate + 1e-9; ++sample) {
-          const double s = i > 0 ? (sample / io.rate - start) / span : 0;
-          double* point = io.path + ((first + l) * io.samples + sample) * (FORWARD ? 4 : 2);
-          for (int c = 0; c < 2; ++c) {
-            const double p0 = lane(i > 0 ? before[c] : tip[c], l), v0 = lane(i > 0 ? before[2 + c] : tip[2 + c], l);
-            point[c] = hermite(p0, v0, lane(tip[c], l), lane(tip[2 + c], l), span, s);
-#if FORWARD  // at a fixed time: the step that holds it moves with the strike's duration
-            const double dstart = i > 0 ? lane(dnow - delapsed, l) : lane(dnow, l), dspan = lane(delapsed, l);
-            const double ds = i > 0 ? -(dstart + s * dspan) / span : 0, r = 1 - s;
-            const double p1 = lane(tip[c], l), v1 = lane(tip[2 + c], l);
-            const double q0 = lane(i > 0 ? dbefore[c] : dtip[c], l), w0 = lane(i > 0 ? dbefore[2 + c] : dtip[2 + c], l);
-            point[2 + c] = hermite(q0, w0, lane(dtip[c], l), lane(dtip[2 + c], l), span, s) +
-                           ds * (6 * r * s * (p1 - p0) + span * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1)) +
-                           dspan * r * s * (r * v0 - s * v1);
-#endif
-          }
-        }
-      }
-    }
-    for (int l = 0; l < LANES; ++l)
-      if (lane(select(alive, real(1), real(0)), l)) done[l] = i;
-    alive = alive && !end;
-    if (!any_of(alive)) break;
-    real speed2 = 0;
-    for (int j = NQ; j < NX; ++j) speed2 += next[j] * next[j];
-    const mask wild = alive && !(speed2 < FASTEST * FASTEST);  // also true of NaN
-    diverged = diverged || wild;
-    alive = alive && !wild;
-    for (int j = 0; j < NX; ++j) x[j] = select(alive, next[j], x[j]);  // what ended or diverged stands still
-    for (int j = 0; j < 4; ++j) before[j] = select(alive, tip[j], before[j]);
-#if FORWARD
-    for (int j = 0; j < NX; ++j) dx[j] = select(alive, dnext[j], dx[j]);
-    for (int j = 0; j < 4; ++j) dbefore[j] = select(alive, dtip[j], dbefore[j]);
-#endif
-  }
-  for (int l = 0; l < LANES && l < count; ++l) {
-    double* out = io.out + (first + l) * NOUT;
-    *out++ = std::sqrt(lane(closest.squared, l));
-    *out++ = lane(closest.time, l);
-    *out++ = lane(closest.tip[2], l);
-    *out++ = lane(closest.tip[3], l);
-    *out++ = lane(closest.tip[0], l);
-    *out++ = lane(closest.tip[1], l);
-    *out++ = lane(select(diverged, real(1), real(0)), l);
-    *out++ = static_cast<double>(done[l]);
-    *out++ = lane(closest.slope, l);
-    for (int j = 0; j < NA; ++j) *out++ = lane(fastest[j], l);
-    for (int j = 0; j < NA; ++j) *out++ = lane(strongest[j], l);
+    const int64_t b = first + (l < count ? l : count - 1);
+    const int64_t k = instant < io.steps[b] + 1 ? instant : io.steps[b] + 1;  // a lane that ended waits for the others
+    for (int j = 0; j < N_INPUTS; ++j) set_lane(to[j], l, row[b] < 0 ? 0.0 : from[(row[b] + k) * N_INPUTS + j]);
   }
 }
 
+// LANES lanes of a batch at once.
+struct Roll {
+  const Strikes& io;
+  const int64_t first, count;
+  Numbers<NP> p;
+  Numbers<LINK> w[N_LINKS];
+  Numbers<NX> x;
+  Numbers<N_INPUTS> u, u_end;
+  Numbers<4> tip, before;
+  Numbers<1> now, dt;
+  real h, h_last, steps, elapsed, target[2], fastest[N_DRIVE + !N_DRIVE], strongest[N_DRIVE + !N_DRIVE];
+#if FORWARD
+  real dh, dh_last, delapsed;
+#endif
+  int64_t longest = 0, done[LANES];
+  ClosestApproach closest;
+  mask alive, diverged;  // lanes that still move; lanes that broke off
+
+  Roll(const Strikes& io, int64_t first, int64_t count) : io(io), first(first), count(count) {
+    fill(p, io.p);
+    fill(x, io.x0);
+    clear(u), clear(u_end), clear(before);
+    for (int j = 0; j < 2; ++j) target[j] = gather(io.target, 2, first, count, j);
+    for (int j = 0; j < N_DRIVE; ++j) fastest[j] = strongest[j] = 0;
+    h = gather(io.h, 1, first, count, 0), h_last = gather(io.h_last, 1, first, count, 0);
+#if FORWARD
+    for (int j = 0; j < NP; ++j) p.d[j] = gather(io.dp, NP, first, count, j);
+    for (int j = 0; j < NX; ++j) x.d[j] = gather(io.dx0, NX, first, count, j);
+    dh = gather(io.dh, 1, first, count, 0), dh_last = gather(io.dh_last, 1, first, count, 0);
+#endif
+    for (int i = 0; i < N_LINKS; ++i)
+      for (int j = 0; j < LINK; ++j) {
+        const int column = LINK_FIRST[j] + i * LINK_STRIDE[j];
+        w[i].x[j] = p.x[column];
+#if FORWARD
+        w[i].d[j] = p.d[column];
+#endif
+      }
+    for (int l = 0; l < LANES; ++l) {
+      const int64_t n = io.steps[first + (l < count ? l : count - 1)];
+      set_lane(steps, l, static_cast<double>(n));
+      longest = n > longest ? n : longest, done[l] = 0;
+    }
+    alive = h == h, diverged = !alive;
+  }
+
+  template <int N>
+  void fill(Numbers<N>& to, const double* from) {
+    for (int j = 0; j < N; ++j) to.x[j] = gather(from, N, first, count, j);
+  }
+
+  bool moves(int l) const { return lane(select(alive, real(1), real(0)), l) != 0; }
+
+  void set_time(int64_t i) {
+    const real k = static_cast<double>(i);
+    const mask last = k + 1 == steps, end = k == steps;
+    dt.x[0] = select(last, h_last, h);
+    elapsed = select(end, h_last, h);  // the step that led here
+    now.x[0] = select(end && k > 0, (k - 1) * h + h_last, k * h);
+#if FORWARD
+    dt.d[0] = select(last, dh_last, dh);
+    delapsed = select(end, dh_last, dh);
+    now.d[0] = select(end && k > 0, (k - 1) * dh + dh_last, k * dh);
+#endif
+  }
+
+  void set_inputs(int64_t i) {
+#if HELD
+    if (i % io.hold == 0) call<control>({x, now, p}, {u});
+    u_end = u;
+#else
+    if (!N_INPUTS) return;
+    inputs(u.x, io.u, io.u_row, i, io, first, count);
+    inputs(u_end.x, io.u, io.u_row, i + 1, io, first, count);
+#if FORWARD
+    inputs(u.d, io.du, io.du_row, i, io, first, count);
+    inputs(u_end.d, io.du, io.du_row, i + 1, io, first, count);
+#endif
+#endif
+  }
+
+  void note(int64_t i, const Stage& stage) {
+    if (i > 0) {
+#if FORWARD
+      const real *dfrom = before.d, *dto = tip.d;
+#else
+      const real *dfrom = nullptr, *dto = nullptr;
+#endif
+      closest.segment(alive, before.x, tip.x, now.x[0] - elapsed, elapsed, target, dfrom, dto);
+    }
+    for (int j = 0; j < N_DRIVE; ++j) {
+      const real speed = abs(x.x[NQ + j]), torque = abs(stage.tau.x[j]);
+      fastest[j] = select(alive && speed > fastest[j], speed, fastest[j]);
+      strongest[j] = select(alive && torque > strongest[j], torque, strongest[j]);
+    }
+    const bool sampled = io.y && i % io.stride == 0;
+    for (int l = 0; l < LANES && l < count; ++l) {
+      if (!moves(l)) continue;
+      if (io.rows) write_row(i, l, stage);
+      if (io.path) write_path(i, l);
+      if (sampled) write_observed(i, l, stage);
+    }
+    for (int l = 0; l < LANES; ++l)
+      if (moves(l)) done[l] = i;
+  }
+
+  void write_row(int64_t i, int l, const Stage& stage) const {
+    double* row = io.rows + (io.first_row[first + l] + i) * ROW;
+    row[ROW_t] = lane(now.x[0], l);
+    for (int j = 0; j < NX; ++j) row[ROW_x + j] = lane(x.x[j], l);
+    for (int j = 0; j < N_DRIVE; ++j) row[ROW_tau + j] = lane(stage.tau.x[j], l);
+  }
+
+  void write_observed(int64_t i, int l, const Stage& stage) const {
+    const int64_t row = (io.y_row[first + l] + i / io.stride) * io.n_columns;
+    for (int64_t c = 0; c < io.n_columns; ++c) {
+      const In seen = stage.observed(io.columns[c]);
+      io.y[row + c] = lane(*seen.x, l);
+#if FORWARD
+      io.dy[row + c] = lane(*seen.d, l);
+#endif
+    }
+  }
+
+  void write_path(int64_t i, int l) const {
+    const double t = lane(now.x[0], l), span = lane(elapsed, l), start = i > 0 ? t - span : t;
+    int64_t sample = i > 0 ? static_cast<int64_t>(std::floor(start * io.rate + 1e-9)) + 1 : 0;
+    for (; sample < io.samples && sample <= t * io.rate + 1e-9; ++sample) {
+      const double s = i > 0 ? (sample / io.rate - start) / span : 0;
+      double* point = io.path + ((first + l) * io.samples + sample) * (FORWARD ? 4 : 2);
+      const Numbers<4>& from = i > 0 ? before : tip;
+      for (int c = 0; c < 2; ++c) {
+        const double p0 = lane(from.x[c], l), v0 = lane(from.x[2 + c], l);
+        const double p1 = lane(tip.x[c], l), v1 = lane(tip.x[2 + c], l);
+        point[c] = hermite(p0, v0, p1, v1, span, s);
+#if FORWARD  // at a fixed time: the step that holds it moves with the strike's duration
+        const double dstart = i > 0 ? lane(now.d[0] - delapsed, l) : lane(now.d[0], l), dspan = lane(delapsed, l);
+        const double ds = i > 0 ? -(dstart + s * dspan) / span : 0, r = 1 - s;
+        const double q0 = lane(from.d[c], l), w0 = lane(from.d[2 + c], l);
+        point[2 + c] = hermite(q0, w0, lane(tip.d[c], l), lane(tip.d[2 + c], l), span, s) +
+                       ds * (6 * r * s * (p1 - p0) + span * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1)) +
+                       dspan * r * s * (r * v0 - s * v1);
+#endif
+      }
+    }
+  }
+
+  // Lanes whose next state is wild break off; what ended or broke off stands still.
+  void move_to(const Numbers<NX>& next) {
+    real speed2 = 0;
+    for (int j = NQ; j < NX; ++j) speed2 += next.x[j] * next.x[j];
+    const mask wild = alive && !(speed2 < FASTEST * FASTEST);  // also true of NaN
+    diverged = diverged || wild;
+    alive = alive && !wild;
+    for (int j = 0; j < NX; ++j) x.x[j] = select(alive, next.x[j], x.x[j]);
+    for (int j = 0; j < 4; ++j) before.x[j] = select(alive, tip.x[j], before.x[j]);
+#if FORWARD
+    for (int j = 0; j < NX; ++j) x.d[j] = select(alive, next.d[j], x.d[j]);
+    for (int j = 0; j < 4; ++j) before.d[j] = select(alive, tip.d[j], before.d[j]);
+#endif
+  }
+
+  void write_outcome() const {
+    for (int l = 0; l < LANES && l < count; ++l) {
+      double* out = io.out + (first + l) * OUT;
+      out[OUT_distance] = std::sqrt(lane(closest.squared, l));
+      out[OUT_time] = lane(closest.time, l);
+      for (int c = 0; c < 2; ++c) {
+        out[OUT_tip + c] = lane(closest.tip[c], l);
+        out[OUT_velocity + c] = lane(closest.tip[2 + c], l);
+      }
+      out[OUT_diverged] = lane(select(diverged, real(1), real(0)), l);
+      out[OUT_last_step] = static_cast<double>(done[l]);
+      out[OUT_slope] = lane(closest.slope, l);
+      for (int j = 0; j < N_DRIVE; ++j) {
+        out[OUT_max_joint_speed + j] = lane(fastest[j], l);
+        out[OUT_max_torque + j] = lane(strongest[j], l);
+      }
+    }
+  }
+
+  void run() {
+    Stage one, two;
+    Numbers<NQ> none;
+    clear(none);
+    for (int64_t i = 0; i <= longest; ++i) {  // one first stage more than steps: the final state has a tip, too
+      set_time(i);
+      set_inputs(i);
+      one.take<true>(x, now, dt, p, w, u, none);
+      one.tip(tip);
+      note(i, one);
+      alive = alive && !(real(static_cast<double>(i)) == steps);
+      if (!any_of(alive)) break;
+      Numbers<NX> ahead, next;
+      Numbers<1> later;
+      later.x[0] = now.x[0] + dt.x[0];
+#if FORWARD
+      later.d[0] = now.d[0] + dt.d[0];
+#endif
+      for (int j = 0; j < NQ; ++j)
+        call<predict>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
+      two.take<false>(ahead, later, dt, p, w, u_end, one.qdd);
+      for (int j = 0; j < NQ; ++j)
+        call<advance>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt}, {Out(next, j), Out(next, NQ + j)});
+      move_to(next);
+    }
+    write_outcome();
+  }
+};
+
 }  // namespace
 
-extern "C" int whiptool_lanes() { return LANES; }
+extern "C" __attribute__((visibility("default"))) int whiptool_lanes() { return LANES; }
 
-extern "C" void whiptool_roll(const Strikes* io, int64_t first, int64_t count) {
+extern "C" __attribute__((visibility("default"))) void whiptool_roll(const Strikes* io, int64_t first, int64_t count) {
   for (int64_t b = first; b < first + count; b += LANES) {
     const int64_t left = first + count - b;
-    roll(*io, b, left < LANES ? left : LANES);
+    Roll(*io, b, left < LANES ? left : LANES).run();
   }
 }

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 from functools import lru_cache
-from importlib.resources import files
 
 from whiptool.dynamics.closed_loop import Structure, closed_loop
-from whiptool.dynamics.stepping import FASTEST
+from whiptool.dynamics.swing import SwingStructure, swing
 from whiptool.errors import InputError
 from whiptool.rollout.batch import Engine
-from whiptool.rollout.compiler import has_simd, load_library
+from whiptool.rollout.compiler import has_simd
 from whiptool.rollout.interpreter import InterpretedEngine
-from whiptool.rollout.native import NativeEngine, generate_c
+from whiptool.rollout.native import NativeEngine
 
 RUNGS = ("simd", "scalar", "interpreter")
 VARIABLE = "WHIPTOOL_ENGINE"
@@ -31,28 +30,18 @@ def wanted_rung() -> str | None:
 
 
 @lru_cache(maxsize=64)
-def find_engine(structure: Structure, *, forward: bool, rung: str | None) -> Engine:
-    """The best engine for a structure, or the given rung.
+def find_engine(structure: Structure | SwingStructure, *, forward: bool, rung: str | None) -> Engine:
+    """Return the best engine for a structure, or the given rung.
 
     A compiler without SIMD support falls to scalar code, no working compiler to the interpreter, each with one line
     in the log.
     """
     wanted = RUNGS if rung is None else RUNGS[RUNGS.index(rung) :]
-    loop = closed_loop(structure)
+    system = closed_loop(structure) if isinstance(structure, Structure) else swing(structure)
     for name in wanted[:-1]:
         if name == "simd" and not has_simd():
             continue
-        defines = {
-            "NQ": structure.n,
-            "NA": structure.n_arm,
-            "NP": structure.n_parameters,
-            "HELD": int(structure.held),
-            "FASTEST": FASTEST,
-            "SIMD": int(name == "simd"),
-            "FORWARD": int(forward),
-        }
-        driver = files("whiptool.rollout").joinpath("driver.cpp").read_text()
-        library = load_library(generate_c(loop, forward=forward), driver, defines)
-        if library is not None:
-            return NativeEngine(library, structure, name)
-    return InterpretedEngine(structure, forward=forward)
+        engine = NativeEngine.compiled(system, forward=forward, simd=name == "simd")
+        if engine is not None:
+            return engine
+    return InterpretedEngine(system, forward=forward)

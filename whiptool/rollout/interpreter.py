@@ -2,98 +2,201 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
-from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
+from whiptool.dynamics.system import System
 from whiptool.rollout.batch import Batch, Rolled, empty_results
+
+_AT_ONCE = 64  # strikes whose steps are kept in memory
 
 
 class InterpretedEngine:
-    """An engine with the arguments and results of `driver.cpp`, one strike after the other."""
+    """An engine with the arguments and results of `driver.cpp`."""
 
     rung = "interpreter"
 
-    def __init__(self, structure: Structure, *, forward: bool) -> None:
-        self.structure, self.forward = structure, forward
-        loop = closed_loop(structure)
-        self._step = loop.step_forward if forward else loop.step
+    def __init__(self, system: System, *, forward: bool) -> None:
+        self.system, self.forward = system, forward
+        self._step = system.step_forward if forward else system.step
         self._control = None
-        if structure.held:
-            self._control = loop.control_forward if forward else loop.control
+        if system.held:
+            self._control = system.control_forward if forward else system.control
 
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
         """Roll the batch out; `threads` is for engines that have them."""
-        rolled = empty_results(batch, self.structure)
-        for b in range(len(batch.p)):
-            self._strike(batch, b, rolled)
+        assert batch.forward == self.forward
+        rolled = empty_results(batch, self.system)
+        order = np.argsort(-batch.steps, kind="stable")
+        for first in range(0, len(order), _AT_ONCE):
+            which = order[first : first + _AT_ONCE]
+            history = self._roll(batch, which, rolled)
+            for lane, b in enumerate(which):
+                self._conclude(batch, b, history, lane, rolled)
         return rolled
 
-    def _strike(self, batch: Batch, b: int, rolled: Rolled) -> None:
-        n, a = self.structure.n, self.structure.n_arm
-        steps, h, h_last = int(batch.steps[b]), batch.h[b], batch.h_last[b]
-        x, t, dt, held = batch.x0[b].copy(), np.zeros(1), np.zeros(1), np.zeros(a)
-        following, tip, tau = np.empty(2 * n), np.empty(4), np.empty(a)
-        p = np.ascontiguousarray(batch.p[b])
-        inputs, outputs = [x, t, dt, p, held], [following, tip, tau]
-        control_inputs, control_outputs = [x, t, p], [held]
-        dx, dnow, ddt, dheld = np.zeros(2 * n), np.zeros(1), np.zeros(1), np.zeros(a)
-        dfollowing, dtip, dh, dh_last = np.zeros(2 * n), np.zeros(4), 0.0, 0.0
-        if self.forward:
-            assert batch.dp is not None
-            assert batch.dx0 is not None
-            assert batch.dh is not None
-            assert batch.dh_last is not None
-            dp = np.ascontiguousarray(batch.dp[b])
-            dx[:], dh, dh_last = batch.dx0[b], batch.dh[b], batch.dh_last[b]
-            inputs += [dx, dnow, ddt, dp, dheld]
-            outputs += [dfollowing, dtip]
-            control_inputs += [dx, dnow, dp]
-            control_outputs += [dheld]
-        step = _bind(self._step, inputs, outputs)
-        control = None if self._control is None else _bind(self._control, control_inputs, control_outputs)
-        rows, path, dpath = np.empty((steps + 1, 1 + 2 * n + a)), np.empty((steps + 1, 4)), np.empty((steps + 1, 4))
-        dtime = np.empty(steps + 1)
-        diverged, i = False, 0
-        for i in range(steps + 1):
-            end = i == steps and i > 0
-            t[0] = (i - 1) * h + h_last if end else i * h
-            dnow[0] = (i - 1) * dh + dh_last if end else i * dh
-            dt[0], ddt[0] = (h_last, dh_last) if i + 1 == steps else (h, dh)
-            if control is not None and i % batch.hold == 0:
+    def _roll(self, batch: Batch, which: np.ndarray, rolled: Rolled) -> _History:
+        """Step strikes together, and note what is observed of them."""
+        L, n, steps = len(which), self.system.n, batch.steps[which]
+        at = _Instant(self.system, batch, which, forward=self.forward)
+        step = _bind(self._step.map(L), at.step_inputs, at.step_outputs)
+        control = None
+        if self._control is not None:
+            control = _bind(self._control.map(L), at.control_inputs, at.control_outputs)
+        history = _History.of(int(steps.max()) + 1, L, self.system)
+        alive = np.ones(L, bool)
+        for i in range(int(steps.max()) + 1):
+            at.set_time(i, steps)
+            if control is None:
+                at.set_inputs(i, steps)
+            elif i % batch.hold == 0:
                 control()
+                at.hold()
             step()
-            rows[i, 0], rows[i, 1 : 1 + 2 * n], rows[i, 1 + 2 * n :] = t[0], x, tau
-            path[i], dpath[i], dtime[i] = tip, dtip, dnow[0]
-            if i == steps:
+            history.note(i, at, alive)
+            if rolled.y is not None and i % batch.stride == 0:
+                _observe(i, at, which, alive, batch, rolled)
+            alive &= steps != i
+            if not alive.any():
                 break
-            if not following[n:] @ following[n:] < FASTEST**2:
-                diverged = True
-                break
-            x[:], dx[:] = following, dfollowing
-        i += 1
-        rows, path, dpath, dtime = rows[:i], path[:i], dpath[:i], dtime[:i]
-        nearest = _closest(rows[:, 0], path, dpath, batch.target[b])
-        rolled.out[b] = [
-            *nearest[:6],
-            diverged,
-            i - 1,
-            nearest[6],
-            *np.abs(rows[:, 1 + n : 1 + n + a]).max(axis=0),
-            *np.abs(rows[:, 1 + 2 * n :]).max(axis=0),
-        ]
+            with np.errstate(over="ignore", invalid="ignore"):
+                wild = alive & ~((at.following.x[:, n:] ** 2).sum(axis=1) < FASTEST**2)  # also true of NaN
+            history.diverged |= wild
+            alive &= ~wild
+            for now, following in zip(at.state.both, at.following.both, strict=True):
+                now[alive] = following[alive]
+        return history
+
+    def _conclude(self, batch: Batch, b: int, history: _History, lane: int, rolled: Rolled) -> None:
+        """Write what came of one strike."""
+        n, a = self.system.n, self.system.n_drive
+        outcome, row = outcome_columns(a), row_columns(n, a)
+        last = int(history.last[lane])
+        rows, path, dpath = (x[: last + 1, lane] for x in (history.rows, history.path, history.dpath))
+        out, t = rolled.out[b], rows[:, 0]
+        distance, out[outcome["time"]], tip, out[outcome["slope"]] = _closest(t, path, dpath, batch.target[b])
+        out[outcome["distance"]] = distance
+        out[outcome["tip"]], out[outcome["velocity"]] = tip[:2], tip[2:]
+        out[outcome["diverged"]], out[outcome["last_step"]] = history.diverged[lane], last
+        speeds = rows[:, row["x"]][:, n : n + a]
+        out[outcome["max_joint_speed"]] = np.abs(speeds).max(axis=0)
+        out[outcome["max_torque"]] = np.abs(rows[:, row["tau"]]).max(axis=0)
         if rolled.rows is not None:
             assert rolled.first_row is not None
             first = int(rolled.first_row[b])
-            rolled.rows[first : first + i] = rows
+            rolled.rows[first : first + len(rows)] = rows
         if rolled.path is not None:
             samples = np.arange(batch.samples) / batch.rate
-            within = samples <= rows[-1, 0] + 1e-9 / batch.rate
-            values = hermite(samples[within], rows[:, 0], path, dpath if self.forward else None, dtime)
-            rolled.path[b, within] = values
+            within = samples <= t[-1] + 1e-9 / batch.rate
+            moved = (dpath, history.dtime[: last + 1, lane]) if self.forward else None
+            rolled.path[b, within] = tip_at(samples[within], t, path, moved)
+
+
+class _Value:
+    """Numbers of L lanes, (L, size), and in forward mode how they change."""
+
+    def __init__(self, L: int, size: int, *, forward: bool) -> None:
+        self.x = np.zeros((L, size))
+        self.d = np.zeros((L, size))
+        self.both = [self.x, self.d] if forward else [self.x]
+
+
+class _Instant:
+    """What the step reads and writes of L lanes."""
+
+    def __init__(self, system: System, batch: Batch, which: np.ndarray, *, forward: bool) -> None:
+        L, n, a = len(which), system.n, system.n_drive
+
+        def value(size: int) -> _Value:
+            return _Value(L, size, forward=forward)
+
+        def along(values: Sequence[_Value]) -> list[np.ndarray]:
+            """The numbers, then in forward mode their changes."""
+            return [x.x for x in values] + ([x.d for x in values] if forward else [])
+
+        self._batch, self._which, self._forward = batch, which, forward
+        self.state, self.following, self.p = value(2 * n), value(2 * n), value(system.n_parameters)
+        self.t, self.h, self.u, self.u_end = value(1), value(1), value(system.n_inputs), value(system.n_inputs)
+        self.tip, self.tau, self.seen = value(4), value(a), value(3 * n)
+        self.state.x[:], self.p.x[:] = batch.x0[which], batch.p[which]
+        if forward:
+            assert batch.dx0 is not None
+            assert batch.dp is not None
+            self.state.d[:], self.p.d[:] = batch.dx0[which], batch.dp[which]
+        self.step_inputs = along([self.state, self.t, self.h, self.p, self.u, self.u_end])
+        self.step_outputs = along([self.following, self.tip, self.tau, self.seen])
+        self.control_inputs, self.control_outputs = along([self.state, self.t, self.p]), along([self.u])
+
+    def set_time(self, i: int, steps: np.ndarray) -> None:
+        """Set time and step; the last step of a strike may be shorter."""
+        batch, which = self._batch, self._which
+        pairs = [(batch.h, batch.h_last)]
+        if self._forward:
+            assert batch.dh is not None
+            assert batch.dh_last is not None
+            pairs.append((batch.dh, batch.dh_last))
+        end, last = (steps == i) & (i > 0), steps == i + 1
+        for t, h, (usual, shorter) in zip(self.t.both, self.h.both, pairs, strict=True):
+            usual, shorter = usual[which], shorter[which]
+            t[:, 0] = np.where(end, (i - 1) * usual + shorter, i * usual)
+            h[:, 0] = np.where(last, shorter, usual)
+
+    def set_inputs(self, i: int, steps: np.ndarray) -> None:
+        """Set the inputs at the step's start and end; a strike that ended waits for the others."""
+        batch, which = self._batch, self._which
+        given = [(batch.u, batch.u_row), (batch.du, batch.du_row)]
+        for k, values in ((i, self.u), (i + 1, self.u_end)):
+            for x, (table, rows) in zip(values.both, given, strict=False):
+                if table is None or rows is None:
+                    continue
+                moves = rows[which] >= 0
+                x[moves] = table[rows[which][moves] + np.minimum(k, steps[moves] + 1)]
+
+    def hold(self) -> None:
+        """Keep the held torque to the step's end."""
+        for start, end in zip(self.u.both, self.u_end.both, strict=True):
+            end[:] = start
+
+
+@dataclass
+class _History:
+    """Every step of L strikes: rows (T, L, columns), tip and its change (T, L, 4), change of the time (T, L)."""
+
+    rows: np.ndarray
+    path: np.ndarray
+    dpath: np.ndarray
+    dtime: np.ndarray
+    last: np.ndarray
+    diverged: np.ndarray
+
+    @classmethod
+    def of(cls, T: int, L: int, system: System) -> _History:
+        rows = np.empty((T, L, row_columns(system.n, system.n_drive).width))
+        return cls(
+            rows, np.empty((T, L, 4)), np.zeros((T, L, 4)), np.zeros((T, L)), np.zeros(L, int), np.zeros(L, bool)
+        )
+
+    def note(self, i: int, at: _Instant, alive: np.ndarray) -> None:
+        """Note instant i of the strikes that still move."""
+        self.rows[i] = np.hstack([at.t.x, at.state.x, at.tau.x])
+        self.path[i], self.dpath[i], self.dtime[i] = at.tip.x, at.tip.d, at.t.d[:, 0]
+        self.last[alive] = i
+
+
+def _observe(i: int, at: _Instant, which: np.ndarray, alive: np.ndarray, batch: Batch, rolled: Rolled) -> None:
+    """Write what is observed of the strikes that still move."""
+    assert rolled.y is not None
+    assert rolled.y_row is not None
+    rows = rolled.y_row[which[alive]] + i // batch.stride
+    rolled.y[rows] = at.seen.x[alive][:, batch.columns]
+    if rolled.dy is not None:
+        rolled.dy[rows] = at.seen.d[alive][:, batch.columns]
 
 
 def _bind(function: ca.Function, inputs: list[np.ndarray], outputs: list[np.ndarray]) -> Callable[[], None]:
@@ -103,15 +206,18 @@ def _bind(function: ca.Function, inputs: list[np.ndarray], outputs: list[np.ndar
         if function.numel_in(i):
             buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
     for i, array in enumerate(outputs):
-        buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
+        if function.numel_out(i):
+            buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
     evaluate.buffer_ = buffer  # keeps it alive
     return evaluate
 
 
-def _closest(t: np.ndarray, path: np.ndarray, dpath: np.ndarray, target: np.ndarray) -> tuple:
-    """Distance, time, velocity, tip, and slope of the distance at the closest approach on the tip's segments."""
+def _closest(
+    t: np.ndarray, path: np.ndarray, dpath: np.ndarray, target: np.ndarray
+) -> tuple[float, float, np.ndarray, float]:
+    """Distance, time, tip (place and velocity) and slope of the distance at the closest approach on the segments."""
     if len(t) < 2:
-        return np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return np.inf, 0.0, np.zeros(4), 0.0
     start, step = path[:-1, :2], np.diff(path[:, :2], axis=0)
     squared = (step**2).sum(axis=1)
     s = np.clip(((target - start) * step).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
@@ -120,32 +226,36 @@ def _closest(t: np.ndarray, path: np.ndarray, dpath: np.ndarray, target: np.ndar
     tip = path[i] + s[i] * (path[i + 1] - path[i])
     moved = dpath[i, :2] + s[i] * (dpath[i + 1, :2] - dpath[i, :2])
     d = float(np.hypot(*offset[i]))
-    slope = float(offset[i] @ moved) / d if d > 0 else 0.0
-    return d, t[i] + s[i] * (t[i + 1] - t[i]), tip[2], tip[3], tip[0], tip[1], slope
+    return d, t[i] + s[i] * (t[i + 1] - t[i]), tip, float(offset[i] @ moved) / d if d > 0 else 0.0
 
 
-def hermite(at: np.ndarray, t: np.ndarray, path: np.ndarray, dpath: np.ndarray | None, dt: np.ndarray) -> np.ndarray:
-    """The tip at times `at`, by cubics through positions and velocities (T, 4) at times t; derivatives behind it.
+def tip_at(
+    at: np.ndarray, t: np.ndarray, path: np.ndarray, moved: tuple[np.ndarray, np.ndarray] | None = None
+) -> np.ndarray:
+    """Return the tip at times `at`, by cubics through positions and velocities.
 
-    With `dpath`, how path and grid times move (by dt) along a direction: the tip's change at fixed times.
+    Args:
+        at: (S,) [s]
+        t, path: Times (T,) [s]; positions and velocities, (T, 4).
+        moved: How path (T, 4) and times (T,) move along a direction: the tip's change at fixed times comes behind it.
+
+    Returns:
+        (S, 2), or with `moved` (S, 4).
     """
     if len(t) == 1:
-        both = path[:1, :2] if dpath is None else np.hstack([path[:1, :2], dpath[:1, :2]])
+        both = path[:1, :2] if moved is None else np.hstack([path[:1, :2], moved[0][:1, :2]])
         return np.repeat(both, len(at), axis=0)
+    at = np.minimum(at, t[-1])
+    cubic = CubicHermiteSpline(t, path[:, :2], path[:, 2:])
+    if moved is None:
+        return cubic(at)
+    dpath, dt = moved
     i = np.clip(np.searchsorted(t, at - 1e-12, side="left") - 1, 0, len(t) - 2)
-    h = (t[i + 1] - t[i])[:, None]
-    s = (at - t[i])[:, None] / h
+    h = t[i + 1] - t[i]
+    s = (at - t[i]) / h
+    dstart, dspan = dt[i], dt[i + 1] - dt[i]
+    later = -(dstart + s * dspan)  # the step that holds a fixed time moves: its share of the step changes, and its span
     r = 1 - s
-
-    def cubic(z: np.ndarray) -> np.ndarray:
-        p0, v0, p1, v1 = z[i, :2], z[i, 2:], z[i + 1, :2], z[i + 1, 2:]
-        return r**2 * ((1 + 2 * s) * p0 + s * h * v0) + s**2 * ((1 + 2 * r) * p1 - r * h * v1)
-
-    if dpath is None:
-        return cubic(path)
-    p0, v0, p1, v1 = path[i, :2], path[i, 2:], path[i + 1, :2], path[i + 1, 2:]
-    dstart, dspan = dt[i][:, None], (dt[i + 1] - dt[i])[:, None]
-    ds = -(dstart + s * dspan) / h
-    moved = ds * (6 * r * s * (p1 - p0) + h * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1))
-    moved += dspan * r * s * (r * v0 - s * v1)
-    return np.hstack([cubic(path), cubic(dpath) + moved])
+    by_span = (r * s)[:, None] * (r[:, None] * path[i, 2:] - s[:, None] * path[i + 1, 2:])
+    change = CubicHermiteSpline(t, dpath[:, :2], dpath[:, 2:])(at)
+    return np.hstack([cubic(at), change + later[:, None] * cubic(at, 1) + dspan[:, None] * by_span])

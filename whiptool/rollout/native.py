@@ -4,60 +4,101 @@ from __future__ import annotations
 
 import ctypes
 import re
+from importlib.resources import files
 
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.closed_loop import ClosedLoop, Structure
+from whiptool.dynamics.articulated import Acceleration, Carried, Frame, Joint
+from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
+from whiptool.dynamics.stepping import FASTEST
+from whiptool.dynamics.system import System, along
 from whiptool.rollout.batch import Batch, Rolled, empty_results
+from whiptool.rollout.compiler import load_library
 from whiptool.rollout.threads import cores, run_in_parts
 
 
-def generate_c(loop: ClosedLoop, *, forward: bool) -> str:
-    """C code of the loop's step, and of its controller where the torque is held."""
+def generate_c(system: System, *, forward: bool) -> str:
+    """Return what the driver includes: sizes and columns, and the system's functions in C."""
     generator = ca.CodeGenerator("whiptool_generated.c", {"with_header": False})
-    generator.add(loop.step_forward if forward else loop.step)
-    if loop.structure.held:
-        generator.add(loop.control_forward if forward else loop.control)
+    for function in system.functions.values():
+        generator.add(along(function) if forward else function)
     # comparisons give numbers in C and masks in SIMD: let the driver say what they are
-    return re.sub(r"=\((\w+)<=(\w+)\);", r"=whiptool_le(\1,\2);", generator.dump())
+    code = re.sub(r"=\((\w+)<=(\w+)\);", r"=whiptool_le(\1,\2);", generator.dump())
+    code = re.sub(r"static int (casadi_f\d+)", r"static inline __attribute__((always_inline)) int \1", code)
+    return _constants(system) + code
+
+
+def _constants(system: System) -> str:
+    """Sizes and columns as C++ constants."""
+    a, n = system.n_drive, system.n
+    numbers = {"N_DRIVE": a, "N_LINKS": system.n_links, "NP": system.n_parameters, "N_INPUTS": system.n_inputs}
+    numbers["LINK"] = len(system.link_columns)
+    numbers |= {kind.__name__.upper(): len(kind._fields) for kind in (Carried, Joint, Acceleration)}
+    numbers["MOVING"] = system.functions["outward"].numel_out(1)
+    numbers |= Columns(dict.fromkeys(Frame._fields, 1)).constants("FRAME")
+    numbers |= outcome_columns(a).constants("OUT") | row_columns(n, a).constants("ROW")
+    lines = [f"constexpr int {name} = {value};" for name, value in numbers.items()]
+    firsts, strides = zip(*system.link_columns.values(), strict=True)
+    for name, values in (("LINK_FIRST", firsts), ("LINK_STRIDE", strides)):
+        lines.append(f"constexpr int {name}[] = {{{', '.join(map(str, values))}}};")
+    return "\n".join(lines) + "\n"
 
 
 class _Strikes(ctypes.Structure):  # driver.cpp: struct Strikes
     _fields_ = [
         *((name, ctypes.c_void_p) for name in ("p", "x0", "target", "h", "h_last", "steps")),
         ("hold", ctypes.c_int64),
-        *((name, ctypes.c_void_p) for name in ("dp", "dx0", "dh", "dh_last", "out", "rows", "first_row", "path")),
+        *((name, ctypes.c_void_p) for name in ("dp", "dx0", "dh", "dh_last", "u", "du", "u_row", "du_row")),
+        *((name, ctypes.c_void_p) for name in ("out", "rows", "first_row", "path")),
         ("samples", ctypes.c_int64),
         ("rate", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("y", "dy", "columns")),
+        ("n_columns", ctypes.c_int64),
+        ("stride", ctypes.c_int64),
+        ("y_row", ctypes.c_void_p),
     ]
 
 
 class NativeEngine:
-    """The driver, compiled for one structure; `lanes` strikes run at once on each core."""
+    """The driver, compiled for one system; `lanes` strikes run at once on each core."""
 
-    def __init__(self, library: ctypes.CDLL, structure: Structure, rung: str) -> None:
-        self.structure, self.rung = structure, rung
+    def __init__(self, library: ctypes.CDLL, system: System, rung: str) -> None:
+        self.system, self.rung = system, rung
         self.lanes = int(library.whiptool_lanes())
         self._roll = library.whiptool_roll
         self._roll.restype = None
         self._roll.argtypes = [ctypes.POINTER(_Strikes), ctypes.c_int64, ctypes.c_int64]
 
+    @classmethod
+    def compiled(cls, system: System, *, forward: bool, simd: bool) -> NativeEngine | None:
+        """Return the system's engine, from the cache or freshly compiled; None where no compiler works."""
+        defines = {"HELD": int(system.held), "FASTEST": FASTEST, "SIMD": int(simd), "FORWARD": int(forward)}
+        driver = files("whiptool.rollout").joinpath("driver.cpp").read_text()
+        library = load_library(generate_c(system, forward=forward), driver, defines)
+        return None if library is None else cls(library, system, "simd" if simd else "scalar")
+
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
         """Roll the batch out, on all cores unless told otherwise."""
         order = np.argsort(-batch.steps, kind="stable")  # lanes that end together; the longest first
-        sorted_batch = batch.take(order)
-        rolled = empty_results(sorted_batch, self.structure)
-        buffers = {name: getattr(sorted_batch, name) for name in Batch.PER_STRIKE}
-        buffers |= {"out": rolled.out, "rows": rolled.rows, "first_row": rolled.first_row, "path": rolled.path}
+        ordered = batch.take(order)
+        rolled = empty_results(batch, self.system)
+        out, path = np.empty_like(rolled.out), None if rolled.path is None else np.empty_like(rolled.path)
+        if path is not None:
+            path.fill(np.nan)
+        buffers = {name: getattr(ordered, name) for name in (*Batch.PER_STRIKE, "u", "du", "columns")}
+        buffers |= {"out": out, "rows": rolled.rows, "path": path, "y": rolled.y, "dy": rolled.dy}
+        for name in ("first_row", "y_row"):  # results of lanes that stand elsewhere now
+            rows = getattr(rolled, name)
+            buffers[name] = None if rows is None else np.ascontiguousarray(rows[order])
         addresses = {name: _address(array) for name, array in buffers.items()}
-        strikes = _Strikes(**addresses, hold=batch.hold, samples=batch.samples, rate=batch.rate)
+        numbers = {name: getattr(batch, name) for name in ("hold", "samples", "rate", "stride")}
+        strikes = _Strikes(**addresses, **numbers, n_columns=0 if batch.columns is None else len(batch.columns))
         run_in_parts(self._roll, strikes, buffers, count=len(order), lanes=self.lanes, threads=threads or cores())
-        back = np.empty_like(order)
-        back[order] = np.arange(len(order))
-        first_row = None if rolled.first_row is None else rolled.first_row[back]
-        path = None if rolled.path is None else rolled.path[back]
-        return Rolled(rolled.out[back], path, rolled.rows, first_row)
+        rolled.out[order] = out
+        if rolled.path is not None:
+            rolled.path[order] = path
+        return rolled
 
 
 def _address(array: np.ndarray | None) -> int | None:

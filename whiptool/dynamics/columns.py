@@ -1,0 +1,43 @@
+"""Which columns of an array hold what: one object for Python and for the compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+
+class Columns(dict[str, slice]):
+    """Where blocks of named quantities stand, as slices by name.
+
+    Args:
+        sizes: Number of columns of each block, in order.
+    """
+
+    def __init__(self, sizes: Mapping[str, int]) -> None:
+        ends = np.cumsum(list(sizes.values()))
+        super().__init__({name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends)})
+
+    @property
+    def width(self) -> int:
+        """Number of all columns."""
+        return max((block.stop for block in self.values()), default=0)
+
+    def constants(self, name: str) -> dict[str, int]:
+        """Return the width as `NAME`, and each block's first column as `NAME_block`, for compiled code."""
+        return {name: self.width} | {f"{name}_{block}": columns.start for block, columns in self.items()}
+
+
+def outcome_columns(a: int) -> Columns:
+    """Return the columns of what an engine says of each strike, for a drive of `a` joints.
+
+    The miss distance, its time, the tip's velocity and place there, whether the lane broke off, its last step, the
+    derivative of the miss distance, and each drive joint's largest speed and torque.
+    """
+    sizes = {"distance": 1, "time": 1, "velocity": 2, "tip": 2, "diverged": 1, "last_step": 1, "slope": 1}
+    return Columns(sizes | {"max_joint_speed": a, "max_torque": a})
+
+
+def row_columns(n: int, a: int) -> Columns:
+    """Return the columns of a trajectory's row: time, state of n joints, torques of a drive of `a` joints."""
+    return Columns({"t": 1, "x": 2 * n, "tau": a})

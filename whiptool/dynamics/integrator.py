@@ -1,0 +1,36 @@
+"""The integrator: a two-stage Rosenbrock-W method of second order (ROS2), joint by joint.
+
+Verwer, Spee, Blom, Hundsdorfer (1999), SIAM J. Sci. Comput. 20(4), 1456-1480:
+`(1 - gamma h A) k1 = f(y)`, `(1 - gamma h A) k2 = f(y + h k1) - 2 k1`, `y+ = y + 3/2 h k1 + 1/2 h k2`, of order 2 for
+any A. Here A knows only `-M^-1 G`, G the joints' damping and the controller's velocity gain, so that a stage is one
+articulated-body pass with `gamma h G` added to the mass matrix. With `w = k2 + 2 k1` the second stage reads
+`(M + gamma h G) w = F + 2 gamma h G k1`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+
+from whiptool.dynamics.chain import Chain
+
+GAMMA = 1 - 1 / math.sqrt(2)  # L-stable
+
+
+def damping_gain(chain: Chain, v: ca.SX) -> ca.SX:
+    """Return the slope of the joints' damping and smoothed friction by their speed [N m s/rad], (n, 1)."""
+    smooth = ca.SX(chain.friction_velocity) ** 2
+    square = v**2 + smooth
+    # not square**1.5: a power is taken lane by lane, and would cost more than all else in a step
+    return ca.SX(chain.damping) + ca.SX(chain.dry_friction) * smooth / (square * ca.sqrt(square))
+
+
+def predicted(q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return positions and velocities at which the second stage is taken."""
+    return q + h * v, v + h * k1
+
+
+def advanced(q: ca.SX, v: ca.SX, k1: ca.SX, w: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return positions and velocities a step later, from both stages' accelerations."""
+    return q + h * v + 0.5 * h**2 * k1, v + 0.5 * h * (k1 + w)

@@ -1,0 +1,122 @@
+"""A chain on a base whose motion is given, or on a fixed one: a system without a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from whiptool.dynamics.articulated import Acceleration, Carried
+from whiptool.dynamics.chain import Base, Chain
+from whiptool.dynamics.system import Hand, Reaction, System
+
+BASE = 7  # numbers that describe the base at one instant, in the order of `Base`
+_OPTIONAL = ("stiffness", "rest_angle", "dry_friction", "drag", "cubic_stiffness", "drag_ratio")
+
+
+@dataclass(frozen=True)
+class SwingStructure:
+    """What decides which terms of a swinging chain are generated.
+
+    Args:
+        n: Links.
+        moving: The base moves; its motion is the input.
+        point_masses: Every link is a point mass at its far end: com is the length, and there is no inertia.
+        optional: Which of `_OPTIONAL` there are.
+    """
+
+    n: int
+    moving: bool
+    point_masses: bool
+    optional: tuple[str, ...] = ()
+
+    @property
+    def layout(self) -> dict[str, int]:
+        """Name and size of every block of the parameter vector, in order."""
+        blocks = ["length", "mass", *(() if self.point_masses else ("com", "inertia")), "damping", *self.optional]
+        sizes = dict.fromkeys(blocks, self.n)
+        if "dry_friction" in self.optional:
+            sizes["friction_velocity"] = 1
+        if "drag_ratio" in self.optional:
+            sizes["drag_ratio"] = 1
+        return sizes | {"gravity": 1}
+
+    @property
+    def n_parameters(self) -> int:
+        """Length of the parameter vector."""
+        return sum(self.layout.values())
+
+    @classmethod
+    def of(cls, *, n: int, moving: bool, point_masses: bool, used: Sequence[str]) -> SwingStructure:
+        """With the terms of these quantities."""
+        return cls(n, moving, point_masses, tuple(name for name in _OPTIONAL if name in used))
+
+    def pack(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """The parameter vector (n_parameters,) of quantities by name, each (n,) or one number."""
+        return np.concatenate(
+            [np.ravel(np.broadcast_to(np.asarray(values[name], float), size)) for name, size in self.layout.items()]
+        )
+
+
+class Swing(System):
+    """A chain that hangs from a base whose motion is given, or from a fixed one.
+
+    The input is the base at an instant, `(angle, omega, alpha, vx, vy, ax, ay)`; empty if the base is fixed.
+    """
+
+    held = False
+    n_drive = 0
+
+    def __init__(self, structure: SwingStructure) -> None:
+        self.structure = structure
+        self.n_links = structure.n
+        self.n_inputs = BASE if structure.moving else 0
+        P = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
+        self.p = ca.vertcat(*P.values())
+        self.gravity = P["gravity"]
+        zeros = ca.SX.zeros(self.n)
+        self.chain = Chain(
+            length=P["length"],
+            mass=P["mass"],
+            com=P["length"] if structure.point_masses else P["com"],
+            inertia=zeros if structure.point_masses else P["inertia"],
+            stiffness=P.get("stiffness", zeros),
+            damping=P["damping"],
+            rest_angle=P.get("rest_angle", zeros),
+            dry_friction=P.get("dry_friction", zeros),
+            drag=P.get("drag", zeros),
+            cubic_stiffness=P.get("cubic_stiffness", zeros),
+            drag_ratio=P.get("drag_ratio", 1.0),
+            friction_velocity=P.get("friction_velocity", 1.0),
+            gravity=P["gravity"],
+        )
+        firsts = np.cumsum([0, *structure.layout.values()])
+        self.link_columns = {
+            name: (int(first), int(size > 1))
+            for (name, size), first in zip(structure.layout.items(), firsts, strict=False)
+            if name != "gravity"
+        }
+
+    def _base(self, u: ca.SX) -> Base:
+        return Base(*ca.vertsplit(u)) if self.n_inputs else Base()
+
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
+        """Return the base's frame; places are counted from the base."""
+        return Hand(self._base(u).frame, ca.SX(0, 2), ca.SX(0, 1))
+
+    def react(
+        self, t: ca.SX, h: ca.SX, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX | None, carried: Carried
+    ) -> Reaction:
+        """Return the base's acceleration, whatever it carries; gravity is part of it."""
+        base = self._base(u)
+        acceleration = Acceleration(ca.SX(base.ax), self.gravity + base.ay, ca.SX(base.alpha))
+        return Reaction(ca.SX(0, 1), acceleration, ca.SX(0, 1))
+
+
+@lru_cache(maxsize=32)
+def swing(structure: SwingStructure) -> Swing:
+    """The system of a structure, derived once per process."""
+    return Swing(structure)
