@@ -108,6 +108,24 @@ def test_the_closest_approach_is_between_points():
     np.testing.assert_allclose(share, [(1 * 2 + 1 * 0.5) / (4 + 0.25), 0.0])
 
 
+def test_the_closest_approach_is_that_of_the_most_credible_path():
+    """Frames until 0.6 s show the tip at 2 cm of height. One path in three, the second, stays at none, and only the
+    second discrepancy in three explains that: it is moved to the frames, and not long after them. The other paths are
+    where the frames are, and elsewhere later; two discrepancies explain them alike, so neither is as credible."""
+    x, later = 4 * (T - 0.5), T > 0.62
+    heights = np.where(later, 0.2, 0.02), np.zeros_like(T), np.where(later, -0.2, 0.02)
+    paths = np.stack([np.stack([x, height], axis=1) for height in heights])
+    t = FRAMES[FRAMES <= 0.6]
+    frames = Frames(t, np.stack([4 * (t - 0.5), np.full_like(t, 0.02)], axis=1), np.full(len(t), 1e-3))
+    for time, height in ((0.5, 0.02), (0.95, 0.0)):
+        target = Target((4 * (time - 0.5), height + 0.03))
+        judged = weigh(T, paths, frames, target, np.array([1e-6, 0.02, 1e-5]), np.array([0.05]))
+        assert judged.nearest is not None
+        assert judged.nearest.time == pytest.approx(time, abs=1e-3)
+        np.testing.assert_allclose(judged.nearest.place, [target.position[0], height], atol=2e-3)
+        np.testing.assert_allclose(judged.nearest.velocity, [4, 0], atol=0.1)
+
+
 def test_a_closest_approach_that_no_frame_shows_is_on_the_path_between_frames():
     """The tip turns on a circle about the target's side, 3 rad/s at 1 m, and no frame shows it within 0.1 s of that."""
     t = np.arange(0, 1.0, 0.005)

@@ -129,7 +129,8 @@ def weigh(
     """
     at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(2)] for path in paths])  # (S, 2, F)
     residuals = (frames.points.T - at_frames).transpose(2, 0, 1).reshape(len(frames.t), -1)  # (F, 2 S)
-    evidence, distances, errors, nearest = [], [], [], []
+    samples = np.arange(len(paths))
+    evidence, distances, errors, segments = [], [], [], []
     for size in sizes:
         for pace in paces:
             across = size**2 * _matern(t[:, None] - frames.t, pace)  # (T, F)
@@ -144,20 +145,21 @@ def weigh(
             distance, when, share = _closest(moved, np.array(target.position))
             distances.append(distance)
             errors.append(error[when])
-            nearest.append([_nearest(t, path, i, x) for path, i, x in zip(moved, when, share, strict=True)])
+            segments.append((when, share, moved[samples, when], moved[samples, when + 1]))
     weight = np.exp(np.array(evidence) - logsumexp(np.array(evidence), axis=0)) / len(paths)  # (cells, S), sum 1
     miss, error = np.array(distances), np.array(errors)
     mean = float((weight * miss).sum())
     spread = math.sqrt(float((weight * (error**2 + (miss - mean) ** 2)).sum()))
     hit = float((weight * probability_within(target.hit_radius, miss, error)).sum())
     cell, sample = np.unravel_index(weight.argmax(), weight.shape)
-    return Judgement(mean, spread, min(hit, 1.0), nearest[cell][sample])
+    when, share, start, end = (x[sample] for x in segments[cell])
+    return Judgement(mean, spread, min(hit, 1.0), _nearest(t, when, share, start, end))
 
 
-def _nearest(t: np.ndarray, path: np.ndarray, i: int, share: float) -> Nearest:
-    """The point of a path (T, 2) at a share of the way from its i-th point to the next."""
-    step, dt = path[i + 1] - path[i], t[i + 1] - t[i]
-    place, velocity = path[i] + share * step, step / dt
+def _nearest(t: np.ndarray, i: int, share: float, start: np.ndarray, end: np.ndarray) -> Nearest:
+    """The point at a share of the way from a path's i-th point (2,) to the next (2,)."""
+    step, dt = end - start, t[i + 1] - t[i]
+    place, velocity = start + share * step, step / dt
     return Nearest(
         float(t[i] + share * dt), (float(place[0]), float(place[1])), (float(velocity[0]), float(velocity[1]))
     )
@@ -176,7 +178,5 @@ def _closest(paths: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     along = -(start * step).sum(axis=2) / np.maximum((step**2).sum(axis=2), 1e-18)
     share = np.clip(along, 0, 1)
     distance = np.linalg.norm(start + share[..., None] * step, axis=2)
-    when = distance.argmin(axis=1)[:, None]
-    found = (np.take_along_axis(x, when, axis=1)[:, 0] for x in (distance, share))
-    distance, share = found
-    return distance, when[:, 0], share
+    samples, when = np.arange(len(paths)), distance.argmin(axis=1)
+    return distance[samples, when], when, share[samples, when]
