@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import whiptool as wt
+from whiptool import identification
 from whiptool.adaptation import Belief
 from whiptool.errors import InputError
 from whiptool.impedance.files import controller_to_table
@@ -29,6 +31,28 @@ def test_every_public_name_is_there(name):
     first = getattr(wt, name)
     assert getattr(wt, name) is first
     assert not isinstance(first, type(wt))
+
+
+@pytest.mark.parametrize("package", ["adaptation", "dynamics", "identification", "models", "recording", "rollout"])
+def test_names_of_packages_are_there_and_listed(package):
+    module = import_module(f"whiptool.{package}")
+    for name in module.__all__:
+        assert getattr(module, name) is getattr(module, name)
+    assert dir(module) == sorted(module.__all__)
+
+
+def test_a_name_that_a_package_has_not_is_an_attribute_error():
+    assert dir(wt) == sorted(wt.__all__)
+    for module in (wt, identification):
+        with pytest.raises(AttributeError, match=f"module '{module.__name__}' has no attribute 'colour'"):
+            module.colour  # noqa: B018
+
+
+def test_a_function_is_not_replaced_by_the_module_of_its_name():
+    """Nor the module by the function, where that is asked for."""
+    module = import_module("whiptool.identification.fit")
+    assert wt.fit is module.fit
+    assert identification.fit is module
 
 
 def test_there_are_about_forty_and_they_cost_nothing():

@@ -2,54 +2,54 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
-from whiptool.version import __version__
+from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
-    "ArmLink": "whiptool.models",
-    "ArmParameters": "whiptool.models",
-    "Model": "whiptool.models",
-    "MotorLimits": "whiptool.models",
-    "PRESETS": "whiptool.models",
-    "Strike": "whiptool.models",
-    "StrikeBounds": "whiptool.models",
-    "WhipParameters": "whiptool.models",
-    "WhipProfile": "whiptool.models",
-    "default_bounds": "whiptool.models",
-    "find_model": "whiptool.models",
-    "limits_preset": "whiptool.models",
-    "preset": "whiptool.models",
-    "read_model": "whiptool.models",
-    "write_model": "whiptool.models",
-    "ConstantImpedance": "whiptool.impedance",
-    "Controller": "whiptool.impedance",
-    "OIAC": "whiptool.impedance",
-    "impedance_cost": "whiptool.impedance",
-    "oiac_preset": "whiptool.impedance",
-    "CompiledRollout": "whiptool.rollout",
-    "ReferenceRollout": "whiptool.rollout",
-    "Trajectory": "whiptool.rollout",
-    "Objective": "whiptool.objective",
-    "Outcome": "whiptool.objective",
-    "Target": "whiptool.objective",
-    "Disc": "whiptool.zone",
-    "METHODS": "whiptool.optimizers",
-    "search": "whiptool.optimizers",
-    "plot_distance": "whiptool.viz.plots",
-    "plot_strike": "whiptool.viz.plots",
-    "StrikeRecording": "whiptool.recording",
-    "read_recording": "whiptool.recording",
-    "Fit": "whiptool.identification",
-    "Plant": "whiptool.identification",
-    "fit": "whiptool.identification.fit",
-    "Adaptation": "whiptool.adaptation",
-    "TipPort": "whiptool.adaptation",
-    "default_prior": "whiptool.adaptation",
-    "draw_twin": "whiptool.adaptation",
+    "__version__": "version",
+    "ArmLink": "models",
+    "ArmParameters": "models",
+    "Model": "models",
+    "MotorLimits": "models",
+    "PRESETS": "models",
+    "Strike": "models",
+    "StrikeBounds": "models",
+    "WhipParameters": "models",
+    "WhipProfile": "models",
+    "default_bounds": "models",
+    "find_model": "models",
+    "limits_preset": "models",
+    "preset": "models",
+    "read_model": "models",
+    "write_model": "models",
+    "ConstantImpedance": "impedance",
+    "Controller": "impedance",
+    "OIAC": "impedance",
+    "impedance_cost": "impedance",
+    "oiac_preset": "impedance",
+    "CompiledRollout": "rollout",
+    "ReferenceRollout": "rollout",
+    "Trajectory": "rollout",
+    "Objective": "objective",
+    "Outcome": "objective",
+    "Target": "objective",
+    "Disc": "zone",
+    "METHODS": "optimizers",
+    "search": "optimizers",
+    "plot_distance": "viz.plots",
+    "plot_strike": "viz.plots",
+    "StrikeRecording": "recording",
+    "read_recording": "recording",
+    "Fit": "identification",
+    "Plant": "identification",
+    "fit": "identification.fit",
+    "Adaptation": "adaptation",
+    "TipPort": "adaptation",
+    "default_prior": "adaptation",
+    "draw_twin": "adaptation",
 }
-__all__ = ["__version__", *_HOMES]
+__all__ = list(_HOMES)
 
 if TYPE_CHECKING:
     from whiptool.adaptation import Adaptation, TipPort, default_prior, draw_twin
@@ -77,15 +77,8 @@ if TYPE_CHECKING:
     from whiptool.optimizers import METHODS, search
     from whiptool.recording import StrikeRecording, read_recording
     from whiptool.rollout import CompiledRollout, ReferenceRollout, Trajectory
+    from whiptool.version import __version__
     from whiptool.viz.plots import plot_distance, plot_strike
     from whiptool.zone import Disc
 
-
-def __getattr__(name: str) -> object:
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    raise AttributeError(f"module 'whiptool' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = imported_when_used(__name__, _HOMES)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
     "Adaptation": "loop",
@@ -23,8 +24,4 @@ if TYPE_CHECKING:
     from whiptool.adaptation.prior import Belief, default_prior
     from whiptool.adaptation.twins import Twin, draw_twin
 
-
-def __getattr__(name: str) -> object:  # CasADi is imported where used
-    if name in _HOMES:
-        return getattr(import_module(f"whiptool.adaptation.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'whiptool.adaptation' has no attribute {name!r}")
+__getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # CasADi is imported where used

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
     "Chain": "chain",
@@ -19,8 +20,4 @@ if TYPE_CHECKING:
     from whiptool.dynamics.modes import hanging_modes, linearise
     from whiptool.dynamics.posture import start_posture
 
-
-def __getattr__(name: str) -> object:  # CasADi is imported where used
-    if name in _HOMES:
-        return getattr(import_module(f"whiptool.dynamics.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'whiptool.dynamics' has no attribute {name!r}")
+__getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # CasADi is imported where used

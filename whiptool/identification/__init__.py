@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
     "Fit": "results",
@@ -17,8 +18,4 @@ if TYPE_CHECKING:
     from whiptool.identification.problem import Options
     from whiptool.identification.results import Fit
 
-
-def __getattr__(name: str) -> object:  # CasADi is imported where used
-    if name in _HOMES:
-        return getattr(import_module(f"whiptool.identification.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'whiptool.identification' has no attribute {name!r}")
+__getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # CasADi is imported where used

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
     "ArmLink": "parameters",
@@ -32,8 +33,4 @@ if TYPE_CHECKING:
     from whiptool.models.profile import WhipProfile
     from whiptool.models.strike import Strike, StrikeBounds, default_bounds
 
-
-def __getattr__(name: str) -> object:  # presets and files are read where used
-    if name in _HOMES:
-        return getattr(import_module(f"whiptool.models.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'whiptool.models' has no attribute {name!r}")
+__getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # presets and files are read where used

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
     "StrikeRecording": "strike_recording",
@@ -16,8 +17,4 @@ if TYPE_CHECKING:
     from whiptool.recording.readers import READERS, read_recording
     from whiptool.recording.strike_recording import StrikeRecording
 
-
-def __getattr__(name: str) -> object:  # readers are imported where used
-    if name in _HOMES:
-        return getattr(import_module(f"whiptool.recording.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'whiptool.recording' has no attribute {name!r}")
+__getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # readers are imported where used

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
     "CompiledRollout": "compiled",
@@ -19,8 +20,4 @@ if TYPE_CHECKING:
     from whiptool.rollout.reference import ReferenceRollout
     from whiptool.rollout.trajectory import Trajectory
 
-
-def __getattr__(name: str) -> object:  # CasADi and MuJoCo are imported where used
-    if name in _HOMES:
-        return getattr(import_module(f"whiptool.rollout.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'whiptool.rollout' has no attribute {name!r}")
+__getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # CasADi and MuJoCo are imported where used
