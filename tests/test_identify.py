@@ -324,8 +324,13 @@ def test_priors_of_what_may_be_zero_and_names_that_need_an_index(tmp_path):
     per_node = dataclasses.replace(lemon, whip=dataclasses.replace(lemon.whip, k=(0.2,) * 12))
     with pytest.raises(InputError, match=r"whip\.k\[0\] and so on.*one per node"):
         full_name("k", Plant(per_node))
-    with pytest.raises(InputError, match=r"profile\.bending_stiffness.*with --profile"):
-        full_name("k", Plant(lemon, profile=profile_of(lemon, "")))
+    with pytest.raises(InputError, match=r"^--free: .*whip\.k\[0\] and so on.*one per node; or fit a --profile$"):
+        identify.full_names(("gravity", "k"), Plant(per_node))
+    with pytest.raises(InputError, match=r"^--free: .*profile\.bending_stiffness.*the profile gives"):
+        identify.full_names(("k",), Plant(lemon, profile=profile_of(lemon, "")))
+    with pytest.raises(InputError, match=r"^--free: got 'mass'; allowed: one of arm\.mass\[0\], arm\.mass\[1\]$"):
+        identify.full_names(("mass",), Plant(lemon))
+    assert identify.full_names(("k", "whip.b", "mass[1]"), Plant(lemon)) == ("whip.k", "whip.b", "arm.mass[1]")
 
 
 def test_planes_that_cannot_be_strike_planes_are_refused(tracks):

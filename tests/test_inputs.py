@@ -11,6 +11,7 @@ from whiptool.errors import InputError
 from whiptool.identification.inputs import (
     common_controller,
     full_name,
+    names_of,
     profile_of,
     read_marker,
     read_prior,
@@ -51,12 +52,38 @@ def test_short_names_are_looked_up():
     assert full_name("arm.mass[0]", PLANT) == "arm.mass[0]"
     profiled = Plant(LEMON, None, profile_of(LEMON, ""))
     assert full_name("length", profiled) == "profile.length"
-    with pytest.raises(InputError, match=r"with --profile these give"):
+    with pytest.raises(InputError, match=r"^free parameter: .*; the profile gives"):
         full_name("k", profiled)
-    with pytest.raises(InputError, match=r"whip.k\[0\] and so on"):
+    with pytest.raises(InputError, match=r"^free parameter: .* whip.k\[0\] and so on; this model has one per node$"):
         full_name("k", Plant(profiled.model))
-    with pytest.raises(InputError, match="one of whip"):
+    with pytest.raises(InputError, match=r"^free parameter: got 'colour'; allowed: one of whip"):
         full_name("colour", PLANT)
+
+
+def test_short_names_end_names_or_name_all_elements():
+    known = ["gravity", "whip.a", "law.a", "link.com[0]", "link.com[1]", "link.incom[0]"]
+    for name, found in {
+        "gravity": ["gravity"],
+        "law.a": ["law.a"],
+        "a": ["whip.a", "law.a"],
+        "com[1]": ["link.com[1]"],
+        "com": ["link.com[0]", "link.com[1]"],
+        "link.com": ["link.com[0]", "link.com[1]"],
+        "om": [],
+        "": [],
+    }.items():
+        assert names_of(name, known) == found
+
+
+def test_a_short_name_of_several_numbers_is_refused():
+    with pytest.raises(InputError, match=r"got 'mass'; allowed: one of arm\.mass\[0\], arm\.mass\[1\]$"):
+        full_name("mass", PLANT)
+
+
+def test_a_prior_file_is_named_where_a_name_is_unknown(tmp_path):
+    (tmp_path / "prior.toml").write_text("colour = {value = 1.0, error = 0.1}\n")
+    with pytest.raises(InputError, match=r"prior\.toml: free parameter: got 'colour'"):
+        read_prior(str(tmp_path / "prior.toml"), PLANT, ("whip.k",))
 
 
 def test_the_profile_of_a_uniform_whip_is_lumped_back_into_it():

@@ -53,11 +53,32 @@ def _main(args: Sequence[str] | None) -> int:
         return run.report(folder)
 
 
+def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
+    """Return the names of --free in full.
+
+    Raises:
+        InputError: The plant knows none such, or several; it says which option helps, if one does.
+    """
+    from whiptool.identification.inputs import full_name
+    from whiptool.identification.plant import LUMPED
+
+    found = []
+    for name in names:
+        try:
+            found.append(full_name(name, plant))
+        except InputError as error:
+            fix = error.fix
+            if fix and plant.profile is None and name.removeprefix("whip.") in LUMPED:  # there is one per node
+                fix = f"{fix}; or fit a --profile"
+            raise InputError("--free", name, error.allowed, fix) from None
+    return tuple(found)
+
+
 class _Run:
     """One identification: everything is checked before anything is written."""
 
     def __init__(self, options: IdentifyOptions) -> None:
-        from whiptool.identification.inputs import full_name, profile_of, read_prior, split
+        from whiptool.identification.inputs import profile_of, read_prior, split
         from whiptool.identification.plant import Plant
         from whiptool.identification.problem import HUBER, Options
         from whiptool.models.files import find_model
@@ -70,15 +91,15 @@ class _Run:
         profile = profile_of(self.model, options.model) if options.profile else None
         if not options.free:
             raise InputError("--free", "none", "one or more names", "such as k")
-        for name in options.free:  # a slip is found before hours of film are tracked
-            full_name(name, Plant(self.model, fallback, profile, options.clamp))
+        # a slip is found before hours of film are tracked
+        full_names(options.free, Plant(self.model, fallback, profile, options.clamp))
         controller = self._gather(names, held_out)
         self.assumed = controller is None and options.drive == "command"
         if controller is not None:
             held = "nothing: the recordings hold their controller"
             refuse_idle(options, dict.fromkeys(("controller", "preset"), held))
         self.plant = Plant(self.model, controller or fallback, profile, options.clamp)
-        self.free = tuple(full_name(name, self.plant) for name in options.free)
+        self.free = full_names(options.free, self.plant)
         self.how = Options(
             drive=options.drive,
             per_recording=options.per_recording,

@@ -58,16 +58,17 @@ def identify_pendulum(options: IdentifyOptions) -> int:
 
 
 def full_names(names: tuple[str, ...], pendulum: Pendulum) -> tuple[str, ...]:
-    """`link.com[0]`, `link.com[1]` of `com`, `link.com[1]` of `com[1]`.
+    """Return the names of --free in full: `link.com[0]`, `link.com[1]` of `com`, `link.com[1]` of `com[1]`.
 
     Raises:
-        InputError: It knows none such.
+        InputError: The pendulum knows none such.
     """
+    from whiptool.identification.inputs import names_of
+
     known = pendulum.values()
     found: list[str] = []
     for name in names:
-        all_links = [f"link.{name}[{i}]" for i in range(pendulum.n)]
-        chosen = [x for x in (name, f"link.{name}") if x in known][:1] or [x for x in all_links if x in known]
+        chosen = names_of(name, known)
         if not chosen:
             raise InputError("--free", name, "one of " + ", ".join(known))
         found += [x for x in chosen if x not in found]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.classes import classify
-from whiptool.identification.inputs import common_controller
+from whiptool.identification.inputs import common_controller, full_name
 from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.predict import NEUTRAL, Recording
 from whiptool.identification.problem import Options, Problem
@@ -43,7 +43,7 @@ def fit(
         options: See `Options`.
 
     Raises:
-        InputError: A name is unknown, nothing is free, or a recording lacks what the drive needs.
+        InputError: A name is unknown or several numbers', nothing is free, or a recording lacks what the drive needs.
     """
     began, options = time.perf_counter(), options or Options()
     if not free:
@@ -51,10 +51,7 @@ def fit(
     if isinstance(plant, Model):
         plant = Plant(plant, common_controller([x for x in recordings if isinstance(x, StrikeRecording)]))
     known = {**plant.values(), **NEUTRAL}
-    free = [_full_name(name, known) for name in free]
-    for name in free:
-        if name not in known:
-            raise InputError("free parameter", name, "one of " + ", ".join(known))
+    free = [full_name(name, plant) for name in free]
     variables = variables_of(known, free, options.bounds)
     problem = Problem(recordings, plant, free, variables, options)
     rng = np.random.default_rng(options.seed)
@@ -93,12 +90,6 @@ def fit(
         runs=tuple(runs),
         wall_time=time.perf_counter() - began,
     )
-
-
-def _full_name(name: str, known: Collection[str]) -> str:
-    """Return the one known name that is this or ends with it, after a dot; else the name as it is."""
-    found = [full for full in known if full == name or full.endswith(f".{name}")]
-    return found[0] if len(found) == 1 else name
 
 
 def predict(

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.plant import LUMPED, Plant
+from whiptool.identification.plant import LUMPED, Identifiable, Plant
 from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
@@ -21,8 +21,6 @@ from whiptool.models.parameters import Model, number
 from whiptool.models.profile import WhipProfile
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
-
-_GROUPS = ("whip", "profile", "law")  # that a short name is looked up in
 
 
 def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tuple[list[str], list[str]]:
@@ -50,23 +48,36 @@ def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tupl
     return fitted, others
 
 
-def full_name(name: str, plant: Plant) -> str:
-    """`whip.k` of `k`: the name as the plant knows it.
+def names_of(name: str, known: Collection[str]) -> list[str]:
+    """Return the known names that a name stands for; none: it stands for nothing.
+
+    `whip.k` stands for itself, `k` for every name that ends with it after a dot, and `com`, where no name does, for its
+    elements: `link.com[0]`, `link.com[1]`.
+    """
+    if name in known:
+        return [name]
+    ends = [full for full in known if full.endswith(f".{name}")]
+    return ends or [full for full in known if f".{full.partition('[')[0]}".endswith(f".{name}")]
+
+
+def full_name(name: str, plant: Identifiable) -> str:
+    """Return the name of a number, or of nuisance, as a plant knows it: `whip.k` of `k`.
 
     Raises:
-        InputError: It knows none such.
+        InputError: It knows none such, or several.
     """
     known = {**plant.values(), **NEUTRAL}
-    found = [full for full in (name, *(f"{group}.{name}" for group in _GROUPS)) if full in known]
-    per_node = f"whip.{name.removeprefix('whip.')}[0]"
-    if not found and plant.profile is not None and name.removeprefix("whip.") in LUMPED:
+    found = names_of(name, known)
+    if len(found) == 1:
+        return found[0]
+    quantity = name.removeprefix("whip.")
+    if isinstance(plant, Plant) and plant.profile is not None and quantity in LUMPED:
         allowed = ", ".join(x for x in known if x.startswith("profile."))
-        raise InputError("--free", name, allowed, "with --profile these give the whip's l, m, k and b")
-    if not found and per_node in known:
-        raise InputError("--free", name, f"{per_node} and so on", "this model has one per node; or fit a --profile")
-    if not found:
-        raise InputError("--free", name, "one of " + ", ".join(known))
-    return found[0]
+        raise InputError("free parameter", name, allowed, "the profile gives the whip's l, m, k and b")
+    per_node = f"whip.{quantity}[0]"
+    if per_node in found:
+        raise InputError("free parameter", name, f"{per_node} and so on", "this model has one per node")
+    raise InputError("free parameter", name, "one of " + ", ".join(found or known))
 
 
 def profile_of(model: Model, name: str) -> WhipProfile:
@@ -119,7 +130,10 @@ def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior |
     for name, entry in read_toml(Path(path)).items():
         if not isinstance(entry, dict) or set(entry) != {"value", "error"}:
             raise InputError(f"{path}: {name}", entry, "{value = ..., error = ...}")
-        full = full_name(name, plant)
+        try:
+            full = full_name(name, plant)
+        except InputError as error:
+            raise error.within(f"{path}: ") from None
         if full not in free:
             raise InputError(f"{path}: {name}", full, "a free parameter: " + ", ".join(free))
         names.append(full)
