@@ -10,10 +10,12 @@ import matplotlib
 import numpy as np
 import pytest
 
+from whiptool.identification.judgement import Frames, Judgement, judge_frames
 from whiptool.models import preset
 from whiptool.models.motor_limits import XM430
 from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rig import session
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
 from whiptool.rig.guards import SafetyError
 from whiptool.rig.loop import Run
@@ -166,3 +168,25 @@ def test_a_whole_run_leaves_three_pictures(tmp_path: Path):
     assert names == ["strike.png", "servos.png", "cycles.png"]
     pictures = [p for section in sections(one, MODEL, TARGET, figures) for p in section.parts if isinstance(p, Picture)]
     assert len(pictures) == 3
+
+
+def test_a_strike_is_judged_once_for_each_target(monkeypatch: pytest.MonkeyPatch):
+    """Also one whose tip was not seen; a changed strike is judged anew."""
+    asked: list[Target] = []
+
+    def judge(frames: Frames, target: Target) -> Judgement:
+        asked.append(target)
+        return judge_frames(frames, target)
+
+    monkeypatch.setattr(session, "judge_frames", judge)
+    one, further = struck(), Target((0.9, 0.1), hit_radius=0.05)
+    sections(one, MODEL, TARGET, draw(one, MODEL, TARGET))
+    assert asked == [TARGET]
+    first, second = one.judged(TARGET), one.judged(further)
+    assert first is one.judged(Target(TARGET.position, TARGET.hit_radius))
+    assert first != second
+    assert asked == [TARGET, further]
+    assert dataclasses.replace(one).judged(TARGET) == first
+    assert asked == [TARGET, further, TARGET]
+    assert struck(markers=("handle",)).judged(TARGET) is None
+    assert len(asked) == 3

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.identification.judgement import Judgement, frames_of, judge_frames, unseen_around
+from whiptool.identification.judgement import Frames, Judgement, frames_of, judge_frames, unseen_around
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
@@ -42,6 +42,7 @@ class Struck:
     run: Run
     recording: StrikeRecording | None
     truth: Trajectory | None = None
+    _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def approach(self, target: np.ndarray) -> Approach:
         """Closest approach of the tip as seen to a target (B = 1); diverged where there was none to see.
@@ -84,19 +85,27 @@ class Struck:
         return self.recording.t_points[seen, i], self.recording.points[seen, i, :2]
 
     def judged(self, target: Target) -> Judgement | None:
-        """The miss as the camera's frames tell it, and how surely; None: they do not show the tip."""
-        if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
-            return None
-        frames = frames_of(self.recording, target)
-        return None if frames is None else judge_frames(frames, target)
+        """The miss as the camera's frames tell it, and how surely; None: they do not show the tip.
+
+        It is judged once for each target: that takes a while, and command, plots and report all ask.
+        """
+        if target not in self._judged:
+            frames = self._frames(target)
+            self._judged[target] = None if frames is None else judge_frames(frames, target)
+        return self._judged[target]
 
     def unseen(self, target: Target) -> tuple[float, float] | None:
         """From when to when the tip was not seen around its closest approach [s]; None: it was."""
-        judged = self.judged(target)
-        if self.recording is None or judged is None or judged.nearest is None:
+        frames, judged = self._frames(target), self.judged(target)
+        if frames is None or judged is None or judged.nearest is None:
             return None
-        frames = frames_of(self.recording, target)
-        return None if frames is None else unseen_around(frames, judged.nearest.time)
+        return unseen_around(frames, judged.nearest.time)
+
+    def _frames(self, target: Target) -> Frames | None:
+        """Return the frames that show the tip; None: too few do, or the strike ended in a fault."""
+        if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
+            return None
+        return frames_of(self.recording, target)
 
 
 def nothing_seen(a: int) -> Approach:
