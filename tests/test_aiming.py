@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 from scipy.stats import ncx2
 
 from whiptool.errors import InputError
-from whiptool.interception.aiming import Aim, Camera, closest
+from whiptool.interception.aiming import Aim, Camera
 from whiptool.interception.library import Library
 from whiptool.interception.motions import find_motion
 from whiptool.interception.tracks import Track
@@ -72,22 +70,6 @@ def known(*numbers: float) -> Track:
 
 def aim(track: Track, lib: Library, *, earliest=0.0, latest=3.0, radius=0.06, now=0.0, camera=None) -> Aim:
     return Aim(track, lib, earliest, latest, radius, now, camera)
-
-
-def test_closest_is_the_least_distance_of_the_segments():
-    rng = np.random.default_rng(0)
-    relative = rng.normal(size=(20, 4, 2))
-    for path, found in zip(relative, closest(relative)):
-        least = min(
-            minimize_scalar(
-                lambda s, a=a, b=b: np.linalg.norm(a + s * (b - a)), bounds=(0, 1), method="bounded",
-                options={"xatol": 1e-10},
-            ).fun
-            for a, b in itertools.pairwise(path)
-        )  # fmt: skip
-        assert found == pytest.approx(least, rel=1e-6)
-    assert closest(np.array([[1.0, 0.0], [1.0, 0.0]])) == 1.0
-    assert closest(np.full((2, 3, 2), np.nan)).tolist() == [np.inf, np.inf]
 
 
 def test_a_camera_is_checked():

@@ -10,12 +10,13 @@ import pytest
 from whiptool.adaptation import judgement
 from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.prior import Belief, default_prior
-from whiptool.identification.judgement import Frames, Judgement, _closest, judge_frames, unseen_around, weigh
+from whiptool.identification.judgement import Frames, Judgement, judge_frames, unseen_around, weigh
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.objective import CLAIMED, Target, probability_within
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.compiled import CompiledRollout
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
@@ -93,19 +94,10 @@ def test_the_discrepancy_is_what_a_normal_process_given_frames_is():
         drawn = root @ rng.standard_normal((len(every), 2))
         seen = drawn[len(T) :] + noise * rng.standard_normal((len(FRAMES), 2))
         moved = base + drawn[: len(T)] + solved @ (residual - seen)
-        misses.append(float(_closest(moved[None], np.array(target.position))[0][0]))
+        misses.append(float(closest_on_segments(moved, np.array(target.position)).distance))
     assert judged.miss == pytest.approx(np.mean(misses), abs=0.001)
     assert judged.error == pytest.approx(np.std(misses), rel=0.25)
     assert judged.probability == pytest.approx(np.mean(np.array(misses) <= 0.03), abs=0.05)
-
-
-def test_the_closest_approach_is_between_points():
-    paths = np.array([[[-1.0, 0.0], [1.0, 0.5], [3.0, 0.5]], [[2.0, 2.0], [2.0, 3.0], [2.0, 4.0]]])
-    distance, when, share = _closest(paths, np.array([0.0, 1.0]))
-    np.testing.assert_allclose(distance, [0.75 * 2 / np.hypot(2, 0.5), np.hypot(2, 1)])  # of a line and a point
-    assert when.tolist() == [0, 0]
-    # the foot of the perpendicular: (1, 1) . (2, 0.5) / |(2, 0.5)|^2 of the way; and an end
-    np.testing.assert_allclose(share, [(1 * 2 + 1 * 0.5) / (4 + 0.25), 0.0])
 
 
 def test_the_closest_approach_is_that_of_the_most_credible_path():
@@ -178,7 +170,7 @@ def test_stated_probabilities_and_errors_hold_over_many_strikes(path):
         target = Target(place, 0.06)
         noise = np.full(len(frames), 0.005)
         judged = weigh(t, points[None], Frames(frames, seen, noise), target, judgement._SIZES, judgement._PACES)
-        miss = float(_closest(true[None], np.array(place))[0][0])
+        miss = float(closest_on_segments(true, np.array(place)).distance)
         stated.append(judged.probability)
         hits.append(miss <= 0.06)
         scores.append((miss - judged.miss) / judged.error)

@@ -168,7 +168,8 @@ def test_static_deflection_converges_with_the_second_order(profile: WhipProfile)
         k, s = profile.lump(N).per_node("k")[1:], np.arange(1, N) * L / N
         errors.append(abs((s * (L - s) ** 2 / k).sum() / exact - 1))
     assert errors[1] < 0.02
-    assert errors[1] < errors[0] / 3.5
+    # at a taper near 0.11 the second-order term changes its sign, and what is left of it says nothing
+    assert errors[1] < max(errors[0] / 3.5, 1e-5)
 
 
 # ---------------------------------------------------------------------------------------------------------------------

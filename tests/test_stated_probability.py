@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from whiptool.interception.aiming import Aim, closest
+from whiptool.interception.aiming import Aim
 from whiptool.interception.motions import find_motion
 from whiptool.interception.tracks import Track
 
@@ -103,13 +103,3 @@ def test_a_strike_that_the_motors_cannot_do_is_not_chosen():
         began=time.perf_counter(),
     )
     assert chosen.strike.vector[1] == 0.2
-
-
-def test_closest_approach_of_straight_paths_is_the_distance_of_a_line():
-    """Random targets and lines: a cross product."""
-    rng = np.random.default_rng(0)
-    angles, targets = rng.uniform(0, np.pi, 20), POINT + 0.2 * rng.standard_normal((20, 2))
-    path = Rollout().tip_path(strikes(angles), t_stay=0.3, rate=1000.0)[1]
-    along = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    expected = np.abs(along[:, 0] * (targets - POINT)[:, 1] - along[:, 1] * (targets - POINT)[:, 0])
-    np.testing.assert_allclose(closest(path - targets[:, None]), expected, atol=1e-9)

@@ -73,7 +73,7 @@ class Target:
         Raises:
             InputError: It does.
         """
-        farthest = math.hypot(*self.position) + model.reach
+        farthest = model.farthest_miss(self.position)
         if self.hit_radius >= farthest:
             raise InputError("hit radius", self.hit_radius, f"less than {farthest:.3f} m: no strike misses by more")
 
@@ -210,7 +210,7 @@ class Objective:
         self._on_trial: Callable[[Trial], None] | None = None
         self._start = time.monotonic()
         # farther than any real miss can be; a strike beyond the limits has between one and two of it
-        self.penalty = rollout.model.reach + math.hypot(*self.target.position)
+        self.penalty = rollout.model.farthest_miss(self.target.position)
 
     def record(self, recorded: Sequence[Trial], on_trial: Callable[[Trial], None]) -> None:
         """Tie the trials to a log.

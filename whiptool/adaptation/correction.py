@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.optimize import minimize_scalar
 
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.compiled import CompiledRollout
 
 STEP = 0.1  # largest change of a number of the strike, in parts of its range
@@ -68,10 +68,5 @@ def closest(recording: StrikeRecording, target: tuple[float, ...]) -> tuple[floa
     if len(t) == 1:
         return float(t[0]), tip[seen][0] - at
     path = PchipInterpolator(t, tip[seen])
-    fine = np.linspace(t[0], t[-1], _BETWEEN * len(t))
-    nearest = int(np.linalg.norm(path(fine) - at, axis=1).argmin())
-    ends = fine[max(nearest - 1, 0)], fine[min(nearest + 1, len(fine) - 1)]
-    found = minimize_scalar(
-        lambda s: np.linalg.norm(path(s) - at), bounds=ends, method="bounded", options={"xatol": 1e-9}
-    )
-    return float(found.x), path(found.x) - at
+    when = closest_on_curve(path, at, samples=_BETWEEN * len(t))
+    return when, path(when) - at

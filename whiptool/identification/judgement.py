@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 
 from whiptool.objective import CLAIMED, Target, probability_within
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.closest import closest_on_segments
 
 RATE = 500.0  # [1/s] of a path; between its points the tip is taken to move straight
 _SIZES, _PACES = np.geomspace(0.1, 3.0, 6), np.array([0.05, 0.1, 0.2, 0.4])  # [m], [s], where nothing is expected
@@ -142,10 +143,11 @@ def weigh(
             moved = paths + (across @ solved).reshape(len(t), -1, 2).transpose(1, 0, 2)
             told = solve_triangular(factor[0], across.T, lower=True)
             error = np.sqrt(np.maximum(size**2 - (told**2).sum(axis=0), 1e-12))  # (T,)
-            distance, when, share = _closest(moved, np.array(target.position))
-            distances.append(distance)
+            nearest = closest_on_segments(moved, np.array(target.position))
+            when = nearest.segment
+            distances.append(nearest.distance)
             errors.append(error[when])
-            segments.append((when, share, moved[samples, when], moved[samples, when + 1]))
+            segments.append((when, nearest.share, moved[samples, when], moved[samples, when + 1]))
     weight = np.exp(np.array(evidence) - logsumexp(np.array(evidence), axis=0)) / len(paths)  # (cells, S), sum 1
     miss, error = np.array(distances), np.array(errors)
     mean = float((weight * miss).sum())
@@ -169,14 +171,3 @@ def _matern(lag: np.ndarray, pace: float) -> np.ndarray:
     """Correlation of a discrepancy that is twice differentiable (Matern 5/2)."""
     x = math.sqrt(5.0) * np.abs(lag) / pace
     return (1 + x + x**2 / 3) * np.exp(-x)
-
-
-def _closest(paths: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Closest approach of paths (S, T, 2), straight between their points, to a place, the index of the point before it,
-    and the share of the way from there to the next point, each (S,)."""
-    start, step = paths[:, :-1] - at, np.diff(paths, axis=1)
-    along = -(start * step).sum(axis=2) / np.maximum((step**2).sum(axis=2), 1e-18)
-    share = np.clip(along, 0, 1)
-    distance = np.linalg.norm(start + share[..., None] * step, axis=2)
-    samples, when = np.arange(len(paths)), distance.argmin(axis=1)
-    return distance[samples, when], when, share[samples, when]

@@ -14,7 +14,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import ArmParameters, Model
-from whiptool.models.profile import _QUADRATURE, WhipProfile
+from whiptool.models.profile import WhipProfile, lump
 
 PROFILE = tuple(f.name for f in dataclasses.fields(WhipProfile))
 LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
@@ -218,32 +218,10 @@ def _profile_slopes(profile: WhipProfile, N: int, clamped: bool) -> dict[str, Qu
 
 @lru_cache(maxsize=8)
 def lumping(N: int, clamped: bool = False) -> tuple[ca.Function, ca.Function]:
-    """`WhipProfile.lump` in CasADi: the blocks l, m, k, b, rest_angle, drag, hinge_mass of a profile's numbers (in the
-    order of its fields), and their Jacobians; with the hinge's share of the bending where the whip is clamped."""
-    x, w = _QUADRATURE
-    x, w = (x + 1) / 2, w / 2
+    """Return a profile's nodes as a function of its numbers (in the order of its fields), and their Jacobians: the
+    blocks of `LUMPED`, with the hinge's share of the bending where the whip is clamped."""
     z = ca.SX.sym("profile", len(PROFILE))
-    P = dict(zip(PROFILE, ca.vertsplit(z), strict=True))
-    l = P["length"] / N
-
-    def hats(density) -> list[ca.SX]:  # of the place along the whip, 0 to 1
-        lumped = [ca.SX(0)] * (N + 1)
-        for i in range(N):
-            for at, weight in zip(x, w, strict=True):
-                value = density((i + at) / N) * weight * l
-                lumped[i] += value * (1 - at)
-                lumped[i + 1] += value * at
-        return lumped
-
-    EI = lambda s: P["bending_stiffness"] * P["stiffness_taper"] ** s  # noqa: E731
-    mass = hats(lambda s: P["linear_density"] * P["density_taper"] ** s)
-    mass[-1] += P["tip_mass"]
-    k = [1 / c for c in hats(lambda s: 1 / EI(s))[:N]]
-    losses = hats(lambda s: P["bending_damping"] * P["damping_taper"] ** s / EI(s) ** 2)
-    b = [stiff**2 * loss for stiff, loss in zip(k, losses, strict=False)]
-    rest = hats(lambda s: P["rest_curvature"])[:N]
-    for joint in () if clamped else (k, b, rest):
-        joint[0] = ca.SX(0)  # the free hinge
-    drag = hats(lambda s: P["drag"])[1:]
-    blocks = [ca.vertcat(*part) for part in ([l] * N, mass[1:], k, b, rest, drag, mass[:1])]
-    return ca.Function("lump", [z], blocks), ca.Function("slopes", [z], [ca.jacobian(block, z) for block in blocks])
+    blocks = lump(dict(zip(PROFILE, ca.vertsplit(z), strict=True)), N, clamped=clamped, constant=ca.DM)
+    of_profile = [ca.SX(blocks[name]) for name in LUMPED]
+    jacobians = [ca.jacobian(block, z) for block in of_profile]
+    return ca.Function("lump", [z], of_profile), ca.Function("slopes", [z], jacobians)

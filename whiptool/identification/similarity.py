@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from whiptool.errors import InputError
+from whiptool.rollout.closest import closest_on_curve
 
 _LAGS = 0.1  # [s] within which the delay is sought
 _RATE = 1000.0  # [1/s] of the comparison of delays
@@ -90,17 +91,7 @@ def similarity(
 def _closest(t: np.ndarray, path: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Point, time and speed of the closest approach of a cubic through the path."""
     curve = CubicSpline(t, path)
-    fine = np.linspace(t[0], t[-1], 20 * len(t))
-    when = float(fine[np.linalg.norm(curve(fine) - target, axis=1).argmin()])
-    for _ in range(20):  # Newton's method on half the squared distance
-        x, v, a = (curve(when, i) for i in range(3))
-        slope, bend = (x - target) @ v, v @ v + (x - target) @ a
-        if bend <= 0:
-            break
-        following = float(np.clip(when - slope / bend, t[0], t[-1]))
-        if abs(following - when) < 1e-12:
-            break
-        when = following
+    when = closest_on_curve(curve, target, samples=20 * len(t))
     return curve(when), when, float(np.linalg.norm(curve(when, 1)))
 
 

@@ -11,6 +11,7 @@ from whiptool.interception.library import Library
 from whiptool.interception.tracks import Track
 from whiptool.models.parameters import number
 from whiptool.models.strike import Strike, strike_names
+from whiptool.rollout.closest import closest_on_segments
 
 FINE = 1000.0  # [1/s] of the paths that plans are judged on
 _AHEAD = 100.0  # [1/s] of the instants of the track that are looked at
@@ -67,20 +68,6 @@ class Interception:
     mean_miss: float
     warning: str
     wall_time: float = field(compare=False)
-
-
-def closest(relative: np.ndarray) -> np.ndarray:
-    """Closest approach of tip and target, both straight between the instants, (...) [m].
-
-    Args:
-        relative: Tip less target at successive instants, (..., T, 2); NaN where there is none.
-    """
-    start, step = relative[..., :-1, :], np.diff(relative, axis=-2)
-    squared = np.einsum("...i,...i", step, step)
-    s = np.clip(-np.einsum("...i,...i", start, step) / np.maximum(squared, 1e-30), 0, 1)
-    gap = start + s[..., None] * step
-    distance = np.hypot(gap[..., 0], gap[..., 1])
-    return np.where(np.isnan(distance), np.inf, distance).min(axis=-1)
 
 
 class Aim:
@@ -205,7 +192,7 @@ class Aim:
     ) -> _Outlook:
         """What a path of the tip (T, 2) [m] at times (T,) [s] does to tracks that are still possible."""
         numbers = np.vstack([track.numbers, track.sample(rng, samples)])
-        miss = closest(tip - track.positions(numbers, when))
+        miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(2)).distance
         hit, expected = np.mean(miss[1:] <= self.hit_radius), np.minimum(miss[1:], _FAR).mean()
         return _Outlook(float(hit), float(expected), float(miss[0]))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -249,6 +249,10 @@ class Model:
     def reach(self) -> float:
         """Farthest distance from the shoulder that the tip can have [m]."""
         return self.arm.length + self.whip.length
+
+    def farthest_miss(self, place: Sequence[float]) -> float:
+        """Return the farthest that the tip can be from a place (2,), [m]: a penalty that no real miss reaches."""
+        return self.reach + math.hypot(*place)
 
     def parameters(self) -> dict[str, float]:
         """Every number of the model under its name: `whip.k` or `whip.k[3]`, `arm.mass[0]`, `gravity`."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -61,34 +63,56 @@ class WhipProfile:
         `1/k_j = int hat_j / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free.
         """
         N = whole("N", N)
-        l = self.length / N
-        x, w = _QUADRATURE
-        x, w = (x + 1) / 2, w / 2  # on [0, 1]
-        s = (np.arange(N)[:, None] + x) * l  # (N, 8) points of link i
-        weight = w * l
-
-        def hats(density: np.ndarray) -> np.ndarray:  # (N, 8) values -> (N + 1,) integrals over the hats
-            lumped = np.zeros(N + 1)
-            lumped[:-1] += (density * (1 - x) * weight).sum(axis=1)
-            lumped[1:] += (density * x * weight).sum(axis=1)
-            return lumped
-
-        along = s / self.length
-        mass = hats(self.linear_density * self.density_taper**along)
-        mass[-1] += self.tip_mass
-        EI = self.bending_stiffness * self.stiffness_taper**along
-        eta = self.bending_damping * self.damping_taper**along
-        k = 1 / hats(1 / EI)[:N]  # the tip's half hat carries no moment
-        b = k**2 * hats(eta / EI**2)[:N]
-        rest = hats(np.full_like(s, self.rest_curvature))[:N]
-        k[0] = b[0] = rest[0] = 0.0  # the free hinge
+        blocks = lump({f.name: getattr(self, f.name) for f in fields(self)}, N)
+        per_node = {name: tuple(column[:, 0].tolist()) for name, column in blocks.items()}
         return WhipParameters(
             N=N,
-            l=l,
-            m=tuple(mass[1:]),
-            k=tuple(k),
-            b=tuple(b),
-            rest_angle=tuple(rest) if self.rest_curvature else 0.0,
-            drag=tuple(hats(np.full_like(s, self.drag))[1:]) if self.drag else 0.0,
-            hinge_mass=mass[0],
+            l=self.length / N,
+            **{name: per_node[name] for name in ("m", "k", "b")},
+            rest_angle=per_node["rest_angle"] if self.rest_curvature else 0.0,
+            drag=per_node["drag"] if self.drag else 0.0,
+            hinge_mass=per_node["hinge_mass"][0],
         )
+
+
+def lump(
+    profile: Mapping[str, Any], N: int, *, clamped: bool = False, constant: Callable[[np.ndarray], Any] = np.asarray
+) -> dict[str, Any]:
+    """Return a profile's N nodes, for numbers and symbols alike; see `WhipProfile.lump`.
+
+    Args:
+        profile: Each field of `WhipProfile`.
+        N: Nodes.
+        clamped: The whip's first joint has its share of the bending; otherwise it is a free hinge.
+        constant: Makes of an array what numbers of the profile are multiplied with.
+
+    Returns:
+        Columns (N, 1) of l, m, k, b, rest_angle, drag; and hinge_mass, (1, 1).
+    """
+    x, w = _QUADRATURE
+    x, w = (x[:, None] + 1) / 2, w[:, None] / 2  # on [0, 1]
+    along = constant((np.arange(N)[:, None] + x.T) / N)  # (N, 8) points of each link
+    to_start, to_end = constant((1 - x) * w), constant(x * w)
+    starts, ends = constant(np.eye(N + 1, N)), constant(np.eye(N + 1, N, -1))
+    uniform, joints = constant(np.ones((N, 8))), constant(np.r_[float(clamped), np.ones(N - 1)][:, None])
+    l = profile["length"] / N
+
+    def hats(density: Any) -> Any:
+        """Integrals over the hats, (N + 1, 1), of values (N, 8)."""
+        return (starts @ (density @ to_start) + ends @ (density @ to_end)) * l
+
+    mass = hats(profile["linear_density"] * profile["density_taper"] ** along)
+    mass = mass + profile["tip_mass"] * constant(np.eye(1, N + 1, N).T)
+    EI = profile["bending_stiffness"] * profile["stiffness_taper"] ** along
+    eta = profile["bending_damping"] * profile["damping_taper"] ** along
+    k = 1 / hats(1 / EI)[:N]  # the tip's half hat carries no moment
+    b = k**2 * hats(eta / EI**2)[:N]
+    return {
+        "l": l * constant(np.ones((N, 1))),
+        "m": mass[1:],
+        "k": k * joints,
+        "b": b * joints,
+        "rest_angle": hats(profile["rest_curvature"] * uniform)[:N] * joints,
+        "drag": hats(profile["drag"] * uniform)[1:],
+        "hinge_mass": mass[:1],
+    }

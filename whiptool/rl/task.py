@@ -6,7 +6,6 @@ lane keeps its target until it is hit (terminated) or struck at `strikes` times 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,7 +100,8 @@ class StrikeTask:
         self.lower, self.upper = self.bounds.box
         self.n_act = len(self.lower)
         self.n_obs = 6 if observation == "goal" else 4
-        self.penalty = rollout.model.reach + float(np.abs(self.zone.box).max()) * math.sqrt(2)
+        farthest = float(np.abs(self.zone.box).max())
+        self.penalty = rollout.model.farthest_miss((farthest, farthest))
         self.resting_tip = joint_points(rollout.model, np.zeros(rollout.model.n))[-1]
         self.n_strikes = self.n_diverged = 0
         self.targets, self.counts = np.empty((0, 2)), np.empty(0, int)

@@ -13,6 +13,7 @@ from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.dynamics.system import System
 from whiptool.rollout.batch import Batch, Rolled, empty_results
+from whiptool.rollout.closest import closest_on_segments
 
 _AT_ONCE = 64  # strikes whose steps are kept in memory
 
@@ -80,9 +81,14 @@ class InterpretedEngine:
         last = int(history.last[lane])
         rows, path, dpath = (x[: last + 1, lane] for x in (history.rows, history.path, history.dpath))
         out, t = rolled.out[b], rows[:, 0]
-        distance, out[outcome["time"]], tip, out[outcome["slope"]] = _closest(t, path, dpath, batch.target[b])
-        out[outcome["distance"]] = distance
+        nearest = closest_on_segments(path[:, :2], batch.target[b])
+        when, tip, moved = 0.0, np.zeros(4), np.zeros(4)
+        if last > 0:
+            when, tip, moved = (nearest.between(x) for x in (t, path, dpath))
+        away = tip[:2] - batch.target[b]
+        out[outcome["distance"]], out[outcome["time"]] = nearest.distance, when
         out[outcome["tip"]], out[outcome["velocity"]] = tip[:2], tip[2:]
+        out[outcome["slope"]] = away @ moved[:2] / nearest.distance if nearest.distance > 0 else 0.0
         out[outcome["diverged"]], out[outcome["last_step"]] = history.diverged[lane], last
         speeds = rows[:, row["x"]][:, n : n + a]
         out[outcome["max_joint_speed"]] = np.abs(speeds).max(axis=0)
@@ -94,8 +100,8 @@ class InterpretedEngine:
         if rolled.path is not None:
             samples = np.arange(batch.samples) / batch.rate
             within = samples <= t[-1] + 1e-9 / batch.rate
-            moved = (dpath, history.dtime[: last + 1, lane]) if self.forward else None
-            rolled.path[b, within] = tip_at(samples[within], t, path, moved)
+            changes = (dpath, history.dtime[: last + 1, lane]) if self.forward else None
+            rolled.path[b, within] = tip_at(samples[within], t, path, changes)
 
 
 class _Value:
@@ -210,23 +216,6 @@ def _bind(function: ca.Function, inputs: list[np.ndarray], outputs: list[np.ndar
             buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
     evaluate.buffer_ = buffer  # keeps it alive
     return evaluate
-
-
-def _closest(
-    t: np.ndarray, path: np.ndarray, dpath: np.ndarray, target: np.ndarray
-) -> tuple[float, float, np.ndarray, float]:
-    """Distance, time, tip (place and velocity) and slope of the distance at the closest approach on the segments."""
-    if len(t) < 2:
-        return np.inf, 0.0, np.zeros(4), 0.0
-    start, step = path[:-1, :2], np.diff(path[:, :2], axis=0)
-    squared = (step**2).sum(axis=1)
-    s = np.clip(((target - start) * step).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
-    offset = start + s[:, None] * step - target
-    i = int((offset**2).sum(axis=1).argmin())
-    tip = path[i] + s[i] * (path[i + 1] - path[i])
-    moved = dpath[i, :2] + s[i] * (dpath[i + 1, :2] - dpath[i, :2])
-    d = float(np.hypot(*offset[i]))
-    return d, t[i] + s[i] * (t[i + 1] - t[i]), tip, float(offset[i] @ moved) / d if d > 0 else 0.0
 
 
 def tip_at(

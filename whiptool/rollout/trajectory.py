@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from whiptool.models.parameters import Model
+from whiptool.rollout.closest import closest_on_segments
 from whiptool.whole_files import write_npz
 
 if TYPE_CHECKING:
@@ -84,23 +85,14 @@ class Trajectory:
 
     def approach(self, target: np.ndarray) -> Approach:
         """The closest approach (B = 1): the nearest point of the segments between successive tip positions."""
-        start, step = self.tip[:-1], np.diff(self.tip, axis=0)
-        squared = (step**2).sum(axis=1)
-        along = ((target - start) * step).sum(axis=1)
-        s = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0), 0, 1)  # (T - 1,)
-        points = start + s[:, None] * step
-        distance = np.hypot(*(target - points).T)
-        i = int(distance.argmin()) if len(distance) else None
-        a = self.tau.shape[1]
-        if i is None:  # diverged in the first step
-            nearest = np.inf, 0.0, np.full(2, np.nan), np.full(2, np.nan)
+        nearest = closest_on_segments(self.tip, target)
+        if np.isinf(nearest.distance):  # diverged in the first step
+            of_tip = 0.0, np.full(2, np.nan), np.full(2, np.nan)
         else:
-            velocity = self.tip_velocity[i] + s[i] * (self.tip_velocity[i + 1] - self.tip_velocity[i])
-            time = self.t[i] + s[i] * (self.t[i + 1] - self.t[i])
-            nearest = distance[i], time, velocity, points[i]
+            of_tip = tuple(nearest.between(x) for x in (self.t, self.tip_velocity, self.tip))
         return Approach(
-            *(np.array([x]) for x in nearest),
-            max_joint_speed=np.abs(self.v[:, :a]).max(axis=0)[None],
+            *(np.array([x]) for x in (nearest.distance, *of_tip)),
+            max_joint_speed=np.abs(self.v[:, : self.tau.shape[1]]).max(axis=0)[None],
             max_torque=np.abs(self.tau).max(axis=0)[None],
             diverged=np.array([self.diverged]),
         )

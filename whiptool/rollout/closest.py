@@ -1,0 +1,72 @@
+"""The closest approach of a path to a place: of straight segments, or of a smooth curve."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import PPoly
+from scipy.optimize import brentq
+
+
+class ClosestApproach(NamedTuple):
+    """Where paths come closest.
+
+    Args:
+        distance: [m], (...); infinite where a path has no segment, or none whose ends are known.
+        segment: Which segment, (...).
+        share: The share of the way along it, 0 to 1, (...).
+    """
+
+    distance: np.ndarray
+    segment: np.ndarray
+    share: np.ndarray
+
+    def between(self, values: np.ndarray) -> np.ndarray:
+        """Return what changes linearly along the segments of one path, (T, ...), at its closest approach, (...)."""
+        start, end = values[self.segment], values[self.segment + 1]
+        return start + self.share * (end - start)
+
+
+def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach:
+    """Return the nearest points of the segments between successive points of paths.
+
+    Args:
+        paths: (..., T, 2) [m]; NaN where there is no point.
+        place: (2,), or one for each path, (..., 2) [m].
+    """
+    start, step = paths[..., :-1, :] - np.asarray(place)[..., None, :], np.diff(paths, axis=-2)
+    squared = (step**2).sum(axis=-1)
+    along = -(start * step).sum(axis=-1)
+    share = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0), 0, 1)
+    distance = np.linalg.norm(start + share[..., None] * step, axis=-1)
+    distance = np.where(np.isnan(distance), np.inf, distance)
+    if distance.shape[-1] == 0:
+        shape = distance.shape[:-1]
+        return ClosestApproach(np.full(shape, np.inf), np.zeros(shape, int), np.zeros(shape))
+    segment = distance.argmin(axis=-1)
+    nearest = segment[..., None]
+    found = (np.take_along_axis(x, nearest, axis=-1)[..., 0] for x in (distance, share))
+    return ClosestApproach(next(found), segment, next(found))
+
+
+def closest_on_curve(curve: PPoly, place: np.ndarray, *, samples: int) -> float:
+    """Return when a smooth curve comes nearest to a place [s].
+
+    The nearest of `samples` equally spaced instants, then the root of the squared distance's slope beside it.
+
+    Args:
+        curve: Positions over time, (2,) [m].
+        place: (2,) [m].
+        samples: Enough that the distance has one minimum between three successive ones.
+    """
+    t = np.linspace(curve.x[0], curve.x[-1], samples)
+    nearest = int(np.linalg.norm(curve(t) - place, axis=1).argmin())
+
+    def slope(at: float) -> float:
+        return float((curve(at) - place) @ curve(at, 1))
+
+    before, after = t[max(nearest - 1, 0)], t[min(nearest + 1, len(t) - 1)]
+    if not slope(before) < 0 < slope(after):  # nearest at an end of the curve
+        return float(t[nearest])
+    return float(brentq(slope, before, after, xtol=1e-14))
