@@ -33,13 +33,14 @@ from scipy.stats import binomtest
 from tqdm import tqdm
 
 from whiptool.impedance import Controller
-from whiptool.interception.aiming import Camera, Interception, closest
+from whiptool.interception.aiming import Camera, Interception
 from whiptool.interception.library import Library
 from whiptool.interception.motions import GRAVITY, Motion, Pendulum, find_motion
 from whiptool.interception.planning import HORIZON, LATENCY, PLAN_TIME, intercept, plan
 from whiptool.interception.tracks import Track, fit_track
 from whiptool.models import preset
 from whiptool.rollout import CompiledRollout
+from whiptool.rollout.closest import closest_on_segments
 from whiptool.zone import Disc, sample
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller()
@@ -168,7 +169,7 @@ def misses(truth: CompiledRollout, targets: list[MovingTarget], strikes: list[In
         for i, path in zip(planned, paths, strict=True):
             chosen = strikes[i]
             assert chosen is not None
-            out[i] = closest(path - targets[i].positions(chosen.start + t))
+            out[i] = closest_on_segments(path - targets[i].positions(chosen.start + t), np.zeros(2)).distance
     return out
 
 

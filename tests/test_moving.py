@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
-from whiptool.interception.aiming import Camera, Interception, closest
+from whiptool.interception.aiming import Camera, Interception
 from whiptool.interception.library import Library
 from whiptool.interception.motions import Pendulum, find_motion
 from whiptool.interception.planning import intercept, plan, refresh
@@ -22,6 +22,7 @@ from whiptool.models import preset
 from whiptool.models.motor_limits import XM430
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.closest import closest_on_segments
 
 pytestmark = pytest.mark.slow
 
@@ -183,8 +184,8 @@ def test_bad_tracks_are_refused():
 def test_closest_approach_of_two_movers():
     """Past each other at 1 m: between instants 0 and 1, and never before the NaN."""
     relative = np.array([[-1.0, 1.0], [3.0, 1.0], [np.nan, np.nan]])
-    assert closest(relative) == pytest.approx(1.0)
-    assert closest(np.array([[1.0, 1.0], [3.0, 1.0]])) == pytest.approx(np.sqrt(2))
+    assert closest_on_segments(relative, np.zeros(2)).distance == pytest.approx(1.0)
+    assert closest_on_segments(np.array([[1.0, 1.0], [3.0, 1.0]]), np.zeros(2)).distance == pytest.approx(np.sqrt(2))
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +206,9 @@ def truth():
 def miss(truth, chosen: Interception, motion, numbers) -> float:
     """What comes of it, at half the planner's timestep."""
     t, path, _ = truth.tip_path(chosen.strike.vector[None], t_stay=0.3, rate=4000)
-    return float(closest(path[0] - motion.positions(np.array(numbers), chosen.start + t)))
+    return float(
+        closest_on_segments(path[0] - motion.positions(np.array(numbers), chosen.start + t), np.zeros(2)).distance
+    )
 
 
 def test_a_target_at_rest_is_an_ordinary_plan(library, rollout):
@@ -227,7 +230,8 @@ def test_the_tip_is_where_the_target_will_be(library, name):
     chosen = plan(Track.known(motion, np.array(numbers)), library, now=0.0, rng=np.random.default_rng(0))
     assert chosen is not None
     path = ReferenceRollout(MODEL, Controller()).trajectory(chosen.strike, t_stay=0.3)
-    assert closest(path.tip - motion.positions(np.array(numbers), chosen.start + path.t)) < 3e-3
+    relative = path.tip - motion.positions(np.array(numbers), chosen.start + path.t)
+    assert closest_on_segments(relative, np.zeros(2)).distance < 3e-3
 
 
 @pytest.mark.parametrize("case", ["50 mm of noise", "no motion of these"])

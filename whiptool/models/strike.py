@@ -59,6 +59,10 @@ class Strike:
             raise InputError("D", self.D, "a finite duration > 0 s")
         object.__setattr__(self, "D", float(self.D))
 
+    def __repr__(self) -> str:
+        start, end = (", ".join(f"{x:.4g}" for x in q) for q in (self.q_i, self.q_f))
+        return f"Strike(q_i=({start}) rad, q_f=({end}) rad, D={self.D:.4g} s)"
+
     @classmethod
     def from_vector(cls, vector: Sequence[float] | np.ndarray) -> Strike:
         """From `[q_i, q_f, D]`, shape (2 n + 1,).

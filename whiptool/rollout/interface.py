@@ -5,27 +5,17 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.rollout.points import Points, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory
 
-
-class Placed(Protocol):
-    """What has a position, such as a `Target`."""
-
-    @property
-    def position(self) -> tuple[float, ...]:
-        """Place (x, y) in the strike plane [m]."""
-        ...
-
-
 Strikes: TypeAlias = Strike | Sequence[Strike] | np.ndarray
-Points: TypeAlias = Placed | np.ndarray | Sequence[float]
 
 
 def strike_vectors(strikes: Strikes, joints: int) -> np.ndarray:
@@ -49,23 +39,6 @@ def strike_vectors(strikes: Strikes, joints: int) -> np.ndarray:
     if not np.isfinite(vectors).all() or not (vectors[:, -1] > 0).all():
         raise InputError("strikes", "a value that is not finite, or D <= 0", "finite angles and D > 0 s")
     return vectors
-
-
-def target_points(target: Points, count: int) -> np.ndarray:
-    """Return the places of targets, (count, 2) [m].
-
-    Args:
-        target: A `Target`, or (x, y), for all; or one each, (count, 2) [m].
-        count: Of strikes.
-
-    Raises:
-        InputError: It has another shape.
-    """
-    position = target if isinstance(target, np.ndarray | Sequence) else target.position
-    points = np.asarray(position, float)
-    if points.shape not in ((2,), (count, 2)):
-        raise InputError("target", f"shape {points.shape}", f"a Target, shape (2,), or one each, ({count}, 2)")
-    return np.broadcast_to(points, (count, 2))
 
 
 class Rollout(ABC):

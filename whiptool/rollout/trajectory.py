@@ -10,6 +10,7 @@ import numpy as np
 
 from whiptool.models.parameters import Model
 from whiptool.rollout.closest import closest_on_segments
+from whiptool.rollout.points import Points, target_points
 from whiptool.whole_files import write_npz
 
 if TYPE_CHECKING:
@@ -83,9 +84,9 @@ class Trajectory:
         ended = "diverged" if self.diverged else "ended"
         return f"Trajectory({len(self.t)} instants, {ended} at {self.t[-1]:.3f} s, tip at most {fastest:.1f} m/s)"
 
-    def approach(self, target: np.ndarray) -> Approach:
+    def approach(self, target: Points) -> Approach:
         """The closest approach (B = 1): the nearest point of the segments between successive tip positions."""
-        nearest = closest_on_segments(self.tip, target)
+        nearest = closest_on_segments(self.tip, target_points(target, 1)[0])
         if np.isinf(nearest.distance):  # diverged in the first step
             of_tip = 0.0, np.full(2, np.nan), np.full(2, np.nan)
         else:
@@ -97,9 +98,9 @@ class Trajectory:
             diverged=np.array([self.diverged]),
         )
 
-    def distance(self, target: np.ndarray) -> np.ndarray:
+    def distance(self, target: Points) -> np.ndarray:
         """Distance between tip and target at every instant [m], (T,)."""
-        return np.hypot(*(self.tip - target).T)
+        return np.linalg.norm(self.tip - target_points(target, 1)[0], axis=1)
 
     def save(self, path: Path) -> None:
         """Write an NPZ file, without pickle."""
