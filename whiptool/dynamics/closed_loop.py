@@ -233,21 +233,24 @@ class ClosedLoop(System):
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
         """Return where the arm's hand is, and its links' ends."""
-        frame, ends, angles, _ = self._move_arm(q, v)
-        return Hand(frame, ca.vertcat(*ends), ca.vertcat(*angles))
-
-    def _move_arm(self, q: ca.SX, v: ca.SX) -> tuple[Frame, list[ca.SX], list[ca.SX], list[Moving]]:
-        """The hand's frame; each arm link's end (1, 2), absolute angle, and how it moves."""
         frame, ends, angles, moving = Frame(), [], [], []
         for link, q_i, v_i in zip(self.chain.links, ca.vertsplit(q), ca.vertsplit(v), strict=False):
             frame, moves = articulated.outward(frame, q_i, v_i, link)
             ends.append(ca.horzcat(frame.x, frame.y))
             angles.append(frame.angle)
             moving.append(moves)
-        return frame, ends, angles, moving
+        return Hand(frame, ca.vertcat(*ends), ca.vertcat(*angles), moving)
 
     def react(
-        self, t: ca.SX, h: ca.SX, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX | None, carried: Carried
+        self,
+        t: ca.SX,
+        h: ca.SX,
+        q: ca.SX,
+        v: ca.SX,
+        u: ca.SX,
+        before: ca.SX | None,
+        moving: list[Moving],
+        carried: Carried,
     ) -> Reaction:
         """Return how the controlled arm moves under what it carries; its joints are solved for together."""
         a, gravity = self.n_drive, self.parameters["gravity"]
@@ -258,7 +261,6 @@ class ClosedLoop(System):
         torque = tau - friction * v
         if before is not None:
             torque += 2 * braked * before + 2 * loop @ before
-        *_, moving = self._move_arm(q, v)
         carried_by = []
         for i in reversed(range(a)):
             carried = articulated.inward(carried, moving[i], self.chain.links[i])

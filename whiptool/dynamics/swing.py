@@ -9,7 +9,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.articulated import Acceleration, Carried
+from whiptool.dynamics.articulated import Acceleration, Carried, Moving
 from whiptool.dynamics.chain import Base, Chain
 from whiptool.dynamics.system import Hand, Reaction, System
 
@@ -105,10 +105,18 @@ class Swing(System):
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
         """Return the base's frame; places are counted from the base."""
-        return Hand(self._base(u).frame, ca.SX(0, 2), ca.SX(0, 1))
+        return Hand(self._base(u).frame, ca.SX(0, 2), ca.SX(0, 1), [])
 
     def react(
-        self, t: ca.SX, h: ca.SX, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX | None, carried: Carried
+        self,
+        t: ca.SX,
+        h: ca.SX,
+        q: ca.SX,
+        v: ca.SX,
+        u: ca.SX,
+        before: ca.SX | None,
+        moving: list[Moving],
+        carried: Carried,
     ) -> Reaction:
         """Return the base's acceleration, whatever it carries; gravity is part of it."""
         base = self._base(u)

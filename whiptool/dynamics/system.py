@@ -22,11 +22,12 @@ TIP = ("x", "y", "vx", "vy")  # what a step says of the tip
 
 
 class Hand(NamedTuple):
-    """Where the whip begins, and the far ends (a, 2) [m] and absolute angles (a, 1) of the drive's links."""
+    """Where the whip begins; far ends (a, 2) [m], absolute angles (a, 1) and movement of the drive's links."""
 
     frame: Frame
     ends: ca.SX
     angles: ca.SX
+    moving: list[Moving]
 
 
 class Reaction(NamedTuple):
@@ -68,7 +69,15 @@ class System(ABC):
 
     @abstractmethod
     def react(
-        self, t: ca.SX, h: ca.SX, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX | None, carried: Carried
+        self,
+        t: ca.SX,
+        h: ca.SX,
+        q: ca.SX,
+        v: ca.SX,
+        u: ca.SX,
+        before: ca.SX | None,
+        moving: list[Moving],
+        carried: Carried,
     ) -> Reaction:
         """Return how the drive moves under what it carries.
 
@@ -77,6 +86,7 @@ class System(ABC):
             q, v: The drive's joints, (a, 1).
             u: Input, (n_inputs, 1).
             before: Accelerations of the first stage (a, 1), in the second.
+            moving: How its links move, as `hand` says.
             carried: What the hand carries.
         """
 
@@ -147,7 +157,8 @@ class System(ABC):
             carried, joint = self.carry_link(carried, moving[i], numbers[i], torques[i], armatures[i])
             joints.append(joint)
         joints.reverse()
-        reaction = self.react(t, h, q[:a], v[:a], u, None if before is None else before[:a], carried)
+        k1 = None if before is None else before[:a]
+        reaction = self.react(t, h, q[:a], v[:a], u, k1, hand.moving, carried)
         at, accelerations = reaction.acceleration, [reaction.qdd]
         for i in range(N):
             qdd = articulated.joint_acceleration(at, joints[i])
@@ -210,18 +221,22 @@ class System(ABC):
             return kind(*ca.vertsplit(column))
 
         hand = self.hand(qa, va, u)
-        end, moves, *joint_torque = self.move_link(parts(Frame, frame), q, v, w, h, before)
-        moves, moving, kept = _stored(moves)
+        arm_moves, arm_moving, arm_kept = _stored(hand.moving)
+        end, moves, *first_torque = self.move_link(parts(Frame, frame), q, v, w, h, None)
+        again = self.move_link(parts(Frame, frame), q, v, w, h, before)[2:]
+        turns = end[:2] if self.link(w).links[0].drag.is_zero() else end[:4]  # all that the second stage needs of it
+        moves, moving, (kept,) = _stored([moves])
         carries, keeps = self.carry_link(parts(Carried, carried), kept, w, torque, armature)
         qdd = articulated.joint_acceleration(parts(Acceleration, at), parts(Joint, joint))
         ahead = articulated.accelerate(parts(Acceleration, at), qdd, kept)
-        reaction = self.react(t, h, qa, va, u, before_a, parts(Carried, carried))
+        reaction = self.react(t, h, qa, va, u, before_a, arm_kept, parts(Carried, carried))
         table = {
-            "hand": ([qa, va, self.p, u], [ca.vertcat(*hand.frame), ca.vec(hand.ends.T), hand.angles]),
-            "outward": ([frame, q, v, w, h, before], [ca.vertcat(*end), moves, *joint_torque]),
+            "hand": ([qa, va, self.p, u], [ca.vertcat(*hand.frame), ca.vec(hand.ends.T), hand.angles, arm_moves]),
+            "outward": ([frame, q, v, w, h], [ca.vertcat(*end), moves, *first_torque]),
+            "outward_again": ([frame, q, v, w, h, before], [ca.vertcat(*turns), moves, *again]),
             "inward": ([carried, moving, w, torque, armature], [ca.vertcat(*carries), ca.vertcat(*keeps)]),
             "react": (
-                [t, h, qa, va, self.p, u, before_a, carried],
+                [t, h, qa, va, self.p, u, before_a, arm_moving, carried],
                 [reaction.qdd, ca.vertcat(*reaction.acceleration), reaction.torque],
             ),
             "accelerate": ([at, joint, moving], [ca.vertcat(*ahead), qdd]),
@@ -232,18 +247,20 @@ class System(ABC):
         return found | {"control": self.control} if self.held else found
 
 
-def _stored(moving: Moving) -> tuple[ca.SX, ca.SX, Moving]:
-    """Return what of a moving link differs from zero and from each other, symbols for it, and the link of symbols."""
+def _stored(moving: list[Moving]) -> tuple[ca.SX, ca.SX, list[Moving]]:
+    """Return what of moving links differs from zero and from each other, symbols for it, and the links of symbols."""
     different: list[ca.SX] = []
     places: list[int | None] = []
-    for value in map(ca.SX, moving):
+    for value in (ca.SX(x) for link in moving for x in link):
         same = [i for i, x in enumerate(different) if ca.is_equal(x, value)]
         if not same and not value.is_zero():
             same = [len(different)]
             different.append(value)
         places.append(same[0] if same else None)
     symbols = ca.SX.sym("moving", len(different))
-    return ca.vertcat(*different), symbols, Moving(*(ca.SX(0) if i is None else symbols[i] for i in places))
+    values = [ca.SX(0) if i is None else symbols[i] for i in places]
+    width = len(Moving._fields)
+    return ca.vertcat(*different), symbols, [Moving(*values[i : i + width]) for i in range(0, len(values), width)]
 
 
 def tip_of(frame: Frame) -> ca.SX:

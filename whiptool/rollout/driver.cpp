@@ -116,24 +116,29 @@ struct Stage {
   Numbers<FRAME> frame[N_LINKS + 1];  // where each link begins; the last is the tip
   Numbers<NQ> qdd;
 
-  template <bool KEEP>  // the frames, or only what this stage needs
+  template <bool FIRST>
   void take(const Numbers<NX>& x, const Numbers<1>& t, const Numbers<1>& h, const Numbers<NP>& p,
             const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before) {
     Numbers<MOVING> moving[N_LINKS];
     Numbers<JOINT> joint[N_LINKS];
     Numbers<1> torque[N_LINKS], armature[N_LINKS];
-    call<hand>({In(x, 0), In(x, NQ), p, u}, {frame[0], ends, angles});
+    Numbers<DRIVE_MOVING> drive_moving;
+    call<hand>({In(x, 0), In(x, NQ), p, u}, {frame[0], ends, angles, drive_moving});
     for (int i = 0; i < N_LINKS; ++i) {
       const int j = N_DRIVE + i;
-      call<outward>({frame[i], In(x, j), In(x, NQ + j), w[i], h, In(before, j)},
-                    {frame[i + 1], moving[i], torque[i], armature[i]});
+      if constexpr (FIRST)
+        call<outward>({frame[i], In(x, j), In(x, NQ + j), w[i], h}, {frame[i + 1], moving[i], torque[i], armature[i]});
+      else  // of the frames only what is needed to go on
+        call<outward_again>({frame[i], In(x, j), In(x, NQ + j), w[i], h, In(before, j)},
+                            {frame[i + 1], moving[i], torque[i], armature[i]});
     }
     Numbers<CARRIED> carried[N_LINKS + 1];  // by each link's joint; nothing at the tip
     clear(carried[N_LINKS]);
     for (int i = N_LINKS - 1; i >= 0; --i)
       call<inward>({carried[i + 1], moving[i], w[i], torque[i], armature[i]}, {carried[i], joint[i]});
     Numbers<ACCELERATION> at[N_LINKS + 1];
-    call<react>({t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), carried[0]}, {Out(qdd, 0), at[0], tau});
+    call<react>({t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), drive_moving, carried[0]},
+                {Out(qdd, 0), at[0], tau});
     for (int i = 0; i < N_LINKS; ++i)
       call<accelerate>({at[i], joint[i], moving[i]}, {at[i + 1], Out(qdd, N_DRIVE + i)});
   }

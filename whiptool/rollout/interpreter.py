@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from whiptool.dynamics.columns import outcome_columns, row_columns
+from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.dynamics.system import System
 from whiptool.rollout.batch import Batch, Rolled, empty_results
@@ -51,9 +51,9 @@ class InterpretedEngine:
         if self._control is not None:
             control = _bind(self._control.map(L), at.control_inputs, at.control_outputs)
         history = _History.of(int(steps.max()) + 1, L, self.system)
-        alive = np.ones(L, bool)
+        alive, times = np.ones(L, bool), at.times(steps)
         for i in range(int(steps.max()) + 1):
-            at.set_time(i, steps)
+            at.set_time(i, times)
             if control is None:
                 at.set_inputs(i, steps)
             elif i % batch.hold == 0:
@@ -139,19 +139,26 @@ class _Instant:
         self.step_outputs = along([self.following, self.tip, self.tau, self.seen])
         self.control_inputs, self.control_outputs = along([self.state, self.t, self.p]), along([self.u])
 
-    def set_time(self, i: int, steps: np.ndarray) -> None:
-        """Set time and step; the last step of a strike may be shorter."""
+    def times(self, steps: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return times and steps of every instant, each (T, L), and how they change; a last step may be shorter."""
         batch, which = self._batch, self._which
         pairs = [(batch.h, batch.h_last)]
         if self._forward:
             assert batch.dh is not None
             assert batch.dh_last is not None
             pairs.append((batch.dh, batch.dh_last))
+        i = np.arange(int(steps.max()) + 1)[:, None]
         end, last = (steps == i) & (i > 0), steps == i + 1
-        for t, h, (usual, shorter) in zip(self.t.both, self.h.both, pairs, strict=True):
-            usual, shorter = usual[which], shorter[which]
-            t[:, 0] = np.where(end, (i - 1) * usual + shorter, i * usual)
-            h[:, 0] = np.where(last, shorter, usual)
+        found = []
+        for usual, shorter in ((x[which], y[which]) for x, y in pairs):
+            t = np.where(end, (i - 1) * usual + shorter, i * usual)
+            found.append((t, np.where(last, shorter, usual)))
+        return found
+
+    def set_time(self, i: int, times: list[tuple[np.ndarray, np.ndarray]]) -> None:
+        """Set time and step to those of instant i."""
+        for t, h, (at, step) in zip(self.t.both, self.h.both, times, strict=True):
+            t[:, 0], h[:, 0] = at[i], step[i]
 
     def set_inputs(self, i: int, steps: np.ndarray) -> None:
         """Set the inputs at the step's start and end; a strike that ended waits for the others."""
@@ -174,6 +181,7 @@ class _Instant:
 class _History:
     """Every step of L strikes: rows (T, L, columns), tip and its change (T, L, 4), change of the time (T, L)."""
 
+    columns: Columns
     rows: np.ndarray
     path: np.ndarray
     dpath: np.ndarray
@@ -183,14 +191,17 @@ class _History:
 
     @classmethod
     def of(cls, T: int, L: int, system: System) -> _History:
-        rows = np.empty((T, L, row_columns(system.n, system.n_drive).width))
-        return cls(
-            rows, np.empty((T, L, 4)), np.zeros((T, L, 4)), np.zeros((T, L)), np.zeros(L, int), np.zeros(L, bool)
-        )
+        columns = row_columns(system.n, system.n_drive)
+        rows = np.empty((T, L, columns.width))
+        path, dpath, dtime = np.empty((T, L, 4)), np.zeros((T, L, 4)), np.zeros((T, L))
+        return cls(columns, rows, path, dpath, dtime, last=np.zeros(L, int), diverged=np.zeros(L, bool))
 
     def note(self, i: int, at: _Instant, alive: np.ndarray) -> None:
         """Note instant i of the strikes that still move."""
-        self.rows[i] = np.hstack([at.t.x, at.state.x, at.tau.x])
+        columns = self.columns
+        self.rows[i, :, columns["t"]] = at.t.x
+        self.rows[i, :, columns["x"]] = at.state.x
+        self.rows[i, :, columns["tau"]] = at.tau.x
         self.path[i], self.dpath[i], self.dtime[i] = at.tip.x, at.tip.d, at.t.d[:, 0]
         self.last[alive] = i
 

@@ -35,7 +35,7 @@ def _constants(system: System) -> str:
     numbers = {"N_DRIVE": a, "N_LINKS": system.n_links, "NP": system.n_parameters, "N_INPUTS": system.n_inputs}
     numbers["LINK"] = len(system.link_columns)
     numbers |= {kind.__name__.upper(): len(kind._fields) for kind in (Carried, Joint, Acceleration)}
-    numbers["MOVING"] = system.functions["outward"].numel_out(1)
+    numbers["MOVING"], numbers["DRIVE_MOVING"] = (system.functions[name].numel_out(i) for name, i in _MOVING)
     numbers |= Columns(dict.fromkeys(Frame._fields, 1)).constants("FRAME")
     numbers |= outcome_columns(a).constants("OUT") | row_columns(n, a).constants("ROW")
     lines = [f"constexpr int {name} = {value};" for name, value in numbers.items()]
@@ -43,6 +43,9 @@ def _constants(system: System) -> str:
     for name, values in (("LINK_FIRST", firsts), ("LINK_STRIDE", strides)):
         lines.append(f"constexpr int {name}[] = {{{', '.join(map(str, values))}}};")
     return "\n".join(lines) + "\n"
+
+
+_MOVING = (("outward", 1), ("hand", 3))  # which outputs say how the whip's and the drive's links move
 
 
 class _Strikes(ctypes.Structure):  # driver.cpp: struct Strikes
