@@ -22,8 +22,10 @@ Needs `pip install "mujoco[sysid]"`.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import logging
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -145,9 +147,10 @@ class Peer:
             return r.ravel(), seen, seen  # it compares their signal mappings, arrays and all
 
         function = sysid.build_residual_fn(models_sequences=self.sequences, modify_residual=residual)
-        found, _ = sysid.optimize(
-            initial_params=self.parameters(), residual_fn=function, optimizer="mujoco", verbose=False
-        )
+        with contextlib.redirect_stdout(sys.stderr):  # where it reports its iterations
+            found, _ = sysid.optimize(
+                initial_params=self.parameters(), residual_fn=function, optimizer="mujoco", verbose=False
+            )
         return {name: float(START[name] * found[name].value[0]) for name in FREE}
 
 

@@ -158,7 +158,7 @@ def share(carried: Carried, joint: Joint, armature: ca.SX) -> Carried:
 
 def joint_acceleration(at: Acceleration, joint: Joint) -> ca.SX:
     """Return a joint's acceleration [rad/s^2], where its link begins with the acceleration `at`."""
-    return (joint.hx * at.ax + joint.hy * at.ay + joint.J * at.alpha - joint.u) * joint.negative_inverse
+    return ca.SX(joint.hx * at.ax + joint.hy * at.ay + joint.J * at.alpha - joint.u) * joint.negative_inverse
 
 
 def accelerate(at: Acceleration, qdd: ca.SX, moving: Moving) -> Acceleration:

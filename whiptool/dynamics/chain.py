@@ -59,8 +59,8 @@ class Chain:
     @property
     def links(self) -> list[Link]:
         """The n links, each with its own numbers."""
-        quantities = zip(*(self.each(name) for name in ("length", "mass", "com", "inertia", "drag")), strict=True)
-        return [Link(*numbers, self.drag_ratio) for numbers in quantities]
+        length, mass, com, inertia, drag = (self.each(x) for x in ("length", "mass", "com", "inertia", "drag"))
+        return [Link(length[i], mass[i], com[i], inertia[i], drag[i], self.drag_ratio) for i in range(self.n)]
 
 
 @dataclass(frozen=True)

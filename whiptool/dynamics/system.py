@@ -188,7 +188,7 @@ class System(ABC):
         """`step` with its derivative along one direction of all inputs; CasADi's forward mode."""
         return along(self.step)
 
-    @property
+    @cached_property
     def control(self) -> ca.Function:
         """`u(x, t, p)`: the torque to hold, (a, 1).
 

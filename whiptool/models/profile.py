@@ -68,7 +68,9 @@ class WhipProfile:
         return WhipParameters(
             N=N,
             l=self.length / N,
-            **{name: per_node[name] for name in ("m", "k", "b")},
+            m=per_node["m"],
+            k=per_node["k"],
+            b=per_node["b"],
             rest_angle=per_node["rest_angle"] if self.rest_curvature else 0.0,
             drag=per_node["drag"] if self.drag else 0.0,
             hinge_mass=per_node["hinge_mass"][0],
