@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import argparse
 import json
+from itertools import repeat
 
 import numpy as np
-from joblib import Parallel, delayed
+from loky import get_reusable_executor
 
 from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
 from whiptool.models import preset
@@ -39,18 +40,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="8 strikes, the reference at 0.1 ms")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
-    parser.add_argument("--workers", type=int, default=-1, help="processes; default: one per core")
+    parser.add_argument("--workers", type=int, help="processes; default: one per core")
     arguments = parser.parse_args()
     count, h = (8, 2 * REFERENCE_STEP) if arguments.quick else (200, REFERENCE_STEP)
     model = preset("lemon2024")
     strikes = default_bounds(model.arm).sample(np.random.default_rng(2024), count)
     report = {}
+    pool = get_reusable_executor(arguments.workers)
     for name, controller in CONTROLLERS.items():
         parts = np.array_split(strikes, max(1, count // 4))
-        with Parallel(n_jobs=arguments.workers) as parallel:
-            truth = np.concatenate(parallel(delayed(reference_miss)(name, part, h) for part in parts))  # type: ignore[arg-type]
-            few = strikes[:4]
-            double, half = parallel(delayed(reference_miss)(name, few, x) for x in (2 * h, h / 2))  # type: ignore[misc]
+        truth = np.concatenate(list(pool.map(reference_miss, repeat(name), parts, repeat(h))))
+        double, half = pool.map(reference_miss, repeat(name), repeat(strikes[:4]), (2 * h, h / 2))
         report[name] = {
             "reference_timestep": h,
             "reference_diverged": int(np.isinf(truth).sum()),

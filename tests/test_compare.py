@@ -285,7 +285,7 @@ def test_no_more_processes_than_units_and_cores(monkeypatch, capsys):
         asked.append(max_workers)
         raise Full
 
-    monkeypatch.setattr("joblib.externals.loky.process_executor.ProcessPoolExecutor", pool)
+    monkeypatch.setattr("loky.ProcessPoolExecutor", pool)
     with pytest.raises(Full):
         dict(workers.work_on({"a": 1, "b": 2}, _refuse, workers=100_000))
     assert asked == [2]

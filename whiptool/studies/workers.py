@@ -83,13 +83,13 @@ def _given_up(deaths: Counter[str]) -> None:
 
 
 def _in_processes(units: Mapping[str, Any], work: Callable[[Any], R], workers: int, on_death: OnDeath) -> Worked[R]:
-    """In processes of joblib's loky, which notices when one of them dies, but not over which unit.
+    """In processes of loky, which notices when one of them dies, but not over which unit.
 
     So those that were being worked on then are tried again one at a time, and a second death has its name.
     """
     from concurrent.futures import FIRST_COMPLETED, Future, wait
 
-    from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
+    from loky import BrokenProcessPool, ProcessPoolExecutor
 
     waiting, suspects, deaths = deque(units), deque[str](), Counter[str]()
     while waiting or suspects:
@@ -156,6 +156,7 @@ def _on_ray(units: Mapping[str, Any], work: Callable[[Any], R], address: str, on
         exceptions.OutOfMemoryError,
         exceptions.ObjectLostError,
     )
+    # Ray's own retries would tell of no death, and not end where the memory does not suffice
     task, deaths = ray.remote(num_cpus=1, max_retries=0)(_sealed), Counter[str]()
     running = {task.remote(work, unit): name for name, unit in units.items()}
     try:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
-from html import escape
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -13,9 +9,9 @@ import numpy as np
 from whiptool.models.parameters import Model
 from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.viz.plots import COLORS, planned_end
+from whiptool.viz.templating import filled
 
 RATE = 500.0  # [Hz], at which a strike is shown
-SCRIPTS = ("values.js", "drawing.js", "space.js", "time.js", "controls.js")
 MOST = 120_000  # numbers in a page; a longer strike is shown at a lower rate
 
 
@@ -30,15 +26,14 @@ def strike_page(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
     target = np.asarray(target, float)
     data = strike_data(model, trajectory, target, hit_radius)
     period = 1e3 * float(np.median(np.diff(data["t"]))) if len(data["t"]) > 1 else 0.0
-    parts = {
-        "title": escape(f"Strike of {model.name}"),
-        "subtitle": escape(_subtitle(trajectory, trajectory.approach(target), target, hit_radius, label)),
-        "note": f"Shown: an instant every {period:.2g} ms; trajectory.npz beside this file holds them all.",
-        "colors": "; ".join(f"--{name}: {code}" for name, code in COLORS.items()),
-        "data": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),  # no tag ends it
-        "script": "\n".join(_text(name) for name in SCRIPTS),
-    }
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _text("page.html"))
+    return filled(
+        "strike.html",
+        title=f"Strike of {model.name}",
+        subtitle=_subtitle(trajectory, trajectory.approach(target), target, hit_radius, label),
+        period=f"{period:.2g}",
+        colors=COLORS,
+        data=data,
+    )
 
 
 def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_radius: float) -> dict[str, Any]:
@@ -104,7 +99,3 @@ def _subtitle(trajectory: Trajectory, near: Approach, target: np.ndarray, hit_ra
     if np.isfinite(distance):
         words.append(f"closest {distance:.4f} m at {near.time[0]:.3f} s with {near.speed[0]:.1f} m/s")
     return "; ".join([*words, label] if label else words) + "."
-
-
-def _text(name: str) -> str:
-    return (files("whiptool.viz") / "page_parts" / name).read_text(encoding="utf-8")

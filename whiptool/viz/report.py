@@ -6,17 +6,21 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
+from typing import ClassVar
 
 from matplotlib.figure import Figure
 
+from whiptool.viz.templating import filled
+
 REPRODUCED, NOT_REPRODUCED, ONLY_WITH = "reproduced", "not reproduced", "reproduced only with"
+_STYLE = {REPRODUCED: "yes", NOT_REPRODUCED: "no", ONLY_WITH: "partly"}  # names in report.css
 
 
 @dataclass(frozen=True)
 class Text:
     """Paragraph of plain text in a report."""
 
+    template: ClassVar[str] = "text.html"
     text: str
 
 
@@ -24,6 +28,7 @@ class Text:
 class Table:
     """Rows of cells, the first being the header."""
 
+    template: ClassVar[str] = "table.html"
     rows: Sequence[Sequence[str]]
     caption: str = ""
 
@@ -32,9 +37,15 @@ class Table:
 class Picture:
     """A matplotlib figure, as vectors unless it has too many of them."""
 
+    template: ClassVar[str] = "picture.html"
     figure: Figure
     caption: str
     vector: bool = True
+
+    def source(self) -> str:
+        """Return the picture as an address that holds it whole; the same for the same figure."""
+        kind, data = _image(self)
+        return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
 @dataclass(frozen=True)
@@ -55,11 +66,22 @@ class Claim:
     verdict: str
     reason: str
 
+    @property
+    def kind(self) -> str:
+        """Return which of the three words the verdict begins with."""
+        return next(name for name in (ONLY_WITH, NOT_REPRODUCED, REPRODUCED) if self.verdict.startswith(name))
+
+    @property
+    def style(self) -> str:
+        """Return the name of the verdict's colour in `report.css`."""
+        return _STYLE[self.kind]
+
 
 @dataclass(frozen=True)
 class Claims:
     """Claims, one below the other."""
 
+    template: ClassVar[str] = "claims.html"
     claims: Sequence[Claim]
 
 
@@ -94,59 +116,14 @@ def to_html(title: str, subtitle: str, facts: Mapping[str, str], sections: Seque
         sections: In order; their claims are summed up at the top.
     """
     claims = [claim for section in sections for claim in section.claims]
-    contents = "".join(f'<li><a href="#s{i}">{escape(s.title)}</a></li>' for i, s in enumerate(sections))
-    body = [
-        f"<h1>{escape(title)}</h1><p class=sub>{escape(subtitle)}</p>",
-        f"<nav><ol>{contents}</ol></nav>",
-        f"<p>{_count(claims)}</p>" if claims else "",
-        "<details><summary>What was run</summary><table>",
-        *(f"<tr><th>{escape(name)}</th><td class=left>{escape(text)}</td></tr>" for name, text in facts.items()),
-        "</table></details>",
-    ]
-    for i, section in enumerate(sections):
-        body.append(f'<section id="s{i}"><h2>{escape(section.title)}</h2>')
-        body += [_part(part) for part in section.parts]
-        body.append("</section>")
-    return (
-        f"<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>{escape(title)}</title>"
-        f'<meta name=viewport content="width=device-width, initial-scale=1"><style>{_STYLE}</style></head>\n<body>'
-        + "\n".join(body)
-        + "</body></html>\n"
-    )
+    count = _count(claims) if claims else ""
+    return filled("report.html", title=title, subtitle=subtitle, facts=facts, sections=sections, count=count)
 
 
 def _count(claims: Sequence[Claim]) -> str:
-    counts = {name: sum(_kind(c) == name for c in claims) for name in (REPRODUCED, ONLY_WITH, NOT_REPRODUCED)}
+    counts = {name: sum(c.kind == name for c in claims) for name in (REPRODUCED, ONLY_WITH, NOT_REPRODUCED)}
     said = [f"{number} {name}{' a change' if name == ONLY_WITH else ''}" for name, number in counts.items() if number]
     return f"{len(claims)} claims: {', '.join(said)}."
-
-
-def _kind(claim: Claim) -> str:
-    return next(name for name in (ONLY_WITH, NOT_REPRODUCED, REPRODUCED) if claim.verdict.startswith(name))
-
-
-def _part(part: Text | Table | Picture | Claims) -> str:
-    if isinstance(part, Text):
-        return f"<p>{escape(part.text)}</p>"
-    if isinstance(part, Table):
-        head, *rows = part.rows
-        lines = ["".join(f"<th>{escape(c)}</th>" for c in head)]
-        lines += [f"<th>{escape(row[0])}</th>" + "".join(f"<td>{escape(c)}</td>" for c in row[1:]) for row in rows]
-        caption = f"<caption>{escape(part.caption)}</caption>" if part.caption else ""
-        return f"<div class=wide><table>{caption}{''.join(f'<tr>{line}</tr>' for line in lines)}</table></div>"
-    if isinstance(part, Picture):
-        kind, data = _image(part)
-        source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-        caption = escape(part.caption)
-        return f'<figure><img alt="{caption}" src="{source}"><figcaption>{caption}</figcaption></figure>'
-    head = "".join(f"<th>{name}</th>" for name in ("claim", "paper", "here", "verdict"))
-    rows = "".join(
-        f"<tr><td class=left>{escape(c.claim)}</td><td class=left>{escape(c.paper)}</td>"
-        f"<td class=left>{escape(c.ours)}</td>"
-        f"<td class=left><b class={_CLASS[_kind(c)]}>{escape(c.verdict)}</b><br>{escape(c.reason)}</td></tr>"
-        for c in part.claims
-    )
-    return f"<div class=wide><table class=claims><tr>{head}</tr>{rows}</table></div>"
 
 
 def _image(picture: Picture) -> tuple[str, bytes]:
@@ -160,17 +137,3 @@ def _image(picture: Picture) -> tuple[str, bytes]:
         return "svg+xml", data.getvalue()
     picture.figure.savefig(data, format="png", dpi=160, bbox_inches="tight")
     return "png", data.getvalue()
-
-
-_CLASS = {REPRODUCED: "yes", NOT_REPRODUCED: "no", ONLY_WITH: "partly"}
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
-h1 { margin-bottom: 0 } h2 { margin-top: 3rem; border-bottom: 2px solid #0072B2 } .sub { color: #555 }
-table { border-collapse: collapse; margin: 1rem 0; font-size: 0.92rem }
-caption { text-align: left; color: #555; padding-bottom: .3rem }
-th, td { padding: .25rem .7rem; border-bottom: 1px solid #ddd; text-align: right; vertical-align: top }
-th:first-child, .left, .claims th { text-align: left } .wide { overflow-x: auto }
-.claims { width: 100% } .yes { color: #00714f } .no { color: #b34700 } .partly { color: #0072B2 }
-figure { margin: 1.5rem 0 } img { max-width: 100%; height: auto } figcaption { color: #555; font-size: .92rem }
-@media print { section { break-inside: avoid-page } }
-"""
