@@ -47,9 +47,6 @@ def full() -> StrikeRecording:
     )
 
 
-# ---------------------------------------------------------------- LeRobot
-
-
 def write_lerobot(folder, *, whip=True, info=None, episodes=None, data=None) -> None:
     """Two episodes in one Parquet file and one video; the second is the strike."""
     import pyarrow as pa

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from repository import ROOT
 
 import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
 from whiptool.rig.caps import CappedLoop
-from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
+from whiptool.rig.cyclelog import Cycles, Flag, Phase
 from whiptool.rig.dynamixel import Joints, Units
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
 from whiptool.rig.loop import LoopOptions, RigLoop, StepClock, WallClock, move
@@ -223,21 +219,6 @@ def test_move_keeps_its_speed():
     assert speed == pytest.approx(0.5, rel=1e-4)
 
 
-def test_log_survives_a_cut_and_refuses_what_is_none(tmp_path):
-    path = tmp_path / "x.cycles"
-    log = CycleLog(2, path, about={"a": 1})
-    row = list(range(6 + 8 * 2))
-    for _ in range(3):
-        log.append(row)
-    data = path.read_bytes()  # before it is closed
-    path.write_bytes(data[:-5])
-    assert len(Cycles.load(path)) == 2
-    assert Cycles.load(path).q[0].tolist() == [3, 4]
-    path.write_bytes(b"nonsense\n123")
-    with pytest.raises(InputError, match="begins with"):
-        Cycles.load(path)
-
-
 def test_loop_refuses_what_does_not_fit():
     options = TwinOptions(timestep=5e-4, integrator="implicitfast")
     with (
@@ -250,17 +231,6 @@ def test_loop_refuses_what_does_not_fit():
         LoopOptions(rate=0)
 
 
-def test_clocks_do_not_go_back():
-    clock = StepClock()
-    clock.sleep_until(1.0)
-    clock.sleep_until(0.5)
-    assert clock.now() == 1.0
-    wall = WallClock()
-    start = wall.now()
-    wall.sleep_until(start + 0.01)
-    assert wall.now() - start >= 0.01
-
-
 def test_reference_of_the_loop_is_the_strikes():
     from whiptool.impedance.arm import Arm
 
@@ -268,26 +238,3 @@ def test_reference_of_the_loop_is_the_strikes():
     np.testing.assert_allclose(
         loop.torque(0.0, np.array(STRIKE.q_i), np.zeros(2)), loop.arm.gravity_compensation(np.array(STRIKE.q_i))
     )
-
-
-@pytest.mark.parametrize(
-    "script", ["rig.py", "rig_faults.py", "emulator_load.py", pytest.param("replan.py", marks=pytest.mark.slow)]
-)
-def test_benchmarks_run(script):
-    command = [sys.executable, str(ROOT / "benchmarks" / script), "--json", "--quick"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
-    if script == "rig.py":
-        assert result["cycles_per_second"] > 0
-        assert result["paced_cycles"] > 0
-        assert set(result["detection_ms"]) >= {"drop", "hot", "unplug"}
-    elif script == "emulator_load.py":
-        assert result["command_scans_found"] == result["tries"] == 1
-        assert result["lockstep_repeats"]
-    elif script == "replan.py":
-        assert result["kin"]["number"] == 3
-        assert 0 < result["kin"]["learn"] < result["kin"]["both"]
-    else:
-        assert result["violations"] == 0
-        assert result["strikes"] >= 20

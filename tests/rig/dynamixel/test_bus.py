@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import select
 import signal
@@ -11,33 +10,15 @@ import sys
 import termios
 import threading
 import time
-from pathlib import Path
 
-import numpy as np
 import pytest
 from ports import PatientPort, sdk
 from processes import HANG
 
 from whiptool.errors import InputError
-from whiptool.rig.dynamixel import BLOCK, DynamixelBus, Joints, NoReply, Refused, Units, Unplugged, register
-from whiptool.rig.dynamixel.control_table import in_words
-from whiptool.rig.dynamixel.port import check_rate, latency_timer
+from whiptool.rig.dynamixel import BLOCK, DynamixelBus, NoReply, Refused, Units, Unplugged, register
 from whiptool.rig.emulator import Emulator, Fault, TwinOptions
 from whiptool.rig.emulator.packets import status
-
-
-@pytest.fixture(scope="module")
-def twin():
-    with Emulator(TwinOptions(timestep=5e-4, integrator="implicitfast")) as emulator:
-        yield emulator
-
-
-@pytest.fixture
-def bus(twin):
-    twin.reset((0.3, 0.5))
-    with twin.bus(timeout=0.02) as bus:
-        bus.prepare_block()
-        yield bus
 
 
 @pytest.fixture
@@ -87,18 +68,6 @@ def test_values_are_signed_both_ways(bus, twin):
     assert at(block, "present_position")[0] < COUNTS[0]
 
 
-def test_joints_are_in_si_units(bus):
-    joints = Joints(bus, zero=[2048, 2000], direction=[1, -1])
-    sample = joints.read()
-    np.testing.assert_allclose(sample.q, [0.3, -(0.5 + 48 * Units().position)], atol=Units().position)
-    np.testing.assert_array_equal(joints.counts(np.array([1.0, 1.0])), np.array([1, -1]) * round(2.3 / 4.1 / 2.69e-3))
-    np.testing.assert_allclose(joints.torque(joints.counts(np.array([2.0, -3.0]))), [2.0, -3.0], atol=0.005)
-    joints.current_limit = 100
-    assert np.abs(joints.counts(np.array([9.0, -9.0]))).max() == 100
-    with pytest.raises(InputError, match="direction"):
-        Joints(bus, direction=[1, 2])
-
-
 def test_refusals_name_the_reason(bus):
     bus.write(1, "torque_enable", 1)
     with pytest.raises(Refused, match="servo 1: no access to this address now"):
@@ -110,13 +79,6 @@ def test_refusals_name_the_reason(bus):
     with pytest.raises(InputError, match="register: got 'goal_torque'"):
         bus.read(1, "goal_torque")
     assert bus.failures == {"refused": 2}
-
-
-def test_registers_refuse_what_they_do_not_take():
-    with pytest.raises(InputError, match="goal_current: got 1194"):
-        register("goal_current").encode(1194)
-    assert register("goal_current").encode(-2) == b"\xfe\xff"
-    assert in_words(0b100100) == "overheating, overload"
 
 
 # -- traps of the SDK --------------------------------------------------------------------------------------------------
@@ -323,16 +285,6 @@ def test_what_needs_stuffing_goes_both_ways(bus):
         assert bus._read_bytes(1, start, len(data)) == data
 
 
-def test_trap_sdk_removes_too_much():
-    reply = list(bytes.fromhex("FFFFFD00010C0055 00 FFFFFDFD 00FFFDFD 00 0000".replace(" ", "")))
-    reply[5] = len(reply) - 7
-    body = bytes(sdk.Protocol2PacketHandler().removeStuffing(list(reply)))[9:]
-    assert not body.startswith(bytes.fromhex("FFFFFD 00FFFDFD"))
-    from whiptool.rig.dynamixel.port import make_handler
-
-    assert bytes(make_handler().removeStuffing(list(reply)))[9:].startswith(bytes.fromhex("FFFFFD 00FFFDFD"))
-
-
 def test_time_of_day_is_not_used(bus, monkeypatch):
     monkeypatch.setattr(
         time, "time", lambda: 0.0
@@ -378,26 +330,6 @@ def test_wrong_baud_rate_names_the_right_one_and_the_command():
             bus.check(500)
 
 
-def test_rates_and_what_mends_them():
-    ok: dict = {"device": "/dev/ttyUSB0", "bytes_per_cycle": 88}
-    assert check_rate(500, baud=1_000_000, latency=1e-3, **ok) == pytest.approx(88e-5 + 1e-3)
-    with pytest.raises(InputError, match=r"latency timer: got '16 ms'.*echo 1 \| sudo tee /sys/class/tty/ttyUSB0/"):
-        check_rate(500, baud=1_000_000, latency=16e-3, **ok)
-    with pytest.raises(InputError, match="--set-return-delay 0"):
-        check_rate(500, baud=1_000_000, delays=2e-3, **ok)
-    with pytest.raises(InputError, match="--set-baud 2000000"):
-        check_rate(2000, baud=1_000_000, **ok)
-    with pytest.raises(InputError, match="take a lower rate"):
-        check_rate(9000, baud=4_000_000, **ok)
-
-
-def test_latency_timer_comes_from_the_driver(tmp_path: Path):
-    (tmp_path / "ttyUSB3" / "device").mkdir(parents=True)
-    (tmp_path / "ttyUSB3" / "device" / "latency_timer").write_text("16\n")
-    assert latency_timer("/dev/ttyUSB3", sysfs=tmp_path) == pytest.approx(0.016)
-    assert latency_timer("/dev/ttyACM0", sysfs=tmp_path) is None
-
-
 def test_a_port_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match=r"port: got '/dev/ttyNONE'"):
         DynamixelBus("/dev/ttyNONE", [1])
@@ -414,8 +346,3 @@ def test_the_sdk_is_named_when_it_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "dynamixel_sdk", None)
     with pytest.raises(InputError, match=r"pip install whiptool\[rig\]"):
         DynamixelBus(os.devnull, [1])
-
-
-def test_finer_units_are_finer():
-    assert Units(2**14).position * 2**14 == pytest.approx(2 * math.pi / 4096)
-    assert Units(2**14).current * 16 == pytest.approx(2.69e-3)

@@ -7,16 +7,14 @@ import fcntl
 import os
 import sys
 import termios
-import threading
 import time
 import tty
 
 import numpy as np
 import pytest
-from ports import sdk
-from processes import HANG
+from ports import PatientPort, RawLine, sdk
+from servos import GOLDEN, h
 
-from whiptool.commands import dynamixel as command
 from whiptool.rig.dynamixel.control_table import register
 from whiptool.rig.emulator import Emulator, Fault, TwinOptions
 from whiptool.rig.emulator.packets import Packet, encode, status
@@ -248,30 +246,69 @@ def test_alone_it_keeps_no_record(server, clock):
     assert [len(x) for x in (state["goal_writes"], state["torque_changes"], server.physics._rows)] == [0, 0, 0]
 
 
-# -- scans -----------------------------------------------------------------------------------------------------------
+def test_fuzzed_line_neither_hangs_nor_dies(twin):
+    twin.reset()
+    rng = np.random.default_rng(0)
+    with RawLine(twin) as line:
+        for _ in range(150):
+            kind = rng.integers(3)
+            noise = rng.integers(0, 256, int(rng.integers(1, 200)), dtype=np.uint8).tobytes()
+            if kind == 1:  # good packets with any instruction and parameters; not those that change how it talks
+                packet = Packet(int(rng.choice([1, 2, 254, 9])), int(rng.integers(256)), noise[:40])
+                noise = encode(packet) if packet.instruction not in (3, 4, 6, 0x83, 0x93) else b"\xff\xff\xfd"
+            elif kind == 2:
+                good = bytearray(h(list(GOLDEN.values())[int(rng.integers(len(GOLDEN)))]))
+                good[int(rng.integers(len(good)))] ^= 1 << int(rng.integers(8))
+                noise = bytes(good)
+            line.write(noise)
+        line.answer()
+        line.write(h(GOLDEN["ping"]))
+        assert h("FF FF FD 00 01 07 00 55") in line.answer()
 
 
-def test_the_command_finds_servos_that_answer_late(monkeypatch, capsys):
-    """A ping of the SDK's is given up after 34 ms; the command's waits for `PATIENCE`."""
-    port = sdk.PortHandler("")
-    port.tx_time_per_byte = 0.01
-    port.setPacketTimeout(14)
-    assert 20 * port.packet_timeout < command.PATIENCE * 1e3
-    monkeypatch.setattr(command, "PATIENCE", HANG)
-    server, done = Server(WALL), threading.Event()
+def test_in_lockstep_a_packet_may_come_in_pieces_at_any_pace(twin):
+    twin.reset()
+    ping = h(GOLDEN["ping"])
+    with RawLine(twin) as line:
+        for cut in (1, 5, len(ping) - 1):
+            line.write(ping[:cut])
+            assert line.answer() == b""
+            time.sleep(0.05)  # longer than a servo would wait
+            for _ in range(2):
+                twin.state()  # it looks, and nothing has come
+            line.write(ping[cut:])
+            assert len(line.answer()) == 14
 
-    def serve_late() -> None:
-        while waiting(server) < len(PING):
-            time.sleep(1e-3)
-        time.sleep(0.1)
-        while not done.is_set():
-            server._round()
 
-    thread = threading.Thread(target=serve_late)
-    thread.start()
-    try:
-        assert command.main(["--port", server.port]) == 0
-    finally:
-        done.set()
-        thread.join()
-    assert capsys.readouterr().out.count("model 1020") == 2
+def test_lockstep_repeats_exactly(twin):
+    def play() -> np.ndarray:
+        twin.reset((0.2, 0.3))
+        port, handler = PatientPort(twin), sdk.Protocol2PacketHandler()
+        for i in (1, 2):
+            handler.write1ByteTxRx(port, i, 11, 0)
+            handler.write2ByteTxRx(port, i, 102, 0)
+            handler.write1ByteTxRx(port, i, 64, 1)
+        write = sdk.GroupSyncWrite(port, handler, 102, 2)
+        for i in (1, 2):
+            write.addParam(i, [0, 0])
+        for k in range(60):
+            for i in (1, 2):
+                write.changeParam(i, list((200 - 5 * k * i).to_bytes(2, "little", signed=True)))
+            write.txPacket()
+        path = twin.trajectory()
+        port.closePort()
+        return path["q"]
+
+    first, second = play(), play()
+    # a sample every millisecond of 61 periods of 2 ms: the second servo's first goal came with the first one on
+    assert len(first) == 61 * 2 + 1
+    np.testing.assert_array_equal(first, second)
+    assert np.abs(first[-1] - first[0]).max() > 0.01
+
+
+def test_time_stands_still_without_writes_in_lockstep(twin):
+    twin.reset()
+    time.sleep(0.05)
+    assert twin.state()["t"] == 0
+    twin.advance(0.25)
+    assert twin.state()["t"] == pytest.approx(0.25)
