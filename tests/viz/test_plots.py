@@ -1,15 +1,10 @@
-"""Figures and video: drawn for good strikes and for broken ones, on machines with and without OpenGL."""
+"""Figures: drawn for good strikes and for broken ones."""
 
 from __future__ import annotations
-
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from processes import HANG
 
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
@@ -52,32 +47,3 @@ def test_a_diverged_strike_is_drawn_too(tmp_path):
     written = plots.save_strike_figures(tmp_path, path, LEMON, TARGET, 0.06, "wild")
     assert len(written) == 4
     assert all(file.stat().st_size > 5000 for file in written)
-
-
-@pytest.mark.parametrize("gl", ["disabled", "nonsense"])
-def test_without_opengl_matplotlib_draws_the_video(tmp_path, gl):
-    command = [
-        sys.executable,
-        "-m",
-        "whiptool.simulate",
-        "--strike",
-        "-1.2",
-        "0.9",
-        "1.2",
-        "0.3",
-        "0.4",
-        "--t-stay",
-        "0",
-    ]
-    done = subprocess.run(
-        [*command, "--out", "run"],
-        cwd=tmp_path,
-        env={**os.environ, "MUJOCO_GL": gl},
-        capture_output=True,
-        text=True,
-        timeout=HANG,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "run" / "strike.mp4").read_bytes()[4:8] == b"ftyp"
-    assert "matplotlib" in done.stderr

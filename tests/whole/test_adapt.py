@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shutil
 
 import numpy as np
 import pytest
+from whip_study import CONTROLLER, MODEL
 
 from whiptool.adaptation import loop, planner, posterior
-from whiptool.adaptation import options as options_of_adaptation
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
 from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
@@ -22,28 +21,16 @@ from whiptool.adaptation.prior import UNSEEN, Belief, default_prior, read_belief
 from whiptool.adaptation.twins import FAMILIES, NODES, Twin, draw_twin
 from whiptool.commands import adapt
 from whiptool.errors import InputError
-from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
+from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.files import controller_to_table
 from whiptool.models.motor_limits import XM430
-from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import joint_points
-from whiptool.studies.comparison import Comparison, Scene
-from whiptool.studies.reproduction import adapt as reproduction
-from whiptool.studies.reproduction import whole_chain
-from whiptool.studies.reproduction.context import Context
-from whiptool.studies.reproduction.trials import Trials, reliability
-from whiptool.studies.reproduction.unknown_whips import LookUnit, OpeningUnit, PolicyUnit, Study, WhipUnit
-from whiptool.studies.reproduction.whole_chain import ReachUnit, RigTransferUnit, RigUnit
-from whiptool.viz.report import Table
-from whiptool.zone import Disc
 
 pytestmark = pytest.mark.slow
-
-MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 TARGET = (1.2, 0.1)
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 QUICK = Effort(pool=96, polished=4, steps=4, whips=12, population=6, rounds=2)
@@ -514,20 +501,6 @@ def test_repeating_the_first_strike_is_the_baseline(prior):
     assert steps[1].learned is None
 
 
-def test_command_line_hits_and_resumes(tmp_path, capsys):
-    out = tmp_path / "run"
-    words = ["--target", "1.2", "0.1", "--camera", "tip", "--family", "kin", "--seed", "5", "--whip", "uniform"]
-    assert adapt.main([*words, "--preset", "table4", "--json", "--out", str(out)]) == 0
-    said = capsys.readouterr()
-    result = json.loads(said.out)
-    assert result["hit"]
-    assert result["miss_distance"][-1] <= 0.06
-    assert "stated probability" in said.err
-    shutil.rmtree(out / f"strike-{result['strikes']:04d}")
-    assert adapt.main(["--resume", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["miss_distance"] == result["miss_distance"]
-
-
 @pytest.mark.parametrize(
     "line",
     ['"odd" = {value = 1, error = 1}', '"whip.k" = 3', '"whip.k" = {value = 1, error = -1}', "odd"],
@@ -537,39 +510,6 @@ def test_a_bad_prior_is_refused(line, tmp_path):
     file.write_text(line)
     with pytest.raises(InputError):
         read_belief(str(file), MODEL, CONTROLLER, whip="uniform")
-
-
-def study_of(**changes) -> Study:
-    scene = Scene(model=MODEL, controller=CONTROLLER, zone=Disc((1.1, 0.0)), targets=8)
-    return dataclasses.replace(Study(scene=scene, strikes=2, thorough=False), **changes)
-
-
-def test_an_unknown_whip_is_tried_with_every_method():
-    """What is learned after one strike is better than the first; what nothing is learned from is the same again."""
-    study = study_of()
-    target = int(study.within(study.twin("kin", 5))[0])
-    opening = OpeningUnit(study=study, kind="robust", material=study.material(5), target=target).run(None, 1)
-    found = {}
-    for method in ("robust", "correction", "uniform", "adapt"):
-        unit = WhipUnit(
-            study=study,
-            family="kin",
-            seed=5,
-            method=method,
-            targets=(target,),
-            openings={target: opening},
-            transfer=(1,),
-        )
-        found[method] = unit.run(None, 1)
-        assert found[method] == unit.run(None, 1) or method in ("uniform", "adapt")  # their seconds differ
-    first, second = found["robust"]["trials"][0]["miss"]
-    assert first == second
-    for method in ("correction", "adapt"):
-        assert found[method]["trials"][0]["miss"][0] == first
-    for method in ("uniform", "adapt"):
-        assert found[method]["trials"][0]["miss"][1] < 0.02
-    assert [row["target"] for row in found["adapt"]["transferred"]] == [1]
-    assert found["adapt"]["transferred"][0]["miss"] < 0.06
 
 
 def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypatch):
@@ -603,56 +543,6 @@ def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypa
     assert len(fits) == 4 + 10 + 1
 
 
-def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):
-    study = study_of()
-    own = study.within(study.twin("kin", 5))
-    unit = ReachUnit(study=study, family="kin", seed=5)
-    assert unit.run(None, 1) == {"target": own[0], "passed": 0}
-    prepared = options_of_adaptation.prepare
-
-    def weaker(options):
-        found = prepared(options)
-        weak = dataclasses.replace(found.options.limits, stall_torque=0.5)
-        found.options = dataclasses.replace(found.options, limits=weak)
-        return found
-
-    monkeypatch.setattr(options_of_adaptation, "prepare", weaker)
-    assert unit.run(None, 1) == {"target": None, "passed": 5}
-
-
-def test_a_whip_learned_in_the_whole_chain_is_struck_at_other_targets(monkeypatch):
-    """Once each, and those only that the motors reach; without rendering, which takes long."""
-    prepare, study = whole_chain.prepared, study_of(strikes=1)
-    prepared = []
-
-    def seen_as_points(*args, **changes):
-        prepared.append(prepare(*args, **changes, camera="points"))
-        return prepared[-1]
-
-    monkeypatch.setattr(whole_chain, "prepared", seen_as_points)
-    monkeypatch.setattr(whole_chain, "motors_reach", lambda study, family, seed, number: number != own[2])
-    own = study.within(study.twin("kin", 5)).tolist()
-    unit = RigTransferUnit(study=study, family="kin", seed=5, target=own[0], further=(own[1], own[2]))
-    found = unit.run(None, 1)
-    assert found["passed"] == 1
-    [struck] = found["transferred"]
-    assert struck["target"] == own[1]
-    assert struck["miss"] < 0.06
-    learning, again = prepared
-    assert not learning.options.still
-    assert learning.known is None
-    assert again.known.errors()["profile.length"] < 0.01 < again.prior.errors()["profile.length"]
-
-
-def test_targets_are_within_the_whips_reach():
-    study = study_of()
-    far = study_of(scene=dataclasses.replace(study.scene, zone=Disc((3.0, 0.0))))
-    twin = study.twin("stranger", 2)
-    assert len(far.within(twin)) == 0
-    own = study.scene.points()[study.within(twin)]
-    assert (np.hypot(*own.T) < twin.model.reach).all()
-
-
 def test_a_correction_along_the_jacobian_brings_the_tip_nearer():
     """On the model itself, from a strike that nearly hits: what Newton's method would do."""
     rollout = CompiledRollout(MODEL, CONTROLLER, timestep=5e-4)
@@ -667,103 +557,3 @@ def test_a_correction_along_the_jacobian_brings_the_tip_nearer():
         off = correct(off, seen.recording, rollout, TARGET)
     assert misses[1] < 0.3 * misses[0]
     assert misses[2] < 0.5 * misses[1]
-
-
-class Told:
-    """A store that knows every result: the nominal strike misses by 8 cm, what learns misses by 4, then 0.5 cm."""
-
-    def results(self, units, *, desc: str = "") -> dict:
-        return {unit.name: self.of(unit) for unit in units}
-
-    def of(self, unit) -> dict:
-        if isinstance(unit, LookUnit):
-            return {"strike": list(STRIKE.vector), "told": 1.0}
-        if isinstance(unit, OpeningUnit):
-            return {}
-        learns = {"miss": [0.04, 0.005], "probability": [0.5, 1.0], "seconds": [3.0, 1.0]}
-        learns["predicted"] = [[0.01, 0.05], [0.002, None]]
-        if isinstance(unit, ReachUnit):  # the strange whip reaches nothing, the others only their second target
-            return {"target": None, "passed": 5} if unit.family == "strange" else {"target": 3, "passed": 1}
-        if isinstance(unit, RigTransferUnit):
-            assert unit.target not in unit.further
-            return {
-                "transferred": [
-                    {"target": unit.further[0], "miss": 0.05, "probability": 0.8, "predicted": [0.01], "fault": ""}
-                ],
-                "passed": 19,
-            }
-        if isinstance(unit, RigUnit):
-            return {"target": unit.target, **learns, "faults": ["", ""]}
-        if isinstance(unit, PolicyUnit):
-            return {f"{f}-{s}": [{"target": t, "miss": [None, 0.07]} for t in own] for f, s, own in unit.whips}
-        missed = {"miss": [0.08, 0.08], "probability": [1.0, 1.0], "seconds": [3.0, 3.0]}
-        missed["predicted"] = [[0.01, 0.05], [0.01, 0.05]]
-        row = learns if unit.method in ("adapt", "still", "wiggle") else missed
-        further = [{"target": t, "miss": 0.01, "probability": 0.9, "predicted": [0.02]} for t in unit.transfer]
-        return {"trials": [{"target": t, **row} for t in unit.targets], "transferred": further}
-
-
-def test_the_report_of_unknown_whips():
-    scene = Scene(model=MODEL, controller=CONTROLLER)
-    context = Context(Comparison(scene=scene), Told(), whips=5)  # type: ignore[arg-type]
-    sections = {section.title: section for section in reproduction.sections(context)}
-    hits, trials = (p.rows for p in sections["Unknown whips, strike by strike"].parts if isinstance(p, Table))
-    assert len(hits) == len(trials) == 1 + 3 * 9 - 1  # the strangest whips are not tried as uniform ones
-    by_name = {tuple(row[:2]): row for row in hits}
-    assert by_name["kin", "nominal"][2:] == ["15", "0 %", "0 %", "8.00", "8.00"]
-    assert [by_name[family, "uniform"][2] for family in ("kin", "strange")] == ["15", "3"]
-    assert by_name["stranger", "adapt"][2:] == ["15", "100 %", "100 %", "4.00", "0.50"]
-    assert by_name["strange", "sac"][5:] == ["inf", "7.00"]
-    row = {tuple(row[:2]): row for row in trials}["kin", "wiggle"]
-    assert row[2:] == ["1.00 (1.00 to 1.00), 100 %", "2.00 (2.00 to 2.00), 100 %", "2.00 (2.00 to 2.00), 100 %"]
-    goals = {row[0]: row for row in sections["Goals"].parts[0].rows}
-    assert goals["kin, unseen: mean trials within 6 cm"][1:] == ["<= 1.1", "1", "1", "yes"]
-    assert goals["kin, filmed as it hangs: mean trials within 3 cm"][-1] == "no"
-    assert goals["strange, unseen: mean trials within 6 cm"][1:] == ["<= 1.4", "1", "", "yes"]
-    text, table = sections["Through servos, images and tracker"].parts
-    assert "kin: 1 (0); strange: 5 (1); stranger: 1 (0)" in text.text
-    assert [row[:3] for row in table.rows[1:]] == [
-        ["kin", "adapt", "1"], ["kin", "still", "1"], ["kin", "wiggle", "1"], ["kin", "uniform", "1"],
-        ["stranger", "adapt", "1"], ["stranger", "still", "1"], ["stranger", "wiggle", "1"],
-    ]  # fmt: skip
-    assert goals["kin: calibration error"][-1] == "no"  # half of the strikes were said to hit half the time
-    assert goals["kin: first hits at other targets"][2:] == ["1", "1", "yes"]
-    assert goals["strange: first hits at other targets"][2:] == ["1", "", "yes"]
-    text, table = sections["Whips once learned, at other targets"].parts
-    assert "38 of 40 others are left out" in text.text
-    assert "0 strikes ended in a fault" in text.text
-    assert ["kin", "whole chain", "1", "1", "100 %", "0 %", "5.00"] in table.rows
-    # 2 whips x 3 methods x 2 strikes, stated 0.5 (hit) and 1 (hit), and one transfer, stated 0.8 (hit)
-    assert float(goals["stranger: calibration error"][3]) == pytest.approx((3 * 0.5 + 0.2) / 7, abs=5e-4)
-    assert goals["stranger: calibration error of first strikes"][2:] == ["0.5", "0.5", "no"]
-    assert goals["kin: Brier score of first strikes, less that of the best constant forecast"][2:4] == ["0.25", "0.25"]
-    # of 3 methods' misses 4 cm and 5 mm, predicted 1 or 5 cm and 2 mm or none, none is beyond; the transfers' are
-    assert goals["stranger: misses beyond all samples"][2:4] == ["0", f"{1 / 7:.3g}"]
-
-
-def test_a_study_of_chosen_rows_tries_no_others():
-    told = Told()
-    asked: list[str] = []
-    told.results = lambda units, desc="": asked.extend(u.name for u in units) or {u.name: told.of(u) for u in units}  # type: ignore[method-assign]
-    scene = Scene(model=MODEL, controller=CONTROLLER)
-    context = Context(Comparison(scene=scene), told, whips=5, whip_targets=2, rows=("nominal", "still"))  # type: ignore[arg-type]
-    sections = {section.title: section for section in reproduction.sections(context)}
-    hits = next(p.rows for p in sections["Unknown whips, strike by strike"].parts if isinstance(p, Table))
-    assert {(row[1], row[2]) for row in hits[1:]} == {("nominal", "10"), ("still", "10")}
-    assert "Through servos, images and tracker" not in sections
-    assert {row[0] for row in sections["Goals"].parts[0].rows} >= {"kin, filmed as it hangs: mean trials within 6 cm"}
-    assert not any(word in name for name in asked for word in ("robust", "look", "rig", "reach", "sac", "wiggle"))
-
-
-def test_intervals_resample_whips_not_trials():
-    """Ten whips, each the same in all its hundred trials, tell as much as ten numbers."""
-    values = np.repeat(np.arange(10.0), 100)
-    low, high = Trials(values[:, None], np.repeat(np.arange(10), 100)).interval(values)
-    error = np.std(np.arange(10)) / np.sqrt(10)
-    assert (high - low) / 2 == pytest.approx(1.96 * error, rel=0.1)
-
-
-def test_reliability():
-    bins, error = reliability(np.array([0.9, 0.95, 0.1]), np.array([True, True, False]))
-    np.testing.assert_allclose(bins, [[0.1, 0.0, 1.0], [0.925, 1.0, 2.0]])
-    assert error == pytest.approx((0.1 + 2 * 0.075) / 3)

@@ -8,20 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from one_joint import ONE_JOINT, one_joint_task
 
 from whiptool.errors import InputError
-from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters
-from whiptool.models.strike import StrikeBounds
 from whiptool.rl import hindsight
 from whiptool.rl.learner import Diverged, OffPolicyLearner
 from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.ppo import PPO
 from whiptool.rl.replay import Transitions
-from whiptool.rl.settings import SETTINGS, settings_for
-from whiptool.rl.task import OBSERVATIONS, StrikeTask, reward
+from whiptool.rl.settings import settings_for
+from whiptool.rl.task import OBSERVATIONS, reward
 from whiptool.rl.training import LEARNERS, Plan, Training, load_checkpoint, make_learner
-from whiptool.rollout import CompiledRollout
 from whiptool.zone import Disc, sample
 
 pytestmark = pytest.mark.slow
@@ -29,20 +26,6 @@ pytestmark = pytest.mark.slow
 OFF_POLICY = ("sac", "td3", "ddpg")
 SMALL: dict[str, dict[str, Any]] = {name: {"hidden": (16, 16), "batch_size": 32} for name in OFF_POLICY}
 SMALL["ppo"] = {"hidden": (16, 16)}
-ONE_JOINT = CompiledRollout(
-    Model(
-        whip=WhipParameters(N=3, l=0.15, m=0.02, k=0.2, b=0.05),
-        arm=ArmParameters((ArmLink(mass=0.3, length=0.5),)),
-    ),
-    Controller(ConstantImpedance(K=((30.0,),), B=((3.0,),))),
-    timestep=1e-3,
-)
-
-
-def one_joint_task(**options) -> StrikeTask:
-    """Three numbers, q_1i, q_1f and D, and targets that one strike in six hits by chance."""
-    bounds = StrikeBounds((-1.2, 0.3, 0.3), (0.0, 2.8, 1.0))
-    return StrikeTask(ONE_JOINT, Disc((0.75, 0.0), 0.15), bounds=bounds, **options)
 
 
 def training(method, *, seed=0, plan=None, task=None, **changes) -> Training:
@@ -337,42 +320,3 @@ def test_relabelled_rewards_are_those_of_the_physics():
     for wrong in (("ppo", "goal"), ("sac", "paper")):
         with pytest.raises(InputError, match="hindsight"):
             training(wrong[0], task=one_joint_task(observation=wrong[1]), plan=Plan(hindsight=1))
-
-
-# settings
-
-
-def test_settings_are_checked():
-    assert settings_for("sac", alpha=0, discount=0).discount_for("paper") == 0
-    assert settings_for("sac").discount_for("goal") == 0
-    assert settings_for("sac").discount_for("relative") == 0.99
-    for method, wrong in (
-        ("sac", {"alpha": -1}),
-        ("sac", {"batch_size": 2.5}),
-        ("sac", {"batch_size": True}),
-        ("sac", {"batch_size": 10**9}),
-        ("sac", {"alpha": "0.2"}),
-        ("sac", {"hidden": 256}),
-        ("sac", {"hidden": (2.5,)}),
-        ("sac", {"hidden": ("256",)}),
-        ("sac", {"hidden": (256, 10**9)}),
-        ("ppo", {"kl_target": 0.0}),
-        ("sac", {"updates": 0}),
-        ("td3", {"delay": 0}),
-        ("ddpg", {"discount": 1.1}),
-        ("ddpg", {"noise": math.nan}),
-        ("ppo", {"spread": 0.0}),
-        ("ppo", {"learning_rate": 0}),
-        ("ppo", {"hidden": ()}),
-        ("ppo", {"alpha": 0.1}),
-        ("dqn", {}),
-    ):
-        with pytest.raises(InputError):
-            settings_for(method, **wrong)
-    for wrong in ({"episodes": 0}, {"episodes": True}, {"trials": 1}, {"random_episodes": -1}, {"hindsight": -1}):
-        with pytest.raises(InputError):
-            Plan(**wrong)
-    with pytest.raises(InputError, match=", ".join(SETTINGS)):
-        make_learner("dqn", settings_for("sac"), one_joint_task(), torch.Generator())
-    with pytest.raises(InputError, match="observation"):
-        one_joint_task(observation="all")
