@@ -7,7 +7,6 @@ a whip of 1e-13 kg follows an arm.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -20,11 +19,8 @@ from whiptool.dynamics.closed_loop import Structure, closed_loop
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
-from whiptool.impedance.oiac import OIAC, oiac_preset
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import preset
-from whiptool.models.strike import Strike
-from whiptool.rollout.compiled import CompiledRollout
 
 HEAVY = ArmParameters((ArmLink(mass=1e14, length=0.3),))
 
@@ -180,6 +176,7 @@ def test_constant_torque_against_viscous_friction():
 # ---------------------------------------------------------------------------------------------------------------------
 # Springs and dampers
 
+
 INERTIA = 0.012 * 0.072**2  # [kg m^2] of a node of Table 2 about its joint
 
 
@@ -213,35 +210,3 @@ def test_a_damper_decays_by_the_methods_stability_function(z: float):
     assert v == pytest.approx(3.0 * R, rel=1e-9)
     assert abs(R) < 1
     assert pytest.approx(1 - 1 / np.sqrt(2)) == GAMMA
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-# The whole loop
-
-STRIKES = [
-    Strike((-1.0, 1.0), (1.5, 0.5), 0.6),
-    Strike((-0.8, 0.3), (2.0, 1.5), 0.6),
-    Strike((-1.4, 2.0), (1.0, 0.1), 0.6),
-]
-LOOPS = {
-    "constant": (Controller(ConstantImpedance()), 5e-4),
-    "constant, feedforward": (Controller(ConstantImpedance(), feedforward=True), 5e-4),
-    "OIAC printed": (Controller(OIAC()), 2.5e-4),
-    "OIAC table4": (Controller(oiac_preset("table4")), 6.25e-5),
-}
-
-
-@pytest.mark.parametrize("name", LOOPS)
-def test_the_closed_loop_is_of_second_order(name: str):
-    """Richardson: states over the whole strike and 0.2 s more, at h, h/2, h/4, root mean square."""
-    controller, h = LOOPS[name]
-    rollouts = [CompiledRollout(preset("lemon2024"), controller, timestep=h / 2**i) for i in range(3)]
-    squares = []
-    for strike in STRIKES:
-        trajectories = [rollout.trajectory(strike, t_stay=0.2) for rollout in rollouts]
-        assert not any(x.diverged for x in trajectories)
-        q = [x.q[:: 2**i] for i, x in enumerate(trajectories)]  # at the same times
-        squares.append([((a - b) ** 2).mean() for a, b in pairwise(q)])
-    coarse, fine = np.sqrt(np.mean(squares, axis=0))
-    assert 1.85 < np.log2(coarse / fine) < 2.15
-    assert fine < 1e-4

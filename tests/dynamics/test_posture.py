@@ -6,13 +6,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from rich_model import everything
 from scipy.optimize import minimize
 
 from whiptool.dynamics.closed_loop import Structure
-from whiptool.dynamics.posture import hangs_straight, hinge_is_free, start_derivative, start_posture
-from whiptool.impedance import Controller
+from whiptool.dynamics.posture import _settle, hangs_straight, hinge_is_free, start_derivative, start_posture
+from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import Model, WhipParameters
+from whiptool.models.strike import Strike
+from whiptool.rollout import CompiledRollout
 
 LEMON = preset("lemon2024")
 POSTURES = np.array([[-1.2, 0.4], [0.3, 1.0], [0.0, 0.0]])
@@ -114,3 +117,33 @@ def test_many_starts_at_once_are_each_as_alone():
     for i in (0, 23, 24, 29):
         alone = start_derivative(SPRUNG, structure, q[i : i + 1], p[i : i + 1], dp[i : i + 1])
         np.testing.assert_allclose(together[i], alone[0], atol=1e-12)
+
+
+def test_a_whip_with_rest_angles_starts_at_rest():
+    """Held in its start posture by a stiff arm, a curved whip stays where it is."""
+    model = everything()
+    still = Strike((-0.5, 0.3), (-0.5, 0.3), 0.5)
+    stiff = Controller(ConstantImpedance(K=((1e4, 0), (0, 1e4)), B=((1e2, 0), (0, 1e2))))
+    path = CompiledRollout(model, stiff).trajectory(still, t_stay=0.0)
+    assert np.abs(path.tip - path.tip[0]).max() < 2e-4  # the arm sags a little
+    assert abs(path.q[0, 3:]).max() > 0.01
+
+
+def test_behind_a_free_hinge_the_whips_shape_does_not_know_the_arm():
+    """Each posture as found alone, from straight down; and a spring at the hinge, where it does."""
+    model = everything()
+    free = {name: (0.0, *model.whip.per_node(name)[1:].tolist()) for name in ("k", "cubic_stiffness")}
+    whip = dataclasses.replace(model.whip, **free)
+    cubic = dataclasses.replace(whip, cubic_stiffness=model.whip.cubic_stiffness)
+    q_i = np.random.default_rng(3).uniform(-1.5, 1.5, (5, 2))
+    for changed in (dataclasses.replace(model, whip=w) for w in (whip, cubic, model.whip)):
+        q = start_posture(changed, q_i)
+        for row in q:
+            one = row.copy()
+            one[2:] = 0.0
+            one[2] = -row[:2].sum()
+            _settle(changed, one[None])
+            np.testing.assert_allclose(row, one, atol=1e-10)
+        absolute = q[:, 2] + q[:, :2].sum(axis=1)
+        bent_alike = np.ptp(q[:, 3:], axis=0).max() < 1e-10 and np.ptp(absolute) < 1e-10
+        assert bent_alike == hinge_is_free(changed) == (changed.whip is whip)

@@ -1,10 +1,15 @@
 """Recordings and files of them, as other people's writers make them."""
 
+import csv
+import dataclasses
 import json
 import shutil
 
 import numpy as np
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from whiptool.errors import WhiptoolError
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 
@@ -84,3 +89,91 @@ def write_lerobot(folder, *, whip=True, info=None, episodes=None, data=None) -> 
         "episode_index": np.repeat([0, 1], T), **({"observation.whip": list(flat)} if whip else {}), **(data or {}),
     }  # fmt: skip
     pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
+
+
+def same(a: StrikeRecording, b: StrikeRecording, but: tuple[str, ...] = ()) -> None:
+    for f in dataclasses.fields(a):
+        if f.name not in but:
+            np.testing.assert_array_equal(getattr(a, f.name), getattr(b, f.name), err_msg=f.name)
+
+
+def write_rows(path, rows) -> None:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+
+
+def to_pixels(points: np.ndarray) -> np.ndarray:
+    h = np.concatenate([points, np.ones((*points.shape[:-1], 1))], -1) @ np.linalg.inv(H).T
+    return h[..., :2] / h[..., 2:]
+
+
+def images(count: int = T, shape: tuple[int, int] = (48, 64)) -> list[np.ndarray]:
+    """A white square that moves two pixels an image, over black."""
+    made = [np.zeros((*shape, 3), np.uint8) for _ in range(count)]
+    for k, image in enumerate(made):
+        image[20:28, k : k + 8] = 255
+    return made
+
+
+def write_video(path, made, fourcc="MJPG") -> None:
+    import cv2
+
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*fourcc), FPS, made[0].shape[1::-1])
+    for image in made:
+        writer.write(image)
+    writer.release()
+
+
+@st.composite
+def damage(draw):
+    """Cut off, some bytes changed (often near the head or the tail, where the structure is), or anything at all."""
+    kind = draw(st.sampled_from(["cut", "flip", "flip", "random"]))
+    if kind == "random":
+        junk = draw(st.binary(max_size=600))
+        keep = draw(st.sampled_from([0, 0, 16, 128, 512]))
+        return lambda data: data[:keep] + junk
+    if kind == "cut":
+        share = draw(st.floats(0, 1))
+        return lambda data: data[: int(share * len(data))]
+    changes = draw(st.lists(st.tuples(st.floats(0, 1), st.sampled_from([0, 1, 2]), st.integers(0, 255)), min_size=1))
+
+    def flip(data):
+        made = bytearray(data)
+        for share, where, value in changes:
+            reach = len(made) if where == 0 else min(len(made), 700)
+            i = min(int(share * reach), reach - 1)
+            made[i if where < 2 else len(made) - 1 - i] = value
+        return bytes(made)
+
+    return flip
+
+
+FUZZ = {"deadline": None, "database": None, "suppress_health_check": list(HealthCheck)}
+
+
+def survives(read) -> None:
+    """It reads, or says in one line why not."""
+    said = ""
+    try:
+        read()
+    except WhiptoolError as error:
+        said = str(error)
+    assert "\n" not in said
+
+
+def fuzz(file, examples: int, read) -> None:
+    whole = file.read_bytes()
+    read()  # undamaged it reads
+
+    @settings(max_examples=examples, **FUZZ)
+    @given(change=damage())
+    def run(change):
+        file.write_bytes(change(whole))
+        survives(read)
+
+    run()
+
+
+def plain_rows(d: int = 2) -> list[list]:
+    names = [f"{m}_{a}" for m in ("tip", "handle") for a in "xyz"[:d]]
+    return [["t", *names]] + [[t, *p.ravel()] for t, p in zip(times(), places(d=d))]

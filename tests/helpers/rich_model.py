@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import Model
 from whiptool.rollout.trajectory import Approach
@@ -29,3 +30,11 @@ def everything() -> Model:
             rest_angle=vary(0.05), cubic_stiffness=vary(0.05), drag_ratio=0.3, hinge_mass=0.01,
         ),
     )  # fmt: skip
+
+
+CONTROLLERS = {
+    "constant": Controller(ConstantImpedance()),
+    "oiac": Controller(OIAC(a=2e-4)),
+    "all options": Controller(OIAC(), feedforward=True, torque_limit=5.0),
+    "held": Controller(ConstantImpedance(), control_period=0.001, torque_limit=20.0),
+}

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from whiptool.dynamics.closed_loop import ClosedLoop, Structure
 from whiptool.errors import InputError
-from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, preset
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds, named_strike, strike_names
 
@@ -40,16 +37,6 @@ def test_reference_waits_at_the_start():
     np.testing.assert_array_equal(a, 0)
     for single, several in zip(strike.reference(-0.2), strike.reference(before), strict=True):
         np.testing.assert_array_equal(single, several[1])
-
-
-def test_compiled_reference_is_the_strikes_before_during_and_after():
-    strike, t = Strike((0.0, 0.1), (1.0, -1.0), 0.5), ca.SX.sym("t")
-    loop = ClosedLoop(Structure.of(preset("lemon2024"), Controller(ConstantImpedance())))
-    loop.parameters.update({"q_i": ca.DM(strike.q_i), "q_f": ca.DM(strike.q_f), "D": ca.DM(strike.D)})
-    compiled = ca.Function("reference", [t], loop.reference(t))
-    for at in (-0.3, 0.0, 0.2, 0.5, 0.8):
-        for ours, its in zip(strike.reference(at), compiled(at), strict=True):
-            np.testing.assert_allclose(ours, np.asarray(its)[:, 0], atol=1e-12)
 
 
 def test_reference_stays_at_the_end_and_takes_single_times():
