@@ -6,7 +6,6 @@ import dataclasses
 import json
 import math
 import re
-import sys
 import tomllib
 
 import numpy as np
@@ -14,8 +13,7 @@ import pytest
 import tomli_w
 
 from whiptool.commands import identify, optimize
-from whiptool.errors import InputError, WhiptoolError
-from whiptool.identification.gather import gather
+from whiptool.errors import InputError
 from whiptool.identification.inputs import common_controller, full_name, profile_of, read_prior
 from whiptool.identification.plant import Plant
 from whiptool.impedance import ConstantImpedance, Controller
@@ -573,105 +571,3 @@ def test_recordings_share_a_controller():
     assert common_controller(of(plain, told)) == common_controller(of(told, plain)) == told
     with pytest.raises(InputError, match="fit them apart"):
         common_controller(of(told, other))
-
-
-class FakeSdk:
-    """As much of pyrealsense2 as the camera uses, in front of two images."""
-
-    class stream:
-        color, infrared = "color", "infrared"
-
-    class format:
-        rgb8, y8 = "rgb8", "y8"
-
-    class option:
-        enable_auto_exposure, exposure, emitter_enabled = "auto", "exposure", "emitter"
-
-    def __init__(self, settings):
-        self.settings, self.set, self.left, self.stopped, self.asked = settings, {}, 2, 0, []
-
-    def __getattr__(self, name):  # every object of the SDK is this one
-        return lambda *words, **named: self.asked.append((name, *words)) or self
-
-    def set_option(self, name, value):
-        self.set[name] = value
-
-    def supports(self, name):
-        return True
-
-    def get_intrinsics(self):
-        s = self.settings
-        return type(
-            "Lens", (), {"width": s.width, "height": s.height, "fx": 430.0, "fy": 431.0, "ppx": 210.0, "ppy": 241.0}
-        )
-
-    def try_wait_for_frames(self, milliseconds):
-        self.left -= 1
-        return self.left >= 0, self
-
-    def get_data(self):
-        s = self.settings
-        return np.full((s.height, s.width), 7, np.uint8)
-
-    def get_timestamp(self):
-        return 1000.0 - 10 * self.left
-
-    def get_frame_number(self):
-        return 5 - self.left
-
-    def stop(self):
-        self.stopped += 1
-
-
-def test_a_realsense_gives_frames_of_its_own_lens(monkeypatch, tmp_path):
-    from whiptool.vision import realsense
-    from whiptool.vision.source import FrameSource, frames_of
-
-    sdk = FakeSdk(CAMERA)
-    monkeypatch.setitem(sys.modules, "pyrealsense2", sdk)
-    camera = realsense.RealSenseCamera(CAMERA, serial="123")
-    assert isinstance(camera, FrameSource)
-    with pytest.raises(InputError, match="open"):
-        camera.read()
-    frames = list(frames_of(camera))
-    assert ("enable_device", "123") in sdk.asked
-    assert ("enable_stream", "infrared", 1, 424, 480, "y8", 90) in sdk.asked
-    assert sdk.set == {"auto": 0, "exposure": 2000, "emitter": 0}
-    assert [frame.sequence for frame in frames] == [4, 5]
-    np.testing.assert_allclose([frame.t for frame in frames], [0.989, 0.999])
-    assert frames[0].settings.camera_matrix.tolist() == [[430, 0, 210], [0, 431, 241], [0, 0, 1]]
-    assert frames[0].settings.position == CAMERA.position
-    assert sdk.stopped == 1
-    camera.close()
-    assert sdk.stopped == 1
-    with pytest.raises(InputError, match="exists"):
-        realsense.RealSenseCamera(CAMERA, file=tmp_path / "none.bag")
-
-
-def test_a_realsense_without_its_libraries_says_what_to_install(monkeypatch):
-    from whiptool.vision import realsense
-
-    for reason, fix in (("libusb-1.0.so.0: cannot open", "apt-get install libusb-1.0-0"), ("No module", "pip install")):
-
-        def missing(name, reason=reason):
-            raise ImportError(reason)
-
-        monkeypatch.setattr(realsense.importlib, "import_module", missing)
-        with pytest.raises(WhiptoolError, match=fix):
-            realsense.RealSenseCamera(CAMERA).open()
-
-
-def test_an_episode_of_a_dataset_is_named_behind_its_folder(tmp_path):
-    pytest.importorskip("pyarrow", reason="needs the extra `io`")
-    from recordings import TABLE, H, T, write_lerobot
-
-    write_lerobot(tmp_path / "set")
-    sidecar = {"homography": H.tolist(), "episode": {"1": {"strike": TABLE}}}
-    (tmp_path / "set" / "whiptool.toml").write_text(tomli_w.dumps(sidecar))
-    recording, synthetic = gather(f"{tmp_path / 'set'}#1")
-    assert recording.strike is not None
-    assert (len(recording.t), recording.markers, synthetic) == (T, ("tip", "handle"), False)
-    with pytest.raises(InputError, match="episode"):
-        gather(f"{tmp_path / 'set'}#7")
-    with pytest.raises(InputError, match="exists"):
-        gather(f"{tmp_path / 'none'}#1")

@@ -7,15 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 from films import film
+from pendulum_swing import swing
 from scipy.optimize import least_squares
 from scipy.stats import binom
 
-from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
-from whiptool.identification.fit import Options, choose_nodes, fit, predict
-from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.identification.fit import Options, choose_nodes, fit
+from whiptool.identification.pendulum import Pendulum
 from whiptool.identification.plant import PROFILE, Plant, lumping
-from whiptool.identification.predict import Predictor
 from whiptool.identification.sampling import Readings
 from whiptool.identification.solver import Block, Status, solve
 from whiptool.identification.variables import Prior
@@ -27,8 +26,6 @@ from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective, Target
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.batch import Batch
-from whiptool.rollout.engine import RUNGS, find_engine
 
 LEMON, CONTROLLER = preset("lemon2024"), Controller()
 STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(0), 8)
@@ -38,110 +35,6 @@ AWAY = LEMON.with_parameters({"whip.k": 0.3, "whip.b": 0.07, "whip.m": 0.015})
 PLANT = Plant(AWAY, CONTROLLER)
 PROFILED = Plant(LEMON, CONTROLLER, WhipProfile(0.9, 0.2, 0.02, 0.007, 0.3, 0.4, 0.5, 0.1, 0.01))
 PENDULUM = Pendulum((ArmLink(mass=0.2, length=0.2, friction=1e-4), ArmLink(mass=0.1, length=0.3)), (2e-4, 1e-4))
-
-
-def swing(pendulum: Pendulum, start: np.ndarray, rng: np.random.Generator | None = None) -> AngleRecording:
-    """A free swing of 1.5 s, as the model itself predicts it; with a generator, with 1 mrad of noise."""
-    t = np.arange(0, 1.5, 0.005)
-    empty = AngleRecording(t, np.zeros((len(t), pendulum.n)), start)
-    P = Predictor([empty], pendulum, drive="free", shared=["gravity"])
-    angles = P(pendulum, {}, P.start, derivatives=False)[0].value.reshape(-1, pendulum.n)
-    return AngleRecording(t, angles + (0 if rng is None else 1e-3 * rng.standard_normal(angles.shape)), start)
-
-
-CASES = {
-    "command": (
-        PLANT,
-        [
-            *FREE, "whip.l", "whip.drag", "whip.drag_ratio", "whip.rest_angle", "whip.cubic_stiffness", "law.a",
-            "arm.mass[0]", "delay",
-        ],
-        ("start", "scale", "rotation", "shift_x", "shift_y"),
-    ),
-    "profile": (PROFILED, [*(f"profile.{name}" for name in PROFILE), "whip.dry_friction"], ()),
-    "joints": (PLANT, ["whip.k", "whip.b", "whip.rest_angle", "delay"], ("scale",)),
-    "handle": (PLANT, ["whip.k", "whip.m", "whip.dry_friction"], ("start",)),
-    "free": (
-        PENDULUM,
-        ["link.com[0]", "link.inertia[1]", "link.length[0]", "link.dry_friction[1]", "link.drag[0]"],
-        ("start",),
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_derivatives_are_those_of_differences(case):
-    plant, shared, own = CASES[case]
-    kind = "command" if case == "profile" else case
-    if case == "free":
-        recordings = [swing(PENDULUM, np.array([[1.0, 0.5], [0.0, 2.0]]))]
-    else:
-        recordings = [film(LEMON, STRIKES[0], markers=("tip", "handle", "node3"), exposure=0.004)]
-    predictor = Predictor(recordings, plant, drive=kind, shared=shared, own=own)
-    values, nuisance = plant.values(), {"delay": 0.007} if "delay" in shared else {}
-    usual = {"whip.cubic_stiffness": 5.0}  # joints bend by a few hundredths of a radian: less is lost in rounding
-    plant = plant.changed({x: usual.get(x, 1e-3) for x in shared if x in values and values[x] == 0})
-    values, rng = plant.values(), np.random.default_rng(1)
-    unknowns = [x + 1e-4 * rng.standard_normal(len(x)) for x in predictor.start]
-    exact = predictor(plant, nuisance, unknowns, derivatives=True)[0]
-
-    def value(change: dict, own: np.ndarray) -> np.ndarray:
-        moved = plant.changed({k: values[k] + d for k, d in change.items() if k in values})
-        late = {k: x + change.get(k, 0.0) for k, x in nuisance.items()}
-        return predictor(moved, late, [own], derivatives=False)[0].value
-
-    for j, name in enumerate(shared):
-        step = 1e-5 * max(abs(values.get(name, 0.0)), 1e-2)
-        slope = (value({name: step}, unknowns[0]) - value({name: -step}, unknowns[0])) / (2 * step)
-        assert np.abs(slope).max() > 0
-        np.testing.assert_allclose(exact.by_shared[:, j], slope, atol=2e-5 * np.abs(slope).max())
-    size = len(unknowns[0])
-    for j in rng.choice(size, min(size, 12), replace=False):
-        step = np.zeros(size)
-        step[j] = 1e-5
-        slope = (value({}, unknowns[0] + step) - value({}, unknowns[0] - step)) / 2e-5
-        np.testing.assert_allclose(exact.by_own[:, j], slope, atol=1e-5 * max(np.abs(slope).max(), 0.01))
-
-
-@pytest.mark.parametrize("moving", [True, False])
-def test_every_engine_gives_the_same_paths(moving):
-    structure = SwingStructure(3, moving, False, ("stiffness", "dry_friction", "drag", "cubic_stiffness", "drag_ratio"))
-    rng, L, steps = np.random.default_rng(4), 11, np.arange(40, 51)
-    h = np.full(L, 1e-3)
-    lanes = Batch(
-        p=rng.uniform(0.1, 1, (L, structure.n_parameters)),
-        x0=rng.normal(size=(L, 6)),
-        target=np.zeros((L, 2)),
-        h=h,
-        h_last=h,
-        dh=np.zeros(L),
-        dh_last=np.zeros(L),
-        steps=steps,
-        hold=1,
-        columns=np.array([4, 5, 8]),
-        dp=rng.normal(size=(L, structure.n_parameters)),
-        dx0=rng.normal(size=(L, 6)),
-        stride=3,
-    )
-    if moving:
-        lanes.u, lanes.u_row = rng.normal(size=(600, 7)), 50 * np.arange(L)
-        lanes.du, lanes.du_row = rng.normal(size=(600, 7)), np.where(np.arange(L) % 2, 50 * np.arange(L), -1)
-    paths = {name: find_engine(structure, forward=True, rung=name)(lanes).observed() for name in RUNGS}
-    for name in ("simd", "scalar"):
-        for mine, theirs in zip(paths[name], paths["interpreter"], strict=True):
-            for a, b, n in zip(mine, theirs, steps, strict=True):
-                assert a.shape == (n // 3 + 1, 3)
-                np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)
-
-
-@pytest.mark.parametrize("drive", ["joints", "handle"])
-def test_the_whip_alone_follows_the_whole_model(drive):
-    """Arm, controller and whip together, and the whip on the hand's motion, are two derivations of one path."""
-    recording = film(LEMON, STRIKES[0], markers=("tip", "handle", "node5"), rate=400.0)
-    P = Predictor([recording], Plant(LEMON), drive=drive, shared=["whip.k"], timestep=2.5e-4)
-    error = (P(Plant(LEMON), {}, P.start, derivatives=False)[0].value - recording.points.ravel()).reshape(-1, 3, 2)
-    assert np.abs(error[:, 0]).max() < 1e-3
-    assert np.abs(error[:, 1]).max() < 2e-5
 
 
 def test_readings_of_a_path():
@@ -255,27 +148,6 @@ def test_command_joints_and_handle_tell_the_same_whip():
             assert (found[name].kind != "flat") == seen
             assert (found[name].interval is not None) == seen
         assert found.uncertainty.flat.sum() == (0 if seen else 1)
-
-
-@pytest.mark.parametrize(("drive", "own"), [("joints", ()), ("handle", ()), ("joints", ("shift_x",))])
-def test_a_held_out_recording_is_predicted_without_a_look_at_what_is_judged(drive, own):
-    """Tips that are moved aside leave the prediction where it was; from joints it errs hardly more than the camera."""
-    seen = film(LEMON, STRIKES[0], np.random.default_rng(5), markers=("tip", "handle"), sigma=1e-3)
-    points, second = seen.points.copy(), len(seen.t) // 2 + 1
-    points[second if own else 0 :, 0] += np.random.default_rng(6).normal(0, 0.1, 2)
-    moved = dataclasses.replace(seen, points=points)
-    options = Options(drive=drive, per_recording=own, knots=0.05)
-    before, after = (predict([r], Plant(LEMON), {}, options)[0] for r in (seen, moved))
-    for marker, path in before.path.items():
-        np.testing.assert_allclose(after.path[marker], path, atol=1e-9)
-    assert (before.predicted_from is None) == (not own)
-    tip = before.channels[:, 1] == 0
-    assert tip.all() == (drive == "handle")  # readings that drive the whip are not judged
-    chi = np.sqrt(np.mean((before.residuals / before.sigma)[tip] ** 2))
-    assert chi < (1.5 if drive == "joints" else 3)
-    unseen = seen.without(np.array([[True, False]] * len(seen.t)))
-    with pytest.raises(InputError, match="show the whip"):
-        predict([unseen], Plant(LEMON), {}, Options(drive="handle"))
 
 
 def test_clock_and_camera_pose_come_back():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from whiptool.commands import doctor
-from whiptool.errors import WhiptoolError
+from whiptool.errors import InputError, WhiptoolError
 from whiptool.vision import realsense
 from whiptool.vision.camera_model import CameraSettings, camera_preset
 from whiptool.vision.realsense import RealSenseCamera
@@ -93,3 +94,92 @@ def test_doctor_says_what_the_camera_lacks(monkeypatch: pytest.MonkeyPatch) -> N
     assert doctor._camera()[0].fix == ""
     monkeypatch.setattr(doctor, "_version", lambda name: None)
     assert doctor._camera() == []
+
+
+CAMERA = camera_preset("d435-infrared").replace(width=424, cx=211.5)  # all that the tip can reach
+
+
+class FakeSdk:
+    """As much of pyrealsense2 as the camera uses, in front of two images."""
+
+    class stream:
+        color, infrared = "color", "infrared"
+
+    class format:
+        rgb8, y8 = "rgb8", "y8"
+
+    class option:
+        enable_auto_exposure, exposure, emitter_enabled = "auto", "exposure", "emitter"
+
+    def __init__(self, settings):
+        self.settings, self.set, self.left, self.stopped, self.asked = settings, {}, 2, 0, []
+
+    def __getattr__(self, name):  # every object of the SDK is this one
+        return lambda *words, **named: self.asked.append((name, *words)) or self
+
+    def set_option(self, name, value):
+        self.set[name] = value
+
+    def supports(self, name):
+        return True
+
+    def get_intrinsics(self):
+        s = self.settings
+        return type(
+            "Lens", (), {"width": s.width, "height": s.height, "fx": 430.0, "fy": 431.0, "ppx": 210.0, "ppy": 241.0}
+        )
+
+    def try_wait_for_frames(self, milliseconds):
+        self.left -= 1
+        return self.left >= 0, self
+
+    def get_data(self):
+        s = self.settings
+        return np.full((s.height, s.width), 7, np.uint8)
+
+    def get_timestamp(self):
+        return 1000.0 - 10 * self.left
+
+    def get_frame_number(self):
+        return 5 - self.left
+
+    def stop(self):
+        self.stopped += 1
+
+
+def test_a_realsense_gives_frames_of_its_own_lens(monkeypatch, tmp_path):
+    from whiptool.vision import realsense
+    from whiptool.vision.source import FrameSource, frames_of
+
+    sdk = FakeSdk(CAMERA)
+    monkeypatch.setitem(sys.modules, "pyrealsense2", sdk)
+    camera = realsense.RealSenseCamera(CAMERA, serial="123")
+    assert isinstance(camera, FrameSource)
+    with pytest.raises(InputError, match="open"):
+        camera.read()
+    frames = list(frames_of(camera))
+    assert ("enable_device", "123") in sdk.asked
+    assert ("enable_stream", "infrared", 1, 424, 480, "y8", 90) in sdk.asked
+    assert sdk.set == {"auto": 0, "exposure": 2000, "emitter": 0}
+    assert [frame.sequence for frame in frames] == [4, 5]
+    np.testing.assert_allclose([frame.t for frame in frames], [0.989, 0.999])
+    assert frames[0].settings.camera_matrix.tolist() == [[430, 0, 210], [0, 431, 241], [0, 0, 1]]
+    assert frames[0].settings.position == CAMERA.position
+    assert sdk.stopped == 1
+    camera.close()
+    assert sdk.stopped == 1
+    with pytest.raises(InputError, match="exists"):
+        realsense.RealSenseCamera(CAMERA, file=tmp_path / "none.bag")
+
+
+def test_a_realsense_without_its_libraries_says_what_to_install(monkeypatch):
+    from whiptool.vision import realsense
+
+    for reason, fix in (("libusb-1.0.so.0: cannot open", "apt-get install libusb-1.0-0"), ("No module", "pip install")):
+
+        def missing(name, reason=reason):
+            raise ImportError(reason)
+
+        monkeypatch.setattr(realsense.importlib, "import_module", missing)
+        with pytest.raises(WhiptoolError, match=fix):
+            realsense.RealSenseCamera(CAMERA).open()
