@@ -17,11 +17,11 @@ def pytest_configure(config: pytest.Config) -> None:
     """Give matplotlib a configuration folder in pytest's cache.
 
     A list of fonts in the home may name files of an environment that has been deleted since; notebooks would then
-    print warnings. Worker processes inherit the folder.
+    print warnings. Worker processes inherit the folder. Trials of mutants run without a cache.
     """
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        assert config.cache is not None
-        os.environ["MPLCONFIGDIR"] = str(config.cache.mkdir("matplotlib"))
+    cache = getattr(config, "cache", None)
+    if cache is not None and "PYTEST_XDIST_WORKER" not in os.environ:
+        os.environ["MPLCONFIGDIR"] = str(cache.mkdir("matplotlib"))
 
 
 def fill_disk(left: int = 0) -> None:
