@@ -1,8 +1,8 @@
 """A whip that no simulator of ours made is learned from how it hangs and from two strikes at each of 12 targets.
 
 `python benchmarks/foreign.py [--quick] [--json]`. 40 tapered capsules with MuJoCo's own fluid, dry friction and a stiff
-first joint, an arm that sags under a controller in NumPy (`tests/foreign_whip.py`), the tip seen 60 times a second with
-5 mm noise. It prints the miss of every strike, how it was judged, and how often hits were claimed wrongly.
+first joint, an arm that sags under a controller in NumPy (`tests/helpers/foreign_whip.py`), the tip seen 60 times a
+second with 5 mm noise. It prints the miss of every strike, how it was judged, and how often hits were claimed wrongly.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import whiptool as wt
 from whiptool.adaptation.loop import Adaptation, Options
 from whiptool.adaptation.prior import default_prior
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from foreign_whip import ForeignPort, ForeignWhip  # pyright: ignore[reportMissingImports]
 
 STRIKES = 2

@@ -33,7 +33,7 @@ class Link(NamedTuple):
         return ca.is_equal(self.com, self.length)
 
 
-class Frame(NamedTuple):
+class JointFrame(NamedTuple):
     """Where a link begins: absolute angle and speed of the link before it, velocity [m/s] and place [m]."""
 
     angle: Scalar = 0.0
@@ -79,7 +79,7 @@ class Acceleration(NamedTuple):
     alpha: Scalar = 0.0
 
 
-def outward(frame: Frame, q: ca.SX, v: ca.SX, link: Link) -> tuple[Frame, Moving]:
+def outward(frame: JointFrame, q: ca.SX, v: ca.SX, link: Link) -> tuple[JointFrame, Moving]:
     """Return the frame at a link's far end and how the link moves, for its joint's position and velocity."""
     angle, speed = frame.angle + q, frame.speed + v
     sin, cos = ca.sin(angle), ca.cos(angle)
@@ -87,7 +87,7 @@ def outward(frame: Frame, q: ca.SX, v: ca.SX, link: Link) -> tuple[Frame, Moving
     vx, vy = frame.vx - speed * ry, frame.vy + speed * rx
     fx, fy = drag_force(link, vx, vy, sin, cos)
     cx, cy = (rx, ry) if link.is_point_mass else (link.com * sin, -link.com * cos)
-    end = Frame(angle, speed, vx, vy, frame.x + rx, frame.y + ry)
+    end = JointFrame(angle, speed, vx, vy, frame.x + rx, frame.y + ry)
     return end, Moving(rx, ry, cx, cy, speed**2, fx, fy)
 
 

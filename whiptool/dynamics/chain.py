@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from whiptool.dynamics import articulated
-from whiptool.dynamics.articulated import Frame, Link, Scalar
+from whiptool.dynamics.articulated import JointFrame, Link, Scalar
 from whiptool.models.parameters import Model
 
 Vector = ca.SX | ca.DM | np.ndarray | Sequence  # (n,) of symbols or numbers
@@ -79,9 +79,9 @@ class Base:
     ay: Scalar = 0.0
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> JointFrame:
         """Where the first link begins; places are counted from the base."""
-        return Frame(self.angle, self.omega, self.vx, self.vy)
+        return JointFrame(self.angle, self.omega, self.vx, self.vy)
 
 
 def ride_on_end(

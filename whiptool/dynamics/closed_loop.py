@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from whiptool.dynamics import articulated
-from whiptool.dynamics.articulated import Acceleration, Carried, Frame, Moving
+from whiptool.dynamics.articulated import Acceleration, Carried, JointFrame, Moving
 from whiptool.dynamics.chain import Chain, inverse_dynamics, potential_energy, ride_on_end
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.dynamics.system import Hand, Reaction, System
@@ -233,7 +233,7 @@ class ClosedLoop(System):
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
         """Return where the arm's hand is, and its links' ends."""
-        frame, ends, angles, moving = Frame(), [], [], []
+        frame, ends, angles, moving = JointFrame(), [], [], []
         for link, q_i, v_i in zip(self.chain.links, ca.vertsplit(q), ca.vertsplit(v), strict=False):
             frame, moves = articulated.outward(frame, q_i, v_i, link)
             ends.append(ca.horzcat(frame.x, frame.y))

@@ -14,7 +14,7 @@ from typing import ClassVar, NamedTuple
 import casadi as ca
 
 from whiptool.dynamics import articulated
-from whiptool.dynamics.articulated import Acceleration, Carried, Frame, Joint, Moving
+from whiptool.dynamics.articulated import Acceleration, Carried, Joint, JointFrame, Moving
 from whiptool.dynamics.chain import Chain, passive_torque
 from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicted
 
@@ -24,7 +24,7 @@ TIP = ("x", "y", "vx", "vy")  # what a step says of the tip
 class Hand(NamedTuple):
     """Where the whip begins; far ends (a, 2) [m], absolute angles (a, 1) and movement of the drive's links."""
 
-    frame: Frame
+    frame: JointFrame
     ends: ca.SX
     angles: ca.SX
     moving: list[Moving]
@@ -114,8 +114,8 @@ class System(ABC):
     # One link
 
     def move_link(
-        self, frame: Frame, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
-    ) -> tuple[Frame, Moving, ca.SX, ca.SX]:
+        self, frame: JointFrame, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
+    ) -> tuple[JointFrame, Moving, ca.SX, ca.SX]:
         """Return the frame at a link's end, how it moves, its joint's torque and armature in this stage."""
         chain = self.link(w)
         end, moving = articulated.outward(frame, q, v, chain.links[0])
@@ -138,7 +138,7 @@ class System(ABC):
 
     def _stage(
         self, x: tuple[ca.SX, ca.SX], t: ca.SX, h: ca.SX, u: ca.SX, before: ca.SX | None
-    ) -> tuple[ca.SX, Reaction, Hand, list[Frame]]:
+    ) -> tuple[ca.SX, Reaction, Hand, list[JointFrame]]:
         """Accelerations (n, 1) of one stage, the drive's reaction, the hand, and the links' ends."""
         a, N = self.n_drive, self.n_links
         q, v = x
@@ -211,7 +211,7 @@ class System(ABC):
         a, W = self.n_drive, len(self.link_columns)
         q, v, h, before, w = (*(ca.SX.sym(name) for name in ("q", "v", "h", "before")), ca.SX.sym("w", W))
         frame, carried, joint, at = (
-            ca.SX.sym(kind.__name__, len(kind._fields)) for kind in (Frame, Carried, Joint, Acceleration)
+            ca.SX.sym(kind.__name__, len(kind._fields)) for kind in (JointFrame, Carried, Joint, Acceleration)
         )
         qa, va, u = ca.SX.sym("qa", a), ca.SX.sym("va", a), ca.SX.sym("u", self.n_inputs)
         before_a = ca.SX.sym("before_a", a)
@@ -222,8 +222,8 @@ class System(ABC):
 
         hand = self.hand(qa, va, u)
         arm_moves, arm_moving, arm_kept = _stored(hand.moving)
-        end, moves, *first_torque = self.move_link(parts(Frame, frame), q, v, w, h, None)
-        again = self.move_link(parts(Frame, frame), q, v, w, h, before)[2:]
+        end, moves, *first_torque = self.move_link(parts(JointFrame, frame), q, v, w, h, None)
+        again = self.move_link(parts(JointFrame, frame), q, v, w, h, before)[2:]
         turns = end[:2] if self.link(w).links[0].drag.is_zero() else end[:4]  # all that the second stage needs of it
         moves, moving, (kept,) = _stored([moves])
         carries, keeps = self.carry_link(parts(Carried, carried), kept, w, torque, armature)
@@ -263,12 +263,12 @@ def _stored(moving: list[Moving]) -> tuple[ca.SX, ca.SX, list[Moving]]:
     return ca.vertcat(*different), symbols, [Moving(*values[i : i + width]) for i in range(0, len(values), width)]
 
 
-def tip_of(frame: Frame) -> ca.SX:
+def tip_of(frame: JointFrame) -> ca.SX:
     """Return the tip's position and velocity (4, 1), in the order of `TIP`."""
     return ca.vertcat(frame.x, frame.y, frame.vx, frame.vy)
 
 
-def observed(hand: Hand, frames: list[Frame]) -> ca.SX:
+def observed(hand: Hand, frames: list[JointFrame]) -> ca.SX:
     """Return all links' far ends (x, y of each in turn) and their absolute angles, (3 n, 1)."""
     places = [ca.vec(hand.ends.T), *(ca.vertcat(frame.x, frame.y) for frame in frames)]
     return ca.vertcat(*places, hand.angles, *(frame.angle for frame in frames))

@@ -9,7 +9,7 @@ from importlib.resources import files
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.articulated import Acceleration, Carried, Frame, Joint
+from whiptool.dynamics.articulated import Acceleration, Carried, Joint, JointFrame
 from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.dynamics.system import System, along
@@ -36,7 +36,7 @@ def _constants(system: System) -> str:
     numbers["LINK"] = len(system.link_columns)
     numbers |= {kind.__name__.upper(): len(kind._fields) for kind in (Carried, Joint, Acceleration)}
     numbers["MOVING"], numbers["DRIVE_MOVING"] = (system.functions[name].numel_out(i) for name, i in _MOVING)
-    numbers |= Columns(dict.fromkeys(Frame._fields, 1)).constants("FRAME")
+    numbers |= Columns(dict.fromkeys(JointFrame._fields, 1)).constants("FRAME")
     numbers |= outcome_columns(a).constants("OUT") | row_columns(n, a).constants("ROW")
     lines = [f"constexpr int {name} = {value};" for name, value in numbers.items()]
     firsts, strides = zip(*system.link_columns.values(), strict=True)

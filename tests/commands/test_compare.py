@@ -1,0 +1,268 @@
+"""Comparisons: what is counted, that neither workers nor a cluster nor a kill change it, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import HANG
+
+from whiptool.errors import InputError
+from whiptool.impedance import Controller
+from whiptool.models import preset
+from whiptool.objective import Objective, Target
+from whiptool.optimizers import search
+from whiptool.rl.policy import trials_to_hit
+from whiptool.studies.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
+from whiptool.studies.comparison.learner_unit import Checkpoint, one_torch_thread
+from whiptool.studies.comparison.plan import deterministic
+from whiptool.studies.comparison.policy_trials import trials_within
+
+pytestmark = pytest.mark.slow
+
+TIMES = ("wall_time",)
+SMALL = ("--targets", 6, "--seeds", 1, "--cap", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)
+FEW = (*SMALL, "--methods", "ga", "sac", "--observation", "goal", "--tighter", 0.03)
+
+
+def compare(*args: object, cwd: Path, **options) -> subprocess.CompletedProcess:
+    words = [sys.executable, "-m", "whiptool.compare", *map(str, args)]
+    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=HANG, check=False, **options)
+
+
+def table(run: Path) -> list[dict[str, str]]:
+    """Its lines, without what a clock says."""
+    with (run / "table.csv").open() as file:
+        return [{k: v for k, v in row.items() if k not in TIMES} for row in csv.DictReader(file)]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene(model=preset("lemon2024"), controller=Controller(), targets=8, cap=15, radii=(0.06, 0.02))
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory) -> Path:
+    """A small comparison in one process."""
+    folder = tmp_path_factory.mktemp("alone")
+    done = compare(*FEW, "--out", "run", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == json.loads((folder / "run" / "result.json").read_text())
+    return folder / "run"
+
+
+def test_search_unit_counts_what_a_search_at_each_radius_would(scene):
+    """One search to the tightest radius tells the trials at all of them."""
+    unit = SearchUnit(scene=scene, method="cmaes", seed=3, first=2, last=6)
+    outcomes = unit.run(None, 1)["outcomes"]
+    rollout = scene.rollout()
+    for outcome, radius in zip(outcomes, scene.radii, strict=True):
+        for place, i in enumerate(range(2, 6)):
+            objective = Objective(
+                rollout, Target(tuple(scene.points()[i]), radius), max_trials=scene.cap, stop_at_hit=True
+            )
+            seed = int(np.random.SeedSequence((3, i)).generate_state(1)[0]) >> 1
+            trace = search(objective, "cmaes", seed=seed).trace
+            hits = [trial.number for trial in trace if trial.outcome.hit]
+            assert outcome["trials"][place] == (hits[0] if hits else scene.cap)
+            assert outcome["hit"][place] == bool(hits)
+
+
+def test_chunks_make_no_difference(scene):
+    whole = SearchUnit(scene=scene, method="random", seed=1, first=0, last=4).run(None, None)["outcomes"]
+    parts = [SearchUnit(scene=scene, method="random", seed=1, first=i, last=i + 2).run(None, 1) for i in (0, 2)]
+    for i, outcome in enumerate(whole):
+        assert outcome["trials"] == [x for part in parts for x in part["outcomes"][i]["trials"]]
+
+
+def test_learner_goes_on_from_a_checkpoint_as_if_nothing_had_happened(scene, tmp_path):
+    """Also when the history is ahead of the checkpoint, as after a kill between the two."""
+    unit = LearnerUnit(scene=scene, method="sac", observation="goal", seed=1, episodes=14, trials=6, random_episodes=5)
+
+    def plain(result: dict) -> dict:
+        return {k: v for k, v in result.items() if k not in TIMES}
+
+    whole = plain(unit.run(None, None))
+    with one_torch_thread(), Checkpoint.within(tmp_path, unit.name) as checkpoint:
+        training = unit._fresh(None)
+        rewards = [episode.mean_reward for episode in training.run(episodes=7)]
+        checkpoint.save(training, {"rewards": [*rewards, 1e9], "seconds": 0.0})
+    assert plain(unit.run(tmp_path, None)) == whole
+    assert len(whole["rewards"]) == 14
+    assert whole["training_trials"] == 14 * 6
+    with Checkpoint.within(tmp_path, unit.name) as checkpoint:  # a history that does not reach: start again
+        checkpoint.history.write_text(json.dumps({"rewards": [], "seconds": 0.0}))
+    assert plain(unit.run(tmp_path, None)) == whole
+
+
+@pytest.mark.parametrize("convention", ["mean-first", "samples"])
+def test_policy_unit_counts_what_the_policy_does(scene, convention):
+    """At the tightest radius as `trials_to_hit` says; a wider one never takes longer."""
+    unit = LearnerUnit(scene=scene, method="ppo", observation="goal", seed=2, episodes=2, trials=6, random_episodes=1)
+    training = unit._fresh(1)
+    found = {}
+    for task_radius, radii in ((0.02, (0.02,)), (0.02, (0.06, 0.02))):
+        training.learner.generator.manual_seed(0)
+        task = unit._task(task_radius, 1)
+        found[radii] = trials_within(training.learner, task, scene.points(), radii, cap=30, convention=convention)
+    training.learner.generator.manual_seed(0)
+    expected = trials_to_hit(training.learner, unit._task(0.02, 1), scene.points(), cap=30, convention=convention)
+    for result in found.values():
+        for got, wanted in zip(result[0.02], expected, strict=True):
+            np.testing.assert_array_equal(got, wanted)
+    trials, hit = found[0.06, 0.02][0.06]
+    assert (trials <= expected[0]).all()
+    assert (hit >= expected[1]).all()
+    assert (trials < expected[0]).any()
+
+
+def test_interval_knows_that_seeds_differ():
+    """Two seeds that disagree by 50 trials leave the mean open: t with one degree of freedom, up to the cap."""
+    trials = np.array([[10] * 30, [60] * 30])
+    one = Series("sac", "goal", "mean-first", 0.06, trials, np.ones_like(trials, bool), 0.0, 0, 0.0, cap=600)
+    assert one.mean == 35
+    low, high = one.interval
+    assert 1 < low < 1.01
+    assert high == 600
+
+
+def test_random_is_always_there_and_directl_has_one_seed(scene):
+    comparison = Comparison(scene=scene, methods=("directl", "sac"), observations=("goal",), seeds=3)
+    seeds = {(u.method, u.seed) for u in comparison.units()}
+    assert seeds == {("directl", 0), *((m, s) for m in ("sac", "random") for s in range(3))}
+    assert deterministic("nlopt:GN_ORIG_DIRECT_L")
+    assert not deterministic("nlopt:GN_DIRECT_L_RAND")
+
+
+def test_tasks_of_a_folder_do_not_share_names(scene):
+    """Also the unit that says what one strike hits."""
+    plans = [Comparison(scene=scene, methods=("ga", "sac"), task=task) for task in ("", "zone0.3-")]
+    names = [{u.name for u in (*plan.units(), plan.difficulty())} for plan in plans]
+    assert names[1] == {f"zone0.3-{name}" for name in names[0]}
+
+
+def test_collect_puts_seeds_and_chunks_in_order(scene):
+    units = [SearchUnit(scene=scene, method="ga", seed=s, first=f, last=f + 2) for s in (0, 1) for f in (0, 2)]
+    results = {
+        u.name: {
+            "outcomes": [{"convention": "", "hit_radius": 0.06, "trials": [10 * u.seed + u.first + i for i in (0, 1)],
+                          "hit": [True, u.seed == 0]}],
+            "training_trials": 0, "n_diverged": 1, "wall_time": 2.0, "note": "",
+        }
+        for u in units
+    }  # fmt: skip
+    (one,) = collect(units, results)
+    assert one.trials.tolist() == [[0, 1, 2, 3], [10, 11, 12, 13]]
+    assert one.hit.tolist() == [[True] * 4, [True, False] * 2]
+    assert (one.n_diverged, one.wall_time, one.cap) == (4, 4.0, scene.cap)
+
+
+def test_compare_writes_tables_and_plots(alone):
+    rows = table(alone)
+    assert {(r["method"], r["observation"]) for r in rows} == {("ga", ""), ("sac", "goal"), ("random", "")}
+    assert {r["convention"] for r in rows if r["method"] == "sac"} == {"mean-first", "samples", "mean"}
+    assert {r["hit_radius"] for r in rows} == {"0.06", "0.03"}
+    for r in rows:
+        assert float(r["low"]) <= float(r["mean_trials"]) <= float(r["high"]) <= 12
+        assert r["training_trials"] == ("96.0" if r["method"] == "sac" else "0.0")
+    task = json.loads((alone / "result.json").read_text())["task"]
+    assert 0 < task["random_strikes_hit"] < task["one_strike_hits"] <= 1
+    assert len(task["one_strike"]) == 5
+    text = (alone / "table.md").read_text()
+    assert text.startswith("6 targets: a disc of radius 0.1 m around (1.3, 0) m. One and the same strike hits ")
+    assert "| SAC, goal |" in text
+    assert "training trials" in text
+    for name in ("bars.png", "ecdf.png"):
+        assert (alone / name).read_bytes()[:4] == b"\x89PNG"
+    assert not list((alone / "checkpoints").iterdir())
+
+
+def test_workers_make_no_difference(alone, tmp_path):
+    done = compare(*FEW, "--out", "run", "--workers", 2, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert table(tmp_path / "run") == table(alone)
+
+
+def started(ray):
+    """A cluster. Ray gives its own parts 15 s to start, which nothing changes: that is not what is tested here."""
+    for _ in range(3):
+        try:
+            return ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+        except Exception as error:
+            reason = str(error)
+            ray.shutdown()
+    pytest.skip(f"Ray does not start on a machine as busy as this: {reason}")
+
+
+def test_a_ray_cluster_makes_no_difference(alone, tmp_path, monkeypatch):
+    """A real cluster on this machine, found by its address."""
+    ray = pytest.importorskip("ray")
+    # once it runs, it waits for its workers, and kills none because others take the memory
+    patience = {"worker_register_timeout_seconds": HANG, "health_check_failure_threshold": 1000}
+    for name, value in {**patience, "memory_monitor_refresh_ms": 0, "USAGE_STATS_ENABLED": 0}.items():
+        monkeypatch.setenv(f"RAY_{name}", str(int(value)))
+    context = started(ray)
+    try:
+        done = compare(*FEW, "--out", "run", "--cluster", context.address_info["gcs_address"], cwd=tmp_path)
+    finally:
+        ray.shutdown()
+    assert done.returncode == 0, done.stderr
+    assert table(tmp_path / "run") == table(alone)
+
+
+def test_killed_and_resumed_it_ends_the_same(alone, tmp_path):
+    """SIGKILL while the learner trains, with its workers, at whatever they are."""
+    words = [sys.executable, "-m", "whiptool.compare", *map(str, FEW), "--out", "run", "--workers", "2"]
+    process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not list((tmp_path / "run").glob("*/*")):
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    assert not (tmp_path / "run" / "table.csv").exists()
+    done = compare("--resume", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert table(tmp_path / "run") == table(alone)
+    results = [json.loads((run / "result.json").read_text()) for run in (tmp_path / "run", alone)]
+    for result in results:
+        del result["wall_time"]
+        for row in result["rows"]:
+            del row["wall_time"]
+    assert results[0] == results[1]
+    refused = compare("--resume", "run", "--targets", 7, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--targets" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--cluster", "127.0.0.1:1"), "--cluster"),
+        (("--cluster", "nowhere"), "--cluster"),
+    ],
+)
+def test_bad_input_gets_one_line(words, named, tmp_path):
+    done = compare(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"whiptool: {named}")
+    assert done.stderr.count("\n") == 1
+
+
+def test_other_observations_train_shorter_in_proportion(scene):
+    """500 episodes, 50 random, become 100 and 10; never more than the first."""
+    plan = Comparison(scene=scene, further_episodes=100)
+    assert plan.training("paper") == (500, 100, 50)
+    assert plan.training("goal") == plan.training("relative") == (100, 100, 10)
+    assert Comparison(scene=scene, episodes=20, random_episodes=4, further_episodes=100).training("goal") == (
+        20,
+        100,
+        4,
+    )
+    with pytest.raises(InputError, match="episodes"):
+        Comparison(scene=scene, further_episodes=0)

@@ -1,0 +1,148 @@
+"""A search from the command line: results, run folders, kills, resumes."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from command_line import assert_one_line, whiptool
+from processes import HANG
+
+from whiptool.models import preset, read_model, write_model
+from whiptool.optimizers.trial_log import TrialLog
+from whiptool.rollout.trajectory import Trajectory
+
+pytestmark = pytest.mark.slow
+
+KEYS = {
+    "method",
+    "status",
+    "message",
+    "target",
+    "hit_radius",
+    "strike",
+    "miss_distance",
+    "hit",
+    "hit_time",
+    "tip_speed",
+    "n_trials",
+    "n_diverged",
+    "wall_time",
+    "reference",
+    "warning",
+    "controller",
+    "model",
+    "seed",
+    "version",
+}
+
+
+def test_optimize_hits_the_default_target(tmp_path):
+    """The main job, with figures and video."""
+    done = whiptool("optimize", "--json", "--out", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert set(result) == KEYS
+    assert result["hit"]
+    assert result["status"] == "hit"
+    assert result["n_trials"] <= 100
+    assert result["miss_distance"] <= result["hit_radius"] == 0.06
+    assert abs(result["reference"]["difference"]) < 3e-4
+    assert list(result["strike"]) == ["q_si", "q_ei", "q_sf", "q_ef", "D"]
+    run = tmp_path / "run"
+    assert json.loads((run / "result.json").read_text()) == result
+    log = TrialLog(run / "trials.csv", preset("lemon2024").arm).read()
+    assert len(log) == result["n_trials"]
+    assert list(log[-1].strike) == list(result["strike"].values())
+    path = Trajectory.load(run / "trajectory.npz")
+    assert path.approach(np.array([1.3, 0.0])).distance[0] == pytest.approx(result["miss_distance"], abs=1e-9)
+    for name in ("convergence", "strike", "tracking", "gains", "distance"):
+        assert (run / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+    video = (run / "strike.mp4").read_bytes()
+    assert video[4:8] == b"ftyp"
+    assert b"avc1" in video  # H.264
+
+
+def test_summary_for_people(tmp_path):
+    done = whiptool("optimize", "--no-video", "--method", "random", "--seed", 1, cwd=tmp_path)
+    assert done.returncode == 0
+    for text in ("rad (", "deg)", "within -1.5708 .. -0.3142", "m/s", "difference of", "runs/random-"):
+        assert text in done.stdout
+
+
+def test_a_model_file_is_taken(tmp_path):
+    write_model(preset("nah2020-n10"), tmp_path / "mine.toml")
+    assert read_model(tmp_path / "mine.toml") == preset("nah2020-n10")
+    done = whiptool("optimize", "--model", "mine.toml", "--controller", "constant", "--target", "1.2", "-0.4", "--json",
+                    "--no-video", "--max-trials", "20", "--out", "run", cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert (result["model"], result["controller"]["law"]) == ("nah2020-n10", "constant")
+
+
+def outcome_of(run) -> tuple:
+    result = json.loads((run / "result.json").read_text())
+    del result["wall_time"]
+    return result, (run / "trials.csv").read_text()
+
+
+@pytest.mark.parametrize("method", ["directl", "nlopt:GN_CRS2_LM"])
+def test_a_killed_run_resumes_to_the_same_end(tmp_path, method):
+    """SIGKILL in mid-search, half a line torn off, then --resume: the same trials and result as without the kill."""
+    options = ["--method", method, "--target", "1.25", "0.05", "--no-stop-at-hit", "--max-trials", "500", "--no-video",
+               "--timestep", "0.002", "--preset", "printed"]  # fmt: skip
+    assert whiptool("optimize", *options, "--out", "whole", cwd=tmp_path).returncode == 0
+    command = [sys.executable, "-m", "whiptool.optimize", *options, "--out", "killed"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    trials = tmp_path / "killed" / "trials.csv"
+    while not (trials.exists() and trials.read_text().count("\n") > 100):
+        assert process.poll() is None
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (tmp_path / "killed" / "result.json").exists()
+    with trials.open("a") as file:
+        file.write("999,0.1,0.")
+    done = whiptool("optimize", "--resume", "killed", "--no-video", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert outcome_of(tmp_path / "killed") == outcome_of(tmp_path / "whole")
+
+
+def test_interruption_saves_and_summarises(tmp_path):
+    command = [sys.executable, "-m", "whiptool.optimize", "--no-stop-at-hit", "--max-trials", "100000", "--no-video",
+               "--json", "--out", "run"]  # fmt: skip
+    process = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # background jobs inherit it as ignored
+    )
+    trials = tmp_path / "run" / "trials.csv"
+    while not (trials.exists() and trials.read_text().count("\n") > 20):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=HANG)
+    assert process.returncode == 130
+    result = json.loads(out)
+    assert result["status"] == "interrupted"
+    assert result["n_trials"] >= 20
+    assert (tmp_path / "run" / "strike.png").exists()
+
+
+def test_resume_refuses_another_configuration(tmp_path):
+    assert whiptool("optimize", "--no-video", "--out", "run", "--max-trials", "50", cwd=tmp_path).returncode == 0
+    for options, name in ((["--target", "1.2", "0.1"], "--target"), (["--seed", "4"], "--seed"),
+                          (["--out", "other"], "--out")):  # fmt: skip
+        done = whiptool("optimize", "--resume", "run", *options, cwd=tmp_path)
+        assert_one_line(done, name)
+    config = (tmp_path / "run" / "config.toml").read_text()
+    (tmp_path / "run" / "config.toml").write_text(config.replace("m = 0.012", "m = 0.013"))
+    assert_one_line(whiptool("optimize", "--resume", "run", cwd=tmp_path), "--resume", "same model")

@@ -1,0 +1,57 @@
+"""The command that reproduces the paper: its quick form, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from processes import HANG
+
+from whiptool.commands import reproduce
+from whiptool.studies.reproduction import PARTS
+
+pytestmark = pytest.mark.slow
+
+
+def test_quick_form_of_everything(tmp_path):
+    """Smaller still than by itself, and also resumed: nothing is worked out again, and the report is the same."""
+    smaller = ["--targets", "6", "--cap", "20", "--episodes", "4", "--random-episodes", "2", "--trials", "16"]
+    words = [sys.executable, "-m", "whiptool.reproduce"]
+
+    def run(*more: str) -> subprocess.CompletedProcess:
+        return subprocess.run([*words, *more], cwd=tmp_path, capture_output=True, text=True, timeout=HANG, check=False)
+
+    done = run("all", "--quick", *smaller, "--out", "run", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert len(result["claims"]) == page.count("<b class=") >= 13
+    assert page.count("<h2>") >= len(PARTS)
+    assert page.count("<img") >= len(PARTS)
+    assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
+    shown = ("Fig. 5", "Fig. 6", "Fig. 7", "Table 4", "22.36 %", "training trials", "random", "hard task")
+    for said in (*shown, "One and the same strike", "a disc of radius 0.3 m", "wherever the tip can pass"):
+        assert said in page
+    again = run("--resume", "run", "--json")
+    assert again.returncode == 0, again.stderr
+    assert json.loads(again.stdout)["claims"] == result["claims"]
+    assert (tmp_path / "run" / "report.html").read_text() == page
+
+
+def test_unknown_zone_gets_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert reproduce.main(["fig6", "--further-zones", "0.3", "slow"]) == 2
+    assert capsys.readouterr().err.startswith("whiptool: --further-zones: got 'slow'; allowed: radii > 0 in m, or fast")
+
+
+def test_unknown_part_gets_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert reproduce.main(["fig99"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("whiptool: what to reproduce: got 'fig99'")
+    assert all(name in error for name in PARTS)
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,19 @@
+"""The scene of a comparison with the published whip."""
+
+from __future__ import annotations
+
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.models import preset
+from whiptool.studies.comparison import Scene
+from whiptool.zone import Disc
+
+
+def scene(radius: float) -> Scene:
+    return Scene(
+        model=preset("lemon2024"),
+        controller=Controller(ConstantImpedance()),
+        zone=Disc((1.3, 0.0), radius),
+        targets=40,
+        radii=(0.06,),
+        timestep=1e-3,
+    )

@@ -1,0 +1,21 @@
+"""Presets as published."""
+
+from __future__ import annotations
+
+import pytest
+
+from whiptool.models import (
+    preset,
+)
+
+
+def test_published_presets():
+    lemon = preset("lemon2024")
+    w = lemon.whip
+    assert (w.N, w.l, w.m, w.k, w.b) == (12, 0.072, 0.012, 0.242, 0.092)  # Table 2
+    assert [(link.mass, link.length) for link in lemon.arm.links] == [(0.25, 0.31), (0.274, 0.34)]  # Table 3
+    assert lemon.whip.length == pytest.approx(0.864)
+    assert lemon.whip.mass == pytest.approx(0.144)
+    fitted = preset("nah2020-fitted")
+    assert (fitted.whip.length, fitted.whip.mass) == (pytest.approx(1.8), pytest.approx(0.3))
+    assert {preset(f"nah2020-n{n}").whip.N for n in (10, 15, 20)} == {10, 15, 20}

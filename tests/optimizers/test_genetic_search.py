@@ -1,0 +1,131 @@
+"""The genetic algorithm's operators by what they do to many individuals, seen from the objective."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from toy_objectives import Enough, Recorder
+
+from whiptool.errors import InputError
+from whiptool.optimizers.genetic_search import GASettings, fitness, genetic_search
+
+
+def generations(count: int, miss, *, seed: int = 0, **settings) -> list[np.ndarray]:
+    recorder = Recorder(count, miss)
+    with pytest.raises(Enough):
+        genetic_search(recorder, seed=seed, settings=GASettings(**settings))  # type: ignore[arg-type]
+    return recorder.seen
+
+
+def first_gene(x: np.ndarray) -> np.ndarray:
+    return x[:, 0]
+
+
+def flat(x: np.ndarray) -> np.ndarray:
+    return np.ones(len(x))
+
+
+def test_fitness_is_eq_20():
+    assert fitness(np.array([0.0, 1.0, 4.0]), 4.0).tolist() == [1.0, 0.75, 0.0]
+
+
+def test_the_first_generation_is_uniform():
+    (first,) = generations(1, flat, population=2000)
+    assert first.shape == (2000, 5)
+    np.testing.assert_allclose(first.mean(axis=0), 0.5, atol=4 / math.sqrt(12 * 2000))
+    np.testing.assert_allclose(first.std(axis=0), 1 / math.sqrt(12), rtol=0.05)
+
+
+def parents_of(children: np.ndarray, first: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Of each child that shares a gene with somebody: whom it shares most with, and which genes."""
+    found = []
+    for child in children:
+        same = np.isclose(first, child, atol=1e-12)
+        parent = int(same.sum(axis=1).argmax())
+        if same[parent].any():
+            found.append((parent, same[parent]))
+    return found
+
+
+@pytest.mark.parametrize("tournament", [1, 2, 5])
+def test_parents_win_their_tournaments(tournament):
+    """The best of k has a mean rank of 1/(k + 1)."""
+    first, second = generations(
+        2, first_gene, population=400, crossover=0.0, mutation=0.2, tournament=tournament, seed=1
+    )
+    order = np.argsort(np.argsort(first[:, 0])) / 400
+    ranks = [order[parent] for parent, _ in parents_of(second, first)]
+    assert len(ranks) > 200
+    assert np.mean(ranks) == pytest.approx(1 / (tournament + 1), abs=0.05)
+
+
+def test_winners_are_the_nearest():
+    """Selection alone drives the first gene, which is the miss, down; with the miss turned round, up."""
+    down = generations(15, first_gene, population=60)
+    up = generations(15, lambda x: 1 - x[:, 0], population=60)
+    assert down[-1][:, 0].mean() < 0.15
+    assert up[-1][:, 0].mean() > 0.85
+
+
+def test_crossed_children_keep_their_parents_mean():
+    """Simulated binary crossover alone: the mean stays, and a larger index leaves children nearer to parents."""
+    spread = {}
+    for eta in (2.0, 200.0):
+        first, second = generations(2, flat, population=1500, mutation=0.0, crossover=1.0, crossover_eta=eta)
+        np.testing.assert_allclose(second.mean(axis=0), first.mean(axis=0), atol=0.03)
+        spread[eta] = np.mean([np.abs(first[:, 0] - x).min() for x in second[:300, 0]])
+    assert spread[200.0] < spread[2.0]
+
+
+def test_mutation_changes_as_many_genes_as_told():
+    """Without crossover a child differs from its parent in a binomial number of genes."""
+    for rate in (0.2, 0.6):
+        first, second = generations(2, flat, population=500, crossover=0.0, mutation=rate, mutation_eta=20.0)
+        changed = [5 - same.sum() for _, same in parents_of(second, first)]
+        kept = (1 - rate) ** 5  # children like their parents are dropped
+        gone = rate**5  # and those without a gene of theirs are not recognised
+        numbers = np.arange(1, 5)
+        shares = np.array([math.comb(5, k) * rate**k * (1 - rate) ** (5 - k) for k in numbers]) / (1 - kept - gone)
+        assert np.mean(changed) == pytest.approx((numbers * shares).sum(), rel=0.1)
+
+
+def test_seeds_and_the_settings():
+    same = [generations(3, first_gene, seed=seed) for seed in (0, 0, 1)]
+    assert all(np.array_equal(a, b) for a, b in zip(same[0], same[1], strict=True))
+    assert not np.array_equal(same[0][0], same[2][0])
+    assert [len(x) for x in same[0]] == [20, 20, 20]
+    GASettings(population=4, tournament=4)
+
+
+WRONG = {
+    "population": (3, 20.0, True, "20", math.nan, math.inf, -5, 10**9),
+    "tournament": (0, 21, 2.0, None, -1),
+    "crossover": (1.1, -0.1, "0.9", math.nan, math.inf),
+    "mutation": (1.1, -0.1, None, math.nan),
+    "crossover_eta": (-1, math.nan, math.inf, "15", 1e9),
+    "mutation_eta": (-1, math.nan, math.inf, [], 1e9),
+    "d_max": (0, -1.0, math.nan, math.inf, "far", 1e12),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_settings_that_no_search_can_run_with_are_refused(name):
+    for value in WRONG[name]:
+        with pytest.raises(InputError, match=name):
+            GASettings(**{name: value})
+
+
+def test_extreme_settings_that_are_allowed_run():
+    every = {"crossover_eta": 0, "mutation_eta": 0}, {"crossover_eta": 1000, "mutation_eta": 1000}, {"d_max": 10**6}
+    for some in every:
+        assert len(generations(3, first_gene, **some)) == 3
+
+
+def test_children_that_are_their_parents_end_the_search():
+    with pytest.raises(InputError, match=r"crossover, mutation: .*one of them > 0"):
+        GASettings(crossover=0, mutation=0)
+    recorder = Recorder(3, first_gene)
+    genetic_search(recorder, seed=0, settings=GASettings(crossover=1e-12, mutation=0))  # type: ignore[arg-type]
+    assert len(recorder.seen) == 1

@@ -1,0 +1,78 @@
+"""The gradient search on a bowl: which strikes are refined, by which slope, and when it ends."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import numpy as np
+import pytest
+from toy_objectives import BOUNDS, Bowl, Enough
+
+from whiptool.optimizers.gradient_search import BATCH, REFINED, STEPS, gradient_search, refine
+
+
+def test_a_round_is_64_strikes_of_which_8_are_refined():
+    assert (BATCH, REFINED, STEPS) == (64, 8, 60)
+
+
+def test_one_refinement_finds_the_minimum():
+    bowl = Bowl()
+    start = np.array([0.9, -0.8, 5.5, 0.4, 0.5])
+    assert refine(bowl, start)  # type: ignore[arg-type]
+    np.testing.assert_allclose(bowl.refined[0], start)
+    assert bowl.miss(bowl.refined[-1]) <= 1e-6
+    assert len(bowl.refined) < 30
+    assert not refine(Bowl(floor=1e-3), start)  # type: ignore[arg-type]
+    assert refine(Bowl(floor=1e-3), start, tolerance=2e-3)  # type: ignore[arg-type]
+    lower, upper = BOUNDS.box
+    assert all((lower <= x).all() and (x <= upper).all() for x in bowl.refined)
+
+
+def test_it_stops_as_soon_as_it_is_near_enough():
+    steps = {}
+    for tolerance in (0.5, 1e-6):
+        bowl = Bowl()
+        assert refine(bowl, np.array([0.9, -0.8, 5.5, 0.4, 0.5]), tolerance=tolerance)  # type: ignore[arg-type]
+        assert (bowl.miss(np.array(bowl.refined[:-1])) > tolerance).all()
+        steps[tolerance] = len(bowl.refined)
+    assert steps[0.5] < steps[1e-6]
+
+
+def test_a_refinement_has_its_number_of_steps():
+    class Crooked(Bowl):
+        def gradient(self, strike):  # a slope that leads nowhere
+            outcome, slope = super().gradient(strike)
+            return outcome, np.sin(1e4 * strike) * np.abs(slope)
+
+    bowl = Crooked(floor=0.1)
+    refine(bowl, np.array([0.9, -0.8, 5.5, 0.4, 0.5]))  # type: ignore[arg-type]
+    assert len(bowl.refined) <= STEPS
+
+
+def test_the_nearest_of_a_round_are_refined_first():
+    bowl = Bowl(floor=0.01, most=10_000)
+    starts = []
+
+    def remember(objective, start, **_):
+        starts.append(np.array(start))
+        if len(starts) == 2 * REFINED:
+            raise Enough
+        return False
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(import_module("whiptool.optimizers.gradient_search"), "refine", remember)
+        with pytest.raises(Enough):
+            gradient_search(bowl, seed=5)  # type: ignore[arg-type]
+    assert [len(x) for x in bowl.batches] == [BATCH, BATCH]
+    assert not np.array_equal(*bowl.batches)
+    for strikes, some in zip(bowl.batches, (starts[:REFINED], starts[REFINED:]), strict=True):
+        nearest = strikes[np.argsort(bowl.miss(strikes))[:REFINED]]
+        np.testing.assert_array_equal(some, nearest)
+
+
+def test_it_ends_at_the_target_and_where_it_is_told():
+    bowl = Bowl()
+    gradient_search(bowl, seed=0)  # type: ignore[arg-type]
+    assert len(bowl.batches) == 1
+    with pytest.raises(Enough):
+        gradient_search(Bowl(floor=0.01, most=7), seed=0)  # type: ignore[arg-type]

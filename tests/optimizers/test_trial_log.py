@@ -1,0 +1,71 @@
+"""Damage to a log of trials is said and put aside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.objective import Outcome, Trial
+from whiptool.optimizers.trial_log import TRIALS, TrialLog
+
+ARM = preset("lemon2024").arm
+
+
+def trial(number: int) -> Trial:
+    two = (0.25, float("nan"))
+    return Trial(number, (0.1, 0.2, 0.3, 0.4, 0.5), Outcome(0.1 * number, False, 0.7, two, two, two, two, False))
+
+
+def logged(path: Path, trials: int) -> list[bytes]:
+    log = TrialLog(path, ARM)
+    for number in range(1, trials + 1):
+        log.append(trial(number))
+    return path.read_bytes().splitlines(keepends=True)
+
+
+GARBAGE = bytes(range(256)) * 3
+DAMAGES: dict[str, tuple[Callable[[list[bytes]], bytes], int]] = {
+    "a line cut off": (lambda lines: b"".join(lines)[:-9], 4),
+    "garbage behind": (lambda lines: b"".join(lines) + GARBAGE, 5),
+    "garbage without a line's end": (lambda lines: b"".join(lines) + b"\0" * 50, 5),
+    "garbage within": (lambda lines: b"".join([*lines[:3], GARBAGE, *lines[4:]]), 2),
+    "a line that is missing": (lambda lines: b"".join([*lines[:3], *lines[4:]]), 2),
+    "a line twice": (lambda lines: b"".join([*lines[:3], lines[2], *lines[3:]]), 2),
+    "a word for a number": (lambda lines: b"".join([*lines[:3], lines[3].replace(b"0.25", b"half"), *lines[4:]]), 2),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_what_is_intact_of_a_damaged_log_is_kept(damage: str, tmp_path: Path, capsys) -> None:
+    path, (do, intact) = tmp_path / TRIALS, DAMAGES[damage]
+    lines = logged(path, 5)
+    path.write_bytes(do(lines))
+    read = TrialLog(path, ARM).read()
+    assert [repr(found) for found in read] == [repr(trial(1 + i)) for i in range(intact)]
+    assert path.read_bytes() == b"".join(lines[: 1 + intact])
+    said, aside = capsys.readouterr().err, tmp_path / "trials-damaged-1.csv"
+    if damage == "a line cut off":  # as every kill may leave it
+        assert (said, aside.exists()) == ("", False)
+    else:
+        assert said.count("\n") == 1
+        assert f"{path}, line {intact + 2}: no trial" in said
+        assert aside.read_bytes() == do(lines)
+
+
+@pytest.mark.parametrize("content", [GARBAGE, b"\0" * 50, b"trial,q\n1,2\n"])
+def test_a_log_without_its_first_line_is_refused_and_stays(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / TRIALS
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"trials\.csv: got .* move it away"):
+        TrialLog(path, ARM).read()
+    assert path.read_bytes() == content
+
+
+def test_a_first_line_cut_off_is_an_empty_log(tmp_path: Path) -> None:
+    (tmp_path / TRIALS).write_bytes(logged(tmp_path / TRIALS, 1)[0][:-5])
+    assert TrialLog(tmp_path / TRIALS, ARM).read() == []
+    assert (tmp_path / TRIALS).read_bytes() == b""

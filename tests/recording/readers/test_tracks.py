@@ -1,0 +1,66 @@
+"""Recordings in CSV, our own and others', and every kind of damage."""
+
+import numpy as np
+import pytest
+import tomli_w
+from recordings import STRIKE, TABLE, T, full, fuzz, places, plain_rows, same, times, write_rows
+
+from whiptool.errors import InputError
+from whiptool.recording.readers import (
+    read_recording,
+    write_csv,
+)
+
+
+def test_csv_round_trip(tmp_path):
+    files = write_csv(full(), tmp_path / "a.csv")
+    assert [f.name for f in files] == ["a.csv", "a.toml", "a.joints.csv"]
+    same(read_recording(tmp_path / "a.csv"), full(), but=("source", "sha256"))
+
+
+def test_csv_of_others(tmp_path):
+    rows = plain_rows(3)
+    rows[5][4] = ""  # an empty cell is a missing point
+    rows = [[*row, extra] for row, extra in zip(rows, ["tip_sigma", *[0.5] * T])]
+    write_rows(tmp_path / "a.csv", rows)
+    side = {"units": "cm", "strike": TABLE, "start": 0.1, "axes": ["x", "z", "-y"], "target": [1.0, 0.2], "sigma": 0.02}
+    (tmp_path / "a.toml").write_text(tomli_w.dumps(side))
+    r = read_recording(tmp_path / "a.csv")
+    expected = 0.01 * places(d=3)[:, :, [0, 2, 1]] * [1, 1, -1]
+    expected[4] = np.where([[True], [False]], expected[4], np.nan)
+    np.testing.assert_allclose(r.points, expected)
+    np.testing.assert_allclose(r.t, times() - 0.1)
+    np.testing.assert_allclose(r.sigma, np.broadcast_to([0.005, 0.02], (T, 2)))
+    assert (r.strike, r.target) == (STRIKE, (1.0, 0.2))
+    assert read_recording(tmp_path / "a.csv", start=0.0).t[0] == 0  # an option wins over the sidecar
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda rows: rows[:0], "an empty file"),
+        (lambda rows: rows[:1], "at least one row of numbers"),
+        (lambda rows: rows[:2], "at least two times"),
+        (lambda rows: [row[1:] for row in rows], "a column t"),
+        (lambda rows: [row[:2] for row in rows], "tip_x and tip_y"),
+        (lambda rows: [row[:1] for row in rows], "no markers"),
+        (lambda rows: [["t", "tip", *rows[0][2:]], *rows[1:]], "MARKER with one of"),
+        (lambda rows: [["t", "t", *rows[0][2:]], *rows[1:]], "different names"),
+        (lambda rows: [*rows[:9], rows[9][:3], *rows[10:]], "row 10.*cut off"),
+        (lambda rows: [*rows[:9], [*rows[9][:-1], "7,5"], *rows[10:]], "row 10, column 5"),
+        (lambda rows: [*rows[:9], *rows[8:]], r"t\[8\].*later than"),
+        (lambda rows: [rows[0], *[[1000 * x for x in row] for row in rows[1:]]], "millimetres|milliseconds"),
+        (lambda rows: [rows[0], *[[row[0], *[500 * x for x in row[1:]]] for row in rows[1:]]], "millimetres or pixels"),
+    ],
+)
+def test_csv_damage(tmp_path, damage, said):
+    write_rows(tmp_path / "a.csv", damage(plain_rows()))
+    with pytest.raises(InputError, match=said) as caught:
+        read_recording(tmp_path / "a.csv")
+    assert "\n" not in str(caught.value)
+    assert "a.csv" in str(caught.value)
+
+
+def test_fuzz_csv(tmp_path):
+    write_csv(full(), tmp_path / "a.csv")
+    fuzz(tmp_path / "a.csv", 150, lambda: read_recording(tmp_path / "a.csv"))

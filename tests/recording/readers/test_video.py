@@ -1,0 +1,60 @@
+"""Films as frames with times, and every kind of damage."""
+
+import numpy as np
+import pytest
+import tomli_w
+from recordings import FPS, STRIKE, TABLE, H, T, fuzz, images, times, write_rows, write_video
+
+from whiptool.errors import InputError
+from whiptool.recording.readers import (
+    open_video,
+    read_recording,
+    video_frames,
+)
+
+
+@pytest.mark.parametrize(("name", "fourcc"), [("a.avi", "MJPG"), ("a.mp4", "mp4v")])
+def test_video(tmp_path, name, fourcc):
+    write_video(tmp_path / name, images(), fourcc)
+    write_rows(tmp_path / "a.times.csv", [["frame", "t"], *[[k, t + 0.5] for k, t in enumerate(times())]])
+    side = {
+        "timestamps": "a.times.csv", "stamp": "start", "start": 0.5, "exposure": 0.004, "shutter": "rolling",
+        "readout": 0.015, "homography": H.tolist(), "strike": TABLE, "camera": "D435",
+    }  # fmt: skip
+    (tmp_path / "a.toml").write_text(tomli_w.dumps(side))
+    video = open_video(tmp_path / name)
+    np.testing.assert_allclose(video.times, times() + 0.002)
+    assert (len(video), video.shape, video.exposure, video.readout) == (T, (48, 64), 0.004, 0.015)
+    assert video.fps == pytest.approx(FPS)
+    assert (video.about["strike"], video.about["camera"]) == (STRIKE, "D435")
+    np.testing.assert_array_equal(video.homography, H)
+    np.testing.assert_allclose(video.time_of(3, [0, 47]), times()[3] + 0.002 + np.array([0, 0.015]))
+    for _ in range(2):  # as often as one likes
+        for k, (_, image) in enumerate(video):
+            assert np.argwhere(image[..., 0] > 127).mean(axis=0)[1] == pytest.approx(k + 3.5, abs=0.5)
+    with pytest.raises(InputError, match="track"):
+        read_recording(tmp_path / name)
+
+
+def test_video_damage(tmp_path):
+    write_video(tmp_path / "a.avi", images())
+    with pytest.raises(InputError, match=r"fps or timestamps.*60"):
+        open_video(tmp_path / "a.avi")
+    with pytest.raises(InputError, match="30, one per frame"):
+        open_video(tmp_path / "a.avi", timestamps=[0.0, 0.1])
+    with pytest.raises(InputError, match="increasing"):
+        open_video(tmp_path / "a.avi", timestamps=np.zeros(T))
+    with pytest.raises(InputError, match=r"known_points\.pixels"):
+        open_video(tmp_path / "a.avi", fps=FPS, known_points={"pixels": [[1]], "metres": [[1, 2]]})
+    write_video(tmp_path / "b.avi", images(1))
+    with pytest.raises(InputError, match="1 images"):
+        open_video(tmp_path / "b.avi", fps=FPS)
+    (tmp_path / "c.mp4").write_bytes(b"no video" * 99)
+    with pytest.raises(InputError, match="decoded"):
+        next(video_frames(tmp_path / "c.mp4"))
+
+
+@pytest.mark.parametrize(("name", "fourcc"), [("a.avi", "MJPG"), ("a.mp4", "mp4v")])
+def test_fuzz_video(tmp_path, name, fourcc):
+    write_video(tmp_path / name, images(6), fourcc)
+    fuzz(tmp_path / name, 40, lambda: list(open_video(tmp_path / name, fps=FPS)))

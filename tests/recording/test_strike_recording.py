@@ -1,0 +1,62 @@
+"""Recordings: their defaults, shapes and rules."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from recordings import T, full, places, times
+
+from whiptool.errors import InputError
+from whiptool.recording.strike_recording import StrikeRecording
+
+# ---------------------------------------------------------------- the recording itself
+
+
+def test_defaults_and_shapes():
+    points = places()
+    points[9, 0, 0] = np.nan  # half a point is no point
+    r = StrikeRecording(times(), points, ("tip", "handle"))
+    assert r.sigma.shape == r.t_points.shape == r.seen.shape == (T, 2)
+    np.testing.assert_array_equal(r.t_points[:, 1], r.t)
+    assert np.isnan(r.marker("tip")[9]).all()
+    assert r.seen.sum() == 2 * T - 4
+    assert r.provenance["markers"] == {"tip": T - 1, "handle": T - 3}
+    points[:] = 7
+    assert (r.points[r.seen] != 7).all()  # it keeps a copy
+    hidden = r.without(r.t > 0.2)
+    assert hidden.seen[r.t <= 0.2].sum() == r.seen[r.t <= 0.2].sum()
+    assert not hidden.seen[r.t > 0.2].any()
+    with pytest.raises(InputError, match="tip, handle"):
+        r.marker("toe")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"t": np.zeros(T)}, "later than"),
+        ({"t": np.r_[times()[:-1], 0.1]}, r"t\[29\]"),
+        ({"t": np.arange(T) * 16.7}, "milliseconds or frame numbers"),
+        ({"t": np.r_[np.nan, times()[1:]]}, "NaN at index 0"),
+        ({"t": [0.0]}, "at least two times"),
+        ({"t": "now"}, "numbers"),
+        ({"points": 1e3 * places()}, "millimetres or pixels"),
+        ({"points": places()[:, :1]}, "shape"),
+        ({"points": np.full((T, 2, 2), np.nan)}, "not missing"),
+        ({"points": np.where(np.isnan(places()), np.inf, 0)}, "finite"),
+        ({"markers": ("tip", "tip")}, "all different"),
+        ({"sigma": 0.0}, "> 0 m"),
+        ({"sigma": np.ones(7)}, "broadcasts"),
+        ({"t_points": times()[:, None] + 9}, "within 1 s"),
+        ({"exposure": -1}, "span"),
+        ({"joints_q": np.full((50, 2), 90.0)}, "degrees"),
+        ({"joints_q": None}, "both or neither"),
+        ({"joints_t": np.zeros(50)}, "later than"),
+        ({"target": (1.0,)}, "2 or 3 coordinates"),
+        ({"controller": {"law": "x", "f": object()}}, "finite numbers"),
+        ({"controller": {"a": 1}}, "law"),
+    ],
+)
+def test_broken_rules(change, said):
+    with pytest.raises(InputError, match=said) as caught:
+        dataclasses.replace(full(), **change)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,47 @@
+"""A policy at work on a tip that flies straight: which strikes are asked of it, and what is counted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fake_rollout import StraightFlight
+from scripted import Scripted
+
+from whiptool.models.strike import StrikeBounds
+from whiptool.rl.policy import trials_to_hit
+from whiptool.rl.task import StrikeTask
+from whiptool.zone import Disc
+
+BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("convention", "means", "trials", "hit"),
+    [
+        ("mean-first", [True, False, False, False], [1, 3, 4], [True, True, False]),
+        ("samples", [False, False, False, False], [4, 2, 4], [False, True, False]),
+        ("mean", [True, True, True, True], [1, 4, 4], [True, False, False]),
+    ],
+)
+def test_trials_until_the_first_hit(convention, means, trials, hit):
+    """Targets ahead, at 0.5 rad, and at 0.9 rad, with samples at -0.3, 0.5, 0.2, -0.8 rad."""
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)  # type: ignore[arg-type]
+    targets = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin(0.9)]])
+    learner = Scripted(task, [-0.3, 0.5, 0.2, -0.8])
+    found, reached = trials_to_hit(learner, task, targets, cap=4, convention=convention)  # type: ignore[arg-type]
+    assert found.tolist() == trials
+    assert reached.tolist() == hit
+    assert [deterministic for deterministic, _ in learner.asked] == means
+    np.testing.assert_allclose(learner.asked[0][1], task.normalise(task.first_look(targets)), rtol=1e-6)
+    left = [len(obs) for _, obs in learner.asked]
+    assert left == {"mean-first": [3, 2, 2, 1], "samples": [3, 3, 2, 2], "mean": [3, 2, 2, 2]}[convention]
+    last = learner.asked[-1][1]
+    centre = np.array([0.8, 0.2])
+    np.testing.assert_allclose(last[-1, 4:], targets[2] - centre, rtol=1e-5)  # it sees the target that is left
+
+
+def test_it_ends_when_everything_is_hit():
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)  # type: ignore[arg-type]
+    learner = Scripted(task, [])
+    trials, hit = trials_to_hit(learner, task, np.array([[0.7, 0.0], [1.5, 0.0]]), cap=9)  # type: ignore[arg-type]
+    assert (trials.tolist(), hit.tolist(), len(learner.asked)) == ([1, 1], [True, True], 1)

@@ -1,0 +1,51 @@
+"""Plans of comparisons: their units, names and shares of training."""
+
+from __future__ import annotations
+
+import pytest
+from flights import scene
+
+from whiptool.errors import InputError
+from whiptool.studies.comparison.plan import CHUNK, Comparison
+from whiptool.studies.comparison.units import SearchUnit
+
+
+def test_the_difficulty_of_a_task_is_measured_by_strikes_that_grow_with_its_targets():
+    for targets, strikes in ((7, 700), (40, 4_000), (300, 10_000)):
+        unit = Comparison(scene=scene(targets=targets), methods=("random",)).difficulty()
+        assert unit.strikes == strikes
+    assert Comparison(scene=scene(), methods=("random",)).difficulty(quick=True).strikes == 2_000
+
+
+def test_units_have_names_of_their_own():
+    units = Comparison(
+        scene=scene(targets=CHUNK + 3), methods=("nlopt:GN_CRS2_LM", "sac"), observations=("goal", "paper"), seeds=2
+    ).units()
+    names = [unit.name for unit in units]
+    assert len(set(names)) == len(names) == 2 * 2 + 2 * 2 + 2 * 2
+    assert all("/" not in name and ":" not in name for name in names)
+    searches = [unit for unit in units if isinstance(unit, SearchUnit) and unit.method == "random" and unit.seed == 1]
+    assert [(unit.first, unit.last) for unit in searches] == [(0, CHUNK), (CHUNK, CHUNK + 3)]
+
+
+@pytest.mark.parametrize(
+    ("further", "expected"),
+    [(None, (100, 7, 30)), (100, (100, 7, 30)), (200, (100, 7, 30)), (50, (50, 7, 15)), (33, (33, 7, 10))],
+)
+def test_other_observations_train_in_proportion(further, expected):
+    plan = Comparison(
+        scene=scene(), methods=("sac",), episodes=100, trials=7, random_episodes=30, further_episodes=further
+    )
+    assert plan.training("paper") == (100, 7, 30)
+    assert plan.training("goal") == plan.training("relative") == expected
+    unit = plan.learner_units("sac", "goal")[2]
+    assert (unit.episodes, unit.trials, unit.random_episodes, unit.seed) == (*expected, 2)
+
+
+def test_nothing_is_compared_with_nothing():
+    for wrong in ({"seeds": 0}, {"scene": scene(targets=0)}, {"scene": scene(cap=0)}, {"scene": scene(radii=())}):
+        with pytest.raises(InputError):
+            Comparison(**{"scene": scene(), "methods": ("random",), **wrong})
+    with pytest.raises(InputError, match="tarot"):
+        Comparison(scene=scene(), methods=("random", "tarot"))
+    Comparison(scene=scene(targets=1, cap=1, radii=(0.1,)), methods=("random",), seeds=1)

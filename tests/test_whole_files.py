@@ -1,0 +1,64 @@
+"""Files are whole or not there, also where the disk is full."""
+
+from __future__ import annotations
+
+import os
+import resource
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from whiptool.whole_files import append_whole, replacing, write_npz, write_whole
+
+
+def test_a_device_is_written_to_and_not_replaced(tmp_path: Path) -> None:
+    """`--export /dev/stdout` must not leave a regular file in /dev. Through a link, for a test that fails as root."""
+    null = tmp_path / "null"
+    null.symlink_to(os.devnull)
+    write_whole(null, "lost")
+    assert null.is_symlink()
+    assert [path.name for path in tmp_path.iterdir()] == ["null"]
+
+
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "write": lambda path: write_whole(path, "new" * 1000),
+    "append": lambda path: append_whole(path, b"new" * 1000),
+    "arrays": lambda path: write_npz(path, {"x": np.random.default_rng(0).random(1000)}),
+}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+@pytest.mark.parametrize("there", [True, False])
+def test_what_does_not_fit_leaves_no_half(writer: str, there: bool, tmp_path: Path, disk) -> None:
+    path = tmp_path / "file"
+    if there:
+        path.write_bytes(b"before")
+    disk(100)
+    with pytest.raises(OSError, match=r"file'$") as caught:
+        WRITERS[writer](path)
+    assert caught.value.filename == str(path)
+    disk(resource.RLIM_INFINITY)
+    assert (path.read_bytes() if path.exists() else b"") == (b"before" if there else b"")
+    assert {found.name for found in tmp_path.iterdir()} <= {"file"}
+
+
+def test_an_error_without_a_number_names_the_file_too(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"film\.mp4: no frames"), replacing(tmp_path / "film.mp4"):
+        raise OSError("no frames")
+
+
+@pytest.mark.parametrize("room", [True, False])
+def test_a_film_is_whole_or_not_there(room: bool, tmp_path: Path, disk) -> None:
+    from whiptool.viz import video
+
+    film = SimpleNamespace(size=(64, 64), q=range(5))
+    frames = (np.full((64, 64, 3), 40 * i, np.uint8) for i in range(5))
+    disk(resource.RLIM_INFINITY if room else 100)
+    expected = nullcontext() if room else pytest.raises(OSError, match=r"strike\.mp4: .* the disk may be full")
+    with expected, replacing(tmp_path / "strike.mp4") as unfinished:
+        video._encode(unfinished, film, frames, 25.0, None)  # type: ignore[arg-type]
+    assert [path.name for path in tmp_path.iterdir()] == (["strike.mp4"] if room else [])

@@ -1,0 +1,49 @@
+"""Figures: drawn for good strikes and for broken ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.models import preset
+from whiptool.models.strike import Strike
+from whiptool.objective import Target
+from whiptool.rollout import CompiledRollout
+from whiptool.viz import plots
+
+LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])
+STRIKE = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
+WILD = Controller(ConstantImpedance(K=((-1e7, 0), (0, -1e7)), B=((0, 0), (0, 0))))
+
+
+@pytest.fixture(scope="module")
+def trajectory():
+    return CompiledRollout(LEMON, Controller()).trajectory(STRIKE, t_stay=0.3)
+
+
+def test_every_axis_names_its_unit(trajectory):
+    ax = plots.plot_strike(trajectory, LEMON, Target(tuple(TARGET)), ax=Figure().subplots())
+    assert "[m]" in ax.get_xlabel()
+    assert "[m]" in ax.get_ylabel()
+    ax = plots.plot_distance(trajectory, tuple(TARGET), ax=Figure().subplots())
+    assert "[s]" in ax.get_xlabel()
+    assert "[m]" in ax.get_ylabel()
+    marked = [line for line in ax.lines if len(line.get_xdata()) == 1]
+    assert marked[0].get_xdata()[0] == pytest.approx(trajectory.approach(TARGET).time[0])
+    axes = plots.plot_tracking(Figure().subplots(2), trajectory, LEMON.arm.joints)
+    assert ["deg" in ax.get_ylabel() for ax in axes] == [True, True]
+    axes = plots.plot_gains(Figure().subplots(2), trajectory, LEMON.arm.joints)
+    assert ["N m" in ax.get_ylabel() for ax in axes] == [True, True]
+    ax = plots.plot_convergence(Figure().subplots(), [0.4, float("nan"), 0.2, 0.3, 0.05], 0.06)
+    assert "[m]" in ax.get_ylabel()
+    assert any("diverged" in text.get_text() for text in ax.get_legend().get_texts())
+
+
+def test_a_diverged_strike_is_drawn_too(tmp_path):
+    path = CompiledRollout(LEMON, WILD).trajectory(STRIKE, t_stay=0.3)
+    assert path.diverged
+    written = plots.save_strike_figures(tmp_path, path, LEMON, TARGET, 0.06, "wild")
+    assert len(written) == 4
+    assert all(file.stat().st_size > 5000 for file in written)

@@ -1,0 +1,36 @@
+"""Benchmarks of the rig, in their quick form: they run, and what they promise holds."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from repository import ROOT
+
+pytest.importorskip("dynamixel_sdk")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "script", ["rig.py", "rig_faults.py", "emulator_load.py", pytest.param("replan.py", marks=pytest.mark.slow)]
+)
+def test_benchmarks_run(script):
+    command = [sys.executable, str(ROOT / "benchmarks" / script), "--json", "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    if script == "rig.py":
+        assert result["cycles_per_second"] > 0
+        assert result["paced_cycles"] > 0
+        assert set(result["detection_ms"]) >= {"drop", "hot", "unplug"}
+    elif script == "emulator_load.py":
+        assert result["command_scans_found"] == result["tries"] == 1
+        assert result["lockstep_repeats"]
+    elif script == "replan.py":
+        assert result["kin"]["number"] == 3
+        assert 0 < result["kin"]["learn"] < result["kin"]["both"]
+    else:
+        assert result["violations"] == 0
+        assert result["strikes"] >= 20
