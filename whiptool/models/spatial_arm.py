@@ -11,8 +11,8 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import LARGEST, number, numbers
 from whiptool.models.joint_names import checked_joints, subscripts
+from whiptool.models.numbers import number, numbers
 from whiptool.models.planar_arm import ArmParameters
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -195,9 +195,7 @@ class SpatialArm:
             raise InputError("links", self.links, "one or more SpatialLink")
         for i, link in enumerate(links):
             if link.kind == "prismatic" and not np.isfinite(link.limits.position).all():
-                raise InputError(
-                    f"links[{i}].limits.position", link.limits.position, "finite, for a prismatic joint"
-                )
+                raise InputError(f"links[{i}].limits.position", link.limits.position, "finite, for a prismatic joint")
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "joints", checked_joints(self.joints, len(links)))
         object.__setattr__(self, "hand_position", numbers("hand_position", self.hand_position, 3))
