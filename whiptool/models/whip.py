@@ -117,6 +117,10 @@ class WhipParameters:
             array[0] = 0.0  # the free hinge
         return array  # (N,)
 
+    def per_joint(self, name: str) -> np.ndarray:
+        """Quantity `name` of every joint: of a node in space twice, shape (N,) or (2 N,)."""
+        return np.repeat(self.per_node(name), self.joints_per_node)
+
     @property
     def length(self) -> float:
         """Length of the stretched whip [m]."""
