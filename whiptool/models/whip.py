@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from whiptool.errors import InputError
 from whiptool.models.numbers import number, whole
 
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
-JOINTS = ("hinge", "universal", "rod")
+Joints: TypeAlias = Literal["hinge", "universal", "rod"]
+JOINTS = get_args(Joints)
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class WhipParameters:
     hinge_mass: float = 0.0
     drag_ratio: float = 1.0
     cubic_stiffness: PerNode = 0.0
-    joints: Literal["hinge", "universal", "rod"] = "hinge"
+    joints: Joints = "hinge"
     node_inertia: PerNode = 0.0
 
     # lowest value of each quantity, and whether it is itself excluded
