@@ -74,7 +74,7 @@ class Controller:
         sizes = {name: len(x) for name, x in self.law.parameters().items()}
         if sizes != self.law.sizes(arm.n):
             given = ", ".join(f"{name} of {math.isqrt(size)} rows" for name, size in sizes.items())
-            fix = f"give a controller file with them, or take oiac; the usual {self.law.kind} law is for {math.isqrt(max(sizes.values()))} joints"
+            fix = "give a controller file with them, or take oiac"
             raise InputError(f"controller {self.law.kind}", given, f"matrices of {arm.n} rows, one per arm joint", fix)
 
     def reckoning_with(self, model: Model) -> Controller:
