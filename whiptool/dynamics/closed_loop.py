@@ -14,8 +14,9 @@ import numpy as np
 from whiptool.dynamics import articulated
 from whiptool.dynamics.articulated import Acceleration, Carried, JointFrame, Moving
 from whiptool.dynamics.chain import Chain, inverse_dynamics, potential_energy, ride_on_end
+from whiptool.dynamics.columns import Columns
 from whiptool.dynamics.integrator import GAMMA
-from whiptool.dynamics.system import Hand, Reaction, System
+from whiptool.dynamics.system import Hand, Instant, Reaction, System
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.law import LAWS
 from whiptool.models.parameters import ArmParameters, Model
@@ -93,12 +94,7 @@ class Structure:
 
     def columns(self, block: str) -> slice:
         """Where a block of `layout` stands in the parameter vector."""
-        start = 0
-        for name, size in self.layout.items():
-            if name == block:
-                return slice(start, start + size)
-            start += size
-        raise KeyError(block)
+        return Columns(self.layout)[block]
 
     def pack(self, model: Model, controller: Controller, strikes: np.ndarray) -> np.ndarray:
         """Parameter vectors of many strikes of one model and controller.
@@ -222,14 +218,14 @@ class ClosedLoop(System):
             tau = ca.fmin(ca.fmax(tau, -limit), limit)
         return tau
 
-    def _torque_and_gain(self, t: ca.SX, q: ca.SX, v: ca.SX, held: ca.SX) -> tuple[ca.SX, ca.SX | None]:
+    def _torque_and_gain(self, now: Instant) -> tuple[ca.SX, ca.SX | None]:
         """The arm's torques (a, 1), and how they brake the arm's speed, `-d tau / d v` (a, a)."""
         a = self.structure.n_arm
         if self.structure.held:
-            return held, None
+            return now.u, None
         qa, va = ca.SX.sym("qa", a), ca.SX.sym("va", a)
-        tau = self.torque(t, qa, va)
-        return tuple(ca.substitute([tau, -ca.jacobian(tau, va)], [qa, va], [q[:a], v[:a]]))  # type: ignore[return-value]
+        tau = self.torque(now.t, qa, va)
+        return tuple(ca.substitute([tau, -ca.jacobian(tau, va)], [qa, va], [now.q, now.v]))  # type: ignore[return-value]
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
         """Return where the arm's hand is, and its links' ends."""
@@ -241,24 +237,14 @@ class ClosedLoop(System):
             moving.append(moves)
         return Hand(frame, ca.vertcat(*ends), ca.vertcat(*angles), moving)
 
-    def react(
-        self,
-        t: ca.SX,
-        h: ca.SX,
-        q: ca.SX,
-        v: ca.SX,
-        u: ca.SX,
-        before: ca.SX | None,
-        moving: list[Moving],
-        carried: Carried,
-    ) -> Reaction:
+    def react(self, now: Instant, before: ca.SX | None, moving: list[Moving], carried: Carried) -> Reaction:
         """Return how the controlled arm moves under what it carries; its joints are solved for together."""
         a, gravity = self.n_drive, self.parameters["gravity"]
-        tau, gain = self._torque_and_gain(t, q, v, u)
+        tau, gain = self._torque_and_gain(now)
         friction = self.parameters["arm.friction"]
-        braked = GAMMA * h * friction
-        loop = ca.SX.zeros(a, a) if gain is None else GAMMA * h * gain
-        torque = tau - friction * v
+        braked = GAMMA * now.h * friction
+        loop = ca.SX.zeros(a, a) if gain is None else GAMMA * now.h * gain
+        torque = tau - friction * now.v
         if before is not None:
             torque += 2 * braked * before + 2 * loop @ before
         carried_by = []

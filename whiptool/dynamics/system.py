@@ -18,8 +18,6 @@ from whiptool.dynamics.articulated import Acceleration, Carried, Joint, JointFra
 from whiptool.dynamics.chain import Chain, passive_torque
 from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicted
 
-TIP = ("x", "y", "vx", "vy")  # what a step says of the tip
-
 
 class Hand(NamedTuple):
     """Where the whip begins; far ends (a, 2) [m], absolute angles (a, 1) and movement of the drive's links."""
@@ -28,6 +26,16 @@ class Hand(NamedTuple):
     ends: ca.SX
     angles: ca.SX
     moving: list[Moving]
+
+
+class Instant(NamedTuple):
+    """Time `t` and step `h` [s], the drive's joints `q`, `v` (a, 1), and the input `u` (n_inputs, 1)."""
+
+    t: ca.SX
+    h: ca.SX
+    q: ca.SX
+    v: ca.SX
+    u: ca.SX
 
 
 class Reaction(NamedTuple):
@@ -46,7 +54,6 @@ class System(ABC):
         n_inputs: Numbers that drive it from outside at each instant: a held torque, or a base's motion.
         held: The input is a torque that `control` gives and that is held.
         p: Parameters, (P, 1).
-        chain: All links.
         link_columns: Where the whip's quantities stand in p: (first, stride from link to link) by quantity.
     """
 
@@ -60,7 +67,6 @@ class System(ABC):
     n_inputs: int
     held: bool
     p: ca.SX
-    chain: Chain
     link_columns: dict[str, tuple[int, int]]
 
     @abstractmethod
@@ -68,23 +74,11 @@ class System(ABC):
         """Return where the whip begins, for the drive's joints (a, 1) and the input."""
 
     @abstractmethod
-    def react(
-        self,
-        t: ca.SX,
-        h: ca.SX,
-        q: ca.SX,
-        v: ca.SX,
-        u: ca.SX,
-        before: ca.SX | None,
-        moving: list[Moving],
-        carried: Carried,
-    ) -> Reaction:
+    def react(self, now: Instant, before: ca.SX | None, moving: list[Moving], carried: Carried) -> Reaction:
         """Return how the drive moves under what it carries.
 
         Args:
-            t, h: Time and step [s].
-            q, v: The drive's joints, (a, 1).
-            u: Input, (n_inputs, 1).
+            now: Time, step, the drive's state and input of this stage.
             before: Accelerations of the first stage (a, 1), in the second.
             moving: How its links move, as `hand` says.
             carried: What the hand carries.
@@ -158,7 +152,7 @@ class System(ABC):
             joints.append(joint)
         joints.reverse()
         k1 = None if before is None else before[:a]
-        reaction = self.react(t, h, q[:a], v[:a], u, k1, hand.moving, carried)
+        reaction = self.react(Instant(t, h, q[:a], v[:a], u), k1, hand.moving, carried)
         at, accelerations = reaction.acceleration, [reaction.qdd]
         for i in range(N):
             qdd = articulated.joint_acceleration(at, joints[i])
@@ -229,7 +223,7 @@ class System(ABC):
         carries, keeps = self.carry_link(parts(Carried, carried), kept, w, torque, armature)
         qdd = articulated.joint_acceleration(parts(Acceleration, at), parts(Joint, joint))
         ahead = articulated.accelerate(parts(Acceleration, at), qdd, kept)
-        reaction = self.react(t, h, qa, va, u, before_a, arm_kept, parts(Carried, carried))
+        reaction = self.react(Instant(t, h, qa, va, u), before_a, arm_kept, parts(Carried, carried))
         table = {
             "hand": ([qa, va, self.p, u], [ca.vertcat(*hand.frame), ca.vec(hand.ends.T), hand.angles, arm_moves]),
             "outward": ([frame, q, v, w, h], [ca.vertcat(*end), moves, *first_torque]),
@@ -264,7 +258,7 @@ def _stored(moving: list[Moving]) -> tuple[ca.SX, ca.SX, list[Moving]]:
 
 
 def tip_of(frame: JointFrame) -> ca.SX:
-    """Return the tip's position and velocity (4, 1), in the order of `TIP`."""
+    """Return the tip's position and velocity (4, 1): x, y, vx, vy."""
     return ca.vertcat(frame.x, frame.y, frame.vx, frame.vy)
 
 

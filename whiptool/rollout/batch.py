@@ -52,8 +52,8 @@ class Batch:
     stride: int = 1
 
     PER_STRIKE: ClassVar = (
-        *("p", "x0", "target", "h", "h_last", "steps", "dp", "dx0", "dh", "dh_last", "u_row", "du_row"),
-    )
+        "p", "x0", "target", "h", "h_last", "steps", "dp", "dx0", "dh", "dh_last", "u_row", "du_row",
+    )  # fmt: skip
 
     def take(self, order: np.ndarray) -> Batch:
         """The strikes in another order."""

@@ -86,9 +86,7 @@ class NativeEngine:
         order = np.argsort(-batch.steps, kind="stable")  # lanes that end together; the longest first
         ordered = batch.take(order)
         rolled = empty_results(batch, self.system)
-        out, path = np.empty_like(rolled.out), None if rolled.path is None else np.empty_like(rolled.path)
-        if path is not None:
-            path.fill(np.nan)
+        out, path = np.empty_like(rolled.out), None if rolled.path is None else rolled.path.copy()
         buffers = {name: getattr(ordered, name) for name in (*Batch.PER_STRIKE, "u", "du", "columns")}
         buffers |= {"out": out, "rows": rolled.rows, "path": path, "y": rolled.y, "dy": rolled.dy}
         for name in ("first_row", "y_row"):  # results of lanes that stand elsewhere now
