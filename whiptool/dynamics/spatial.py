@@ -20,17 +20,20 @@ import numpy as np
 Axis = tuple[float, float, float]
 
 
-class Node(NamedTuple):
-    """A link of a whip: a point mass at its far end, which lies along -z of the link's axes.
-
-    Units as in `WhipParameters`; `inertia` is isotropic, about the mass point [kg m^2].
-    """
+class Link(NamedTuple):
+    """A link of a whip, along -z of its own axes; units as in `Chain`. Its inertia is alike about all axes."""
 
     length: ca.SX
     mass: ca.SX
+    com: ca.SX
     inertia: ca.SX
     drag: ca.SX
     drag_ratio: ca.SX
+
+    @property
+    def is_point_mass(self) -> bool:
+        """Whether the centre of mass is the same expression as the length: its mass is at its far end."""
+        return ca.is_equal(self.com, self.length)
 
 
 class Turned(NamedTuple):
@@ -112,11 +115,15 @@ class SpatialFrame(NamedTuple):
 
 
 class SpatialMoving(NamedTuple):
-    """A moving link: from its joint to its far end, and that end's centripetal acceleration; the angular acceleration
-    by its hinges' own speeds; drag on its far end; the hinges' axes (3, K)."""
+    """A moving link: from its joint to its far end and to its centre of mass, their centripetal accelerations, and the
+    moment of the latter about the joint; the angular acceleration by its hinges' own speeds; drag on its far end; the
+    hinges' axes (3, K)."""
 
     r: ca.SX
     centripetal: ca.SX
+    com: ca.SX
+    com_centripetal: ca.SX
+    com_twist: ca.SX
     turning: ca.SX
     drag: ca.SX
     axes: ca.SX
@@ -127,9 +134,8 @@ class SpatialMoving(NamedTuple):
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialMoving:
         """Return a link of such numbers."""
-        r, centripetal, turning, drag = (ca.vertcat(*entries[i : i + 3]) for i in (0, 3, 6, 9))
-        axes = ca.reshape(ca.vertcat(*entries[12:]), 3, self.axes.shape[1])
-        return SpatialMoving(r, centripetal, turning, drag, axes)
+        parts = (ca.vertcat(*entries[i : i + 3]) for i in range(0, 21, 3))
+        return SpatialMoving(*parts, ca.reshape(ca.vertcat(*entries[21:]), 3, self.axes.shape[1]))
 
 
 class SpatialCarried(NamedTuple):
@@ -193,9 +199,9 @@ class SpatialAcceleration(NamedTuple):
 
 
 def outward(
-    frame: SpatialFrame, q: ca.SX, v: ca.SX, node: Node, axes: Sequence[Axis]
+    frame: SpatialFrame, q: ca.SX, v: ca.SX, link: Link, axes: Sequence[Axis]
 ) -> tuple[SpatialFrame, SpatialMoving]:
-    """Return the frame at a node's end and how its link moves, for its hinges' positions and velocities (K, 1)."""
+    """Return the frame at a link's end and how it moves, for its hinges' positions and velocities (K, 1)."""
     turned, speed, turning, world = frame.turned, frame.speed, ca.SX.zeros(3), []
     for axis, q_k, v_k in zip(axes, ca.vertsplit(q), ca.vertsplit(v), strict=True):
         turned, along = turned.hinged(axis, q_k)
@@ -203,37 +209,50 @@ def outward(
         speed = speed + along * v_k
         world.append(along)
     down = -turned.matrix[:, 2]
-    r = node.length * down
+    r = link.length * down
     by_turning = ca.cross(speed, r)
     velocity = frame.velocity + by_turning
     end = SpatialFrame(turned if len(axes) == 1 else turned.settled, speed, velocity, frame.place + r)
-    drag = drag_force(node, velocity, down)
-    return end, SpatialMoving(r, ca.cross(speed, by_turning), turning, drag, ca.horzcat(*world))
+    drag = drag_force(link, velocity, down)
+    centripetal = ca.cross(speed, by_turning)
+    of_com = (r, centripetal, ca.SX.zeros(3))
+    if not link.is_point_mass:
+        com = link.com * down
+        along = ca.dot(speed, com)
+        of_com = (com, along * speed - ca.sumsqr(speed) * com, along * ca.cross(com, speed))
+    return end, SpatialMoving(r, centripetal, *of_com, turning, drag, ca.horzcat(*world))
 
 
-def drag_force(node: Node, velocity: ca.SX, down: ca.SX) -> ca.SX:
-    """Return the quadratic drag [N] on a node of this velocity, its link along `down`, both (3, 1).
+def drag_force(link: Link, velocity: ca.SX, down: ca.SX) -> ca.SX:
+    """Return the quadratic drag [N] on a far end of this velocity, its link along `down`, both (3, 1).
 
     A tiny constant keeps the root differentiable at rest.
     """
-    if node.drag.is_zero():
+    if link.drag.is_zero():
         return ca.SX.zeros(3)
     size = ca.sqrt(ca.sumsqr(velocity) + 1e-12)
-    less = (1 - node.drag_ratio) * ca.dot(velocity, down)  # of the velocity along the link, not braked
-    return -node.drag * size * (velocity - less * down)
+    less = (1 - link.drag_ratio) * ca.dot(velocity, down)  # of the velocity along the link, not braked
+    return -link.drag * size * (velocity - less * down)
 
 
-def inward(carried: SpatialCarried, moving: SpatialMoving, node: Node) -> SpatialCarried:
-    """Return what a node's hinges carry: its link, and what that carries at its far end."""
-    one, r = ca.densify(ca.SX.eye(3)), moving.r
-    M, H = carried.M + node.mass * one, carried.H
-    across = ca.densify(ca.skew(r))
+def inward(carried: SpatialCarried, moving: SpatialMoving, link: Link) -> SpatialCarried:
+    """Return what a link's hinges carry: the link, and what it carries at its far end."""
+    body = link.mass * ca.densify(ca.SX.eye(3))
+    M, H, force = carried.M, carried.H, carried.force - moving.drag
+    if link.is_point_mass:  # joins what the end carries
+        M = M + body
+    across = _across(moving.r)
     lever = ca.mtimes(across, M)
-    by_force, by_both = ca.mtimes(H, across), ca.mtimes(H + lever, across)
-    J = carried.J + node.inertia * one - _mirrored(by_both, by_force)
-    force = carried.force - moving.drag + ca.mtimes(M, moving.centripetal)
-    moment = carried.moment + ca.mtimes(H, moving.centripetal) + ca.cross(r, force)
+    J = carried.J + link.inertia * ca.densify(ca.SX.eye(3))
+    J = J - _mirrored(ca.mtimes(H + lever, across), ca.mtimes(H, across))
+    force = force + ca.mtimes(M, moving.centripetal)
+    moment = carried.moment + ca.mtimes(H, moving.centripetal) + ca.cross(moving.r, force)
     H = H + lever
+    if not link.is_point_mass:
+        across, own = _across(moving.com), link.mass * moving.com_centripetal
+        lever = link.mass * across
+        M, H, J = M + body, H + lever, J - _mirrored(ca.mtimes(lever, across), ca.SX.zeros(3, 3))
+        force, moment = force + own, moment + link.mass * moving.com_twist
     if not moving.turning.is_zero():
         force, moment = force + ca.mtimes(H.T, moving.turning), moment + ca.mtimes(J, moving.turning)
     return SpatialCarried(J, H, M, moment, force)
@@ -308,6 +327,11 @@ def scalars(x: ca.SX) -> list[ca.SX]:
 
 
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+def _across(r: ca.SX) -> ca.SX:
+    """Return the matrix of the product `r x`."""
+    return ca.densify(ca.skew(r))
 
 
 def _upper(A: ca.SX) -> list[ca.SX]:
