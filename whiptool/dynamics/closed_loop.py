@@ -48,7 +48,7 @@ class ClosedLoop(System):
             if f"whip.{name}" in structure.layout
         }
         self.bare_arm = self._planar_arm() if structure.arm is None else self._spatial_arm()
-        at_hand = self._at_hand(self.parameters["whip.hinge_mass"]) if "hinge_mass" in structure.optional else []
+        at_hand = [self._at_hand(self.parameters["whip.hinge_mass"])] if "hinge_mass" in structure.optional else []
         self.arm = replace(self.bare_arm, bodies=[*self.bare_arm.bodies, *at_hand])
 
     # -----------------------------------------------------------------------------------------------------------------
@@ -100,19 +100,18 @@ class ClosedLoop(System):
             bodies=bodies,
         )
 
-    def _at_hand(self, mass: ca.SX) -> list[Body]:
+    def _at_hand(self, mass: ca.SX) -> Body:
         """A point mass at the hand."""
-        return [Body(self.structure.n_arm - 1, mass, self.bare_arm.hand_position, ca.SX.zeros(3, 3))]
+        return Body(self.structure.n_arm - 1, mass, self.bare_arm.hand_position, ca.SX.zeros(3, 3))
 
     @cached_property
-    def _weights(self) -> list[Body]:
-        """Bodies whose weight the controller holds: the links' masses, and the whip's at the hand."""
-        P, a = self.parameters, self.structure.n_arm
-        links, load = self.bare_arm.bodies, ca.sum1(P["whip.m"]) + P.get("whip.hinge_mass", 0)
-        if self.structure.compensated:
-            masses = ca.vertsplit(P["compensated"])
-            links, load = [body._replace(mass=masses[body.link]) for body in links], masses[a]
-        return [*links, *self._at_hand(load)]
+    def _compensated(self) -> tuple[list[Body], ca.SX]:
+        """Bodies whose weight the controller holds, and the mass that it takes to be at the hand."""
+        P, bodies = self.parameters, self.bare_arm.bodies
+        if not self.structure.compensated:
+            return bodies, ca.sum1(P["whip.m"]) + P.get("whip.hinge_mass", 0)
+        *masses, load = ca.vertsplit(P["compensated"])
+        return [body._replace(mass=masses[body.link]) for body in bodies], load
 
     # -----------------------------------------------------------------------------------------------------------------
     # The controller
@@ -162,8 +161,7 @@ class ClosedLoop(System):
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
         """Return where the arm's hand is, its links' ends, and how it moves."""
         arm, posture = self.arm, self.arm.posture(q)
-        weights = [] if self.held else self._weights
-        motion = arm.motion(q, v, self.parameters["gravity"], weights)
+        motion = arm.motion(q, v, self.parameters["gravity"], [] if self.held else self._compensated[0])
         moves = ca.mtimes(motion.jacobian, v)
         turned = posture.hand_turned if len(self.hinges) == 1 else posture.hand_turned.settled
         frame = SpatialFrame(turned, moves[:3], moves[3:], posture.hand)
@@ -173,7 +171,8 @@ class ClosedLoop(System):
     def react(self, now: Instant, before: ca.SX | None, motion: ArmMotion, carried: SpatialCarried) -> Reaction:
         """Return how the controlled arm moves under what it carries; its joints are solved for together."""
         a, P = self.n_drive, self.parameters
-        tau, gain = self._torque_and_gain(now, motion.weight)
+        weight = motion.weight + motion.jacobian[5, :].T * (self._compensated[1] * P["gravity"])
+        tau, gain = self._torque_and_gain(now, weight)
         friction = P["arm.friction"]
         if self.structure.arm is not None:
             friction = _present(friction, self.structure.arm.present, "friction")
@@ -197,7 +196,9 @@ class ClosedLoop(System):
         """The controller alone: torques (n_arm, 1) at state x and time t, to hold where they are held."""
         n, a = self.n, self.structure.n_arm
         x, t = ca.SX.sym("x", 2 * n), ca.SX.sym("t")
-        weight = self.arm.weight(self.arm.posture(x[:a]), self._weights, self.parameters["gravity"])
+        bodies, load = self._compensated
+        weights = [*bodies, self._at_hand(load)]
+        weight = self.arm.weight(self.arm.posture(x[:a]), weights, self.parameters["gravity"])
         tau = self.torque(t, x[:a], x[n : n + a], weight)
         return ca.Function("control", [x, t, self.p], [tau], ["x", "t", "p"], ["tau"], {"cse": True})
 

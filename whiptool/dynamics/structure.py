@@ -55,7 +55,7 @@ class ArmShape:
             present=tuple((name, tuple(np.flatnonzero(x).tolist())) for name, x in used.items()),
         )
 
-    def holds(self, other: ArmShape) -> bool:
+    def __contains__(self, other: ArmShape) -> bool:
         """Whether every term of the other arm is one of this."""
         mine, its = dict(self.present), dict(other.present)
         return replace(other, present=self.present) == self and all(set(its[name]) <= set(mine[name]) for name in its)
@@ -107,10 +107,10 @@ class Structure:
             arm=ArmShape.of(model, free) if model.dimension == 3 else None,
         )
 
-    def holds(self, other: Structure) -> bool:
+    def __contains__(self, other: Structure) -> bool:
         """Whether every term of the other structure is one of this."""
         same = replace(other, optional=self.optional, arm=self.arm) == self
-        arms = other.arm is None or (self.arm is not None and self.arm.holds(other.arm))
+        arms = other.arm is None or (self.arm is not None and other.arm in self.arm)
         return same and arms and set(other.optional) <= set(self.optional)
 
     @property
