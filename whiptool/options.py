@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.impedance.law import Law
     from whiptool.models.parameters import Model
-    from whiptool.objective import Target
     from whiptool.rollout.compiled import CompiledRollout
     from whiptool.rollout.interface import Rollout
+    from whiptool.target import Target
 
 LAWS = ("oiac", "constant")
 MANY_COARSE = 0.1  # share of random strikes that a step may get wrong by more than 0.3 mm before it is said
@@ -59,7 +59,7 @@ class TargetOptions(Options):
 
     def build_target(self) -> Target:
         """Target position and hit radius."""
-        from whiptool.objective import Target
+        from whiptool.target import Target
 
         return Target(self.target, self.hit_radius)
 

@@ -22,8 +22,8 @@ from whiptool.options import ControllerOptions, Options, TargetOptions
 
 if TYPE_CHECKING:
     from whiptool.models import Model
-    from whiptool.objective import Target
     from whiptool.rollout import Trajectory
+    from whiptool.target import Target
 
 T = TypeVar("T")
 TRAJECTORY, VIDEO, PAGE, REPORT = "trajectory.npz", "strike.mp4", "strike.html", "report.html"

@@ -7,7 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.models.kinematics import hanging_angles
 from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
 
 _AT_ONCE = 24  # postures in one call
 
@@ -31,6 +33,9 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
     a, n = model.arm.n, model.n
     q = np.zeros((len(q_i), n))
     q[:, :a] = q_i
+    if isinstance(model.arm, SpatialArm):
+        q[:, a : a + 2] = hanging_angles(model.arm, q_i)
+        return q
     q[:, a] = -q_i.sum(axis=1)
     if hangs_straight(model):
         return q

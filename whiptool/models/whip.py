@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from whiptool.errors import InputError
 from whiptool.models.numbers import number, whole
 
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
-JOINTS = ("hinge", "universal", "rod")
+Joints: TypeAlias = Literal["hinge", "universal", "rod"]
+JOINTS = get_args(Joints)
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class WhipParameters:
     hinge_mass: float = 0.0
     drag_ratio: float = 1.0
     cubic_stiffness: PerNode = 0.0
-    joints: Literal["hinge", "universal", "rod"] = "hinge"
+    joints: Joints = "hinge"
     node_inertia: PerNode = 0.0
 
     # lowest value of each quantity, and whether it is itself excluded
@@ -116,6 +117,10 @@ class WhipParameters:
         if isinstance(value, float) and name in self._JOINT:
             array[0] = 0.0  # the free hinge
         return array  # (N,)
+
+    def per_joint(self, name: str) -> np.ndarray:
+        """Quantity `name` of every joint: of a node in space twice, shape (N,) or (2 N,)."""
+        return np.repeat(self.per_node(name), self.joints_per_node)
 
     @property
     def length(self) -> float:
