@@ -11,13 +11,8 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-<<<<<<< HEAD
-from whiptool.models.numbers import LARGEST, number, numbers
-from whiptool.models.joint_names import checked_joints, subscripts
-=======
 from whiptool.models.joint_names import checked_joints, subscripts
 from whiptool.models.numbers import number, numbers
->>>>>>> e30db1f0c46c6a1092f7e51d53f8fe6dc1d37c3e
 from whiptool.models.planar_arm import ArmParameters
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -200,13 +195,7 @@ class SpatialArm:
             raise InputError("links", self.links, "one or more SpatialLink")
         for i, link in enumerate(links):
             if link.kind == "prismatic" and not np.isfinite(link.limits.position).all():
-<<<<<<< HEAD
-                raise InputError(
-                    f"links[{i}].limits.position", link.limits.position, "finite, for a prismatic joint"
-                )
-=======
                 raise InputError(f"links[{i}].limits.position", link.limits.position, "finite, for a prismatic joint")
->>>>>>> e30db1f0c46c6a1092f7e51d53f8fe6dc1d37c3e
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "joints", checked_joints(self.joints, len(links)))
         object.__setattr__(self, "hand_position", numbers("hand_position", self.hand_position, 3))
