@@ -7,11 +7,12 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 
-from whiptool.dynamics.chain import Chain, potential_energy, ride_on_end
+from whiptool.dynamics import spatial
+from whiptool.dynamics.chain import passive_torque
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.dynamics.serial_arm import ArmMotion, Body, SerialArm, solve
 from whiptool.dynamics.spatial import SpatialAcceleration, SpatialCarried, SpatialFrame
-from whiptool.dynamics.structure import PER_NODE, Structure
+from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 from whiptool.impedance.law import LAWS
 
@@ -206,45 +207,27 @@ class ClosedLoop(System):
     # The whip at rest
 
     @cached_property
-    def chain(self) -> Chain:
-        """Arm and whip in the plane."""
-        P, a, N = self.parameters, self.structure.n_arm, self.structure.n_whip
-        mass, com, inertia = P["arm.mass"], P["arm.com"], P["arm.inertia"]
-        if "whip.hinge_mass" in P:
-            last = a - 1
-            carried = ride_on_end(mass[last], com[last], inertia[last], P["arm.length"][last], P["whip.hinge_mass"])
-            mass, com, inertia = (
-                ca.vertcat(*ca.vertsplit(old)[:last], new)
-                for old, new in zip((mass, com, inertia), carried, strict=True)
-            )
-        whip = {name: P.get(f"whip.{name}", ca.SX.zeros(N)) for name in PER_NODE}
-        none = ca.SX.zeros(a)
-        return Chain(
-            length=ca.vertcat(P["arm.length"], P["whip.l"]),
-            mass=ca.vertcat(mass, P["whip.m"]),
-            com=ca.vertcat(com, P["whip.l"]),
-            inertia=ca.vertcat(inertia, ca.SX.zeros(N)),
-            stiffness=ca.vertcat(none, P["whip.k"]),
-            damping=ca.vertcat(P["arm.friction"], P["whip.b"]),
-            rest_angle=ca.vertcat(none, whip["rest_angle"]),
-            dry_friction=ca.vertcat(none, whip["dry_friction"]),
-            drag=ca.vertcat(none, whip["drag"]),
-            cubic_stiffness=ca.vertcat(none, whip["cubic_stiffness"]),
-            drag_ratio=P.get("whip.drag_ratio", 1.0),
-            friction_velocity=P.get("whip.friction_velocity", 1.0),
-            gravity=P["gravity"],
-        )
-
-    @cached_property
     def whip_balance(self) -> ca.Function:
-        """Balance of the resting whip at q (n,): gradient (N,) and Hessian (N, N) of the potential energy with respect
-        to the whip's joints, and the gradient's change (N,) along dq (arm joints only) and dp."""
-        q, dq, dp = ca.SX.sym("q", self.structure.n), ca.SX.sym("dq", self.structure.n), ca.SX.sym("dp", self.p.numel())
-        a = self.structure.n_arm
-        hessian, gradient = ca.hessian(potential_energy(self.chain, q), q)
-        change = ca.jtimes(gradient, q, dq) + ca.jtimes(gradient, self.p, dp)
-        outputs = [gradient[a:], hessian[a:, a:], change[a:]]
-        return ca.Function("whip_balance", [q, self.p, dq, dp], outputs, {"cse": True})
+        """Balance of the resting whip at q (n,): `whip_balance(q, p, dq, dp)` gives the slopes of its potential energy
+        by its own joints (n - a,), and their change along dq (n,) and dp."""
+        a, K = self.n_drive, len(self.hinges)
+        q, dq, dp = ca.SX.sym("q", self.n), ca.SX.sym("dq", self.n), ca.SX.sym("dp", self.p.numel())
+        still, gravity = ca.SX.zeros(K), self.parameters["gravity"]
+        frame = self.hand(q[:a], ca.SX.zeros(a), ca.SX.zeros(self.n_inputs)).frame
+        links = []
+        for i in range(self.n_links):
+            w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
+            own, (link, joint) = q[a + K * i : a + K * (i + 1)], self.link(w)
+            frame, moving = spatial.outward(frame, own, still, link, self.hinges)
+            links.append((moving, link.mass * gravity, passive_torque(joint, own, still)))
+        slopes, weight, moment = [], ca.SX(0), ca.SX.zeros(3)
+        for moving, own_weight, springs in reversed(links):
+            weight = weight + own_weight
+            moment = moment + ca.cross(moving.r, ca.vertcat(0, 0, weight))
+            slopes.append(ca.mtimes(moving.axes.T, moment) - springs)
+        slope = ca.vertcat(*reversed(slopes))
+        change = ca.jtimes(slope, q, dq) + ca.jtimes(slope, self.p, dp)
+        return ca.Function("whip_balance", [q, self.p, dq, dp], [slope, change], {"cse": True})
 
 
 def _present(x: ca.SX, present: tuple[tuple[str, tuple[int, ...]], ...], name: str) -> ca.SX:
