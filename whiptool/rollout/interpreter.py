@@ -76,19 +76,19 @@ class InterpretedEngine:
 
     def _conclude(self, batch: Batch, b: int, history: _History, lane: int, rolled: Rolled) -> None:
         """Write what came of one strike."""
-        n, a = self.system.n, self.system.n_drive
-        outcome, row = outcome_columns(a), row_columns(n, a)
+        n, a, d = self.system.n, self.system.n_drive, self.system.dimension
+        outcome, row = outcome_columns(a, d), row_columns(n, a, d)
         last = int(history.last[lane])
         rows, path, dpath = (x[: last + 1, lane] for x in (history.rows, history.path, history.dpath))
         out, t = rolled.out[b], rows[:, 0]
-        nearest = closest_on_segments(path[:, :2], batch.target[b])
-        when, tip, moved = 0.0, np.zeros(4), np.zeros(4)
+        nearest = closest_on_segments(path[:, :d], batch.target[b])
+        when, tip, moved = 0.0, np.zeros(2 * d), np.zeros(2 * d)
         if last > 0:
             when, tip, moved = (nearest.between(x) for x in (t, path, dpath))
-        away = tip[:2] - batch.target[b]
+        away = tip[:d] - batch.target[b]
         out[outcome["distance"]], out[outcome["time"]] = nearest.distance, when
-        out[outcome["tip"]], out[outcome["velocity"]] = tip[:2], tip[2:]
-        out[outcome["slope"]] = away @ moved[:2] / nearest.distance if nearest.distance > 0 else 0.0
+        out[outcome["tip"]], out[outcome["velocity"]] = tip[:d], tip[d:]
+        out[outcome["slope"]] = away @ moved[:d] / nearest.distance if nearest.distance > 0 else 0.0
         out[outcome["diverged"]], out[outcome["last_step"]] = history.diverged[lane], last
         speeds = rows[:, row["x"]][:, n : n + a]
         out[outcome["max_joint_speed"]] = np.abs(speeds).max(axis=0)
@@ -117,7 +117,7 @@ class _Instant:
     """What the step reads and writes of L lanes."""
 
     def __init__(self, system: System, batch: Batch, which: np.ndarray, *, forward: bool) -> None:
-        L, n, a = len(which), system.n, system.n_drive
+        L, n, a, d = len(which), system.n, system.n_drive, system.dimension
 
         def value(size: int) -> _Value:
             return _Value(L, size, forward=forward)
@@ -129,7 +129,7 @@ class _Instant:
         self._batch, self._which, self._forward = batch, which, forward
         self.state, self.following, self.p = value(2 * n), value(2 * n), value(system.n_parameters)
         self.t, self.h, self.u, self.u_end = value(1), value(1), value(system.n_inputs), value(system.n_inputs)
-        self.tip, self.tau, self.seen = value(4), value(a), value(3 * n)
+        self.tip, self.tau, self.seen = value(2 * d), value(a), value(system.n_observed)
         self.state.x[:], self.p.x[:] = batch.x0[which], batch.p[which]
         if forward:
             assert batch.dx0 is not None
@@ -179,7 +179,7 @@ class _Instant:
 
 @dataclass
 class _History:
-    """Every step of L strikes: rows (T, L, columns), tip and its change (T, L, 4), change of the time (T, L)."""
+    """Every step of L strikes: rows (T, L, columns), tip and its change (T, L, 2 d), change of the time (T, L)."""
 
     columns: Columns
     rows: np.ndarray
@@ -191,9 +191,10 @@ class _History:
 
     @classmethod
     def of(cls, T: int, L: int, system: System) -> _History:
-        columns = row_columns(system.n, system.n_drive)
+        d = system.dimension
+        columns = row_columns(system.n, system.n_drive, d)
         rows = np.empty((T, L, columns.width))
-        path, dpath, dtime = np.empty((T, L, 4)), np.zeros((T, L, 4)), np.zeros((T, L))
+        path, dpath, dtime = np.empty((T, L, 2 * d)), np.zeros((T, L, 2 * d)), np.zeros((T, L))
         return cls(columns, rows, path, dpath, dtime, last=np.zeros(L, int), diverged=np.zeros(L, bool))
 
     def note(self, i: int, at: _Instant, alive: np.ndarray) -> None:
@@ -202,6 +203,7 @@ class _History:
         self.rows[i, :, columns["t"]] = at.t.x
         self.rows[i, :, columns["x"]] = at.state.x
         self.rows[i, :, columns["tau"]] = at.tau.x
+        self.rows[i, :, columns["tip"].start : columns["velocity"].stop] = at.tip.x
         self.path[i], self.dpath[i], self.dtime[i] = at.tip.x, at.tip.d, at.t.d[:, 0]
         self.last[alive] = i
 
@@ -236,17 +238,18 @@ def tip_at(
 
     Args:
         at: (S,) [s]
-        t, path: Times (T,) [s]; positions and velocities, (T, 4).
-        moved: How path (T, 4) and times (T,) move along a direction: the tip's change at fixed times comes behind it.
+        t, path: Times (T,) [s]; positions and velocities, (T, 2 d).
+        moved: How path (T, 2 d) and times (T,) move along a direction: the tip's change at fixed times comes behind it.
 
     Returns:
-        (S, 2), or with `moved` (S, 4).
+        (S, d), or with `moved` (S, 2 d).
     """
+    d = path.shape[1] // 2
     if len(t) == 1:
-        both = path[:1, :2] if moved is None else np.hstack([path[:1, :2], moved[0][:1, :2]])
+        both = path[:1, :d] if moved is None else np.hstack([path[:1, :d], moved[0][:1, :d]])
         return np.repeat(both, len(at), axis=0)
     at = np.minimum(at, t[-1])
-    cubic = CubicHermiteSpline(t, path[:, :2], path[:, 2:])
+    cubic = CubicHermiteSpline(t, path[:, :d], path[:, d:])
     if moved is None:
         return cubic(at)
     dpath, dt = moved
@@ -256,6 +259,6 @@ def tip_at(
     dstart, dspan = dt[i], dt[i + 1] - dt[i]
     later = -(dstart + s * dspan)  # the step that holds a fixed time moves: its share of the step changes, and its span
     r = 1 - s
-    by_span = (r * s)[:, None] * (r[:, None] * path[i, 2:] - s[:, None] * path[i + 1, 2:])
-    change = CubicHermiteSpline(t, dpath[:, :2], dpath[:, 2:])(at)
+    by_span = (r * s)[:, None] * (r[:, None] * path[i, d:] - s[:, None] * path[i + 1, d:])
+    change = CubicHermiteSpline(t, dpath[:, :d], dpath[:, d:])(at)
     return np.hstack([cubic(at), change + later[:, None] * cubic(at, 1) + dspan[:, None] * by_span])
