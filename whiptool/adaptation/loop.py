@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 
 from whiptool.adaptation.first_look import choose_wiggle, hanging
-from whiptool.adaptation.judgement import Judgement, judge, judge_seen
+from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
 from whiptool.adaptation.ports import Port, Seen, checked
 from whiptool.adaptation.posterior import AFTER, Learned, update
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.sag import Sag, expected_sag
+from whiptool.adaptation.steps import Step, Steps
 from whiptool.errors import InputError
+from whiptool.identification.judgement import Judgement
 from whiptool.models import parameters
 from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import Model
@@ -74,31 +76,6 @@ class Options:
             parameters.number(name, value, low=0)
 
 
-@dataclass(frozen=True)
-class Step:
-    """One strike: what was expected, what came, what it taught.
-
-    Args:
-        number: From 1; 0 is the first look.
-        plan: Of the strike.
-        outcome: What came of it.
-        learned: Afterwards; None where nothing is learned.
-        judged: Its miss, from what was seen: by the whip as it is believed now and by the camera, where the recording
-            taught something; else by the camera alone. Never a twin's truth. None: nobody saw.
-    """
-
-    number: int
-    plan: Plan
-    outcome: Seen
-    learned: Learned | None
-    judged: Judgement | None
-
-    @property
-    def hit(self) -> bool | None:
-        """Whether a hit is claimed; None: nobody saw."""
-        return None if self.judged is None else self.judged.hit
-
-
 @dataclass
 class Adaptation:
     """A whip that is being learned.
@@ -123,7 +100,7 @@ class Adaptation:
     known: Belief | None = None
     opening: Plan | None = None
 
-    def run(self, on_step: Callable[[Step], None] = lambda step: None) -> list[Step]:
+    def run(self, on_step: Callable[[Step], None] = lambda step: None) -> Steps:
         """Strike until it hits, or to the last strike.
 
         What the folder holds of an earlier run is read, not struck again. A strike that was killed before its outcome
@@ -135,7 +112,7 @@ class Adaptation:
         Raises:
             InputError: The folder is damaged.
         """
-        o, belief, steps = self.options, self.known or self.prior, []
+        o, belief, steps = self.options, self.known or self.prior, Steps()
         recordings, past = list(self.recordings), []
         taught, resting = self.known is not None, set[str]()
         contacts: dict[str, float] = {}
@@ -169,7 +146,7 @@ class Adaptation:
     def _enough(self, judged: Judgement) -> bool:
         return judged.hit if self.options.stop_at is None else judged.miss <= self.options.stop_at
 
-    def _planned(self, number: int, belief: Belief, past: list, steps: list[Step], effort: Effort) -> Plan:
+    def _planned(self, number: int, belief: Belief, past: list, steps: Steps, effort: Effort) -> Plan:
         stored = self._read(number, PLAN)
         if stored is not None:
             return Plan(**{**stored, "strike": tuple(stored["strike"]), "misses": tuple(stored.get("misses", ()))})
@@ -195,7 +172,7 @@ class Adaptation:
         self._write(number, PLAN, asdict(chosen))
         return chosen
 
-    def _expected_sag(self, steps: list[Step]) -> Sag | None:
+    def _expected_sag(self, steps: Steps) -> Sag | None:
         controller = self.prior.plant.controller
         assert controller is not None
         return expected_sag(controller.law, [*self.recordings, *(step.outcome.recording for step in steps)])
