@@ -36,21 +36,22 @@ PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.js
 
 @dataclass(frozen=True)
 class Options:
-    """How to adapt.
+    """Settings of an adaptation.
 
     Args:
-        max_strikes: No more than these.
-        stop_at: End with the first strike that is judged to miss by no more [m]; None: with the first hit that is
-            claimed. 0: never.
-        still: The whip is filmed as it hangs, before the first strike, unless earlier recordings tell of it; number 0.
-        wiggle: Instead a short, slow movement; number 0.
-        adapt: False: never learn; plan once from the prior, and repeat.
-        starts: Of every identification.
-        seed: Of candidates, samples and starts.
+        max_strikes: Largest number of strikes.
+        stop_at: End after the first strike whose judged miss distance is at most this [m]; None: after the first hit
+            that is claimed; 0: only after `max_strikes`.
+        still: Film the hanging whip before the first strike, as step 0, unless earlier recordings are given.
+        wiggle: Make a short, slow movement as step 0 instead.
+        adapt: Whether to learn; if not, one strike is planned from the prior and repeated.
+        starts: Number of starting points of every identification.
+        seed: Seed of candidate strikes, sampled whips and starting points.
         t_stay: A strike is watched so long after the movement ended [s].
         bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.plan`.
-        check: Returns why a strike must not be struck, by the posterior mean of whip and arm; None where it may.
-        first, later: Effort of a plan from the prior, and of one that knows a recording.
+        check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
+            None if it is.
+        first, later: Planning effort before any recording has been learned from, and after.
     """
 
     max_strikes: int = 6
@@ -78,17 +79,17 @@ class Options:
 
 @dataclass
 class Adaptation:
-    """A whip that is being learned.
+    """Strike with an unknown whip, learn it from each recording, and plan the next strike, until it hits.
 
     Args:
-        prior: Before the first strike.
-        port: What strikes.
-        target: What is to be hit.
+        prior: Belief about the whip before the first strike.
+        port: Strikes and films: a twin, a rig, or your own robot.
+        target: Point to hit, and hit radius.
         options: See `Options`.
-        folder: Run folder; None: nothing is kept.
-        recordings: Earlier ones of the same whip, which the first plan knows already.
-        known: What they taught; None: they are identified first.
-        opening: The first plan, where it was made before; None: it is made.
+        folder: Run folder; None: nothing is written.
+        recordings: Earlier recordings of the same whip, from which the first strike is planned.
+        known: Belief after those recordings, if it was computed before; None: it is identified from them.
+        opening: The first plan, if it was made before; None: it is computed.
     """
 
     prior: Belief
@@ -107,7 +108,10 @@ class Adaptation:
         was written is struck again.
 
         Args:
-            on_step: Called with every step.
+            on_step: Called with every step as soon as it is complete.
+
+        Returns:
+            All steps, the first look included.
 
         Raises:
             InputError: The folder is damaged.

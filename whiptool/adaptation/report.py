@@ -1,4 +1,4 @@
-"""What is told of an adaptation: lines after each strike, and the sections of its report."""
+"""Describe an adaptation: lines for the terminal after each strike, and the sections of its report."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class _Number:
 
 
 def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str]:
-    """What is told on a terminal after a strike.
+    """Return the lines that the terminal shows after a strike.
 
     Args:
         step: The strike.

@@ -14,15 +14,16 @@ _SHOWN = 5  # strikes that the representation of a whole adaptation shows, the l
 
 @dataclass(frozen=True, repr=False)
 class Step:
-    """One strike: what was expected, what came, what it taught.
+    """One strike: its plan, what was seen of it, and what was learned from it.
 
     Args:
-        number: From 1; 0 is the first look.
-        plan: Of the strike.
-        outcome: What came of it.
-        learned: Afterwards; None where nothing is learned.
-        judged: Its miss, from what was seen: by the whip as it is believed now and by the camera, where the recording
-            taught something; else by the camera alone. Never a twin's truth. None: nobody saw.
+        number: Counted from 1; 0 is the first look at the whip, before any strike.
+        plan: The strike that was planned, and its predicted probability of a hit.
+        outcome: The recording, and the miss distance that it shows.
+        learned: The belief about the whip after this strike; None if the adaptation does not learn.
+        judged: The estimated miss distance with its standard error: from the learned whip and the camera together if
+            the recording was used for learning, else from the camera alone; never from a twin's truth. None: the tip
+            was not seen.
     """
 
     number: int
@@ -39,7 +40,7 @@ class Step:
 
     @property
     def hit(self) -> bool | None:
-        """Whether a hit is claimed; None: nobody saw."""
+        """Whether a hit is claimed; None: the tip was not seen."""
         return None if self.judged is None else self.judged.hit
 
 

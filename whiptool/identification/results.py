@@ -12,10 +12,11 @@ from scipy.stats import chi2
 
 from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.inputs import names_of
-from whiptool.identification.plant import Identifiable
+from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.solver import Solution, Status
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import with_unit
+from whiptool.models.parameters import Model
 
 _FAR = 0.999  # level of the region around the best end that another start's end has to lie in
 
@@ -155,6 +156,17 @@ class Fit:
         count = f"{len(self.recordings)} recording{'s' * (len(self.recordings) != 1)}"
         unexplained = "" if self.explains else f", not explained: misfit {self.misfit:.1f}"
         return f"Fit({numbers}; {self.status.value}; {count}{unexplained})"
+
+    @property
+    def model(self) -> Model:
+        """The model with the fitted numbers.
+
+        Raises:
+            AttributeError: A pendulum was fitted, which is no model of arm and whip; see `plant`.
+        """
+        if not isinstance(self.plant, Plant):
+            raise AttributeError("a fitted pendulum has no model of arm and whip; its links are in `plant`")
+        return self.plant.model
 
     @property
     def misfit(self) -> float:

@@ -68,7 +68,7 @@ _STRIKE_SIZE, _DISTANCE_SIZE = (7.4, 6.6), (7.6, 4.0)  # [in]; the width of a st
 
 
 def planned_end(trajectory: Trajectory) -> float | None:
-    """D, when the planned movement ends [s]; None where the arm never moves or the trajectory ends before."""
+    """Return D, the end of the planned movement [s]; None if the arm never moves or the trajectory ends earlier."""
     speed = np.abs(trajectory.v_d).max(axis=1)
     moving = np.flatnonzero(speed > 1e-9 * speed.max())
     return float(trajectory.t[moving[-1] + 1]) if len(moving) and moving[-1] + 1 < len(speed) else None
@@ -77,7 +77,7 @@ def planned_end(trajectory: Trajectory) -> float | None:
 def plot_convergence(
     ax: Axes, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *, label: str = ""
 ) -> Axes:
-    """Miss distance of every trial (T,) [m], in the order of the search, and the best so far."""
+    """Draw the miss distance of every trial (T,) [m], in the order of the search, and the best so far."""
     miss = np.asarray(miss_distance_per_trial, float)
     trial = np.arange(1, len(miss) + 1)
     finite = np.where(np.isfinite(miss), miss, np.inf)
@@ -205,7 +205,7 @@ def _fit_width(ax: Axes) -> Axes:
 
 
 def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str]) -> np.ndarray:
-    """Positions [deg] and velocities [deg/s] of the arm's joints, each with what is desired; axes of shape (2,)."""
+    """Draw positions [deg] and velocities [deg/s] of the arm's joints beside their references; axes of shape (2,)."""
     pairs = ((trajectory.q, trajectory.q_d, "position [deg]"), (trajectory.v, trajectory.v_d, "velocity [deg/s]"))
     for ax, (actual, desired, label) in zip(axes, pairs, strict=True):
         for i, name in enumerate(joint_names):
@@ -235,7 +235,7 @@ def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequenc
 
 
 def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str]) -> np.ndarray:
-    """Entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,)."""
+    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,)."""
     letters = [name[0] for name in joint_names]
     marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
     a, dash = len(marks), (4, 4)
@@ -333,7 +333,7 @@ def save_strike_figures(
 def save_convergence(
     folder: str | Path, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *, label: str = ""
 ) -> Path:
-    """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; returns the file."""
+    """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; return the file."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((7.6, 4.4), layout="constrained")
         plot_convergence(figure.subplots(), miss_distance_per_trial, hit_radius, label=label)
