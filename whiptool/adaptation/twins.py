@@ -46,6 +46,11 @@ class Twin:
     clock_offset: float
     noise: float
 
+    def __repr__(self) -> str:
+        whip = self.model.whip
+        of = f"whip of {whip.length:.2f} m and {whip.mass:.3f} kg, {whip.N} nodes"
+        return f"Twin({self.family}, seed {self.seed}: {of})"
+
     def truth(self, motor: Motor = HARDWARE) -> TwinTruth:
         """Return the same numbers as the rig's emulator takes them."""
         return TwinTruth(
