@@ -73,6 +73,6 @@ def test_air_meets_a_chain_on_its_mean_width():
 
 
 def test_a_twin_introduces_itself_in_one_line():
-    twin = draw_twin("strange", 3, MODEL, CONTROLLER)
+    twin = draw_twin("strange", 3, preset("lemon2024"), Controller())
     whip = twin.model.whip
     assert repr(twin) == f"Twin(strange, seed 3: whip of {whip.length:.2f} m and {whip.mass:.3f} kg, 36 nodes)"
