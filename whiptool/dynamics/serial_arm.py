@@ -73,6 +73,7 @@ class SerialArm:
         positions: Of each joint in the frame of the link before [m], (3, 1).
         rotations: Of each link's frame in that of the link before, where its joint is at 0.
         hand_position, hand_rotation: In the last link's frame.
+        armatures: Inertia of the joints' rotors (a, 1) [kg m^2 or kg].
         bodies: That its links carry.
     """
 
@@ -82,6 +83,7 @@ class SerialArm:
     rotations: tuple[Rotation, ...]
     hand_position: ca.SX
     hand_rotation: Rotation
+    armatures: ca.SX
     bodies: list[Body]
 
     @property
@@ -119,10 +121,9 @@ class SerialArm:
         at = self.posture(q)
         world = [_World.of(body, at) for body in self.bodies]
         drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity))
-        bias = self.torques(at, world, drifts, speeds)
         return ArmMotion(
             inertia=self._inertia(at, world),
-            bias=bias,
+            bias=self._torques(at, world, drifts, speeds),
             jacobian=ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], at.hand)) for S in at.motions)),
             drift=_of_point(drifts[-1], speeds[-1], at.hand),
             weight=self.weight(at, weights, gravity),
@@ -143,12 +144,18 @@ class SerialArm:
         """Return the torques (a, 1) that move the arm's bodies with accelerations `a` (a, 1)."""
         at = self.posture(q)
         drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity), a)
-        return self.torques(at, [_World.of(body, at) for body in self.bodies], drifts, speeds)
+        bodies = [_World.of(body, at) for body in self.bodies]
+        return self._torques(at, bodies, drifts, speeds) + self.armatures * a
 
     def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """Return the kinetic energy of the arm's bodies [J]."""
+        """Return the kinetic energy of the arm's bodies and rotors [J]."""
         at = self.posture(q)
         return ca.dot(v, ca.mtimes(self._inertia(at, [_World.of(body, at) for body in self.bodies]), v)) / 2
+
+    def potential(self, at: ArmPosture, gravity: ca.SX | float) -> ca.SX:
+        """Return the potential energy of the weight of the arm's bodies [J], from the base's height."""
+        bodies = [_World.of(body, at) for body in self.bodies]
+        return sum((body.first[2] * gravity for body in bodies), ca.SX(0))
 
     def _drifts(
         self, at: ArmPosture, v: ca.SX, base: ca.SX, a: ca.SX | None = None
@@ -162,10 +169,10 @@ class SerialArm:
             speeds.append(speed)
         return drifts, speeds
 
-    def torques(
+    def _torques(
         self, at: ArmPosture, world: list[_World], drifts: list[ca.SX], speeds: list[ca.SX]
     ) -> ca.SX:
-        """Return the torques (a, 1) of links that move so."""
+        """Torques (a, 1) of links that move so."""
         forces = [ca.SX.zeros(6) for _ in range(self.n)]
         for body in world:
             speed = speeds[body.link]
@@ -179,13 +186,14 @@ class SerialArm:
 
     def _inertia(self, at: ArmPosture, world: list[_World]) -> ca.SX:
         a = self.n
-        H, carried = ca.SX.zeros(a, a), _World.nothing()
+        H, carried = ca.densify(ca.diag(self.armatures)), _World.nothing()
         for j in reversed(range(a)):
             for body in world:
                 if body.link == j:
                     carried = carried.plus(body)
             force = carried.times(at.motions[j])
-            for i in range(j + 1):
+            H[j, j] += ca.dot(at.motions[j], force)
+            for i in range(j):
                 H[i, j] = H[j, i] = ca.dot(at.motions[i], force)
         return H
 
