@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.impedance.law import Law
     from whiptool.models.parameters import Model
-    from whiptool.objective import Target
     from whiptool.rollout.compiled import CompiledRollout
     from whiptool.rollout.interface import Rollout
+    from whiptool.target import Target
 
 LAWS = ("oiac", "constant")
 MANY_COARSE = 0.1  # share of random strikes that a step may get wrong by more than 0.3 mm before it is said
@@ -59,7 +59,7 @@ class TargetOptions(Options):
 
     def build_target(self) -> Target:
         """Target position and hit radius."""
-        from whiptool.objective import Target
+        from whiptool.target import Target
 
         return Target(self.target, self.hit_radius)
 
@@ -69,7 +69,8 @@ class ModelOptions(Options):
     """Which whip and arm."""
 
     model: str = "lemon2024"
-    """Preset (lemon2024, nah2020-n10, nah2020-n15, nah2020-n20, nah2020-fitted) or the path of a .toml file."""
+    """Preset (lemon2024, nah2020-n10, nah2020-n15, nah2020-n20, nah2020-fitted; in space nah2023, ur5e, panda) or the
+    path of a .toml file, or of a robot in URDF (.urdf) or MJCF (.xml), which gets the rope of ur5e."""
 
     def build_model(self) -> Model:
         """The model that `--model` names."""
@@ -85,9 +86,10 @@ class LawOptions(Options):
     usual_preset: ClassVar[str] = "table4"
 
     controller: str = "oiac"
-    """Control law: oiac or constant (Eq. 22); or a .toml file with a table [controller] (a run has one)."""
+    """Control law: oiac or constant; or a .toml file with a table [controller] (a run has one)."""
     preset: str | None = None
-    """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4."""
+    """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4.
+    Constant impedance: nah2020 (Eq. 22), nah2023, ur5e or panda; default: the model's, or nah2020."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -127,25 +129,29 @@ class LawOptions(Options):
             raise InputError(option, value, f"nothing beside --controller {self.controller}", "write it into the file")
 
     def _named_law(self) -> Law:
-        from whiptool.impedance import ConstantImpedance, oiac_preset
+        from whiptool.impedance import constant_preset, oiac_preset
 
         if self.controller not in LAWS:
             raise InputError("--controller", self.controller, ", ".join(LAWS) + ", or a .toml file")
         if self.controller == "oiac":
             return oiac_preset(self.usual_preset if self.preset is None else self.preset)
-        if self.preset is not None:
-            raise InputError("--preset", self.preset, "nothing with --controller constant, which has no presets")
-        return ConstantImpedance()
+        return constant_preset(self._constant)
+
+    @property
+    def _constant(self) -> str:
+        """The preset of the constant law: as given, or that of the model's arm, or the paper's."""
+        from whiptool.impedance import CONSTANT_PRESETS
+
+        model = getattr(self, "model", "")  # of commands that have one
+        return self.preset or (model if model in CONSTANT_PRESETS else "nah2020")
 
     def law_label(self) -> str:
         """The law in words, for people."""
         if self.in_file:
             return f"the controller of {Path(self.controller).name}"
-        return (
-            "constant impedance"
-            if self.controller == "constant"
-            else f"OIAC {self.usual_preset if self.preset is None else self.preset}"
-        )
+        if self.controller == "constant":
+            return "constant impedance" + (f" {self._constant}" if self._constant != "nah2020" else "")
+        return f"OIAC {self.usual_preset if self.preset is None else self.preset}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,9 +21,9 @@ from whiptool.identification.judgement import Judgement
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
-from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
+from whiptool.target import Target
 from whiptool.viz.report import Picture, Section, Table, Text, to_html
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))

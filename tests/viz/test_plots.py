@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike
-from whiptool.objective import Target
 from whiptool.rollout import CompiledRollout
+from whiptool.target import Target
 from whiptool.viz import plots
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])

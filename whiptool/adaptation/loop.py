@@ -25,8 +25,8 @@ from whiptool.models import parameters
 from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
-from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.target import Target
 from whiptool.whole_files import write_whole
 
 UNSURE = 0.5  # probability of a hit below which a plan is looked for once more, as hard as the first one

@@ -13,9 +13,9 @@ from whiptool.identification.plant import Plant
 from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
-from whiptool.objective import Target
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach
+from whiptool.target import Target
 
 TIMESTEP = 5e-4  # [s]
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; more, where all strikes were refused

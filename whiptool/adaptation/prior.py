@@ -19,8 +19,8 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.variables import Prior, Variable, variable
 from whiptool.impedance import OIAC, Controller
-from whiptool.models.files import read_toml
 from whiptool.models.parameters import Model, number
+from whiptool.models.tables import read_toml
 from whiptool.rig.emulator.motor import Motor
 
 # Standard errors. A whip's tip is as thick as its handle, or half or twice as thick two of them off: mass goes with the

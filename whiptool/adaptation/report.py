@@ -19,9 +19,10 @@ from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.adaptation.steps import Step, percent
 from whiptool.identification.units import unit_of
 from whiptool.models.strike import T_STAY
-from whiptool.objective import CLAIMED, Target
+from whiptool.objective import CLAIMED
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
+from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 

@@ -121,8 +121,8 @@ class ComparisonOptions(TargetOptions, ModelOptions, SimulatedControllerOptions,
         Raises:
             InputError: An option breaks its rule.
         """
-        from whiptool.objective import Target
         from whiptool.studies.comparison import Comparison, Scene
+        from whiptool.target import Target
         from whiptool.zone import Disc, disc_within_reach
 
         model, controller = self.build_model(), self.build_controller()

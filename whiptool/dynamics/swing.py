@@ -9,9 +9,10 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.articulated import Acceleration, Carried, Moving
 from whiptool.dynamics.chain import Base
 from whiptool.dynamics.columns import Columns
+from whiptool.dynamics.records import Nothing
+from whiptool.dynamics.spatial import SpatialAcceleration, SpatialCarried, SpatialFrame, Turned
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 
 BASE = 7  # numbers that describe the base at one instant, in the order of `Base`
@@ -88,12 +89,16 @@ class Swing(System):
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
         """Return the base's frame; places are counted from the base."""
-        return Hand(self._base(u).frame, ca.SX(0, 2), ca.SX(0, 1), [])
+        base, zero = self._base(u), ca.SX(0)
+        turned = Turned(ca.densify(ca.SX.eye(3)), ca.SX(base.angle))
+        speed, velocity = ca.vertcat(zero, -base.omega, zero), ca.vertcat(base.vx, zero, base.vy)
+        return Hand(SpatialFrame(turned, speed, velocity, ca.SX.zeros(3)), ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
-    def react(self, now: Instant, before: ca.SX | None, moving: list[Moving], carried: Carried) -> Reaction:
+    def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
         """Return the base's acceleration, whatever it carries; gravity is part of it."""
-        base = self._base(now.u)
-        acceleration = Acceleration(ca.SX(base.ax), self.gravity + base.ay, ca.SX(base.alpha))
+        base, zero = self._base(now.u), ca.SX(0)
+        linear = ca.vertcat(base.ax, zero, self.gravity + base.ay)
+        acceleration = SpatialAcceleration(ca.vertcat(zero, -base.alpha, zero), linear)
         return Reaction(ca.SX(0, 1), acceleration, ca.SX(0, 1))
 
 

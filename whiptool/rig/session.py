@@ -15,7 +15,6 @@ from whiptool.identification.judgement import Frames, Judgement, frames_of, judg
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
-from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints
@@ -24,6 +23,7 @@ from whiptool.rig.loop import LoopOptions, RigLoop, Run, StepClock, WallClock
 from whiptool.rig.record import build_recording
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, strike_vectors, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
+from whiptool.target import Target
 from whiptool.vision.camera_model import CameraSettings, camera_preset, expose, measurement_sigma
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"

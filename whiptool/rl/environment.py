@@ -24,10 +24,10 @@ from whiptool.impedance import Controller, oiac_preset
 from whiptool.models import Model, find_model
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, StrikeBounds
-from whiptool.objective import HIT_RADIUS, Target
 from whiptool.rl.task import Step, StrikeTask
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.trajectory import joint_points
+from whiptool.target import HIT_RADIUS, Target
 from whiptool.zone import Zone, sample
 
 ID = "whiptool/WhipTarget-v0"

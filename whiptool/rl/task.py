@@ -13,9 +13,9 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
-from whiptool.objective import HIT_RADIUS
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, joint_points
+from whiptool.target import HIT_RADIUS
 from whiptool.zone import Disc, Zone
 
 OBSERVATIONS = ("paper", "relative", "goal")

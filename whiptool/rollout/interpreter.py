@@ -62,28 +62,28 @@ class InterpretedEngine:
 
     def _conclude(self, batch: Batch, b: int, history: _History, lane: int, rolled: Rolled) -> None:
         """Write what came of one strike."""
-        n, a = self.system.n, self.system.n_drive
-        outcome = outcome_columns(a)
+        n, a, d = self.system.n, self.system.n_drive, self.system.dimension
+        outcome = outcome_columns(a, d)
         done = slice(int(history.last[lane]) + 1)
         t, x, tau = (values[0][done, lane] for values in (history.t, history.x, history.tau))
         path = history.tip[0][done, lane]
         dpath = history.tip[-1][done, lane] if self.forward else np.zeros_like(path)
-        out, places = rolled.out[b], path.shape[1] // 2
-        nearest = closest_on_segments(path[:, :places], batch.target[b])
-        when, tip, moved = 0.0, np.zeros(2 * places), np.zeros(2 * places)
+        out = rolled.out[b]
+        nearest = closest_on_segments(path[:, :d], batch.target[b])
+        when, tip, moved = 0.0, np.zeros(2 * d), np.zeros(2 * d)
         if len(t) > 1:
             when, tip, moved = (nearest.between(values) for values in (t[:, 0], path, dpath))
-        away = tip[:places] - batch.target[b]
+        away = tip[:d] - batch.target[b]
         out[outcome["distance"]], out[outcome["time"]] = nearest.distance, when
-        out[outcome["tip"]], out[outcome["velocity"]] = tip[:places], tip[places:]
-        out[outcome["slope"]] = away @ moved[:places] / nearest.distance if nearest.distance > 0 else 0.0
+        out[outcome["tip"]], out[outcome["velocity"]] = tip[:d], tip[d:]
+        out[outcome["slope"]] = away @ moved[:d] / nearest.distance if nearest.distance > 0 else 0.0
         out[outcome["diverged"]], out[outcome["last_step"]] = history.diverged[lane], history.last[lane]
         out[outcome["max_joint_speed"]] = np.abs(x[:, n : n + a]).max(axis=0)
         out[outcome["max_torque"]] = np.abs(tau).max(axis=0)
         if rolled.rows is not None:
             assert rolled.first_row is not None
-            row, rows = row_columns(n, a), slice(int(rolled.first_row[b]), int(rolled.first_row[b]) + len(t))
-            for name, values in (("t", t), ("x", x), ("tau", tau)):
+            row, rows = row_columns(n, a, d), slice(int(rolled.first_row[b]), int(rolled.first_row[b]) + len(t))
+            for name, values in (("t", t), ("x", x), ("tau", tau), ("tip", path[:, :d]), ("velocity", path[:, d:])):
                 rolled.rows[rows, row[name]] = values
         if rolled.path is not None:
             samples = np.arange(batch.samples) / batch.rate
@@ -247,17 +247,18 @@ def tip_at(
 
     Args:
         at: (S,) [s]
-        t, path: Times (T,) [s]; positions and velocities, (T, 4).
-        moved: How path (T, 4) and times (T,) move along a direction: the tip's change at fixed times comes behind it.
+        t, path: Times (T,) [s]; positions and velocities, (T, 2 d).
+        moved: How path (T, 2 d) and times (T,) move along a direction: the tip's change at fixed times comes behind it.
 
     Returns:
-        (S, 2), or with `moved` (S, 4).
+        (S, d), or with `moved` (S, 2 d).
     """
+    d = path.shape[1] // 2
     if len(t) == 1:
-        both = path[:1, :2] if moved is None else np.hstack([path[:1, :2], moved[0][:1, :2]])
+        both = path[:1, :d] if moved is None else np.hstack([path[:1, :d], moved[0][:1, :d]])
         return np.repeat(both, len(at), axis=0)
     at = np.minimum(at, t[-1])
-    cubic = CubicHermiteSpline(t, path[:, :2], path[:, 2:])
+    cubic = CubicHermiteSpline(t, path[:, :d], path[:, d:])
     if moved is None:
         return cubic(at)
     dpath, dt = moved
@@ -267,6 +268,6 @@ def tip_at(
     dstart, dspan = dt[i], dt[i + 1] - dt[i]
     later = -(dstart + s * dspan)  # the step that holds a fixed time moves: its share of the step changes, and its span
     r = 1 - s
-    by_span = (r * s)[:, None] * (r[:, None] * path[i, 2:] - s[:, None] * path[i + 1, 2:])
-    change = CubicHermiteSpline(t, dpath[:, :2], dpath[:, 2:])(at)
+    by_span = (r * s)[:, None] * (r[:, None] * path[i, d:] - s[:, None] * path[i + 1, d:])
+    change = CubicHermiteSpline(t, dpath[:, :d], dpath[:, d:])(at)
     return np.hstack([cubic(at), change + later[:, None] * cubic(at, 1) + dspan[:, None] * by_span])

@@ -23,8 +23,8 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from whiptool.models.parameters import Model
-from whiptool.objective import Target, as_target
 from whiptool.rollout.trajectory import Trajectory, joint_points
+from whiptool.target import Target, as_target
 from whiptool.whole_files import replacing
 
 # Okabe and Ito's colour-blind safe palette

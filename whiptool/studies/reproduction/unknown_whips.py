@@ -25,9 +25,9 @@ from whiptool.adaptation.steps import Step, Steps
 from whiptool.adaptation.twins import FAMILIES, Twin, draw_twin
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
-from whiptool.objective import HIT_RADIUS, Target
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.studies.comparison import LearnerUnit, Scene
+from whiptool.target import HIT_RADIUS, Target
 
 METHODS = {
     "nominal": "the model's own best strike, repeated",
