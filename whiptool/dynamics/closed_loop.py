@@ -63,9 +63,7 @@ class ClosedLoop(System):
         bodies = []
         for i in range(a):
             inertia = ca.diagcat(zero, P["arm.inertia"][i], zero)
-            bodies.append(
-                Body(i, P["arm.mass"][i], ca.vertcat(0, 0, -P["arm.com"][i]), ca.densify(inertia))
-            )
+            bodies.append(Body(i, P["arm.mass"][i], ca.vertcat(0, 0, -P["arm.com"][i]), ca.densify(inertia)))
         return SerialArm(
             kinds=("revolute",) * a,
             axes=(PLANAR_AXIS,) * a,
@@ -73,20 +71,31 @@ class ClosedLoop(System):
             rotations=(_UNTURNED,) * a,
             hand_position=ends[-1],
             hand_rotation=_UNTURNED,
+            armatures=ca.SX.zeros(a),
             bodies=bodies,
         )
 
-    def _spatial_arm(self) -> SerialArm:
-        """The arm in space; of its numbers only those that are not structurally zero."""
-        shape, a = self.structure.arm, self.structure.n_arm
-        assert shape is not None
-        of = {}
-        for name, present in shape.present:
-            given = self.parameters[f"arm.{name}"]
-            of[name] = ca.SX.zeros(given.numel())
+    @cached_property
+    def _arm_numbers(self) -> dict[str, ca.SX]:
+        """The numbers of the arm's links by quantity; what is structurally zero is the number 0."""
+        of = {name.removeprefix("arm."): x for name, x in self.parameters.items() if name.startswith("arm.")}
+        if self.structure.arm is None:
+            return of
+        for name, present in self.structure.arm.present:
+            given, of[name] = of[name], ca.SX.zeros(of[name].numel())
             for i in present:
                 of[name][i] = given[i]
-        bodies = []
+        return of
+
+    @property
+    def _friction(self) -> ca.SX:
+        """Of the arm's joints, (a, 1)."""
+        return self._arm_numbers["friction"]
+
+    def _spatial_arm(self) -> SerialArm:
+        """The arm in space; of its numbers only those that are not structurally zero."""
+        shape, a, of, bodies = self.structure.arm, self.structure.n_arm, self._arm_numbers, []
+        assert shape is not None
         for i in range(a):
             xx, yy, zz, xy, xz, yz = ca.vertsplit(of["inertia"][6 * i : 6 * i + 6])
             inertia = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
@@ -98,6 +107,7 @@ class ClosedLoop(System):
             rotations=shape.rotations,
             hand_position=of["hand_position"],
             hand_rotation=shape.hand_rotation,
+            armatures=of["armature"],
             bodies=bodies,
         )
 
@@ -139,9 +149,7 @@ class ClosedLoop(System):
         tau = LAWS[self.structure.law].expression(law, q_d - q, v_d - v) + weight
         P = self.parameters
         if self.structure.feedforward:
-            tau += self.bare_arm.inverse(q_d, v_d, a_d, 0.0) + P["arm.friction"] * v_d
-            if "arm.armature" in P:
-                tau += P["arm.armature"] * a_d
+            tau += self.bare_arm.inverse(q_d, v_d, a_d, 0.0) + self._friction * v_d
         if self.structure.limits:
             limit = P["torque_limit"]
             tau = ca.fmin(ca.fmax(tau, -limit), limit)
@@ -174,9 +182,7 @@ class ClosedLoop(System):
         a, P = self.n_drive, self.parameters
         weight = motion.weight + motion.jacobian[5, :].T * (self._compensated[1] * P["gravity"])
         tau, gain = self._torque_and_gain(now, weight)
-        friction = P["arm.friction"]
-        if self.structure.arm is not None:
-            friction = _present(friction, self.structure.arm.present, "friction")
+        friction = self._friction
         braked = GAMMA * now.h * friction
         loop = ca.SX.zeros(a, a) if gain is None else GAMMA * now.h * gain
         torque = tau - friction * now.v
@@ -185,8 +191,6 @@ class ClosedLoop(System):
         inertia = ca.vertcat(ca.horzcat(carried.J, carried.H), ca.horzcat(carried.H.T, carried.M))
         whip = ca.mtimes(inertia, motion.jacobian)
         H = motion.inertia + ca.mtimes(motion.jacobian.T, whip) + loop + ca.diag(braked)
-        if self.structure.arm is not None:
-            H += ca.diag(_present(P["arm.armature"], self.structure.arm.present, "armature"))
         load = ca.mtimes(motion.jacobian.T, ca.vertcat(carried.moment, carried.force)) + ca.mtimes(whip.T, motion.drift)
         qdd = solve(H, torque - motion.bias - load)
         hand = motion.drift + ca.mtimes(motion.jacobian, qdd)
@@ -229,13 +233,35 @@ class ClosedLoop(System):
         change = ca.jtimes(slope, q, dq) + ca.jtimes(slope, self.p, dp)
         return ca.Function("whip_balance", [q, self.p, dq, dp], [slope, change], {"cse": True})
 
+    # -----------------------------------------------------------------------------------------------------------------
+    # Energy
 
-def _present(x: ca.SX, present: tuple[tuple[str, tuple[int, ...]], ...], name: str) -> ca.SX:
-    """Return x (a, 1) with the number 0 where it is structurally zero."""
-    kept = ca.SX.zeros(x.numel())
-    for i in dict(present)[name]:
-        kept[i] = x[i]
-    return kept
+    @cached_property
+    def energies(self) -> ca.Function:
+        """Kinetic energy, and potential energy of weight and springs, of `energies(q, v, p)` [J]; weight is counted
+        from the base's height."""
+        a, K = self.n_drive, len(self.hinges)
+        q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
+        at, gravity = self.arm.posture(q[:a]), self.parameters["gravity"]
+        frame = self.hand(q[:a], v[:a], ca.SX.zeros(self.n_inputs)).frame
+        T, V = self.arm.kinetic(q[:a], v[:a]), self.arm.potential(at, gravity)
+        for i in range(self.n_links):
+            w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
+            own, (link, joint) = slice(a + K * i, a + K * (i + 1)), self.link(w)
+            frame, _ = spatial.outward(frame, q[own], v[own], link, self.hinges)
+            T += (link.mass * ca.sumsqr(frame.velocity) + link.inertia * ca.sumsqr(frame.speed)) / 2
+            bent = q[own] - joint.rest_angle
+            V += link.mass * gravity * frame.place[2]
+            V += ca.sum1(joint.stiffness * bent**2 / 2 + joint.cubic_stiffness * bent**4 / 4)
+        return ca.Function("energies", [q, v, self.p], [T, V], {"cse": True})
+
+    @cached_property
+    def mass_matrix(self) -> ca.Function:
+        """Joint-space inertia (n, n) of `mass_matrix(q, p)` [kg m^2]: the kinetic energy's second derivatives by speeds,
+        with the rotors'."""
+        q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
+        T, _ = self.energies(q, v, self.p)
+        return ca.Function("mass_matrix", [q, self.p], [ca.hessian(T, v)[0]], {"cse": True})
 
 
 @lru_cache(maxsize=32)

@@ -77,6 +77,8 @@ def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.nd
     a = structure.n_arm
     dq = np.zeros_like(q)
     dq[:, :a] = dp[:, :a]  # q_i stands first
+    if not len(q):
+        return dq
     springs = ["whip.k", *(["whip.cubic_stiffness"] if "cubic_stiffness" in structure.optional else [])]
     hinge = [structure.columns(name).start for name in springs]  # a spring at the hinge would bend the whip
     if hangs_straight(model) and "rest_angle" not in structure.optional and not dp[:, hinge].any():
@@ -128,4 +130,3 @@ def _along(structure: Structure, q: np.ndarray, p: np.ndarray, dq: np.ndarray, d
 @lru_cache(maxsize=8)
 def _at_once(structure: Structure) -> ca.Function:
     return closed_loop(structure).whip_balance.map(_AT_ONCE)
-

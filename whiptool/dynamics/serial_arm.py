@@ -73,6 +73,7 @@ class SerialArm:
         positions: Of each joint in the frame of the link before [m], (3, 1).
         rotations: Of each link's frame in that of the link before, where its joint is at 0.
         hand_position, hand_rotation: In the last link's frame.
+        armatures: Inertia of the joints' rotors (a, 1) [kg m^2 or kg].
         bodies: That its links carry.
     """
 
@@ -82,6 +83,7 @@ class SerialArm:
     rotations: tuple[Rotation, ...]
     hand_position: ca.SX
     hand_rotation: Rotation
+    armatures: ca.SX
     bodies: list[Body]
 
     @property
@@ -119,10 +121,9 @@ class SerialArm:
         at = self.posture(q)
         world = [_World.of(body, at) for body in self.bodies]
         drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity))
-        bias = self.torques(at, world, drifts, speeds)
         return ArmMotion(
             inertia=self._inertia(at, world),
-            bias=bias,
+            bias=self._torques(at, world, drifts, speeds),
             jacobian=ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], at.hand)) for S in at.motions)),
             drift=_of_point(drifts[-1], speeds[-1], at.hand),
             weight=self.weight(at, weights, gravity),
@@ -143,16 +144,20 @@ class SerialArm:
         """Return the torques (a, 1) that move the arm's bodies with accelerations `a` (a, 1)."""
         at = self.posture(q)
         drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity), a)
-        return self.torques(at, [_World.of(body, at) for body in self.bodies], drifts, speeds)
+        bodies = [_World.of(body, at) for body in self.bodies]
+        return self._torques(at, bodies, drifts, speeds) + self.armatures * a
 
     def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """Return the kinetic energy of the arm's bodies [J]."""
+        """Return the kinetic energy of the arm's bodies and rotors [J]."""
         at = self.posture(q)
         return ca.dot(v, ca.mtimes(self._inertia(at, [_World.of(body, at) for body in self.bodies]), v)) / 2
 
-    def _drifts(
-        self, at: ArmPosture, v: ca.SX, base: ca.SX, a: ca.SX | None = None
-    ) -> tuple[list[ca.SX], list[ca.SX]]:
+    def potential(self, at: ArmPosture, gravity: ca.SX | float) -> ca.SX:
+        """Return the potential energy of the weight of the arm's bodies [J], from the base's height."""
+        bodies = [_World.of(body, at) for body in self.bodies]
+        return sum((body.first[2] * gravity for body in bodies), ca.SX(0))
+
+    def _drifts(self, at: ArmPosture, v: ca.SX, base: ca.SX, a: ca.SX | None = None) -> tuple[list[ca.SX], list[ca.SX]]:
         """Spatial accelerations and velocities of all links, (6, 1) each."""
         drift, speed, drifts, speeds = base, ca.SX.zeros(6), [], []
         for i, (S, v_i) in enumerate(zip(at.motions, ca.vertsplit(v), strict=True)):
@@ -162,10 +167,8 @@ class SerialArm:
             speeds.append(speed)
         return drifts, speeds
 
-    def torques(
-        self, at: ArmPosture, world: list[_World], drifts: list[ca.SX], speeds: list[ca.SX]
-    ) -> ca.SX:
-        """Return the torques (a, 1) of links that move so."""
+    def _torques(self, at: ArmPosture, world: list[_World], drifts: list[ca.SX], speeds: list[ca.SX]) -> ca.SX:
+        """Torques (a, 1) of links that move so."""
         forces = [ca.SX.zeros(6) for _ in range(self.n)]
         for body in world:
             speed = speeds[body.link]
@@ -179,13 +182,14 @@ class SerialArm:
 
     def _inertia(self, at: ArmPosture, world: list[_World]) -> ca.SX:
         a = self.n
-        H, carried = ca.SX.zeros(a, a), _World.nothing()
+        H, carried = ca.densify(ca.diag(self.armatures)), _World.nothing()
         for j in reversed(range(a)):
             for body in world:
                 if body.link == j:
                     carried = carried.plus(body)
             force = carried.times(at.motions[j])
-            for i in range(j + 1):
+            H[j, j] += ca.dot(at.motions[j], force)
+            for i in range(j):
                 H[i, j] = H[j, i] = ca.dot(at.motions[i], force)
         return H
 
@@ -239,17 +243,13 @@ def _rotated(turned: Turned, x: ca.SX) -> ca.SX:
 def _moved(velocity: ca.SX, motion: ca.SX) -> ca.SX:
     """Return the spatial product `velocity x motion`."""
     turning, linear = velocity[:3], velocity[3:]
-    return ca.vertcat(
-        ca.cross(turning, motion[:3]), ca.cross(turning, motion[3:]) + ca.cross(linear, motion[:3])
-    )
+    return ca.vertcat(ca.cross(turning, motion[:3]), ca.cross(turning, motion[3:]) + ca.cross(linear, motion[:3]))
 
 
 def _forced(velocity: ca.SX, force: ca.SX) -> ca.SX:
     """Return the spatial product `velocity x* force`."""
     turning, linear = velocity[:3], velocity[3:]
-    return ca.vertcat(
-        ca.cross(turning, force[:3]) + ca.cross(linear, force[3:]), ca.cross(turning, force[3:])
-    )
+    return ca.vertcat(ca.cross(turning, force[:3]) + ca.cross(linear, force[3:]), ca.cross(turning, force[3:]))
 
 
 def _of_point(drift: ca.SX, speed: ca.SX, point: ca.SX) -> ca.SX:
@@ -279,5 +279,3 @@ def solve(A: ca.SX, b: ca.SX) -> ca.SX:
     for i in reversed(range(n)):
         b[i] = (sum((A[i, j] * b[j] for j in range(i + 1, n)), ca.SX(0)) - b[i]) * inverse[i]
     return b
-
-
