@@ -67,9 +67,7 @@ def test_feedforward_is_what_moves_the_arm_without_weight_and_friction(model):
     turning = np.einsum("kij,k,j->i", dI, v, v) - np.einsum("ijk,j,k->i", dI, v, v) / 2
     expected = arm.inertia(q) @ acceleration + turning + model.arm.per_link("friction") * v
     size = max(1, np.abs(expected).max())
-    np.testing.assert_allclose(
-        arm.feedforward(q, v, acceleration), expected, atol=1e-7 * max(1, np.abs(expected).max())
-    )
+    np.testing.assert_allclose(arm.feedforward(q, v, acceleration), expected, atol=1e-7 * size)
 
 
 def test_an_arm_put_in_space_is_the_arm_in_the_plane():
@@ -130,9 +128,8 @@ def test_oiac_is_of_any_number_of_joints(n):
 
 def test_controllers_fit_arms_in_space_or_say_what_does_not(tmp_path):
     model = preset("ur5e")
-    Controller(OIAC(), torque_limit=(150, 150, 150, 28, 28, 28), compensated=(1, 2, 3, 4, 5, 6, 0)).check_fits(
-        model.arm
-    )
+    limits = (150, 150, 150, 28, 28, 28)
+    Controller(OIAC(), torque_limit=limits, compensated=(1, 2, 3, 4, 5, 6, 0)).check_fits(model.arm)
     for controller, message in (
         (Controller(ConstantImpedance()), "controller constant: .*K of 2 rows.*matrices of 6 rows"),
         (Controller(OIAC(), torque_limit=(1.0, 2.0)), "torque_limit: .*one number, or 6, one per arm joint"),
