@@ -40,7 +40,7 @@ class _Film:
     """What is to be seen in F frames, whoever draws it."""
 
     q: np.ndarray  # joint positions [rad], (F, n)
-    trail: np.ndarray  # the tip's path in short segments, their ends [m], (S, 2, 2)
+    trail: np.ndarray  # the tip's path in short segments, their ends [m], (S, 2, d)
     trail_rgb: np.ndarray  # (S, 3)
     shown: np.ndarray  # how many segments each frame shows, (F,)
     hit: np.ndarray  # whether the target has been hit, (F,)
@@ -75,14 +75,14 @@ def render_video(
     size: tuple[int, int] = (960, 540),
     progress: Callable[[int, int], None] | None = None,
 ) -> str:
-    """Write a film of a strike, seen from the side.
+    """Write a film of a strike, seen from the side, or in space from the front right and above.
 
     The trail is the tip's path so far, the redder the faster; the target turns green once it has been hit.
 
     Args:
         path: MP4 file to write; missing folders are made.
         trajectory, model: The strike, and the model that it was rolled out with.
-        target, hit_radius: Position (2,) [m], and how near [m] the tip must come to hit.
+        target, hit_radius: Position (2,) or (3,) [m], and how near [m] the tip must come to hit.
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels], both even.
         progress: Called as `progress(frames done, frames in all)` after each frame.
@@ -165,14 +165,14 @@ def _film(
     t, tip = trajectory.t, trajectory.tip
     at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)
     near = trajectory.approach(target)
-    tip_speed, distance = np.hypot(*trajectory.tip_velocity.T), trajectory.distance(target)
+    tip_speed, distance = np.linalg.norm(trajectory.tip_velocity, axis=1), trajectory.distance(target)
     closest = np.interp(at, t, np.minimum.accumulate(distance))
     closest[at >= near.time[0]] = min(near.distance[0], distance.min())  # between two instants, nearer than at either
 
-    path = np.r_[0, np.cumsum(np.hypot(*np.diff(tip, axis=0).T))]  # (T,)
+    path = np.r_[0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1))]  # (T,)
     segments = int(np.clip(path[-1] / (0.016 * model.reach), 1, _MAX_SEGMENTS))
     along = np.linspace(0, path[-1], segments + 1)
-    trail = np.stack([np.interp(along, path, x) for x in tip.T], axis=1)  # (S + 1, 2)
+    trail = np.stack([np.interp(along, path, x) for x in tip.T], axis=1)  # (S + 1, d)
     share = np.interp((along[1:] + along[:-1]) / 2, path, tip_speed) / max(tip_speed.max(), 1e-9)
     grid = min((0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0), key=lambda spacing: abs(spacing - model.reach / 3))
     return _Film(
@@ -187,7 +187,7 @@ def _film(
             "distance": [f"{x:.3f} m" for x in np.interp(at, t, distance)],
             "closest": [f"{x:.3f} m" for x in closest],
         },
-        note=f"{speed:g} x real time, grid {grid:g} m",
+        note=f"{speed:g} x real time" + (f", grid {grid:g} m" if model.dimension == 2 else ""),
         grid=grid,
         size=(int(size[0]), int(size[1])),
     )
@@ -215,7 +215,9 @@ def _mujoco_frames(film: _Film, model: Model, target: np.ndarray, hit_radius: fl
     spec.visual.quality.offsamples = 4
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 14, 8  # enough at this size
     mj = spec.compile()
-    mj.cam("side").fovy *= max(1.0, height / width)  # the height of what it sees
+    flat = model.dimension == 2
+    seen_from = mj.cam("side" if flat else "view")
+    seen_from.fovy *= max(1.0, height / width)  # the height of what it sees
     data = mujoco.MjData(mj)
     context = _gl_context(width, height)
     context.make_current()
@@ -223,26 +225,28 @@ def _mujoco_frames(film: _Film, model: Model, target: np.ndarray, hit_radius: fl
     try:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, gl)
         scene = mujoco.MjvScene(mj, maxgeom=_MAX_SEGMENTS + 1000)
-        for flag in ("SHADOW", "REFLECTION", "SKYBOX", "HAZE"):  # each costs time; the board covers the sky
+        # each costs time; in the plane the board covers the sky
+        for flag in ("SHADOW", "REFLECTION", "HAZE", *(("SKYBOX",) if flat else ())):
             scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{flag}")] = False
         option, rect, camera = mujoco.MjvOption(), mujoco.MjrRect(0, 0, width, height), mujoco.MjvCamera()
-        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, mj.cam("side").id
+        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, seen_from.id
         pixels, first_bar = np.empty((height, width, 3), np.uint8), None
         for i, q in enumerate(film.q):
             context.make_current()
             if film.hit[i]:
-                mj.mat("target").rgba[:3] = mj.mat("target_zone").rgba[:3] = _HIT
+                for material in ("target", "target_zone", "target_zone_clear"):
+                    mj.mat(material).rgba[:3] = _HIT
             set_posture(mj, data, q)
             mujoco.mjv_updateScene(mj, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
             if first_bar is None:  # bars are added once: updating the scene rewrites the model's own geoms only
-                for k in range(-(lines := int(2.5 * reach / film.grid)), lines + 1):
-                    ends = np.array([[-2.5 * reach, k * film.grid], [2.5 * reach, k * film.grid]])
-                    thickness = (0.004 if k else 0.008) * reach
-                    _add_bar(scene, ends, 0.058 * reach, thickness, _GRID)
-                    _add_bar(scene, ends[:, ::-1], 0.058 * reach, thickness, _GRID)
+                if flat:
+                    _add_grid(scene, film.grid, reach)
                 first_bar = scene.ngeom
                 for ends, rgb in zip(film.trail, film.trail_rgb, strict=True):
-                    _add_bar(scene, ends, 0.03 * reach, 0.01 * reach, rgb)
+                    if flat:
+                        _add_bar(scene, ends, 0.03 * reach, 0.01 * reach, rgb)
+                    else:
+                        _add_rod(scene, ends, 0.004 * reach, rgb)
             scene.ngeom = first_bar + int(film.shown[i])
             mujoco.mjr_render(rect, scene, gl)
             for x, y, word in film.text(i):
@@ -253,6 +257,24 @@ def _mujoco_frames(film: _Film, model: Model, target: np.ndarray, hit_radius: fl
         context.make_current()
         gl.free()
         context.free()
+
+
+def _add_grid(scene: mujoco.MjvScene, spacing: float, reach: float) -> None:
+    """Lines on the board behind a strike in the plane."""
+    for k in range(-(lines := int(2.5 * reach / spacing)), lines + 1):
+        ends = np.array([[-2.5 * reach, k * spacing], [2.5 * reach, k * spacing]])
+        thickness = (0.004 if k else 0.008) * reach
+        _add_bar(scene, ends, 0.058 * reach, thickness, _GRID)
+        _add_bar(scene, ends[:, ::-1], 0.058 * reach, thickness, _GRID)
+
+
+def _add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequence[float]) -> None:
+    """A round rod between two ends (2, 3) in space."""
+    geom = scene.geoms[scene.ngeom]
+    kind = mujoco.mjtGeom.mjGEOM_CAPSULE
+    mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), np.array([*rgb, 1], np.float32))
+    mujoco.mjv_connector(geom, kind, radius, ends[0], ends[1])
+    scene.ngeom += 1
 
 
 def _add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: float, rgb: Sequence[float]) -> None:
@@ -284,7 +306,8 @@ def _matplotlib_frames(film: _Film, model: Model, target: np.ndarray, hit_radius
     for k in range(-int(max(half) / film.grid), int(max(half) / film.grid) + 1):
         for line in (ax.axhline, ax.axvline):
             line(k * film.grid, color=_GRID, linewidth=0.8 if k else 1.8, zorder=0)
-    zone = Circle((target[0], target[1]), hit_radius, color=COLORS["orange"], alpha=0.5)
+    seen = [0, 1] if model.dimension == 2 else [0, 2]  # in space from the side
+    zone = Circle(tuple(target[seen]), hit_radius, color=COLORS["orange"], alpha=0.5)
     trail = LineCollection([], linewidths=2.5, capstyle="round")
     whip = Line2D([], [], color="0.15", linewidth=3, solid_capstyle="round", solid_joinstyle="round")
     arm = Line2D(
@@ -297,11 +320,12 @@ def _matplotlib_frames(film: _Film, model: Model, target: np.ndarray, hit_radius
         artist.set_animated(True)
     canvas.draw()
     background, n = canvas.copy_from_bbox(figure.bbox), model.arm.n
-    for i, p in enumerate(joint_points(model, film.q)):
+    trails = film.trail[..., seen]
+    for i, p in enumerate(joint_points(model, film.q)[..., seen]):
         arm.set_data(*p[: n + 1].T)
         whip.set_data(*p[n:].T)
         tip.set_data(*p[-1:].T)
-        trail.set(segments=film.trail[: film.shown[i]], colors=film.trail_rgb[: film.shown[i]])
+        trail.set(segments=trails[: film.shown[i]], colors=film.trail_rgb[: film.shown[i]])
         if film.hit[i]:
             zone.set_color(_HIT)
         for artist, (*_, word) in zip(words, film.text(i), strict=True):
