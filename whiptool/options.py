@@ -43,7 +43,7 @@ class TargetOptions(Options):
     """What is struck at, and for how long the tip is watched."""
 
     target: tuple[float, ...] = (1.3, 0.0)
-    """Target position x y [m], from the shoulder, y up."""
+    """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up."""
     hit_radius: float = 0.06
     """The target is hit when the tip comes this close [m]."""
     t_stay: float = T_STAY
@@ -68,6 +68,8 @@ class TargetOptions(Options):
 class ModelOptions(Options):
     """Which whip and arm."""
 
+    in_space: ClassVar[bool] = False  # whether the command takes models in space
+
     model: str = "lemon2024"
     """Preset (lemon2024, nah2020-n10, nah2020-n15, nah2020-n20, nah2020-fitted; in space nah2023, ur5e, panda) or the
     path of a .toml file, or of a robot in URDF (.urdf) or MJCF (.xml), which gets the rope of ur5e."""
@@ -76,7 +78,10 @@ class ModelOptions(Options):
         """The model that `--model` names."""
         from whiptool.models.files import find_model
 
-        return find_model(self.model)
+        model = find_model(self.model)
+        if model.dimension == 3 and not self.in_space:
+            raise InputError("--model", self.model, "a model in the plane, for this command")
+        return model
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class OptimizeOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, SimulatorOptions):
     """Find a strike with which the tip of the whip hits a target."""
+
+    in_space: ClassVar[bool] = True
 
     method: str = "directl"
     """directl, gradient, cmaes, ga, random; the learners sac, td3, ddpg, ppo; or nlopt:NAME of any of NLopt's global

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from whiptool.whole_files import write_whole
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, SimulatorOptions):
     """Play one strike and save its trajectory, figures and video."""
+
+    in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None
     """q_si q_ei q_sf q_ef [rad] and D [s]."""
@@ -78,6 +81,7 @@ def _export(options: SimulateOptions, model) -> None:
 
     assert options.export is not None
     target = options.build_target()
+    target.check_dimension(model)
     xml, missing = export_xml(model, target=np.array(target.position))
     try:
         write_whole(options.export, xml)
@@ -96,6 +100,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.runs import RunFolder, code_version, default_folder
 
     controller, target = options.build_controller(), options.build_target()
+    target.check_dimension(model)
     target.check_radius(model)
     rollout = options.build_rollout(model, controller)
     n = len(strike.vector)

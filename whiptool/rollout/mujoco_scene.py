@@ -93,7 +93,7 @@ def add_scene(spec: mujoco.MjSpec, model: Model) -> None:
     spec.worldbody.add_geom(
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[4 * reach, 4 * reach, 0.1],
+        size=[4 * reach, 4 * reach, 0.1] if model.dimension == 2 else [0, 0, 0.1],  # 0: without end
         pos=[0, 0, floor],
         material="floor",
         **_VISUAL,
@@ -129,7 +129,7 @@ def _add_cameras(spec: mujoco.MjSpec, reach: float) -> None:
         name="view",
         pos=[1.8 * reach, -2.2 * reach, 1.1 * reach],
         xyaxes=[0.774, 0.633, 0, -0.228, 0.279, 0.933],
-        fovy=45,
+        fovy=34,
     )
 
 

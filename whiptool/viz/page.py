@@ -41,7 +41,7 @@ def strike_page(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
 def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_radius: float) -> dict[str, Any]:
     """What the page draws, as plain data: instants of the trajectory, and the closest approach between two of them.
 
-    Numbers have six digits, and are None where they are not finite; rows of a matrix follow one another.
+    Numbers have six digits, and are None where they are not finite.
     """
     near, a, whole = trajectory.approach(target), model.arm.n, trajectory
     parts = {
@@ -51,8 +51,8 @@ def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
         "tip": whole.tip,
         "tip_velocity": whole.tip_velocity,
         "tau": whole.tau,
-        "K": whole.K.reshape(len(whole.t), -1),
-        "B": whole.B.reshape(len(whole.t), -1),
+        "K": _gains(whole.K),
+        "B": _gains(whole.B),
     }
     most = MOST // sum(x.shape[1] for x in parts.values())
     step = max(1 / RATE, float(whole.t[-1] - whole.t[0]) / most)
@@ -86,6 +86,12 @@ def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
         else None,
         "D": planned_end(whole),
     }
+
+
+def _gains(gain: np.ndarray) -> np.ndarray:
+    """All entries of a gain (T, a, a), row by row; of more than three joints those on the diagonal."""
+    few = gain.shape[1] <= 3
+    return gain.reshape(len(gain), -1) if few else np.diagonal(gain, axis1=1, axis2=2)
 
 
 def _in_space(model: Model, trajectory: Trajectory) -> dict[str, np.ndarray]:

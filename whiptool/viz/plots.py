@@ -320,7 +320,7 @@ def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequenc
             )
         ax.set_ylabel(label)
         _time_axis(ax, trajectory)
-        legend_above(ax)
+        legend_above(ax, ncols=3 if len(joint_names) <= 3 else 2)
     return axes
 
 
@@ -334,10 +334,6 @@ def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[s
     a, dash = len(marks), (4, 4)
     for ax, gain, name, unit in ((axes[0], trajectory.K, "K", "N m/rad"), (axes[1], trajectory.B, "B", "N m s/rad")):
         entries = list(np.ndindex(a, a)) if a <= 3 else [(i, i) for i in range(a)]
-        if a > 3:
-            i, j = np.nonzero(~np.eye(a, dtype=bool))
-            lines = ax.plot(trajectory.t, gain[:, i, j], color="0.7", linewidth=0.8)
-            lines[0].set_label(f"${name}_{{ij}}$, i not j")
         for k, (i, j) in enumerate(entries):
             ax.plot(
                 trajectory.t,
@@ -346,6 +342,10 @@ def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[s
                 linestyle="-" if i == j else (4 * (i > j), dash),  # equal ones show in turn
                 label=f"${name}_{{{marks[i]}{marks[j]}}}$",
             )
+        if a > 3:
+            i, j = np.nonzero(~np.eye(a, dtype=bool))
+            lines = ax.plot(trajectory.t, gain[:, i, j], color="0.7", linewidth=0.8)
+            lines[0].set_label(f"${name}_{{ij}}$, i not j")
         largest = np.abs(gain).max(axis=(1, 2))
         peak, usual = largest.max(), np.median(largest)
         if usual < peak / 10:  # gains of rank one rise and fall with the error by orders of magnitude

@@ -54,6 +54,7 @@ def _draw_perspective(ax: Any, drawing: StrikeDrawing) -> None:
     middle, half = (every.max(axis=0) + every.min(axis=0)) / 2, np.ptp(every, axis=0).max() / 2
     for name, centre in zip("xyz", middle, strict=True):
         ax.set(**{f"{name}lim": (centre - half, centre + half), f"{name}label": f"{name} [m]"})
+    ax.locator_params(nbins=5)
     ax.set_box_aspect((1, 1, 1))
     ax.view_init(elev=20, azim=-50)
     ax.set_title("in perspective")
