@@ -23,6 +23,7 @@ from whiptool.errors import InputError
 from whiptool.models.parameters import Model
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec, set_posture
+from whiptool.rollout.mujoco_scene import FLOOR
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.viz.plots import COLORS
 from whiptool.whole_files import replacing
@@ -31,6 +32,7 @@ logger = logging.getLogger("whiptool")
 
 # Colours of the trail from a tip at rest to its fastest, of the grid, and of the target once hit (Okabe-Ito)
 _SLOW, _FAST, _GRID, _HIT = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0), (0.70, 0.73, 0.77), (0.0, 0.62, 0.45)
+_FLOOR_GRID = (0.85, 0.87, 0.90)
 _TEXT = (0.15, 0.16, 0.18)
 _MAX_SEGMENTS = 800
 
@@ -187,7 +189,7 @@ def _film(
             "distance": [f"{x:.3f} m" for x in np.interp(at, t, distance)],
             "closest": [f"{x:.3f} m" for x in closest],
         },
-        note=f"{speed:g} x real time" + (f", grid {grid:g} m" if model.dimension == 2 else ""),
+        note=f"{speed:g} x real time, grid {grid:g} m",
         grid=grid,
         size=(int(size[0]), int(size[1])),
     )
@@ -241,6 +243,8 @@ def _mujoco_frames(film: _Film, model: Model, target: np.ndarray, hit_radius: fl
             if first_bar is None:  # bars are added once: updating the scene rewrites the model's own geoms only
                 if flat:
                     _add_grid(scene, film.grid, reach)
+                else:
+                    _add_floor_grid(scene, film.grid, reach)
                 first_bar = scene.ngeom
                 for ends, rgb in zip(film.trail, film.trail_rgb, strict=True):
                     if flat:
@@ -266,6 +270,15 @@ def _add_grid(scene: mujoco.MjvScene, spacing: float, reach: float) -> None:
         thickness = (0.004 if k else 0.008) * reach
         _add_bar(scene, ends, 0.058 * reach, thickness, _GRID)
         _add_bar(scene, ends[:, ::-1], 0.058 * reach, thickness, _GRID)
+
+
+def _add_floor_grid(scene: mujoco.MjvScene, spacing: float, reach: float) -> None:
+    """Lines on the floor below a strike in space."""
+    far = (lines := int(2 * reach / spacing)) * spacing
+    for k in range(-lines, lines + 1):
+        ends = np.array([[-far, k * spacing, -FLOOR * reach], [far, k * spacing, -FLOOR * reach]])
+        for line in (ends, ends[:, [1, 0, 2]]):
+            _add_rod(scene, line, (0.002 if k else 0.004) * reach, _FLOOR_GRID)
 
 
 def _add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequence[float]) -> None:
