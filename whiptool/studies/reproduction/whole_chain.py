@@ -30,12 +30,11 @@ def prepared(study: Study, family: str, seed: int, number: int, **changes: Any) 
         target=study.target(number).position,
         port="twin",
         camera="twin",
-        family=family,
         seed=seed,
-        material=study.material(seed),
         max_strikes=study.strikes,
     )
-    adaptation = prepare(replace(options, **changes))
+    unknown = {"family": family, "material": study.material(seed)}
+    adaptation = prepare(replace(options, **{**unknown, **changes}))
     efforts = {name: replace(effort, pool=_SLOW_POOL) for name, effort in study.efforts.items()}
     adaptation.options = replace(adaptation.options, stop_at=FINEST, **efforts)
     return adaptation
