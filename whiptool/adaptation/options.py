@@ -184,20 +184,12 @@ def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str 
 
     The rehearsal leaves out drag and dry friction of the whip, which an arm hardly feels and which take small steps.
     """
-    from whiptool.rig.loop import LoopOptions
     from whiptool.rig.rehearsal import rehearse
 
     smooth = replace(believed, whip=replace(believed.whip, drag=0.0, dry_friction=0.0))
-    return rehearse(
-        model,
-        controller,
-        strike,
-        rate=options.rate,
-        delay=options.latency,
-        t_stay=options.t_stay,
-        margin=LoopOptions.margin + UNFELT,
-        believed=smooth,
-    ).refused
+    loop = loop_options(options)
+    kept_free = replace(loop, margin=loop.margin + UNFELT)
+    return rehearse(model, controller, strike, kept_free, believed=smooth).refused
 
 
 def _port(options: AdaptOptions, model, controller, stock):

@@ -22,7 +22,7 @@ from whiptool.options import (
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
-    from whiptool.rig.loop import LoopOptions
+    from whiptool.rig.loop_options import LoopOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.parameters import number
-        from whiptool.rig.loop import LONGEST_DELAY
+        from whiptool.rig.loop_options import LONGEST_DELAY
 
         super().check()
         number("--latency", self.latency, low=0, high=LONGEST_DELAY)
@@ -74,7 +74,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
 
 def loop_options(options: ArmOptions) -> LoopOptions:
     """How the loop runs a strike."""
-    from whiptool.rig.loop import LoopOptions
+    from whiptool.rig.loop_options import LoopOptions
 
     return LoopOptions(
         rate=options.rate,
@@ -87,12 +87,12 @@ def loop_options(options: ArmOptions) -> LoopOptions:
 
 def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions):
     """The real arm and camera that the options name."""
-    from whiptool.rig.session import HardwareRig
+    from whiptool.rig.session import HardwareRig, Line
 
     return HardwareRig(
         model,
         controller,
-        port=options.port,
+        Line(options.port),
         camera=_camera(options.camera),
         target=options.build_target().position,
         options=loop,

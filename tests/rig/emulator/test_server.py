@@ -151,7 +151,7 @@ def test_an_arm_that_its_motors_hold_falls_when_they_let_go(clock):
         servo.set("torque_enable", 1)
     physics.servos[0].set("goal_position", 3000)
     physics.advance_to(0.01)
-    assert physics._currents[0] != 0
+    assert physics.currents[0] != 0
     physics.data.qvel[:] = physics.data.qacc[:] = 0  # as if it had been held for long
     for servo in physics.servos:
         servo.set("torque_enable", 0)
