@@ -59,6 +59,28 @@ NEXT = Effort()
 
 
 @dataclass(frozen=True)
+class Demands:
+    """What is asked of a strike beside that it hits.
+
+    Args:
+        bounds: Box of strikes; default: `default_bounds`.
+        limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
+        speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
+            if there is no other.
+        check: Says why a strike must not be struck, None where it may; asked of the best, one after the other. Where it
+            forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins anew; the
+            first search's best is taken where all are forbidden.
+        t_stay: A strike is watched so long after the movement ended [s].
+    """
+
+    bounds: StrikeBounds | None = None
+    limits: MotorLimits | None = None
+    speed: float = 0.0
+    check: Callable[[Strike], str | None] | None = None
+    t_stay: float = T_STAY
+
+
+@dataclass(frozen=True)
 class Plan:
     """The strike that was chosen.
 
@@ -94,11 +116,7 @@ def plan(
     *,
     rng: np.random.Generator,
     past: Sequence[Sequence[float]] = (),
-    bounds: StrikeBounds | None = None,
-    limits: MotorLimits | None = None,
-    speed: float = 0.0,
-    check: Callable[[Strike], str | None] | None = None,
-    t_stay: float = T_STAY,
+    demands: Demands = Demands(),
     effort: Effort = NEXT,
     timestep: float = TIMESTEP,
     sag: Callable[[np.ndarray], np.ndarray] | None = None,
@@ -116,14 +134,7 @@ def plan(
         target: Point and hit radius.
         rng: Of candidates and samples.
         past: Strikes that were tried before.
-        bounds: Box of strikes; default: `default_bounds`.
-        limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
-        speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
-            if there is no other.
-        check: Says why a strike must not be struck, None where it may; asked of the best, one after the other. Where it
-            forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins anew; the
-            first search's best is taken where all are forbidden.
-        t_stay: A strike is watched so long after the movement ended [s].
+        demands: What is asked of the strike beside.
         effort: How hard to look.
         timestep: Of the integrator [s].
         sag: How far from where strikes begin the arm will stand, see `whiptool.adaptation.sag`; None: there.
@@ -132,10 +143,11 @@ def plan(
         InputError: A past strike is none of this arm, or the arm has no default bounds.
     """
     began = time.perf_counter()
-    search = _Search(belief, target, bounds, limits, speed, t_stay, timestep, sag)
+    search = _Search(belief, target, demands, timestep, sag)
     whips = belief.sample(rng, effort.whips)
     first, tried, allowed = None, 0, True
-    for search.margin in MARGINS if limits is not None else MARGINS[:1]:
+    check = demands.check
+    for search.margin in MARGINS if demands.limits is not None else MARGINS[:1]:
         strikes, scores, number = search.look(rng, past, effort, whips)
         order, tried = np.argsort(-scores), tried + number
         first = strikes[order[0]] if first is None else first
@@ -159,18 +171,15 @@ class _Search:
         self,
         belief: Belief,
         target: Target,
-        bounds: StrikeBounds | None,
-        limits: MotorLimits | None,
-        speed: float,
-        t_stay: float,
+        demands: Demands,
         timestep: float,
         sag: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         plant = belief.at()
         assert plant.controller is not None
-        self.target, self.limits, self.speed, self.t_stay = target, limits, speed, t_stay
+        self.target, self.limits, self.speed, self.t_stay = target, demands.limits, demands.speed, demands.t_stay
         self.margin = MARGINS[0]
-        self.box = (bounds or default_bounds(plant.model.arm)).box
+        self.box = (demands.bounds or default_bounds(plant.model.arm)).box
         self.rollout = CompiledRollout(
             plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief), sag=sag
         )

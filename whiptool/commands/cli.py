@@ -57,7 +57,7 @@ def _parsed(
         if isinstance(event, tyro_errors.MissingArgs):
             raise _missing(event.missing_arguments[0].arg)
         if isinstance(event, tyro_errors.InvalidChoice):
-            allowed = choices(get_type_hints(options)[argument.field.intern_name])
+            allowed = choices(get_type_hints(options)[event.argument.field.intern_name])
             raise InputError(name, event.value, ", ".join(map(str, allowed)))
         if isinstance(event, tyro_errors.BadValue):
             given = NOTHING if event.offending_value is None else event.offending_value

@@ -72,6 +72,31 @@ def huber(r: np.ndarray, limit: float | None) -> tuple[float, np.ndarray]:
     return float(cost), np.where(inside, 1.0, limit / np.maximum(size, limit))
 
 
+@dataclass(frozen=True)
+class Loss:
+    """What is minimised, of the residuals of all blocks.
+
+    Args:
+        limit: Where Huber's loss turns linear, in standard errors; None: least squares.
+        robust: How many residuals of each block it is for, the first ones; default: all.
+    """
+
+    limit: float | None = None
+    robust: Sequence[int] | None = None
+
+    def of(self, blocks: Sequence[Block]) -> tuple[float, list[np.ndarray]]:
+        """Return the cost, infinite where it or a derivative is beyond all bounds, and the weights of each block."""
+        total, weights = 0.0, []
+        for i, block in enumerate(blocks):
+            count = len(block.r) if self.robust is None or i >= len(self.robust) else self.robust[i]
+            part, w = huber(block.r[:count], self.limit)
+            rest = block.r[count:]
+            total += part + float(rest @ rest) / 2
+            weights.append(np.concatenate([w, np.ones(len(rest))]))
+        usable = np.isfinite(total) and all(np.abs(x).max(initial=0) < _LARGEST for b in blocks for x in (b.A, b.B))
+        return total if usable else np.inf, weights
+
+
 def reduce(block: Block, damping: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The block's rows [B A r] in triangular form: the first L rows, for its own unknowns, and the rest without them.
 
@@ -99,8 +124,7 @@ def solve(
     *,
     lower: np.ndarray,
     upper: np.ndarray,
-    loss: float | None = None,
-    robust: Sequence[int] | None = None,
+    loss: Loss = Loss(),
     max_iterations: int = MAX_ITERATIONS,
     tolerance: float = TOLERANCE,
 ) -> Solution:
@@ -113,27 +137,14 @@ def solve(
         evaluate: Blocks at (z, own), with derivatives or without (A and B are then ignored).
         z, own: Start.
         lower, upper: Bounds of z, (G,).
-        loss: Where Huber's loss turns linear, in standard errors; None: least squares.
-        robust: How many residuals of each block the loss is for, the first ones; default: all.
+        loss: What is minimised.
         max_iterations: At most.
         tolerance: It ends where the cost would fall by no more than this, per mean squared residual.
     """
     z, own = np.clip(z, lower, upper), [np.array(x, float) for x in own]
     evaluations = 1
-
-    def cost_and_weights(blocks: Sequence[Block]) -> tuple[float, list[np.ndarray]]:
-        total, weights = 0.0, []
-        for i, block in enumerate(blocks):
-            count = len(block.r) if robust is None or i >= len(robust) else robust[i]
-            part, w = huber(block.r[:count], loss)
-            rest = block.r[count:]
-            total += part + float(rest @ rest) / 2
-            weights.append(np.concatenate([w, np.ones(len(rest))]))
-        usable = np.isfinite(total) and all(np.abs(x).max(initial=0) < _LARGEST for b in blocks for x in (b.A, b.B))
-        return total if usable else np.inf, weights
-
     blocks = evaluate(z, own, True)
-    cost, weights = cost_and_weights(blocks)
+    cost, weights = loss.of(blocks)
     if not np.isfinite(cost):
         return Solution(z, own, np.inf, Status.DIVERGED, evaluations=evaluations)
     damping, growth, history = _START_DAMPING, 2.0, [(cost, _START_DAMPING, 0.0)]
@@ -163,7 +174,7 @@ def solve(
             evaluations += 1
             ready = attempt == 0  # a first attempt mostly succeeds: take its derivatives at once
             new_blocks = evaluate(trial, trial_own, ready)
-            new_cost, new_weights = cost_and_weights(new_blocks)
+            new_cost, new_weights = loss.of(new_blocks)
             attempt += 1
             gain = (cost - new_cost) / foreseen
             if gain > 1e-4:
@@ -178,7 +189,7 @@ def solve(
         if not ready:
             evaluations += 1
             new_blocks = evaluate(z, own, True)
-            new_cost, new_weights = cost_and_weights(new_blocks)
+            new_cost, new_weights = loss.of(new_blocks)
         blocks, cost, weights = new_blocks, new_cost, new_weights
     return Solution(z, own, cost, Status.STEPS, history, evaluations)
 

@@ -180,7 +180,7 @@ def _matplotlib_frames(film: Film, model: Model, target: Target) -> Iterator[np.
     for k in range(-int(max(half) / film.grid), int(max(half) / film.grid) + 1):
         for line in (ax.axhline, ax.axvline):
             line(k * film.grid, color=_GRID, linewidth=0.8 if k else 1.8, zorder=0)
-    zone = Circle(target.position, target.hit_radius, color=COLORS["orange"], alpha=0.5)
+    zone = Circle((target.position[0], target.position[1]), target.hit_radius, color=COLORS["orange"], alpha=0.5)
     trail = LineCollection([], linewidths=2.5, capstyle="round")
     whip = Line2D([], [], color="0.15", linewidth=3, solid_capstyle="round", solid_joinstyle="round")
     arm = Line2D(
