@@ -520,7 +520,7 @@ def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypa
         return fits[-1]
 
     monkeypatch.setattr(posterior, "fit", counted)
-    monkeypatch.setattr(posterior, "NEAR", 0.0)
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, near=0.0))
     monkeypatch.setattr(posterior, "UNMODELLED", 1e-5)
     recording = filmed(port_of(5), Strike.from_vector(first.strike))
     sharp = dataclasses.replace(recording, sigma=recording.sigma / 2)
@@ -528,16 +528,18 @@ def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypa
     assert len(fits) == 4  # of all frames; of half of them, of three quarters, of all
     assert learned.rmse
     costs = [f.runs[0].solution.cost for f in fits]
-    assert costs[3] == pytest.approx(costs[0], abs=posterior.SAME)
-    monkeypatch.setattr(posterior, "VALLEY", 1e-3)  # then two near starts prove nothing
+    assert costs[3] == pytest.approx(costs[0], abs=posterior.STARTS.same)
+    monkeypatch.setattr(
+        posterior, "STARTS", dataclasses.replace(posterior.STARTS, valley=1e-3)
+    )  # then two near starts prove nothing
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10
     del fits[4:]
-    monkeypatch.setattr(posterior, "VALLEY", 1.0)
-    monkeypatch.setattr(posterior, "SAME", -1.0)
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, valley=1.0))
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, same=-1.0))
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10
-    monkeypatch.setattr(posterior, "NEAR", 0.01)
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, near=0.01))
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10 + 1
 

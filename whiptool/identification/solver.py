@@ -16,7 +16,24 @@ from scipy.linalg import solve_triangular
 
 MAX_ITERATIONS = 60
 TOLERANCE = 1e-5  # foreseen fall of the cost per mean squared residual: a step of 0.004 standard errors
-_START_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e12  # the least keeps flat directions still
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Marquardt's damping.
+
+    Args:
+        start: Where it begins.
+        least: Keeps flat directions still.
+        most: No step lowers the cost beyond.
+    """
+
+    start: float = 1e-3
+    least: float = 1e-9
+    most: float = 1e12
+
+
+_DAMPING = Damping()
 _LARGEST = 1e50  # of a derivative: beyond, the path has become unpredictable
 
 
@@ -147,7 +164,7 @@ def solve(
     cost, weights = loss.of(blocks)
     if not np.isfinite(cost):
         return Solution(z, own, np.inf, Status.DIVERGED, evaluations=evaluations)
-    damping, growth, history = _START_DAMPING, 2.0, [(cost, _START_DAMPING, 0.0)]
+    damping, growth, history = _DAMPING.start, 2.0, [(cost, _DAMPING.start, 0.0)]
     scale = np.zeros(len(z))
     own_scale = [np.zeros(len(x)) for x in own]
     for _ in range(max_iterations):
@@ -159,7 +176,7 @@ def solve(
         negligible = tolerance * 2 * cost / sum(len(b.r) for b in blocks)
         accepted, ready, attempt = False, False, 0
         trial, trial_own, new_blocks, new_cost, new_weights = z, own, blocks, cost, weights
-        while damping < _MOST_DAMPING:
+        while damping < _DAMPING.most:
             room = np.where(held, z, lower) - z, np.where(held, z, upper) - z
             try:
                 step, own_step = _step(weighted, damping, scale, own_scale, *room)
@@ -178,7 +195,7 @@ def solve(
             attempt += 1
             gain = (cost - new_cost) / foreseen
             if gain > 1e-4:
-                damping = max(damping * max(0.1, 1 - (2 * gain - 1) ** 3), _LEAST_DAMPING)
+                damping = max(damping * max(0.1, 1 - (2 * gain - 1) ** 3), _DAMPING.least)
                 growth, accepted = 2.0, True
                 break
             damping, growth = damping * growth, growth * 2
