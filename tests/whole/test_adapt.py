@@ -529,9 +529,8 @@ def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypa
     assert learned.rmse
     costs = [f.runs[0].solution.cost for f in fits]
     assert costs[3] == pytest.approx(costs[0], abs=posterior.STARTS.same)
-    monkeypatch.setattr(
-        posterior, "STARTS", dataclasses.replace(posterior.STARTS, valley=1e-3)
-    )  # then two near starts prove nothing
+    # then two near starts prove nothing
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, valley=1e-3))
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10
     del fits[4:]

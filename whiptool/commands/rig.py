@@ -14,7 +14,7 @@ from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import LONGEST_STAY, WITHOUT_DERIVATIVES, ResumableOptions, SearchOptions, refuse_idle
+from whiptool.options import LONGEST_STAY, MODELS, WITHOUT_DERIVATIVES, ResumableOptions, SearchOptions, refuse_idle
 from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ class RigOptions(ArmOptions):
 
     cap: bool = False
     """Cap stiffness and damping at what the sampled loop can carry, instead of refusing what it cannot."""
-    true_model: str | None = None
-    """Of the twin: what is really there, a preset or .toml; default: --model."""
+    true_model: Annotated[str | None, arg(metavar=MODELS)] = None
+    """Of the twin: what is really there; default: --model."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
