@@ -18,9 +18,9 @@ from loky import get_reusable_executor
 from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import T_STAY, Strike, default_bounds
-from whiptool.objective import TARGET
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.compiled import TIMESTEP
+from whiptool.target import TARGET
 
 CONTROLLERS = {"constant": Controller(ConstantImpedance())} | {
     f"oiac {name}": Controller(law) for name, law in OIAC_PRESETS.items()

@@ -11,7 +11,8 @@ from fake_rollout import SPEED, StraightFlight
 
 from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
-from whiptool.objective import Objective, SearchStopped, Target, probability_within
+from whiptool.objective import Objective, SearchStopped, probability_within
+from whiptool.target import Target
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 1.0, 0.3, 0.8, 1.0))
 REACH = StraightFlight.model.reach

@@ -110,7 +110,7 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
     from whiptool.adaptation.twins import FAMILIES
     from whiptool.identification.drives import DRIVES
     from whiptool.identification.predict import NEUTRAL
-    from whiptool.impedance import OIAC_PRESETS
+    from whiptool.impedance import CONSTANT_PRESETS, OIAC_PRESETS
     from whiptool.models.motor_limits import LIMITS
     from whiptool.rig.dynamixel.control_table import BAUD_RATES
     from whiptool.rl.settings import SETTINGS
@@ -120,7 +120,7 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
     from whiptool.studies.reproduction.unknown_whips import METHODS
 
     return {
-        ("optimize.OptimizeOptions", "preset"): (*OIAC_PRESETS,),
+        ("optimize.OptimizeOptions", "preset"): (*OIAC_PRESETS, *CONSTANT_PRESETS),
         ("optimize.OptimizeOptions", "integrator"): get_args(reference.Integrator),
         ("optimize.OptimizeOptions", "limits"): (*LIMITS,),
         ("adapt.AdaptOptions", "limits"): (*LIMITS,),
@@ -202,3 +202,13 @@ def test_a_run_keeps_its_options_but_not_those_of_a_call():
         "options": cli.as_plain(LearnOptions(seed=3, max_trials=2)),
         "free": ["k"],
     }
+
+
+@pytest.mark.parametrize("command", ["train", "compare"])
+def test_a_training_without_an_episode_to_learn_in_says_what_to_give(command: str, capsys) -> None:
+    """Who asks for 20 episodes has not heard of the 50 random ones."""
+    assert import_module(f"whiptool.commands.{command}").main(["--episodes", "20"]) == 2
+    assert capsys.readouterr().err == (
+        "whiptool: --random-episodes: got 50; allowed: a whole number from 0 to 19, fewer than --episodes 20: random "
+        "episodes come first, and nothing is learned in them; give --random-episodes 4; it is 50 unless given\n"
+    )

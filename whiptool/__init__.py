@@ -33,7 +33,7 @@ _HOMES = {
     "Trajectory": "rollout",
     "Objective": "objective",
     "Outcome": "objective",
-    "Target": "objective",
+    "Target": "target",
     "Disc": "zone",
     "METHODS": "optimizers",
     "search": "optimizers",
@@ -73,10 +73,11 @@ if TYPE_CHECKING:
         read_model,
         write_model,
     )
-    from whiptool.objective import Objective, Outcome, Target
+    from whiptool.objective import Objective, Outcome
     from whiptool.optimizers import METHODS, search
     from whiptool.recording import StrikeRecording, read_recording
     from whiptool.rollout import CompiledRollout, ReferenceRollout, Trajectory
+    from whiptool.target import Target
     from whiptool.version import __version__
     from whiptool.viz.plots import plot_distance, plot_strike
     from whiptool.zone import Disc

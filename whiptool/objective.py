@@ -13,16 +13,15 @@ from scipy.special import ndtr, stdtr
 
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.models.parameters import Model, number, whole
+from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
+from whiptool.target import Target, as_target
 
 if TYPE_CHECKING:
     from whiptool.models.motor_limits import MotorLimits
 
-HIT_RADIUS = 0.06  # [m], Eq. 17
-TARGET = (1.3, 0.0)  # [m], centre of the target zone; not printed in the paper
 CLAIMED = 0.9  # probability from which a hit is claimed of a strike whose miss was measured
 
 
@@ -46,62 +45,6 @@ def probability_within(
 
 
 @dataclass(frozen=True)
-class Target:
-    """A point to hit.
-
-    Args:
-        position: (x, y) [m].
-        hit_radius: It is hit when the tip comes this close [m].
-
-    Raises:
-        InputError: A value is not finite, or the radius is not positive.
-    """
-
-    position: tuple[float, ...] = TARGET
-    hit_radius: float = HIT_RADIUS
-
-    def __post_init__(self) -> None:
-        position = tuple(float(x) for x in self.position)
-        if len(position) != 2 or not all(map(math.isfinite, position)):
-            raise InputError("target", position, "two finite coordinates x y in m")
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "hit_radius", number("hit radius", self.hit_radius, low=0, strict=True))
-
-    def check_radius(self, model: Model) -> None:
-        """Refuse a hit radius that holds all that is within reach.
-
-        Raises:
-            InputError: It does.
-        """
-        farthest = model.farthest_miss(self.position)
-        if self.hit_radius >= farthest:
-            raise InputError("hit radius", self.hit_radius, f"less than {farthest:.3f} m: no strike misses by more")
-
-    def check_reach(self, model: Model) -> None:
-        """Refuse a target that the stretched arm and whip cannot come near, or cannot miss.
-
-        Raises:
-            InputError: It lies farther from the shoulder than reach and hit radius, or see `check_radius`.
-        """
-        self.check_radius(model)
-        distance = math.hypot(*self.position)
-        if distance > model.reach + self.hit_radius:
-            raise InputError(
-                "target",
-                self.position,
-                f"within the model's reach of {model.reach:.3f} m of the shoulder",
-                f"it is {distance:.4g} m away",
-            )
-
-
-def as_target(target: Target | Sequence[float] | np.ndarray | None) -> Target:
-    """Return a target, or the one at a place (x, y) [m] with the usual hit radius; None: the usual one."""
-    if isinstance(target, Target):
-        return target
-    return Target() if target is None else Target(tuple(target))
-
-
-@dataclass(frozen=True)
 class Outcome:
     """What one strike came to.
 
@@ -110,8 +53,8 @@ class Outcome:
             limits refuse it.
         hit: Whether that is within the hit radius; where the distance was measured, with a probability of `CLAIMED`.
         time: When the tip was closest [s].
-        tip: Where it was then (x, y) [m].
-        tip_velocity: Its velocity then (x, y) [m/s].
+        tip: Where it was then (x, y) or (x, y, z) [m].
+        tip_velocity: Its velocity then [m/s].
         max_joint_speed: Largest speed of each arm joint [rad/s].
         max_torque: Largest torque of each arm joint [N m].
         diverged: Whether the rollout broke off.
@@ -161,7 +104,7 @@ class Objective:
 
     Args:
         rollout: Simulator of a model and controller.
-        target: Point and hit radius, or (x, y) [m] alone.
+        target: Point and hit radius, or (x, y) or (x, y, z) [m] alone.
         t_stay: The strike is watched this long after the movement ended [s].
         bounds: Box in which strikes are searched; default: `default_bounds`.
         max_trials: No more trials than these; None: no limit.
@@ -192,7 +135,7 @@ class Objective:
         check_reach: bool = True,
         limits: MotorLimits | None = None,
     ) -> None:
-        self.rollout, self.target = rollout, as_target(target)
+        self.rollout, self.target = rollout, as_target(target, rollout.model.dimension)
         if check_reach:
             self.target.check_reach(rollout.model)
         self.bounds = bounds or default_bounds(rollout.model.arm)

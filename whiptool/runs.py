@@ -13,7 +13,7 @@ from types import TracebackType
 import tomli_w
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.models.files import read_toml
+from whiptool.models.tables import read_toml
 from whiptool.run_lock import LOCK, RunLock
 from whiptool.version import __version__
 from whiptool.whole_files import is_unfinished, remove_unfinished, write_whole

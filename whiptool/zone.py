@@ -15,7 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from whiptool.errors import InputError
 from whiptool.models.parameters import number
 from whiptool.models.strike import T_STAY, StrikeBounds
-from whiptool.objective import TARGET
+from whiptool.target import TARGET
 from whiptool.whole_files import write_npz
 
 RADIUS = 0.1  # [m], Sect. 3.1.1

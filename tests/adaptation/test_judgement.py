@@ -14,10 +14,11 @@ from whiptool.identification.judgement import Frames, weigh
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
-from whiptool.objective import CLAIMED, Target
+from whiptool.objective import CLAIMED
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.compiled import CompiledRollout
+from whiptool.target import Target
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)

@@ -14,8 +14,8 @@ from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
-from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.target import Target
 
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 PLAN = Plan(tuple(map(float, STRIKE.vector)), 0.9, 0.01, 0.0, None, "a strike", 0.1)

@@ -15,8 +15,8 @@ from whiptool.errors import InputError
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
-from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.target import Target
 
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 T = np.arange(30) / 60

@@ -8,21 +8,22 @@ import re
 import numpy as np
 import pytest
 
-from whiptool.adaptation.loop import Adaptation, Options, Step
+from whiptool.adaptation.loop import Adaptation, Options
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.planner import Effort, Plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
 from whiptool.adaptation.report import PANELS, SHOWN, lines, sections
+from whiptool.adaptation.steps import Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.judgement import Judgement
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
-from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
+from whiptool.target import Target
 from whiptool.viz.report import Picture, Section, Table, Text, to_html
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))

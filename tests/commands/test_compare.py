@@ -16,13 +16,14 @@ from processes import HANG
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
-from whiptool.objective import Objective, Target
+from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rl.policy import trials_to_hit
 from whiptool.studies.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
 from whiptool.studies.comparison.learner_unit import Checkpoint, one_torch_thread
 from whiptool.studies.comparison.plan import deterministic
 from whiptool.studies.comparison.policy_trials import trials_within
+from whiptool.target import Target
 
 pytestmark = pytest.mark.slow
 

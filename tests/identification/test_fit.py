@@ -23,9 +23,10 @@ from whiptool.models import preset
 from whiptool.models.parameters import ArmLink
 from whiptool.models.profile import WhipProfile
 from whiptool.models.strike import default_bounds
-from whiptool.objective import Objective, Target
+from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
+from whiptool.target import Target
 
 LEMON, CONTROLLER = preset("lemon2024"), Controller()
 STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(0), 8)

@@ -7,8 +7,9 @@ import pytest
 
 from whiptool.adaptation.judgement import judge_seen
 from whiptool.identification.judgement import Frames, Judgement, judge_frames, unseen_around, weigh
-from whiptool.objective import Target, probability_within
+from whiptool.objective import probability_within
 from whiptool.rollout.closest import closest_on_segments
+from whiptool.target import Target
 
 T = np.arange(0, 1.0, 0.002)
 FRAMES = np.arange(0, 1.0, 1 / 60)

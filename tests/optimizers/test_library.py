@@ -9,8 +9,9 @@ import pytest
 from fake_rollout import SPEED, StraightFlight
 
 from whiptool.models.strike import StrikeBounds
-from whiptool.objective import Objective, Target
+from whiptool.objective import Objective
 from whiptool.optimizers.library import RATE, StrikeLibrary, library_search, warm_search
+from whiptool.target import Target
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 0.5, 0.3, 0.8, 1.0))
 

@@ -11,7 +11,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller, oiac_preset
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds
-from whiptool.objective import Objective, SearchStopped, Target
+from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import METHODS, Status, find_method, search
 from whiptool.optimizers.genetic_search import fitness
 from whiptool.optimizers.library import StrikeLibrary, warm_search
@@ -19,6 +19,7 @@ from whiptool.optimizers.nlopt_search import nlopt_names
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach
+from whiptool.target import Target
 
 pytestmark = pytest.mark.slow
 

@@ -12,11 +12,12 @@ import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
 from whiptool.impedance.files import controller_to_table
-from whiptool.objective import Objective, Target
+from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
+from whiptool.target import Target
 
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")

@@ -15,8 +15,9 @@ from gymnasium.vector import AutoresetMode
 
 import whiptool.rl.environment as environment
 from whiptool.errors import InputError
-from whiptool.objective import Objective, Target
+from whiptool.objective import Objective
 from whiptool.rl.task import OBSERVATIONS
+from whiptool.target import Target
 from whiptool.zone import Disc
 
 pytestmark = pytest.mark.slow

@@ -11,10 +11,10 @@ from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Strike, preset
 from whiptool.models.strike import T_STAY
-from whiptool.objective import Target
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.interface import joined, strike_vectors, target_points
 from whiptool.rollout.trajectory import Approach
+from whiptool.target import Target
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(ConstantImpedance())
 TARGET = Target((1.1, 0.2))

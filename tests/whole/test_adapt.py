@@ -25,10 +25,10 @@ from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.files import controller_to_table
 from whiptool.models.motor_limits import XM430
 from whiptool.models.strike import Strike
-from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import joint_points
+from whiptool.target import Target
 
 pytestmark = pytest.mark.slow
 TARGET = (1.2, 0.1)

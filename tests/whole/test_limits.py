@@ -13,8 +13,9 @@ from whiptool.commands.optimize import main
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.motor_limits import XM430, limits_preset
-from whiptool.objective import Objective, Target
+from whiptool.objective import Objective
 from whiptool.optimizers import search
+from whiptool.target import Target
 
 ROLLOUT = wt.CompiledRollout(wt.preset("lemon2024"), Controller(OIAC()), timestep=5e-4)
 TARGET = Target((1.2, 0.1))

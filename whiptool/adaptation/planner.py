@@ -1,4 +1,4 @@
-"""The strike that most probably hits, over whips that are all still possible."""
+"""Plan the strike with the largest probability of a hit, over whips sampled from the belief."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from whiptool.identification.plant import Plant
 from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
-from whiptool.objective import Target
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach
+from whiptool.target import Target
 
 TIMESTEP = 5e-4  # [s]
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; more, where all strikes were refused
@@ -68,13 +68,14 @@ _WORTH = Worth()
 
 @dataclass(frozen=True)
 class Effort:
-    """How hard the planner looks.
+    """How much computation the planner spends.
 
     Args:
-        pool: Random candidates, tried on the mean of the belief.
-        polished: Of them, improved on the mean with its exact derivatives, in so many `steps`.
-        whips: Samples of the belief.
-        population, rounds: Of the refinement over all samples.
+        pool: Number of random candidate strikes, rolled out with the mean of the belief.
+        polished: Number of the best of them that are improved along exact derivatives with the mean.
+        steps: Number of such improvement steps.
+        whips: Number of whips sampled from the belief.
+        population, rounds: Size and number of rounds of the cross-entropy search over all sampled whips.
     """
 
     pool: int = 160
@@ -122,14 +123,15 @@ class Plan:
     """The strike that was chosen.
 
     Args:
-        strike: Its vector.
-        probability: Predicted probability of a hit; None here and below: of a movement that is not meant to hit.
-        expected_miss: Mean over the samples that do not diverge [m]; None, too, if all do.
-        mean_miss: On the mean of the belief [m].
-        usage: Largest part of the motors' line that it uses on the mean; None: no limits were given.
-        reason: For people.
-        wall_time: [s]
-        allowed: Whether nothing forbids it: motors, least speed, a check; there was no other where something does.
+        strike: Strike vector.
+        probability: Predicted probability of a hit; None, as below, for a movement that is not meant to hit.
+        expected_miss: Mean miss distance over the sampled whips that do not diverge [m]; None also if all diverge.
+        mean_miss: Miss distance with the mean of the belief [m].
+        usage: Largest share of the motors' speed-torque line that the strike uses with the mean of the belief; None: no
+            limits were given.
+        reason: Why this strike was chosen, in words.
+        wall_time: Time that planning took [s].
+        allowed: Whether motor limits, least speed and `check` all allow the strike; if not, no allowed one was found.
         misses: Predictive sample of the miss distance [m]: one per sampled whip, an error of the model drawn for each,
             in rising order; None where it diverges. Empty: of a movement that is not meant to hit.
         contact: When the tip is nearest to the target, on the mean [s].
@@ -158,7 +160,7 @@ def plan(
     timestep: float = TIMESTEP,
     sag: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Plan:
-    """The strike of the largest probability of a hit over samples of a belief.
+    """Return the strike with the largest probability of a hit over whips sampled from a belief.
 
     Random candidates and past strikes with their neighbours are tried on the belief's mean; the best are improved
     there by Gauss-Newton steps along exact derivatives; all that are left are tried on every sample, and a search with
@@ -167,17 +169,17 @@ def plan(
     expected miss are stated on samples that the search has not seen.
 
     Args:
-        belief: About the whip.
+        belief: Distribution of the whip's numbers.
         target: Point and hit radius.
-        rng: Of candidates and samples.
-        past: Strikes that were tried before.
+        rng: Generator for candidates and samples.
+        past: Strikes that were tried before; they and their neighbours are candidates, too.
         demands: What is asked of the strike beside.
         effort: How hard to look.
         timestep: Of the integrator [s].
-        sag: How far from where strikes begin the arm will stand, see `whiptool.adaptation.sag`; None: there.
+        sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
 
     Raises:
-        InputError: A past strike is none of this arm, or the arm has no default bounds.
+        InputError: A past strike does not fit this arm, or the arm has no default bounds.
     """
     began = time.perf_counter()
     search = _Search(belief, target, demands, timestep, sag)
@@ -202,7 +204,7 @@ def plan(
 
 
 class _Search:
-    """Rollouts and what they are worth."""
+    """Roll strikes out with a belief's mean and samples, and score them."""
 
     def __init__(
         self,

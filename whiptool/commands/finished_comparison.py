@@ -14,7 +14,7 @@ from whiptool.commands.cli import stored_options
 from whiptool.commands.compare import CompareOptions
 from whiptool.commands.reproduce import ReproduceOptions
 from whiptool.errors import InputError
-from whiptool.models.files import read_toml
+from whiptool.models.tables import read_toml
 from whiptool.runs import CONFIG
 from whiptool.studies.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHODS, Comparison
 from whiptool.studies.comparison.series import collect

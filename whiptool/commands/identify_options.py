@@ -36,9 +36,9 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     model: Annotated[str, tyro.conf.arg(metavar=MODELS)] = "lemon2024"
     """Where the fit starts: a published whip and arm, or those of a file; with free, the pendulum's file."""
     controller: Annotated[str, tyro.conf.arg(metavar=CONTROLLERS)] = "oiac"
-    """Used only where the recordings do not hold it; constant is Eq. 22."""
+    """Used only where the recordings do not hold it."""
     preset: Preset | None = None
-    """Likewise, OIAC parameters; default: table4."""
+    """Likewise, parameters of the law; default: table4 of oiac, nah2020 (Eq. 22) of constant."""
     held_out: tuple[str, ...] | None = None
     """Recordings to predict and not to fit: how many, from the end, or their paths; default: of three or more, one."""
     per_recording: tuple[Own, ...] = ()

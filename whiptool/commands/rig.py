@@ -20,10 +20,11 @@ from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
-    from whiptool.objective import Outcome, Target
+    from whiptool.objective import Outcome
     from whiptool.optimizers import Result
     from whiptool.rig.session import Rig, Struck
     from whiptool.runs import RunFolder
+    from whiptool.target import Target
 
 WORDS = ("strike", "learn")
 REPORT = "report.html"

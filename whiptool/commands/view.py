@@ -22,8 +22,8 @@ from whiptool.options import ControllerOptions, JsonOptions, TargetOptions
 
 if TYPE_CHECKING:
     from whiptool.models import Model
-    from whiptool.objective import Target
     from whiptool.rollout import Trajectory
+    from whiptool.target import Target
 
 T = TypeVar("T")
 TRAJECTORY, VIDEO, PAGE, REPORT = "trajectory.npz", "strike.mp4", "strike.html", "report.html"
@@ -100,7 +100,7 @@ def _look(options: ViewOptions) -> dict[str, Any]:
 
 
 def _nothing_to_see(folder: Path) -> InputError:
-    from whiptool.models.files import read_toml
+    from whiptool.models.tables import read_toml
     from whiptool.runs import CONFIG, RESULT
 
     command = read_toml(folder / CONFIG).get("command") if (folder / CONFIG).is_file() else None
@@ -122,7 +122,8 @@ def read_strike(folder: Path) -> StrikeRun:
     Raises:
         InputError: A file is missing or damaged, or they do not belong together.
     """
-    from whiptool.models.files import model_from_table, read_toml
+    from whiptool.models.files import model_from_table
+    from whiptool.models.tables import read_toml
     from whiptool.rollout import Trajectory
     from whiptool.runs import CONFIG
 

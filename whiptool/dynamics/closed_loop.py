@@ -2,128 +2,30 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from whiptool.dynamics import articulated
-from whiptool.dynamics.articulated import Acceleration, Carried, JointFrame, Moving
-from whiptool.dynamics.chain import Chain, inverse_dynamics, potential_energy, ride_on_end
+from whiptool.dynamics import spatial
+from whiptool.dynamics.chain import passive_torque
 from whiptool.dynamics.integrator import GAMMA
-from whiptool.dynamics.system import Hand, Reaction, System
-from whiptool.impedance.controller import Controller
+from whiptool.dynamics.serial_arm import ArmMotion, Body, SerialArm, solve
+from whiptool.dynamics.spatial import SpatialAcceleration, SpatialCarried, SpatialFrame
+from whiptool.dynamics.structure import Structure
+from whiptool.dynamics.system import Hand, Instant, Reaction, System
 from whiptool.impedance.law import LAWS
-from whiptool.models.parameters import ArmParameters, Model
 
-_OPTIONAL = ("rest_angle", "dry_friction", "drag", "cubic_stiffness")  # per node, generated only where used
+__all__ = ["ClosedLoop", "Structure", "closed_loop"]
+
+PLANAR_AXIS = (0.0, -1.0, 0.0)  # of a hinge in the plane: a positive angle turns what hangs toward +x
+_UNTURNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _LINK = {  # quantities of a link: what they are called in a whip
     "length": "l", "mass": "m", "stiffness": "k", "damping": "b", "rest_angle": "rest_angle",
     "dry_friction": "dry_friction", "drag": "drag", "cubic_stiffness": "cubic_stiffness", "drag_ratio": "drag_ratio",
-    "friction_velocity": "friction_velocity",
+    "friction_velocity": "friction_velocity", "inertia": "node_inertia",
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Structure:
-    """What of a model and controller decides which terms are generated; everything else is a parameter."""
-
-    n_arm: int
-    n_whip: int
-    law: str
-    optional: tuple[str, ...] = ()  # of _OPTIONAL, drag_ratio, hinge_mass
-    feedforward: bool = False
-    limited: bool = False
-    held: bool = False  # the torque is held for a control period
-    compensated: bool = False  # gravity compensation has masses of its own
-
-    @classmethod
-    def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = ()) -> Structure:
-        """The smallest structure that holds this model and controller, and the terms of parameters named in `free`."""
-        named = {re.sub(r"^whip\.|\[\d+\]$", "", name) for name in free}
-        named |= {"dry_friction"} if "friction_velocity" in named else set()
-        named |= {"drag"} if "drag_ratio" in named else set()
-        used = tuple(name for name in _OPTIONAL if model.whip.per_node(name).any() or name in named)
-        if "drag" in used and (model.whip.drag_ratio != 1 or "drag_ratio" in named):
-            used += ("drag_ratio",)
-        used += ("hinge_mass",) if model.whip.hinge_mass or "hinge_mass" in named else ()
-        return cls(
-            n_arm=model.arm.n,
-            n_whip=model.whip.N,
-            law=controller.law.kind,
-            optional=used,
-            feedforward=controller.feedforward,
-            limited=controller.torque_limit is not None,
-            held=controller.control_period is not None,
-            compensated=controller.compensated is not None,
-        )
-
-    @property
-    def n(self) -> int:
-        """Number of joints, those of the arm and of the whip."""
-        return self.n_arm + self.n_whip
-
-    @property
-    def layout(self) -> dict[str, int]:
-        """Name and size of every block of the parameter vector, in order."""
-        a, N = self.n_arm, self.n_whip
-        blocks = {"q_i": a, "q_f": a, "D": 1}
-        blocks |= {f"arm.{name}": a for name in ArmParameters.QUANTITIES}
-        blocks |= {f"whip.{name}": N for name in ("l", "m", "k", "b")}
-        for name in self.optional:
-            blocks[f"whip.{name}"] = 1 if name in ("drag_ratio", "hinge_mass") else N
-        if "dry_friction" in self.optional:
-            blocks["whip.friction_velocity"] = 1
-        blocks["gravity"] = 1
-        blocks |= {f"law.{name}": size for name, size in LAWS[self.law].sizes(a).items()}
-        if self.limited:
-            blocks["torque_limit"] = 1
-        if self.compensated:
-            blocks["compensated"] = a + 1
-        return blocks
-
-    @property
-    def n_parameters(self) -> int:
-        """Length of the parameter vector."""
-        return sum(self.layout.values())
-
-    def columns(self, block: str) -> slice:
-        """Where a block of `layout` stands in the parameter vector."""
-        start = 0
-        for name, size in self.layout.items():
-            if name == block:
-                return slice(start, start + size)
-            start += size
-        raise KeyError(block)
-
-    def pack(self, model: Model, controller: Controller, strikes: np.ndarray) -> np.ndarray:
-        """Parameter vectors of many strikes of one model and controller.
-
-        Args:
-            model, controller: Of this structure.
-            strikes: Strike vectors, shape (B, 2 n_arm + 1).
-
-        Returns:
-            Shape (B, n_parameters).
-        """
-        values: dict[str, Any] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
-        values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
-        values |= {f"whip.{name}": model.whip.per_node(name) for name in ("l", "m", "k", "b", *_OPTIONAL)}
-        values |= {
-            f"whip.{name}": getattr(model.whip, name) for name in ("drag_ratio", "hinge_mass", "friction_velocity")
-        }
-        values |= {
-            "gravity": model.gravity,
-            "torque_limit": controller.torque_limit,
-            "compensated": controller.compensated,
-        }
-        fixed = [np.ravel(values[name]) for name in self.layout if name not in ("q_i", "q_f", "D")]
-        same = np.concatenate(fixed)
-        return np.hstack([strikes, np.broadcast_to(same, (len(strikes), len(same)))])
+_HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS)}
 
 
 class ClosedLoop(System):
@@ -137,60 +39,93 @@ class ClosedLoop(System):
         self.n_drive, self.n_links = structure.n_arm, structure.n_whip
         self.held = structure.held
         self.n_inputs = structure.n_arm if structure.held else 0
+        self.dimension = structure.dimension
+        self.hinges = _HINGES[structure.joints]
         self.parameters = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
         self.p = ca.vertcat(*self.parameters.values())
-        self.chain = self._chain()
         self.link_columns = {
             quantity: (structure.columns(f"whip.{name}").start, int(structure.layout[f"whip.{name}"] > 1))
             for quantity, name in _LINK.items()
             if f"whip.{name}" in structure.layout
         }
+        self.bare_arm = self._planar_arm() if structure.arm is None else self._spatial_arm()
+        at_hand = [self._at_hand(self.parameters["whip.hinge_mass"])] if "hinge_mass" in structure.optional else []
+        self.arm = replace(self.bare_arm, bodies=[*self.bare_arm.bodies, *at_hand])
 
-    def _chain(self) -> Chain:
-        P, a, N = self.parameters, self.structure.n_arm, self.structure.n_whip
-        mass, com, inertia = P["arm.mass"], P["arm.com"], P["arm.inertia"]
-        if "whip.hinge_mass" in P:
-            last = a - 1
-            carried = ride_on_end(mass[last], com[last], inertia[last], P["arm.length"][last], P["whip.hinge_mass"])
-            mass, com, inertia = (
-                ca.vertcat(*ca.vertsplit(old)[:last], new)
-                for old, new in zip((mass, com, inertia), carried, strict=True)
-            )
-        whip = {name: P.get(f"whip.{name}", ca.SX.zeros(N)) for name in _OPTIONAL}
-        none = ca.SX.zeros(a)
-        return Chain(
-            length=ca.vertcat(P["arm.length"], P["whip.l"]),
-            mass=ca.vertcat(mass, P["whip.m"]),
-            com=ca.vertcat(com, P["whip.l"]),
-            inertia=ca.vertcat(inertia, ca.SX.zeros(N)),
-            stiffness=ca.vertcat(none, P["whip.k"]),
-            damping=ca.vertcat(P["arm.friction"], P["whip.b"]),
-            rest_angle=ca.vertcat(none, whip["rest_angle"]),
-            dry_friction=ca.vertcat(none, whip["dry_friction"]),
-            drag=ca.vertcat(none, whip["drag"]),
-            cubic_stiffness=ca.vertcat(none, whip["cubic_stiffness"]),
-            drag_ratio=P.get("whip.drag_ratio", 1.0),
-            friction_velocity=P.get("whip.friction_velocity", 1.0),
-            gravity=P["gravity"],
+    # -----------------------------------------------------------------------------------------------------------------
+    # The arm
+
+    def _planar_arm(self) -> SerialArm:
+        """Links along -z whose axes are all that of the plane."""
+        P, a = self.parameters, self.structure.n_arm
+        zero = ca.SX(0)
+        ends = [ca.vertcat(0, 0, -length) for length in ca.vertsplit(P["arm.length"])]
+        bodies = []
+        for i in range(a):
+            inertia = ca.diagcat(zero, P["arm.inertia"][i], zero)
+            bodies.append(Body(i, P["arm.mass"][i], ca.vertcat(0, 0, -P["arm.com"][i]), ca.densify(inertia)))
+        return SerialArm(
+            kinds=("revolute",) * a,
+            axes=(PLANAR_AXIS,) * a,
+            positions=[ca.SX.zeros(3), *ends[:-1]],
+            rotations=(_UNTURNED,) * a,
+            hand_position=ends[-1],
+            hand_rotation=_UNTURNED,
+            armatures=ca.SX.zeros(a),
+            bodies=bodies,
         )
 
-    def _arm(self, *, mass: ca.SX, load: ca.SX | float, gravity: ca.SX | float) -> Chain:
-        """The bare arm, of links of this `mass`; a point mass `load` at its hand as a last link of length zero."""
-        P, zeros = self.parameters, ca.SX.zeros(self.structure.n_arm + 1)
-        at_hand = ca.SX(0)
-        return Chain(
-            length=ca.vertcat(P["arm.length"], at_hand),
-            mass=ca.vertcat(mass, load),
-            com=ca.vertcat(P["arm.com"], at_hand),
-            inertia=ca.vertcat(P["arm.inertia"], 0),
-            stiffness=zeros,
-            damping=zeros,
-            rest_angle=zeros,
-            dry_friction=zeros,
-            drag=zeros,
-            cubic_stiffness=zeros,
-            gravity=gravity,
+    @cached_property
+    def _arm_numbers(self) -> dict[str, ca.SX]:
+        """The numbers of the arm's links by quantity; what is structurally zero is the number 0."""
+        of = {name.removeprefix("arm."): x for name, x in self.parameters.items() if name.startswith("arm.")}
+        if self.structure.arm is None:
+            return of
+        for name, present in self.structure.arm.present:
+            given, of[name] = of[name], ca.SX.zeros(of[name].numel())
+            for i in present:
+                of[name][i] = given[i]
+        return of
+
+    @property
+    def _friction(self) -> ca.SX:
+        """Of the arm's joints, (a, 1)."""
+        return self._arm_numbers["friction"]
+
+    def _spatial_arm(self) -> SerialArm:
+        """The arm in space; of its numbers only those that are not structurally zero."""
+        shape, a, of, bodies = self.structure.arm, self.structure.n_arm, self._arm_numbers, []
+        assert shape is not None
+        for i in range(a):
+            xx, yy, zz, xy, xz, yz = ca.vertsplit(of["inertia"][6 * i : 6 * i + 6])
+            inertia = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+            bodies.append(Body(i, of["mass"][i], of["com"][3 * i : 3 * i + 3], inertia))
+        return SerialArm(
+            kinds=shape.kinds,
+            axes=shape.axes,
+            positions=[of["position"][3 * i : 3 * i + 3] for i in range(a)],
+            rotations=shape.rotations,
+            hand_position=of["hand_position"],
+            hand_rotation=shape.hand_rotation,
+            armatures=of["armature"],
+            bodies=bodies,
         )
+
+    def _at_hand(self, mass: ca.SX) -> Body:
+        """A point mass at the hand."""
+        return Body(self.structure.n_arm - 1, mass, self.bare_arm.hand_position, ca.SX.zeros(3, 3))
+
+    @cached_property
+    def _compensated(self) -> tuple[list[Body], ca.SX]:
+        """Bodies whose weight the controller holds, and the mass that it takes to be at the hand."""
+        P, bodies = self.parameters, self.bare_arm.bodies
+        if not self.structure.compensated:
+            return bodies, ca.sum1(P["whip.m"]) + P.get("whip.hinge_mass", 0)
+        *masses, load = ca.vertsplit(P["compensated"])
+        return [body._replace(mass=masses[body.link]) for body in bodies], load
+
+    # -----------------------------------------------------------------------------------------------------------------
+    # The controller
 
     def reference(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Desired positions, velocities and accelerations (n_arm, 1) at time t (Eq. 1); at rest before 0, after D."""
@@ -202,95 +137,131 @@ class ClosedLoop(System):
         acceleration = span * (60 * s - 180 * s**2 + 120 * s**3) / P["D"] ** 2
         return position, velocity, acceleration
 
-    def torque(self, t: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
-        """The controller's torques (n_arm, 1) for the arm's `q` and `v` (n_arm, 1); Eq. 2."""
+    def torque(self, t: ca.SX, q: ca.SX, v: ca.SX, weight: ca.SX) -> ca.SX:
+        """The controller's torques (n_arm, 1) for the arm's `q` and `v` (n_arm, 1); Eq. 2.
+
+        Args:
+            t, q, v: Time [s] and state of the arm.
+            weight: Torques that hold the arm's weight there (n_arm, 1); Eq. 3.
+        """
         q_d, v_d, a_d = self.reference(t)
         law = {name.removeprefix("law."): x for name, x in self.parameters.items() if name.startswith("law.")}
-        tau = LAWS[self.structure.law].expression(law, q_d - q, v_d - v)
-        P, a = self.parameters, self.structure.n_arm
-        masses = P.get("compensated")
-        if masses is None:
-            masses = ca.vertcat(P["arm.mass"], ca.sum1(P["whip.m"]) + P.get("whip.hinge_mass", 0))
-        loaded = self._arm(mass=masses[:a], load=masses[a], gravity=P["gravity"])
-        tau += ca.gradient(potential_energy(loaded, ca.vertcat(q, 0)), q)  # Eq. 3
+        tau = LAWS[self.structure.law].expression(law, q_d - q, v_d - v) + weight
+        P = self.parameters
         if self.structure.feedforward:
-            along = (ca.vertcat(x, 0) for x in (q_d, v_d, a_d))
-            bare = self._arm(mass=P["arm.mass"], load=0, gravity=0)
-            tau += inverse_dynamics(bare, *along)[:a] + P["arm.friction"] * v_d
-        if self.structure.limited:
-            limit = self.parameters["torque_limit"]
+            tau += self.bare_arm.inverse(q_d, v_d, a_d, 0.0) + self._friction * v_d
+        if self.structure.limits:
+            limit = P["torque_limit"]
             tau = ca.fmin(ca.fmax(tau, -limit), limit)
         return tau
 
-    def _torque_and_gain(self, t: ca.SX, q: ca.SX, v: ca.SX, held: ca.SX) -> tuple[ca.SX, ca.SX | None]:
+    def _torque_and_gain(self, now: Instant, weight: ca.SX) -> tuple[ca.SX, ca.SX | None]:
         """The arm's torques (a, 1), and how they brake the arm's speed, `-d tau / d v` (a, a)."""
         a = self.structure.n_arm
         if self.structure.held:
-            return held, None
-        qa, va = ca.SX.sym("qa", a), ca.SX.sym("va", a)
-        tau = self.torque(t, qa, va)
-        return tuple(ca.substitute([tau, -ca.jacobian(tau, va)], [qa, va], [q[:a], v[:a]]))  # type: ignore[return-value]
+            return now.u, None
+        va, held = ca.SX.sym("va", a), ca.SX.sym("weight", a)
+        tau = self.torque(now.t, now.q, va, held)
+        return tuple(ca.substitute([tau, -ca.jacobian(tau, va)], [va, held], [now.v, weight]))  # type: ignore[return-value]
+
+    # -----------------------------------------------------------------------------------------------------------------
+    # What drives the whip
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
-        """Return where the arm's hand is, and its links' ends."""
-        frame, ends, angles, moving = JointFrame(), [], [], []
-        for link, q_i, v_i in zip(self.chain.links, ca.vertsplit(q), ca.vertsplit(v), strict=False):
-            frame, moves = articulated.outward(frame, q_i, v_i, link)
-            ends.append(ca.horzcat(frame.x, frame.y))
-            angles.append(frame.angle)
-            moving.append(moves)
-        return Hand(frame, ca.vertcat(*ends), ca.vertcat(*angles), moving)
+        """Return where the arm's hand is, its links' ends, and how it moves."""
+        arm, posture = self.arm, self.arm.posture(q)
+        motion = arm.motion(q, v, self.parameters["gravity"], [] if self.held else self._compensated[0])
+        moves = ca.mtimes(motion.jacobian, v)
+        turned = posture.hand_turned if len(self.hinges) == 1 else posture.hand_turned.settled
+        frame = SpatialFrame(turned, moves[:3], moves[3:], posture.hand)
+        ends = ca.horzcat(*posture.places[1:], posture.hand).T
+        return Hand(frame, ends, ca.vertcat(*(turned.angle for turned in posture.turned)), motion)
 
-    def react(
-        self,
-        t: ca.SX,
-        h: ca.SX,
-        q: ca.SX,
-        v: ca.SX,
-        u: ca.SX,
-        before: ca.SX | None,
-        moving: list[Moving],
-        carried: Carried,
-    ) -> Reaction:
+    def react(self, now: Instant, before: ca.SX | None, motion: ArmMotion, carried: SpatialCarried) -> Reaction:
         """Return how the controlled arm moves under what it carries; its joints are solved for together."""
-        a, gravity = self.n_drive, self.parameters["gravity"]
-        tau, gain = self._torque_and_gain(t, q, v, u)
-        friction = self.parameters["arm.friction"]
-        braked = GAMMA * h * friction
-        loop = ca.SX.zeros(a, a) if gain is None else GAMMA * h * gain
-        torque = tau - friction * v
+        a, P = self.n_drive, self.parameters
+        weight = motion.weight + motion.jacobian[5, :].T * (self._compensated[1] * P["gravity"])
+        tau, gain = self._torque_and_gain(now, weight)
+        friction = self._friction
+        braked = GAMMA * now.h * friction
+        loop = ca.SX.zeros(a, a) if gain is None else GAMMA * now.h * gain
+        torque = tau - friction * now.v
         if before is not None:
             torque += 2 * braked * before + 2 * loop @ before
-        carried_by = []
-        for i in reversed(range(a)):
-            carried = articulated.inward(carried, moving[i], self.chain.links[i])
-            carried_by.append(carried)
-        carried_by.reverse()
-        joints = ca.vertsplit(torque), ca.vertsplit(braked)
-        qdd = articulated.joint_together(carried_by, moving, *joints, loop, gravity)
-        acceleration = Acceleration(ca.SX(0), gravity, ca.SX(0))
-        for i in range(a):
-            acceleration = articulated.accelerate(acceleration, qdd[i], moving[i])
-        return Reaction(ca.vertcat(*qdd), acceleration, tau)
+        inertia = ca.vertcat(ca.horzcat(carried.J, carried.H), ca.horzcat(carried.H.T, carried.M))
+        whip = ca.mtimes(inertia, motion.jacobian)
+        H = motion.inertia + ca.mtimes(motion.jacobian.T, whip) + loop + ca.diag(braked)
+        load = ca.mtimes(motion.jacobian.T, ca.vertcat(carried.moment, carried.force)) + ca.mtimes(whip.T, motion.drift)
+        qdd = solve(H, torque - motion.bias - load)
+        hand = motion.drift + ca.mtimes(motion.jacobian, qdd)
+        return Reaction(qdd, SpatialAcceleration(hand[:3], hand[3:]), tau)
 
     @cached_property
     def control(self) -> ca.Function:
         """The controller alone: torques (n_arm, 1) at state x and time t, to hold where they are held."""
-        n, a = self.structure.n, self.structure.n_arm
+        n, a = self.n, self.structure.n_arm
         x, t = ca.SX.sym("x", 2 * n), ca.SX.sym("t")
-        tau = self.torque(t, x[:a], x[n : n + a])
+        bodies, load = self._compensated
+        weights = [*bodies, self._at_hand(load)]
+        weight = self.arm.weight(self.arm.posture(x[:a]), weights, self.parameters["gravity"])
+        tau = self.torque(t, x[:a], x[n : n + a], weight)
         return ca.Function("control", [x, t, self.p], [tau], ["x", "t", "p"], ["tau"], {"cse": True})
+
+    # -----------------------------------------------------------------------------------------------------------------
+    # The whip at rest
 
     @cached_property
     def whip_balance(self) -> ca.Function:
-        """Balance of the resting whip at q (n,): gradient (N,) and Hessian (N, N) of the potential energy with respect
-        to the whip's joints, and the gradient's change (N,) along dq (arm joints only) and dp."""
-        q, dq, dp = ca.SX.sym("q", self.structure.n), ca.SX.sym("dq", self.structure.n), ca.SX.sym("dp", self.p.numel())
-        a = self.structure.n_arm
-        hessian, gradient = ca.hessian(potential_energy(self.chain, q), q)
-        change = ca.jtimes(gradient, q, dq) + ca.jtimes(gradient, self.p, dp)
-        outputs = [gradient[a:], hessian[a:, a:], change[a:]]
-        return ca.Function("whip_balance", [q, self.p, dq, dp], outputs, {"cse": True})
+        """Balance of the resting whip at q (n,): `whip_balance(q, p, dq, dp)` gives the slopes of its potential energy
+        by its own joints (n - a,), and their change along dq (n,) and dp."""
+        a, K = self.n_drive, len(self.hinges)
+        q, dq, dp = ca.SX.sym("q", self.n), ca.SX.sym("dq", self.n), ca.SX.sym("dp", self.p.numel())
+        still, gravity = ca.SX.zeros(K), self.parameters["gravity"]
+        frame = self.hand(q[:a], ca.SX.zeros(a), ca.SX.zeros(self.n_inputs)).frame
+        links = []
+        for i in range(self.n_links):
+            w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
+            own, (link, joint) = q[a + K * i : a + K * (i + 1)], self.link(w)
+            frame, moving = spatial.outward(frame, own, still, link, self.hinges)
+            links.append((moving, link.mass * gravity, passive_torque(joint, own, still)))
+        slopes, weight, moment = [], ca.SX(0), ca.SX.zeros(3)
+        for moving, own_weight, springs in reversed(links):
+            weight = weight + own_weight
+            moment = moment + ca.cross(moving.r, ca.vertcat(0, 0, weight))
+            slopes.append(ca.mtimes(moving.axes.T, moment) - springs)
+        slope = ca.vertcat(*reversed(slopes))
+        change = ca.jtimes(slope, q, dq) + ca.jtimes(slope, self.p, dp)
+        return ca.Function("whip_balance", [q, self.p, dq, dp], [slope, change], {"cse": True})
+
+    # -----------------------------------------------------------------------------------------------------------------
+    # Energy
+
+    @cached_property
+    def energies(self) -> ca.Function:
+        """Kinetic energy, and potential energy of weight and springs, of `energies(q, v, p)` [J]; weight is counted
+        from the base's height."""
+        a, K = self.n_drive, len(self.hinges)
+        q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
+        at, gravity = self.arm.posture(q[:a]), self.parameters["gravity"]
+        frame = self.hand(q[:a], v[:a], ca.SX.zeros(self.n_inputs)).frame
+        T, V = self.arm.kinetic(q[:a], v[:a]), self.arm.potential(at, gravity)
+        for i in range(self.n_links):
+            w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
+            own, (link, joint) = slice(a + K * i, a + K * (i + 1)), self.link(w)
+            frame, _ = spatial.outward(frame, q[own], v[own], link, self.hinges)
+            T += (link.mass * ca.sumsqr(frame.velocity) + link.inertia * ca.sumsqr(frame.speed)) / 2
+            bent = q[own] - joint.rest_angle
+            V += link.mass * gravity * frame.place[2]
+            V += ca.sum1(joint.stiffness * bent**2 / 2 + joint.cubic_stiffness * bent**4 / 4)
+        return ca.Function("energies", [q, v, self.p], [T, V], {"cse": True})
+
+    @cached_property
+    def mass_matrix(self) -> ca.Function:
+        """Joint-space inertia (n, n) of `mass_matrix(q, p)` [kg m^2]: the kinetic energy's second derivatives by speeds,
+        with the rotors'."""
+        q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
+        T, _ = self.energies(q, v, self.p)
+        return ca.Function("mass_matrix", [q, self.p], [ca.hessian(T, v)[0]], {"cse": True})
 
 
 @lru_cache(maxsize=32)

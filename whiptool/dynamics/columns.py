@@ -28,16 +28,25 @@ class Columns(dict[str, slice]):
         return {name: self.width} | {f"{name}_{block}": columns.start for block, columns in self.items()}
 
 
-def outcome_columns(a: int) -> Columns:
-    """Return the columns of what an engine says of each strike, for a drive of `a` joints.
+def outcome_columns(a: int, dimension: int) -> Columns:
+    """Return the columns of what an engine says of each strike, for a drive of `a` joints, in the plane or in space.
 
     The miss distance, its time, the tip's velocity and place there, whether the lane broke off, its last step, the
     derivative of the miss distance, and each drive joint's largest speed and torque.
     """
-    sizes = {"distance": 1, "time": 1, "velocity": 2, "tip": 2, "diverged": 1, "last_step": 1, "slope": 1}
+    sizes = {
+        "distance": 1,
+        "time": 1,
+        "velocity": dimension,
+        "tip": dimension,
+        "diverged": 1,
+        "last_step": 1,
+        "slope": 1,
+    }
     return Columns(sizes | {"max_joint_speed": a, "max_torque": a})
 
 
-def row_columns(n: int, a: int) -> Columns:
-    """Return the columns of a trajectory's row: time, state of n joints, torques of a drive of `a` joints."""
-    return Columns({"t": 1, "x": 2 * n, "tau": a})
+def row_columns(n: int, a: int, dimension: int) -> Columns:
+    """Return the columns of a trajectory's row: time, state of n joints, torques of a drive of `a` joints, the tip's
+    place and velocity."""
+    return Columns({"t": 1, "x": 2 * n, "tau": a, "tip": dimension, "velocity": dimension})

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 
 from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.models.kinematics import arm_frames, hanging_angles
 from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
 
 _AT_ONCE = 24  # postures in one call
 
@@ -31,10 +34,13 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
     a, n = model.arm.n, model.n
     q = np.zeros((len(q_i), n))
     q[:, :a] = q_i
-    q[:, a] = -q_i.sum(axis=1)
+    if isinstance(model.arm, SpatialArm):
+        q[:, a : a + 2] = hanging_angles(model.arm, q_i)
+    else:
+        q[:, a] = -q_i.sum(axis=1)
     if hangs_straight(model):
         return q
-    if not hinge_is_free(model):
+    if not hinge_is_free(model) or model.dimension == 3:
         _settle(model, q)
         return q
     hanging = np.zeros((1, n))
@@ -45,14 +51,18 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
 
 def _settle(model: Model, q: np.ndarray) -> None:
     """Moves the whip's joints to where weight and springs balance, in place."""
+    from whiptool.impedance.controller import Controller
+
     a, n = model.arm.n, model.n
-    balance, p = _balance(model)
+    controller = Controller()  # any: only the whip's potential energy is used
+    structure = Structure.of(model, controller)
+    p = structure.pack(model, controller, np.zeros((1, 2 * a + 1)))
     for row in q:
         for _ in range(100):
-            gradient, hessian, _ = (x.full() for x in balance(row, p, 0, 0))
+            slope, hessian = _slopes(structure, row[None], p)
             # a negative curvature would lead uphill: damp until the Hessian is positive
-            shift = max(0.0, 1e-9 - np.linalg.eigvalsh(hessian)[0])
-            step = np.linalg.solve(hessian + shift * np.eye(n - a), gradient[:, 0])
+            shift = max(0.0, 1e-9 - np.linalg.eigvalsh(hessian[0])[0])
+            step = np.linalg.solve(hessian[0] + shift * np.eye(n - a), slope[0])
             largest = np.abs(step).max()
             row[a:] -= step if largest < 0.5 else step * (0.5 / largest)
             if largest < 1e-12:
@@ -62,35 +72,61 @@ def _settle(model: Model, q: np.ndarray) -> None:
 def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.ndarray, dp: np.ndarray) -> np.ndarray:
     """Change of the start postures q (B, n) along changes dp (B, P) of the parameters p (B, P): (B, n).
 
-    Where the whip is bent, balance is kept: `H dq_whip = -(change of the energy's gradient)`.
+    Where the whip is bent, balance is kept: `H dq_whip = -(change of the energy's slopes)`.
     """
     a = structure.n_arm
     dq = np.zeros_like(q)
     dq[:, :a] = dp[:, :a]  # q_i stands first
-    dq[:, a] = -dp[:, :a].sum(axis=1)
+    if not len(q):
+        return dq
     springs = ["whip.k", *(["whip.cubic_stiffness"] if "cubic_stiffness" in structure.optional else [])]
     hinge = [structure.columns(name).start for name in springs]  # a spring at the hinge would bend the whip
     if hangs_straight(model) and "rest_angle" not in structure.optional and not dp[:, hinge].any():
+        if isinstance(model.arm, SpatialArm):
+            dq[:, a : a + 2] = _hanging_change(model.arm, q[:, :a], dq[:, :a])
+        else:
+            dq[:, a] = -dp[:, :a].sum(axis=1)
         return dq
-    dq[:, a:] = 0
-    balance, n = _at_once(structure), structure.n - a
-    for i in range(0, len(q), _AT_ONCE):
-        some = slice(i, i + _AT_ONCE)
-        columns = [np.pad(x[some], ((0, _AT_ONCE - len(q[some])), (0, 0)), "edge").T for x in (q, p, dq, dp)]
-        _, hessian, change = (x.full() for x in balance(*columns))
-        hessians = hessian.reshape(n, _AT_ONCE, n).transpose(1, 0, 2)
-        dq[some, a:] = -np.linalg.solve(hessians, change.T[..., None])[: len(q[some]), :, 0]
+    change = _along(structure, q, p, dq, dp)[1]
+    starts, which = np.unique(np.hstack([q, p]), axis=0, return_inverse=True)  # strikes come once for each direction
+    hessians = _slopes(structure, *np.split(starts, [q.shape[1]], axis=1))[1]
+    dq[:, a:] = -np.linalg.solve(hessians[which.ravel()], change[..., None])[..., 0]
     return dq
 
 
+def _hanging_change(arm: SpatialArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Change (B, 2) of `hanging_angles` along changes of the arm's joints (B, a)."""
+    hand = arm_frames(arm, q, dq)[-1]
+    down = np.array([0.0, 0.0, -1.0])
+    g = np.einsum("bji,j->bi", hand.rotation, down)  # in the hand's frame
+    dg = -np.einsum("bji,bj->bi", hand.rotation, np.cross(hand.spin, down))
+    across = g[:, 1] ** 2 + g[:, 2] ** 2  # zero where the whip hangs along the first hinge: its angle is any
+    across = np.where(across > 0, across, np.inf)
+    dx = (g[:, 1] * dg[:, 2] - g[:, 2] * dg[:, 1]) / across
+    return np.stack([dx, dg[:, 0] / np.sqrt(across)], axis=1)
+
+
+def _slopes(structure: Structure, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (B, m) and Hessians (B, m, m) of the potential energy by the whip's m joints."""
+    B, n = q.shape
+    a = structure.n_arm
+    units = np.tile(np.eye(n)[a:], (B, 1))
+    slope, change = _along(structure, *(np.repeat(x, n - a, axis=0) for x in (q, p)), units, np.zeros((1, p.shape[1])))
+    return slope[:: n - a], change.reshape(B, n - a, n - a)
+
+
+def _along(structure: Structure, q: np.ndarray, p: np.ndarray, dq: np.ndarray, dp: np.ndarray) -> list[np.ndarray]:
+    """Slopes of the potential energy by the whip's joints and their change, (B, m) each; see `whip_balance`."""
+    balance, B = _at_once(structure), len(q)
+    dp = np.broadcast_to(dp, p.shape)
+    found = []
+    for i in range(0, B, _AT_ONCE):
+        some = slice(i, i + _AT_ONCE)
+        columns = [np.pad(x[some], ((0, _AT_ONCE - len(q[some])), (0, 0)), "edge").T for x in (q, p, dq, dp)]
+        found.append([x.full().T[: len(q[some])] for x in balance(*columns)])
+    return [np.concatenate(parts) for parts in zip(*found, strict=True)]
+
+
 @lru_cache(maxsize=8)
-def _at_once(structure: Structure):
+def _at_once(structure: Structure) -> ca.Function:
     return closed_loop(structure).whip_balance.map(_AT_ONCE)
-
-
-def _balance(model: Model):
-    from whiptool.impedance.controller import Controller
-
-    controller = Controller()  # any: only the potential energy is used
-    structure = Structure.of(model, controller)
-    return closed_loop(structure).whip_balance, structure.pack(model, controller, np.zeros((1, 2 * model.arm.n + 1)))[0]

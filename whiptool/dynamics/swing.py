@@ -9,9 +9,11 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.articulated import Acceleration, Carried, Moving
-from whiptool.dynamics.chain import Base, Chain
-from whiptool.dynamics.system import Hand, Reaction, System
+from whiptool.dynamics.chain import Base
+from whiptool.dynamics.columns import Columns
+from whiptool.dynamics.records import Nothing
+from whiptool.dynamics.spatial import SpatialAcceleration, SpatialCarried, SpatialFrame, Turned
+from whiptool.dynamics.system import Hand, Instant, Reaction, System
 
 BASE = 7  # numbers that describe the base at one instant, in the order of `Base`
 _OPTIONAL = ("stiffness", "rest_angle", "dry_friction", "drag", "cubic_stiffness", "drag_ratio")
@@ -77,27 +79,9 @@ class Swing(System):
         P = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
         self.p = ca.vertcat(*P.values())
         self.gravity = P["gravity"]
-        zeros = ca.SX.zeros(self.n)
-        self.chain = Chain(
-            length=P["length"],
-            mass=P["mass"],
-            com=P["length"] if structure.point_masses else P["com"],
-            inertia=zeros if structure.point_masses else P["inertia"],
-            stiffness=P.get("stiffness", zeros),
-            damping=P["damping"],
-            rest_angle=P.get("rest_angle", zeros),
-            dry_friction=P.get("dry_friction", zeros),
-            drag=P.get("drag", zeros),
-            cubic_stiffness=P.get("cubic_stiffness", zeros),
-            drag_ratio=P.get("drag_ratio", 1.0),
-            friction_velocity=P.get("friction_velocity", 1.0),
-            gravity=P["gravity"],
-        )
-        firsts = np.cumsum([0, *structure.layout.values()])
+        columns = Columns(structure.layout)
         self.link_columns = {
-            name: (int(first), int(size > 1))
-            for (name, size), first in zip(structure.layout.items(), firsts, strict=False)
-            if name != "gravity"
+            name: (columns[name].start, int(size > 1)) for name, size in structure.layout.items() if name != "gravity"
         }
 
     def _base(self, u: ca.SX) -> Base:
@@ -105,22 +89,16 @@ class Swing(System):
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
         """Return the base's frame; places are counted from the base."""
-        return Hand(self._base(u).frame, ca.SX(0, 2), ca.SX(0, 1), [])
+        base, zero = self._base(u), ca.SX(0)
+        turned = Turned(ca.densify(ca.SX.eye(3)), ca.SX(base.angle))
+        speed, velocity = ca.vertcat(zero, -base.omega, zero), ca.vertcat(base.vx, zero, base.vy)
+        return Hand(SpatialFrame(turned, speed, velocity, ca.SX.zeros(3)), ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
-    def react(
-        self,
-        t: ca.SX,
-        h: ca.SX,
-        q: ca.SX,
-        v: ca.SX,
-        u: ca.SX,
-        before: ca.SX | None,
-        moving: list[Moving],
-        carried: Carried,
-    ) -> Reaction:
+    def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
         """Return the base's acceleration, whatever it carries; gravity is part of it."""
-        base = self._base(u)
-        acceleration = Acceleration(ca.SX(base.ax), self.gravity + base.ay, ca.SX(base.alpha))
+        base, zero = self._base(now.u), ca.SX(0)
+        linear = ca.vertcat(base.ax, zero, self.gravity + base.ay)
+        acceleration = SpatialAcceleration(ca.vertcat(zero, -base.alpha, zero), linear)
         return Reaction(ca.SX(0, 1), acceleration, ca.SX(0, 1))
 
 

@@ -3,50 +3,85 @@
 A compiled engine loops over links with the functions of `System.functions`, so that the generated code does not grow
 with the number of links. `System.step` composes the same expressions into one function, for the interpreter and for
 whoever wants to look at them.
+
+The plane is the case of parallel axes: what is zero there, or never asked for, has no column in the compiled code.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from whiptool.dynamics import articulated
-from whiptool.dynamics.articulated import Acceleration, Carried, Joint, JointFrame, Moving
+from whiptool.dynamics import spatial
 from whiptool.dynamics.chain import Chain, passive_torque
 from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicted
+from whiptool.dynamics.records import Record, Stored
+from whiptool.dynamics.spatial import (
+    Axis,
+    Link,
+    SpatialAcceleration,
+    SpatialCarried,
+    SpatialFrame,
+    SpatialJoint,
+    SpatialMoving,
+)
 
-TIP = ("x", "y", "vx", "vy")  # what a step says of the tip
+SPEED, VELOCITY, PLACE = 10, 13, 16  # where these begin among the entries of a frame
+ANGLE = 9
+
+
+class Instant(NamedTuple):
+    """Time and step [s], position and speed of the drive's joints (a, 1), input (n_inputs, 1)."""
+
+    t: ca.SX
+    h: ca.SX
+    q: ca.SX
+    v: ca.SX
+    u: ca.SX
 
 
 class Hand(NamedTuple):
-    """Where the whip begins; far ends (a, 2) [m], absolute angles (a, 1) and movement of the drive's links."""
+    """Where the whip begins; far ends (a, 3) [m] and, in the plane, absolute angles (a, 1) of the drive's links, and
+    what the drive keeps for its reaction."""
 
-    frame: JointFrame
+    frame: SpatialFrame
     ends: ca.SX
     angles: ca.SX
-    moving: list[Moving]
+    motion: Record
 
 
 class Reaction(NamedTuple):
     """Accelerations of the drive's joints (a, 1), of the hand, and the drive's torques (a, 1) [N m]."""
 
     qdd: ca.SX
-    acceleration: Acceleration
+    acceleration: SpatialAcceleration
     torque: ca.SX
+
+
+class _Columns(NamedTuple):
+    """What of each record stands in columns."""
+
+    frame: Stored[SpatialFrame]
+    motion: Stored[Any]
+    moving: Stored[SpatialMoving]
+    carried: Stored[SpatialCarried]
+    joint: Stored[SpatialJoint]
+    acceleration: Stored[SpatialAcceleration]
 
 
 class System(ABC):
     """A chain of links behind a drive, of which the drive's joints come first.
 
     Attributes:
-        n_drive, n_links: Joints of the drive and of the whip.
+        n_drive, n_links: Joints of the drive, and links of the whip.
         n_inputs: Numbers that drive it from outside at each instant: a held torque, or a base's motion.
         held: The input is a torque that `control` gives and that is held.
+        dimension: 2 in the plane, 3 in space.
+        hinges: Axes of each link's hinges, in the axes of the link before, each turned by those before it.
         p: Parameters, (P, 1).
-        chain: All links.
         link_columns: Where the whip's quantities stand in p: (first, stride from link to link) by quantity.
     """
 
@@ -59,8 +94,9 @@ class System(ABC):
     n_links: int
     n_inputs: int
     held: bool
+    dimension: int = 2
+    hinges: tuple[Axis, ...] = ((0.0, -1.0, 0.0),)
     p: ca.SX
-    chain: Chain
     link_columns: dict[str, tuple[int, int]]
 
     @abstractmethod
@@ -68,101 +104,97 @@ class System(ABC):
         """Return where the whip begins, for the drive's joints (a, 1) and the input."""
 
     @abstractmethod
-    def react(
-        self,
-        t: ca.SX,
-        h: ca.SX,
-        q: ca.SX,
-        v: ca.SX,
-        u: ca.SX,
-        before: ca.SX | None,
-        moving: list[Moving],
-        carried: Carried,
-    ) -> Reaction:
+    def react(self, now: Instant, before: ca.SX | None, motion: Any, carried: SpatialCarried) -> Reaction:
         """Return how the drive moves under what it carries.
 
         Args:
-            t, h: Time and step [s].
-            q, v: The drive's joints, (a, 1).
-            u: Input, (n_inputs, 1).
+            now: Time, step, the drive's state and input of this stage.
             before: Accelerations of the first stage (a, 1), in the second.
-            moving: How its links move, as `hand` says.
+            motion: What `hand` keeps.
             carried: What the hand carries.
         """
 
     @property
     def n(self) -> int:
         """Number of all joints."""
-        return self.n_drive + self.n_links
+        return self.n_drive + self.n_links * len(self.hinges)
 
     @property
     def n_parameters(self) -> int:
         """Length of the parameter vector."""
         return self.p.numel()
 
-    def link(self, w: ca.SX) -> Chain:
-        """Return one link as a chain, of its numbers in the order of `link_columns`."""
+    @property
+    def coordinates(self) -> tuple[int, ...]:
+        """Which of x, y and z a place has: x and z in the plane, which lies in space upright."""
+        return (0, 2) if self.dimension == 2 else (0, 1, 2)
+
+    def link(self, w: ca.SX) -> tuple[Link, Chain]:
+        """Return one link, and what is at its joint as a chain of one, of its numbers in the order of
+        `link_columns`."""
         of = dict(zip(self.link_columns, ca.vertsplit(w), strict=True))
         zero = ca.SX(0)
         quantities = {name: of.get(name, zero) for name in self.LINK_QUANTITIES}
         quantities["com"] = of.get("com", of["length"])
         quantities["drag_ratio"] = of.get("drag_ratio", ca.SX(1))
         quantities["friction_velocity"] = of.get("friction_velocity", ca.SX(1))
-        return Chain(**quantities, gravity=0.0)
+        link = Link(*(quantities[name] for name in Link._fields))
+        return link, Chain(**quantities, gravity=0.0)
 
     # -----------------------------------------------------------------------------------------------------------------
     # One link
 
     def move_link(
-        self, frame: JointFrame, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
-    ) -> tuple[JointFrame, Moving, ca.SX, ca.SX]:
-        """Return the frame at a link's end, how it moves, its joint's torque and armature in this stage."""
-        chain = self.link(w)
-        end, moving = articulated.outward(frame, q, v, chain.links[0])
-        armature = GAMMA * h * damping_gain(chain, v)
-        torque = passive_torque(chain, q, v)
+        self, frame: SpatialFrame, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
+    ) -> tuple[SpatialFrame, SpatialMoving, ca.SX, ca.SX]:
+        """Return the frame at a link's end, how it moves, its hinges' torques and armatures (K, 1) in this stage."""
+        link, joint = self.link(w)
+        end, moving = spatial.outward(frame, q, v, link, self.hinges)
+        armature = GAMMA * h * damping_gain(joint, v)
+        torque = passive_torque(joint, q, v)
         if before is not None:
             torque += 2 * armature * before
         return end, moving, torque, armature
 
     def carry_link(
-        self, carried: Carried, moving: Moving, w: ca.SX, torque: ca.SX, armature: ca.SX
-    ) -> tuple[Carried, Joint]:
-        """Return what the link before carries of this one, and what the joint keeps."""
-        carried = articulated.inward(carried, moving, self.link(w).links[0])
-        joint = articulated.joint(carried, torque, armature)
-        return articulated.share(carried, joint, armature), joint
+        self, carried: SpatialCarried, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX
+    ) -> tuple[SpatialCarried, SpatialJoint]:
+        """Return what the link before carries of this one, and what its hinges keep."""
+        carried = spatial.inward(carried, moving, self.link(w)[0])
+        return spatial.give_way(carried, moving.axes, torque, armature)
 
     # -----------------------------------------------------------------------------------------------------------------
     # Composed
 
     def _stage(
-        self, x: tuple[ca.SX, ca.SX], t: ca.SX, h: ca.SX, u: ca.SX, before: ca.SX | None
-    ) -> tuple[ca.SX, Reaction, Hand, list[JointFrame]]:
-        """Accelerations (n, 1) of one stage, the drive's reaction, the hand, and the links' ends."""
-        a, N = self.n_drive, self.n_links
-        q, v = x
+        self, at: Instant, q: ca.SX, v: ca.SX, before: ca.SX | None
+    ) -> tuple[ca.SX, Reaction, Hand, list[SpatialFrame]]:
+        """Accelerations (n, 1) of one stage, the drive's reaction, the hand, and the links' ends.
+
+        Args:
+            at: Time, step, input, and state of the drive.
+            q, v: State of the whip's joints.
+            before: Accelerations of the first stage (n, 1), in the second.
+        """
+        a, N, K = self.n_drive, self.n_links, len(self.hinges)
         numbers = [ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values())) for i in range(N)]
-        hand = self.hand(q[:a], v[:a], u)
-        frame, frames, moving, torques, armatures = hand.frame, [], [], [], []
+        hand = self.hand(at.q, at.v, at.u)
+        frame, frames, links = hand.frame, [], []
         for i, w in enumerate(numbers):
-            k1 = None if before is None else before[a + i]
-            frame, moves, torque, armature = self.move_link(frame, q[a + i], v[a + i], w, h, k1)
+            own = slice(K * i, K * (i + 1))
+            k1 = None if before is None else before[a:][own]
+            frame, *link = self.move_link(frame, q[own], v[own], w, at.h, k1)
             frames.append(frame)
-            moving.append(moves)
-            torques.append(torque)
-            armatures.append(armature)
-        carried, joints = Carried(), []
-        for i in reversed(range(N)):
-            carried, joint = self.carry_link(carried, moving[i], numbers[i], torques[i], armatures[i])
+            links.append(link)
+        carried, joints = SpatialCarried(), []
+        for w, (moving, torque, armature) in zip(reversed(numbers), reversed(links), strict=True):
+            carried, joint = self.carry_link(carried, moving, w, torque, armature)
             joints.append(joint)
         joints.reverse()
-        k1 = None if before is None else before[:a]
-        reaction = self.react(t, h, q[:a], v[:a], u, k1, hand.moving, carried)
-        at, accelerations = reaction.acceleration, [reaction.qdd]
-        for i in range(N):
-            qdd = articulated.joint_acceleration(at, joints[i])
-            at = articulated.accelerate(at, qdd, moving[i])
+        reaction = self.react(at, None if before is None else before[:a], hand.motion, carried)
+        acceleration, accelerations = reaction.acceleration, [reaction.qdd]
+        for joint, (moving, *_) in zip(joints, links, strict=True):
+            qdd, acceleration = spatial.accelerate(acceleration, joint, moving)
             accelerations.append(qdd)
         return ca.vertcat(*accelerations), reaction, hand, frames
 
@@ -173,15 +205,42 @@ class System(ABC):
         Besides the next state it returns, at the step's start, the tip's position and velocity, the drive's torques,
         and what `observed` lists.
         """
-        n = self.n
+        n, a = self.n, self.n_drive
         x, t, h = ca.SX.sym("x", 2 * n), ca.SX.sym("t"), ca.SX.sym("h")
         u, u_end = ca.SX.sym("u", self.n_inputs), ca.SX.sym("u_end", self.n_inputs)
         q, v = x[:n], x[n:]
-        k1, reaction, hand, frames = self._stage((q, v), t, h, u, None)
-        w, *_ = self._stage(predicted(q, v, k1, h), t + h, h, u_end, k1)
-        outputs = [ca.vertcat(*advanced(q, v, k1, w, h)), tip_of(frames[-1]), reaction.torque, observed(hand, frames)]
+        k1, reaction, hand, frames = self._stage(Instant(t, h, q[:a], v[:a], u), q[a:], v[a:], None)
+        later = predicted(q, v, k1, h)
+        at_end = Instant(t + h, h, *(y[:a] for y in later), u_end)
+        w, *_ = self._stage(at_end, *(y[a:] for y in later), k1)
+        tip = ca.vertcat(frames[-1].place[self._places], frames[-1].velocity[self._places])
+        outputs = [ca.vertcat(*advanced(q, v, k1, w, h)), tip, reaction.torque, self._observed(hand, frames)]
         names = ["x", "t", "h", "p", "u", "u_end"], ["x_next", "tip", "tau", "observed"]
         return ca.Function("step", [x, t, h, self.p, u, u_end], outputs, *names, {"cse": True})
+
+    @cached_property
+    def acceleration(self) -> ca.Function:
+        """Accelerations (n, 1) of `acceleration(x, t, p, u)`."""
+        n, a = self.n, self.n_drive
+        x, t, u = ca.SX.sym("x", 2 * n), ca.SX.sym("t"), ca.SX.sym("u", self.n_inputs)
+        q, v = x[:n], x[n:]
+        found, *_ = self._stage(Instant(t, ca.SX(0), q[:a], v[:a], u), q[a:], v[a:], None)
+        return ca.Function("acceleration", [x, t, self.p, u], [found], {"cse": True})
+
+    @property
+    def _places(self) -> list[int]:
+        return list(self.coordinates)
+
+    def _observed(self, hand: Hand, frames: list[SpatialFrame]) -> ca.SX:
+        """All links' far ends (coordinates of each in turn) and in the plane their absolute angles, (observed, 1)."""
+        ends = [ca.vec(hand.ends[:, self._places].T), *(frame.place[self._places] for frame in frames)]
+        angles = [hand.angles, *(frame.turned.angle for frame in frames)] if self.dimension == 2 else []
+        return ca.vertcat(*ends, *angles)
+
+    @property
+    def n_observed(self) -> int:
+        """Number of columns of what is observed."""
+        return (self.n_drive + self.n_links) * 3  # x, y and angle, or x, y, z
 
     @cached_property
     def step_forward(self) -> ca.Function:
@@ -206,72 +265,91 @@ class System(ABC):
     # For a loop over links
 
     @cached_property
+    def _symbols(self) -> dict[str, ca.SX]:
+        """Inputs of the functions of one link and of the drive."""
+        a, K = self.n_drive, len(self.hinges)
+        sizes = {"q": K, "v": K, "before": K, "torque": K, "armature": K, "w": len(self.link_columns)}
+        sizes |= {"qa": a, "va": a, "before_a": a, "u": self.n_inputs, "t": 1, "h": 1}
+        return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+
+    @cached_property
+    def columns(self) -> _Columns:
+        """What of the records stands in columns, found by following them along the whip until nothing is new."""
+        s = self._symbols
+        hand = self.hand(s["qa"], s["va"], s["u"])
+
+        def out(frame: SpatialFrame) -> SpatialFrame:
+            return self.move_link(frame, s["q"], s["v"], s["w"], s["h"], None)[0]
+
+        seen = [first + i for first in (VELOCITY, PLACE) for i in self.coordinates]
+        seen += [ANGLE] if self.dimension == 2 else []
+        frame = Stored.along(hand.frame, "frame", out, always=seen)
+        motion = Stored.of(hand.motion, "motion")
+        moving = Stored.of(self.move_link(frame.record, s["q"], s["v"], s["w"], s["h"], None)[1], "moving")
+
+        def carry(carried: SpatialCarried) -> tuple[SpatialCarried, SpatialJoint]:
+            return self.carry_link(carried, moving.record, s["w"], s["torque"], s["armature"])
+
+        def uses(carried: SpatialCarried) -> ca.SX:
+            at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
+            reaction = self.react(at, s["before_a"], motion.record, carried)
+            return ca.vertcat(*carry(carried)[1].entries(), reaction.qdd, *reaction.acceleration.entries())
+
+        every = Stored.along(SpatialCarried(), "carried", lambda x: carry(x)[0])
+        carried = every.needed(SpatialCarried(), "carried", uses, lambda x: carry(x)[0])
+        joint = Stored.of(carry(carried.record)[1], "joint")
+        at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
+        start = self.react(at, s["before_a"], motion.record, carried.record).acceleration
+        acceleration = Stored.along(
+            start, "acceleration", lambda x: spatial.accelerate(x, joint.record, moving.record)[1]
+        )
+        return _Columns(frame, motion, moving, carried, joint, acceleration)
+
+    @cached_property
     def functions(self) -> dict[str, ca.Function]:
         """What a compiled engine is made of, by name; each takes and gives columns."""
-        a, W = self.n_drive, len(self.link_columns)
-        q, v, h, before, w = (*(ca.SX.sym(name) for name in ("q", "v", "h", "before")), ca.SX.sym("w", W))
-        frame, carried, joint, at = (
-            ca.SX.sym(kind.__name__, len(kind._fields)) for kind in (JointFrame, Carried, Joint, Acceleration)
-        )
-        qa, va, u = ca.SX.sym("qa", a), ca.SX.sym("va", a), ca.SX.sym("u", self.n_inputs)
-        before_a = ca.SX.sym("before_a", a)
-        t, torque, armature, k1, k2 = (ca.SX.sym(name) for name in ("t", "torque", "armature", "k1", "k2"))
-
-        def parts(kind: type, column: ca.SX):
-            return kind(*ca.vertsplit(column))
-
-        hand = self.hand(qa, va, u)
-        arm_moves, arm_moving, arm_kept = _stored(hand.moving)
-        end, moves, *first_torque = self.move_link(parts(JointFrame, frame), q, v, w, h, None)
-        again = self.move_link(parts(JointFrame, frame), q, v, w, h, before)[2:]
-        turns = end[:2] if self.link(w).links[0].drag.is_zero() else end[:4]  # all that the second stage needs of it
-        moves, moving, (kept,) = _stored([moves])
-        carries, keeps = self.carry_link(parts(Carried, carried), kept, w, torque, armature)
-        qdd = articulated.joint_acceleration(parts(Acceleration, at), parts(Joint, joint))
-        ahead = articulated.accelerate(parts(Acceleration, at), qdd, kept)
-        reaction = self.react(t, h, qa, va, u, before_a, arm_kept, parts(Carried, carried))
+        s, c = self._symbols, self.columns
+        q, v, w, h, before = (s[name] for name in ("q", "v", "w", "h", "before"))
+        hand = self.hand(s["qa"], s["va"], s["u"])
+        end, moves, *first_torque = self.move_link(c.frame.record, q, v, w, h, None)
+        again = self.move_link(c.frame.record, q, v, w, h, before)[2:]
+        going_on = VELOCITY if self.link(w)[0].drag.is_zero() else PLACE  # all that the second stage needs of a frame
+        turns = c.frame.column(end)[: len({i for i in c.frame.where[:going_on] if i is not None})]
+        carries, keeps = self.carry_link(c.carried.record, c.moving.record, w, s["torque"], s["armature"])
+        qdd, ahead = spatial.accelerate(c.acceleration.record, c.joint.record, c.moving.record)
+        at = Instant(s["t"], h, s["qa"], s["va"], s["u"])
+        reaction = self.react(at, s["before_a"], c.motion.record, c.carried.record)
+        frame, moving, carried = c.frame.symbols, c.moving.symbols, c.carried.symbols
+        k1, k2, x, y = (ca.SX.sym(name) for name in ("k1", "k2", "q", "v"))
         table = {
-            "hand": ([qa, va, self.p, u], [ca.vertcat(*hand.frame), ca.vec(hand.ends.T), hand.angles, arm_moves]),
-            "outward": ([frame, q, v, w, h], [ca.vertcat(*end), moves, *first_torque]),
-            "outward_again": ([frame, q, v, w, h, before], [ca.vertcat(*turns), moves, *again]),
-            "inward": ([carried, moving, w, torque, armature], [ca.vertcat(*carries), ca.vertcat(*keeps)]),
-            "react": (
-                [t, h, qa, va, self.p, u, before_a, arm_moving, carried],
-                [reaction.qdd, ca.vertcat(*reaction.acceleration), reaction.torque],
+            "hand": (
+                [s["qa"], s["va"], self.p, s["u"]],
+                [c.frame.column(hand.frame), ca.vec(hand.ends[:, self._places].T), hand.angles]
+                + [c.motion.column(hand.motion)],
             ),
-            "accelerate": ([at, joint, moving], [ca.vertcat(*ahead), qdd]),
-            "predict": ([q, v, k1, h], [*predicted(q, v, k1, h)]),
-            "advance": ([q, v, k1, k2, h], [*advanced(q, v, k1, k2, h)]),
+            "outward": ([frame, q, v, w, h], [c.frame.column(end), c.moving.column(moves), *first_torque]),
+            "outward_again": ([frame, q, v, w, h, before], [turns, c.moving.column(moves), *again]),
+            "inward": (
+                [carried, moving, w, s["torque"], s["armature"]],
+                [c.carried.column(carries), c.joint.column(keeps)],
+            ),
+            "react": (
+                [s["t"], h, s["qa"], s["va"], self.p, s["u"], s["before_a"], c.motion.symbols, carried],
+                [reaction.qdd, c.acceleration.column(reaction.acceleration), reaction.torque],
+            ),
+            "accelerate": ([c.acceleration.symbols, c.joint.symbols, moving], [c.acceleration.column(ahead), qdd]),
+            "predict": ([x, y, k1, h], [*predicted(x, y, k1, h)]),
+            "advance": ([x, y, k1, k2, h], [*advanced(x, y, k1, k2, h)]),
         }
         found = {name: ca.Function(name, *sides, {"cse": True}) for name, sides in table.items()}
         return found | {"control": self.control} if self.held else found
 
-
-def _stored(moving: list[Moving]) -> tuple[ca.SX, ca.SX, list[Moving]]:
-    """Return what of moving links differs from zero and from each other, symbols for it, and the links of symbols."""
-    different: list[ca.SX] = []
-    places: list[int | None] = []
-    for value in (ca.SX(x) for link in moving for x in link):
-        same = [i for i, x in enumerate(different) if ca.is_equal(x, value)]
-        if not same and not value.is_zero():
-            same = [len(different)]
-            different.append(value)
-        places.append(same[0] if same else None)
-    symbols = ca.SX.sym("moving", len(different))
-    values = [ca.SX(0) if i is None else symbols[i] for i in places]
-    width = len(Moving._fields)
-    return ca.vertcat(*different), symbols, [Moving(*values[i : i + width]) for i in range(0, len(values), width)]
-
-
-def tip_of(frame: JointFrame) -> ca.SX:
-    """Return the tip's position and velocity (4, 1), in the order of `TIP`."""
-    return ca.vertcat(frame.x, frame.y, frame.vx, frame.vy)
-
-
-def observed(hand: Hand, frames: list[JointFrame]) -> ca.SX:
-    """Return all links' far ends (x, y of each in turn) and their absolute angles, (3 n, 1)."""
-    places = [ca.vec(hand.ends.T), *(ca.vertcat(frame.x, frame.y) for frame in frames)]
-    return ca.vertcat(*places, hand.angles, *(frame.angle for frame in frames))
+    @property
+    def frame_columns(self) -> dict[str, int]:
+        """First column of a frame's place, velocity and, in the plane, angle."""
+        where = self.columns.frame.where
+        found = {"place": where[PLACE], "velocity": where[VELOCITY], "angle": where[ANGLE]}
+        return {name: 0 if i is None else i for name, i in found.items()}
 
 
 def along(function: ca.Function) -> ca.Function:

@@ -16,9 +16,9 @@ from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_from_table
-from whiptool.models.files import read_toml
 from whiptool.models.parameters import Model, number
 from whiptool.models.profile import WhipProfile
+from whiptool.models.tables import read_toml
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
 

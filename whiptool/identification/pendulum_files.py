@@ -26,8 +26,8 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording, Pendulum
-from whiptool.models.files import read_toml
 from whiptool.models.parameters import ArmLink, number, whole
+from whiptool.models.tables import read_toml
 from whiptool.recording.parsing import parsing, whole_file
 from whiptool.recording.readers.table import read_columns
 from whiptool.whole_files import write_whole

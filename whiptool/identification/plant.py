@@ -112,7 +112,7 @@ class Plant:
         for name, value in changes.items():
             if name == "clamp":
                 continue
-            group = name.split(".")[0]
+            group = name.split(".")[0].split("[")[0]
             groups["law" if group in ("law", "torque_limit") else group if group == "profile" else "model"][name] = (
                 value
             )
@@ -162,7 +162,7 @@ class Plant:
         if self.controller is not None:
             blocks |= {f"law.{name}": np.ravel(x) for name, x in self.controller.law.parameters().items()}
             if self.controller.torque_limit is not None:
-                blocks["torque_limit"] = np.array([self.controller.torque_limit])
+                blocks["torque_limit"] = np.ravel(self.controller.torque_limit)
         return blocks
 
 
@@ -175,10 +175,12 @@ def _with_law(controller: Controller, changes: Mapping[str, float]) -> Controlle
     fields: dict = {}
     law = {name: np.array(x, float) for name, x in controller.law.parameters().items()}
     for name, value in changes.items():
-        if name == "torque_limit":
-            fields["torque_limit"] = value
-            continue
         index = int(name[name.index("[") + 1 : -1]) if "[" in name else 0
+        if _quantity(name) == "torque_limit":
+            limits = np.ravel(fields.get("torque_limit", controller.torque_limit))
+            limits[index] = value
+            fields["torque_limit"] = limits if "[" in name else value
+            continue
         law[_quantity(name)][index] = value
     return dataclasses.replace(controller, law=controller.law.changed(law), **fields)
 

@@ -1,12 +1,13 @@
 """Impedance control of the arm: constant and online-adaptive laws, the controller around them, their cost."""
 
-from whiptool.impedance.constant import ConstantImpedance
+from whiptool.impedance.constant import CONSTANT_PRESETS, ConstantImpedance, constant_preset
 from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.impedance.cost import Cost, impedance_cost
 from whiptool.impedance.law import LAWS, Law, register
 from whiptool.impedance.oiac import OIAC, OIAC_PRESETS, oiac_preset
 
 __all__ = [
+    "CONSTANT_PRESETS",
     "LAWS",
     "OIAC",
     "OIAC_PRESETS",
@@ -15,6 +16,7 @@ __all__ = [
     "Controller",
     "Cost",
     "Law",
+    "constant_preset",
     "impedance_cost",
     "oiac_preset",
     "register",

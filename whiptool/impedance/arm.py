@@ -1,4 +1,4 @@
-"""The arm in Pinocchio: inertia I(q), gravity Jacobians and gravity compensation (Eq. 3)."""
+"""The arm in Pinocchio: inertia I(q), gravity Jacobians and gravity compensation (Eq. 3), in the plane and in space."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # built outside site-packages
 
 from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
 
 
 def pinocchio_chain(
@@ -29,11 +30,34 @@ def pinocchio_chain(
         joint = model.addJoint(parent, pin.JointModelRZ(), placement, f"joint{i + 1}")
         about_com = np.diag([0.0, 0.0, inertia[i]])
         model.appendBodyToJoint(joint, pin.Inertia(mass[i], np.array([0, -com[i], 0]), about_com), pin.SE3.Identity())
-        at_com = pin.SE3(np.eye(3), np.array([0.0, -com[i], 0.0]))
-        model.addFrame(pin.Frame(f"com{i + 1}", joint, 0, at_com, pin.FrameType.OP_FRAME))
+        _add_frame(model, f"com{i + 1}", joint, np.array([0.0, -com[i], 0.0]))
         parent, placement = joint, pin.SE3(np.eye(3), np.array([0.0, -length[i], 0.0]))
-    model.addFrame(pin.Frame("end", parent, 0, placement, pin.FrameType.OP_FRAME))
+    _add_frame(model, "end", parent, placement.translation)
     return model
+
+
+def pinocchio_arm(arm: SpatialArm, gravity: float) -> pin.Model:
+    """Return an arm in space as a Pinocchio model; gravity [m/s^2] is along -z.
+
+    Its frames `com1`, ... are at the links' centres of mass, `end` is at the hand.
+    """
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, 0.0, -gravity])
+    parent = 0
+    for i, link in enumerate(arm.links):
+        kind = pin.JointModelRevoluteUnaligned if link.kind == "revolute" else pin.JointModelPrismaticUnaligned
+        placement = pin.SE3(np.array(link.rotation), np.array(link.position))
+        parent = model.addJoint(parent, kind(np.array(link.axis)), placement, f"joint{i + 1}")
+        inertia = pin.Inertia(link.mass, np.array(link.com), link.inertia_matrix)
+        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+        _add_frame(model, f"com{i + 1}", parent, np.array(link.com))
+    _add_frame(model, "end", parent, np.array(arm.hand_position))
+    model.armature = arm.per_link("armature")
+    return model
+
+
+def _add_frame(model: pin.Model, name: str, joint: int, position: np.ndarray) -> None:
+    model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), position), pin.FrameType.OP_FRAME))
 
 
 class Arm:
@@ -44,28 +68,31 @@ class Arm:
     """
 
     def __init__(self, model: Model) -> None:
-        n = model.arm.n
-        links = (model.arm.per_link(name) for name in ("length", "mass", "com", "inertia"))
-        self.n = n
-        self._model = pinocchio_chain(*links, gravity=model.gravity)
+        arm = model.arm
+        self.n, self._dimension = arm.n, model.dimension
+        if isinstance(arm, SpatialArm):
+            self._model = pinocchio_arm(arm, model.gravity)
+        else:
+            links = (arm.per_link(name) for name in ("length", "mass", "com", "inertia"))
+            self._model = pinocchio_chain(*links, gravity=model.gravity)
         self._data = self._model.createData()
-        self._friction = model.arm.per_link("friction")
-        self._frames = [self._model.getFrameId(f"com{i + 1}") for i in range(n)] + [self._model.getFrameId("end")]
+        self._friction = arm.per_link("friction")
+        self._frames = [self._model.getFrameId(f"com{i + 1}") for i in range(arm.n)] + [self._model.getFrameId("end")]
         self._gravity = model.gravity
-        self._weights = np.append(model.arm.per_link("mass"), model.whip.mass) * model.gravity  # [N]
+        self._weights = np.append(arm.per_link("mass"), model.whip.mass) * model.gravity  # [N]
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
-        """Inertia matrix I(q) of the bare arm [kg m^2], shape (n, n), as in Eq. 7."""
+        """Inertia matrix I(q) of the bare arm [kg m^2; kg where a joint slides], shape (n, n), as in Eq. 7."""
         return pin.crba(self._model, self._data, np.asarray(q, float)).copy()
 
     def gravity_jacobians(self, q: np.ndarray) -> np.ndarray:
-        """Jacobians of the points where the weights act, shape (n + 1, 2, n): the links' centres of mass and the
-        hand; for two joints J_s, J_e and J_w of Eq. 3. Rows are x and y [m/rad]."""
+        """Jacobians of the points where the weights act, shape (n + 1, 2, n), in space (n + 1, 3, n): the links'
+        centres of mass and the hand; for two joints J_s, J_e and J_w of Eq. 3. Rows are x, y (and z) [m/rad]."""
         pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
         pin.updateFramePlacements(self._model, self._data)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobians = (pin.getFrameJacobian(self._model, self._data, frame, world) for frame in self._frames)
-        return np.array([jacobian.reshape(6, -1)[:2] for jacobian in jacobians])  # (6,) for a single joint
+        return np.array([jacobian.reshape(6, -1)[: self._dimension] for jacobian in jacobians])  # (6,) for one joint
 
     def gravity_compensation(self, q: np.ndarray, masses: Sequence[float] | None = None) -> np.ndarray:
         """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3).
@@ -75,7 +102,7 @@ class Arm:
             masses: Of the links and, last, of the whip [kg], in place of the model's, (n + 1,).
         """
         weights = self._weights if masses is None else np.asarray(masses) * self._gravity
-        return weights @ self.gravity_jacobians(q)[:, 1]  # sum of J^T f, f upward
+        return weights @ self.gravity_jacobians(q)[:, -1]  # sum of J^T f, f upward
 
     def feedforward(self, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray) -> np.ndarray:
         """Torque [N m], shape (n,), of the bare arm along the reference, without gravity."""

@@ -77,3 +77,42 @@ class ConstantImpedance:
         n = e.numel()
         K, B = (ca.reshape(p[name], n, n).T for name in ("K", "B"))  # parameters are row by row
         return K @ e + B @ de
+
+
+def _scaled(K: Matrix, share: float) -> Matrix:
+    return tuple(tuple(share * x for x in row) for row in K)
+
+
+def _diagonal(*values: float) -> Matrix:
+    return tuple(tuple(x if i == j else 0.0 for j in range(len(values))) for i, x in enumerate(values))
+
+
+_NAH2023 = (
+    (17.4, 6.85, -7.75, 8.4),
+    (6.85, 33.0, 3.7, 0.0),
+    (-7.75, 3.7, 27.7, 0.0),
+    (8.4, 0.0, 0.0, 23.2),
+)
+
+# `nah2020`: Eq. 22, of a person's arm in the plane. `nah2023`: the same authors' in space (iScience 2023). The makers
+# of the robots publish no gains. Ours give each joint of the arm 3 Hz, and of the wrist 5 Hz or more, with the largest
+# inertia that it has in any posture, stick and rope with it, and damp it critically there; in other postures more so.
+CONSTANT_PRESETS: dict[str, ConstantImpedance] = {
+    "nah2020": ConstantImpedance(),
+    "nah2023": ConstantImpedance(_NAH2023, _scaled(_NAH2023, 0.05)),
+    "ur5e": ConstantImpedance(_diagonal(1700, 1700, 400, 100, 75, 5), _diagonal(180, 180, 40, 6, 5, 0.1)),
+    "panda": ConstantImpedance(
+        _diagonal(1200, 1200, 500, 350, 100, 100, 5), _diagonal(130, 130, 50, 40, 6.5, 6.5, 0.3)
+    ),
+}
+
+
+def constant_preset(name: str) -> ConstantImpedance:
+    """Return the constant impedance called `name`, which is that of an arm.
+
+    Raises:
+        InputError: There is none of that name; the message lists them.
+    """
+    if name not in CONSTANT_PRESETS:
+        raise InputError("constant impedance", name, ", ".join(CONSTANT_PRESETS))
+    return CONSTANT_PRESETS[name]

@@ -12,6 +12,7 @@ from whiptool.errors import InputError
 from whiptool.impedance.law import Law
 from whiptool.impedance.oiac import oiac_preset
 from whiptool.models.parameters import ArmParameters, number
+from whiptool.models.spatial_arm import SpatialArm
 
 if TYPE_CHECKING:
     from whiptool.impedance.arm import Arm
@@ -27,7 +28,7 @@ class Controller:
         law: Constant or online-adaptive impedance; default: OIAC with the preset `table4`.
         feedforward: Add the torque that the bare arm needs to follow the reference, `I(q_d) ddq_d` with its velocity
             and viscous terms. Eq. 2 has none; the law's authors use one in later work.
-        torque_limit: Largest torque of every joint [N m]; None: no limit.
+        torque_limit: Largest torque of every joint, or one for each [N m; N where a joint slides]; None: no limit.
         control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
         compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) reckons with;
             None: those of the model that it is rolled out with. A rig's controller has the masses of the nominal model.
@@ -38,7 +39,7 @@ class Controller:
 
     law: Law = field(default_factory=lambda: oiac_preset("table4"))
     feedforward: bool = False
-    torque_limit: float | None = None
+    torque_limit: float | tuple[float, ...] | None = None
     control_period: float | None = None
     compensated: tuple[float, ...] | None = None
 
@@ -46,25 +47,34 @@ class Controller:
         if not isinstance(self.feedforward, bool):
             raise InputError("feedforward", self.feedforward, "true or false")
         if self.compensated is not None:
-            masses = tuple(number("compensated", m, low=0, strict=True) for m in self.compensated)
+            masses = tuple(number("compensated", m, low=0) for m in self.compensated)
             object.__setattr__(self, "compensated", masses)
-        for name in ("torque_limit", "control_period"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
+        if self.control_period is not None:
+            object.__setattr__(
+                self, "control_period", number("control_period", self.control_period, low=0, strict=True)
+            )
+        limit = self.torque_limit
+        if isinstance(limit, (list, tuple, np.ndarray)):
+            each = (number(f"torque_limit[{i}]", x, low=0, strict=True) for i, x in enumerate(limit))
+            object.__setattr__(self, "torque_limit", tuple(each))
+        elif limit is not None:
+            object.__setattr__(self, "torque_limit", number("torque_limit", limit, low=0, strict=True))
 
-    def check_fits(self, arm: ArmParameters) -> None:
+    def check_fits(self, arm: ArmParameters | SpatialArm) -> None:
         """Refuse a law whose matrices are of another arm.
 
         Raises:
-            InputError: The law's matrices have not as many rows as the arm has joints, or `compensated` not one mass
-                more.
+            InputError: The law's matrices have not as many rows as the arm has joints, or `torque_limit` not as many
+                numbers, or `compensated` not one mass more.
         """
+        if isinstance(self.torque_limit, tuple) and len(self.torque_limit) != arm.n:
+            raise InputError("torque_limit", self.torque_limit, f"one number, or {arm.n}, one per arm joint")
         if self.compensated is not None and len(self.compensated) != arm.n + 1:
             raise InputError("compensated", self.compensated, f"{arm.n + 1} masses: of every link and of the whip")
         sizes = {name: len(x) for name, x in self.law.parameters().items()}
         if sizes != self.law.sizes(arm.n):
             given = ", ".join(f"{name} of {math.isqrt(size)} rows" for name, size in sizes.items())
-            fix = f"give a controller file with them, or take oiac; the paper's {self.law.kind} law is for two joints"
+            fix = "give a controller file with them, or take oiac"
             raise InputError(f"controller {self.law.kind}", given, f"matrices of {arm.n} rows, one per arm joint", fix)
 
     def reckoning_with(self, model: Model) -> Controller:
@@ -77,9 +87,18 @@ class Controller:
         for name, values in self.law.parameters().items():
             single = self.law.sizes(2)[name] == 1  # not one for each joint
             named.update({f"law.{name}" + ("" if single else f"[{i}]"): float(x) for i, x in enumerate(values)})
-        if self.torque_limit is not None:
+        if isinstance(self.torque_limit, tuple):
+            named |= {f"torque_limit[{i}]": x for i, x in enumerate(self.torque_limit)}
+        elif self.torque_limit is not None:
             named["torque_limit"] = self.torque_limit
         return named
+
+    def clipped(self, tau: np.ndarray) -> np.ndarray:
+        """Torques (..., n) [N m] within the limit."""
+        if self.torque_limit is None:
+            return tau
+        limit = np.asarray(self.torque_limit)
+        return np.clip(tau, -limit, limit)
 
     def bind(self, arm: Arm, strike: Strike) -> ControlLoop:
         """The controller at work: for one arm and one strike."""
@@ -100,5 +119,4 @@ class ControlLoop:
         tau = K @ e + B @ de + self.arm.gravity_compensation(q, self.controller.compensated)  # Eq. 2
         if self.controller.feedforward:
             tau = tau + self.arm.feedforward(q_d, v_d, a_d)
-        limit = self.controller.torque_limit
-        return tau if limit is None else np.clip(tau, -limit, limit)
+        return self.controller.clipped(tau)

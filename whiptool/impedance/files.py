@@ -14,7 +14,7 @@ import tomli_w
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.law import LAWS, Law
-from whiptool.models.files import read_toml
+from whiptool.models.tables import read_toml
 
 _LARGEST = 1e6  # of K [N m/rad] and B [N m s/rad]: far beyond any arm
 TABLE = "controller"  # name of the table in a file

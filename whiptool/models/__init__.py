@@ -11,6 +11,10 @@ _HOMES = {
     "ArmParameters": "parameters",
     "Model": "parameters",
     "WhipParameters": "parameters",
+    "JointLimits": "spatial_arm",
+    "SpatialArm": "spatial_arm",
+    "SpatialLink": "spatial_arm",
+    "in_space": "spatial_arm",
     "WhipProfile": "profile",
     "Strike": "strike",
     "StrikeBounds": "strike",
@@ -31,6 +35,7 @@ if TYPE_CHECKING:
     from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
     from whiptool.models.presets import PRESETS, preset
     from whiptool.models.profile import WhipProfile
+    from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, in_space
     from whiptool.models.strike import Strike, StrikeBounds, default_bounds
 
 __getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # presets and files are read where used

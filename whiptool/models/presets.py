@@ -6,6 +6,7 @@ import dataclasses
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+from whiptool.models.robots import NAH2023, PANDA, UR5E
 
 # Wang et al. 2024, Tables 2 and 3. Table 3 gives no inertias: uniform rods.
 _LEMON = Model(
@@ -32,6 +33,9 @@ PRESETS: dict[str, Model] = {
         _LEMON,
         *(_nah(f"nah2020-n{N}", WhipParameters(N=N, l=0.1, m=0.1, k=0.05, b=0.005)) for N in (10, 15, 20)),
         _nah("nah2020-fitted", WhipParameters(N=25, l=0.072, m=0.012, k=0.242, b=0.092)),
+        NAH2023,
+        UR5E,
+        PANDA,
     )
 }
 

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.models.parameters import WhipParameters, number, whole
+from whiptool.errors import InputError
+from whiptool.models.numbers import number, whole
+from whiptool.models.whip import Joints, WhipParameters
 
 _QUADRATURE = np.polynomial.legendre.leggauss(8)  # exact to degree 15 on each half hat
 
@@ -54,8 +56,16 @@ class WhipProfile:
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
         object.__setattr__(self, "rest_curvature", number("rest_curvature", self.rest_curvature))
 
-    def lump(self, N: int) -> WhipParameters:
+    def lump(self, N: int, *, joints: Joints = "hinge", node_inertia: float = 0.0) -> WhipParameters:
         """The whip as N nodes, its mass, drag and compliance shared out by hat functions.
+
+        Args:
+            N: Nodes.
+            joints: Their joints, see `WhipParameters`.
+            node_inertia: Moment of inertia of each node, where they are universal [kg m^2].
+
+        Raises:
+            InputError: A number is out of range, or a whip in space is to be curved at rest.
 
         A hat is 1 at its node and falls to 0 at the neighbours, so total mass and static moment are kept. The half
         hat at the handle is the whip's `hinge_mass`. Joint j bends by what its hat sees of the curvature,
@@ -63,6 +73,8 @@ class WhipProfile:
         `1/k_j = int hat_j / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free.
         """
         N = whole("N", N)
+        if self.rest_curvature and joints != "hinge":
+            raise InputError("rest_curvature", self.rest_curvature, "0 in space, where a bend has a direction, too")
         blocks = lump({f.name: getattr(self, f.name) for f in fields(self)}, N)
         per_node = {name: tuple(column[:, 0].tolist()) for name, column in blocks.items()}
         return WhipParameters(
@@ -74,6 +86,8 @@ class WhipProfile:
             rest_angle=per_node["rest_angle"] if self.rest_curvature else 0.0,
             drag=per_node["drag"] if self.drag else 0.0,
             hinge_mass=per_node["hinge_mass"][0],
+            joints=joints,
+            node_inertia=node_inertia,
         )
 
 

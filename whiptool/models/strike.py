@@ -11,12 +11,13 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import ArmParameters
+from whiptool.models.spatial_arm import SpatialArm
 
 PI = math.pi
 T_STAY = 0.3  # [s] that a strike is watched after the movement ended; not printed in the paper
 
 
-def strike_names(arm: ArmParameters) -> tuple[str, ...]:
+def strike_names(arm: ArmParameters | SpatialArm) -> tuple[str, ...]:
     """Return the names of the strike's parameters, for shoulder and elbow `q_si, q_ei, q_sf, q_ef, D` (Algorithm 1).
 
     Joints whose names begin with the same letter have their whole names in them: `q_shoulder_i`.
@@ -25,7 +26,7 @@ def strike_names(arm: ArmParameters) -> tuple[str, ...]:
     return (*(stem + "i" for stem in stems), *(stem + "f" for stem in stems), "D")
 
 
-def named_strike(strike: Strike, arm: ArmParameters) -> dict[str, float]:
+def named_strike(strike: Strike, arm: ArmParameters | SpatialArm) -> dict[str, float]:
     """Return the strike's parameters by their names, angles in rad and D in s."""
     return dict(zip(strike_names(arm), map(float, strike.vector), strict=True))
 
@@ -35,8 +36,8 @@ class Strike:
     """Zero-torque trajectory of the arm's n joints.
 
     Args:
-        q_i: Joint positions at the start [rad], length n.
-        q_f: Joint positions at the end [rad], length n.
+        q_i: Joint positions at the start [rad, m where a joint slides], length n.
+        q_f: Joint positions at the end, likewise.
         D: Duration of the movement [s].
 
     Raises:
@@ -135,17 +136,46 @@ class StrikeBounds:
         return rng.uniform(lower, upper, (size, len(lower)))
 
 
-def default_bounds(arm: ArmParameters) -> StrikeBounds:
-    """Bounds for the two-joint arm; the paper prints none. [rad], [s]
+_PERSON = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow")
+_D = (0.4, 1.5)  # [s]; none is printed
+
+
+def default_bounds(arm: ArmParameters | SpatialArm) -> StrikeBounds:
+    """Return the bounds of strikes of an arm that has usual ones. [rad or m], [s]
+
+    For the planar arm of two joints they are ours, the paper prints none. For the person's arm they are those of Nah et
+    al. 2023. For another arm in space they are its joints' limits of position, of hinges that go farther half a turn to
+    either side.
 
     Raises:
-        InputError: The arm does not have two joints; give bounds of your own.
+        InputError: The arm has none; give bounds of your own.
     """
-    if arm.n != 2:
+    if isinstance(arm, SpatialArm):
+        found = _person_bounds() if arm.joints == _PERSON else _bounds_of_limits(arm)
+    else:
+        found = StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, _D[0]), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, _D[1]))
+        found = found if arm.n == 2 else None
+    if found is None:
         raise InputError(
             "bounds",
             "none",
             f"lower and upper, {2 * arm.n + 1} numbers each (joints of the arm: {arm.n})",
             "give --lower and --upper",
         )
-    return StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, 0.4), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, 1.5))
+    return found
+
+
+def _person_bounds() -> StrikeBounds:
+    lower = PI * np.array([-0.5, -0.5, -0.5, 0.0, 0.1, -0.5, -0.5, 0.0])
+    upper = PI * np.array([-0.1, 0.5, 0.5, 0.9, 1.0, 0.5, 0.5, 0.9])
+    return StrikeBounds((*lower, _D[0]), (*upper, _D[1]))
+
+
+def _bounds_of_limits(arm: SpatialArm) -> StrikeBounds | None:
+    ends = [link.limits.position for link in arm.links]
+    if not np.isfinite(ends).all():
+        return None
+    low, high = np.array(ends).T
+    around = np.array([link.kind == "revolute" for link in arm.links]) & (high - low > 2 * PI)
+    low, high = np.where(around, -PI, low), np.where(around, PI, high)
+    return StrikeBounds((*low, *low, _D[0]), (*high, *high, _D[1]))

@@ -78,7 +78,7 @@ class TrainingOptions(Options):
         whole("--trials", self.trials, low=2, high=MANY_TARGETS)
         whole("--hindsight", self.hindsight, low=0, high=1000)
         if not 0 <= self.random_episodes < self.episodes:
-            allowed = (
-                f"a whole number from 0 to {self.episodes - 1}: in --episodes {self.episodes} only the others teach"
-            )
-            raise InputError("--random-episodes", self.random_episodes, allowed)
+            fewer = f"a whole number from 0 to {self.episodes - 1}, fewer than --episodes {self.episodes}"
+            allowed = f"{fewer}: random episodes come first, and nothing is learned in them"
+            fix = f"give --random-episodes {self.episodes // 5}; it is 50 unless given"
+            raise InputError("--random-episodes", self.random_episodes, allowed, fix)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.impedance.law import Law
 
-Preset = Literal["printed", "table4"]
+Preset = Literal["printed", "table4", "nah2020", "nah2023", "ur5e", "panda"]
 LAWS = ("oiac", "constant")
 CONTROLLERS = "{oiac,constant}|FILE.toml"
 LONGEST_PERIOD = 0.1  # [s]; an arm that is looked at more rarely is not controlled
@@ -28,9 +28,10 @@ class LawOptions(Options):
     usual_preset: ClassVar[Preset] = "table4"
 
     controller: Annotated[str, arg(metavar=CONTROLLERS)] = "oiac"
-    """Control law, constant being Eq. 22; or a file with a table [controller] (a run has one)."""
+    """Control law, or a file with a table [controller] (a run has one)."""
     preset: Preset | None = None
-    """OIAC parameters: the paper's a = 0.2, or those fitted to the errors of Table 4; default: table4."""
+    """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4.
+    Constant impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -70,25 +71,32 @@ class LawOptions(Options):
             raise InputError(option, value, f"nothing beside --controller {self.controller}", "write it into the file")
 
     def _named_law(self) -> Law:
-        from whiptool.impedance import ConstantImpedance, oiac_preset
+        from whiptool.impedance import constant_preset, oiac_preset
 
         if self.controller not in LAWS:
             raise InputError("--controller", self.controller, ", ".join(LAWS) + ", or a .toml file")
-        if self.controller == "oiac":
-            return oiac_preset(self.usual_preset if self.preset is None else self.preset)
-        if self.preset is not None:
-            raise InputError("--preset", self.preset, "nothing with --controller constant, which has no presets")
-        return ConstantImpedance()
+        try:
+            if self.controller == "oiac":
+                return oiac_preset(self.usual_preset if self.preset is None else self.preset)
+            return constant_preset(self._constant)
+        except InputError as error:  # a preset of the other law
+            raise error.renamed("--preset") from None
+
+    @property
+    def _constant(self) -> str:
+        """The preset of the constant law: as given, or that of the model's arm, or the paper's."""
+        from whiptool.impedance import CONSTANT_PRESETS
+
+        model = getattr(self, "model", "")  # of commands that have one
+        return self.preset or (model if model in CONSTANT_PRESETS else "nah2020")
 
     def law_label(self) -> str:
         """The law in words, for people."""
         if self.in_file:
             return f"the controller of {Path(self.controller).name}"
-        return (
-            "constant impedance"
-            if self.controller == "constant"
-            else f"OIAC {self.usual_preset if self.preset is None else self.preset}"
-        )
+        if self.controller == "constant":
+            return "constant impedance" + (f" {self._constant}" if self._constant != "nah2020" else "")
+        return f"OIAC {self.usual_preset if self.preset is None else self.preset}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,10 +12,12 @@ from whiptool.options.base import Options
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
-    from whiptool.objective import Target
+    from whiptool.target import Target
 
 LONGEST_STAY = 60.0  # [s]
-MODELS = "{lemon2024,nah2020-n10,nah2020-n15,nah2020-n20,nah2020-fitted}|FILE.toml"
+MODELS = (
+    "{lemon2024,nah2020-n10,nah2020-n15,nah2020-n20,nah2020-fitted,nah2023,ur5e,panda}|FILE.toml|FILE.urdf|FILE.xml"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +41,7 @@ class TargetOptions(Options):
 
     def build_target(self) -> Target:
         """Target position and hit radius."""
-        from whiptool.objective import Target
+        from whiptool.target import Target
 
         return Target(self.target, self.hit_radius)
 
@@ -78,7 +80,8 @@ class ModelOptions(Options):
     """Which whip and arm."""
 
     model: Annotated[str, arg(metavar=MODELS)] = "lemon2024"
-    """Published whip and arm, or those of a file."""
+    """Published whip and arm (nah2023, ur5e and panda: in space), or those of a file; a robot in URDF or MJCF gets the
+    rope of ur5e."""
 
     def build_model(self) -> Model:
         """The model that `--model` names."""

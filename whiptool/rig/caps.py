@@ -73,5 +73,4 @@ class CappedLoop(ControlLoop):
         tau = scale * tau + self.arm.gravity_compensation(q, self.controller.compensated)  # Eq. 2
         if self.controller.feedforward:
             tau = tau + self.arm.feedforward(q_d, v_d, a_d)
-        limit = self.controller.torque_limit
-        return tau if limit is None else np.clip(tau, -limit, limit)
+        return self.controller.clipped(tau)

@@ -251,7 +251,7 @@ class RigLoop:
         log: CycleLog,
         signals: StopSignals,
     ) -> None:
-        """Read, judge, command, record."""
+        """Run one control cycle: read the servos, check the limits, command torques, record."""
         joints, safety, n = self.joints, self.safety, self.joints.n
         started, flags = self.clock.now(), 0
         q_d = loop.strike.reference(in_phase)[0]

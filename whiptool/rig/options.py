@@ -27,13 +27,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, TargetOptions):
-    """What is struck with: a rig or its twin."""
+    """Options of the arm that strikes: a rig or its twin."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("yes",)
     usual_preset: ClassVar[Preset] = "printed"
 
     preset: Preset | None = None
-    """OIAC parameters; table4 is stable only at rates far above 500; default: printed."""
+    """OIAC parameters: printed or table4, which is stable only at rates far above 500; default: printed. Constant
+    impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
     port: str = "twin"
     """Serial device such as /dev/ttyUSB0, or twin: the emulator behind the same protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
@@ -73,7 +74,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
 
 
 def loop_options(options: ArmOptions) -> LoopOptions:
-    """How the loop runs a strike."""
+    """Return the settings of the control loop that the options describe."""
     from whiptool.rig.loop_options import LoopOptions
 
     return LoopOptions(

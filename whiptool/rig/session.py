@@ -15,7 +15,6 @@ from whiptool.identification.judgement import Frames, Judgement, frames_of, judg
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
-from whiptool.objective import Target
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints
@@ -25,6 +24,7 @@ from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.record import build_recording
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, strike_vectors, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
+from whiptool.target import Target
 from whiptool.vision.camera_model import CameraSettings, camera_preset, expose, measurement_sigma
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"
@@ -46,7 +46,7 @@ class Struck:
     _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def approach(self, target: np.ndarray) -> Approach:
-        """Closest approach of the tip as seen to a target (B = 1); diverged where there was none to see.
+        """Return the closest approach of the filmed tip (B = 1), marked as diverged where the tip was not seen.
 
         Between frames the tip is taken to move as the cubic through its neighbours does.
         """
@@ -134,7 +134,7 @@ class Rig(Protocol):
 
 @dataclass(frozen=True)
 class TwinTruth:
-    """In what a twin differs from the model; the strikes do not know.
+    """How a twin differs from the model; the code that plans and controls strikes does not see it.
 
     Args:
         model: The true arm and whip.
@@ -405,7 +405,7 @@ class RigRollout(Rollout):
         return dataclasses.replace(near, **known)
 
     def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """Of a twin: what was really there.
+        """Return the true trajectory of a twin's strike.
 
         Raises:
             WhiptoolError: Hardware does not tell.

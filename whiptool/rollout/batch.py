@@ -18,7 +18,7 @@ class Batch:
     Args:
         p: Parameters, (B, P).
         x0: States at the start, (B, 2 n).
-        target: (B, 2) [m].
+        target: (B, d) [m], d the dimension: 2 in the plane, 3 in space.
         h, h_last, steps, hold: As `time_grid` gives them.
         dp, dx0, dh, dh_last: Direction of each strike along which derivatives are taken, shaped like what they change;
             None: no derivatives.
@@ -26,7 +26,7 @@ class Batch:
         u_row, du_row: First row of each strike's in them, (B,); a negative du_row: its inputs do not change.
         rate, samples: The tip's path is wanted at `samples` times, `rate` times a second.
         with_rows: Trajectories are wanted at every step.
-        columns, stride: Of what is observed (see `whiptool.dynamics.system.observed`), to keep every `stride` steps,
+        columns, stride: Of what is observed (see `System.step`), to keep every `stride` steps,
             (C,).
     """
 
@@ -52,8 +52,8 @@ class Batch:
     stride: int = 1
 
     PER_STRIKE: ClassVar = (
-        *("p", "x0", "target", "h", "h_last", "steps", "dp", "dx0", "dh", "dh_last", "u_row", "du_row"),
-    )
+        "p", "x0", "target", "h", "h_last", "steps", "dp", "dx0", "dh", "dh_last", "u_row", "du_row",
+    )  # fmt: skip
 
     def take(self, order: np.ndarray) -> Batch:
         """The strikes in another order."""
@@ -71,8 +71,8 @@ class Rolled:
     """What came of a batch.
 
     Args:
-        out: Of each strike, in the columns of `outcome_columns`, (B, 9 + 2 a).
-        path: Tip at equal times, (B, samples, 2), or with derivatives (B, samples, 4); NaN after the strike's end.
+        out: Of each strike, in the columns of `outcome_columns`, (B, columns).
+        path: Tip at equal times, (B, samples, d), or with derivatives (B, samples, 2 d); NaN after the strike's end.
         rows: Every step, strike after strike, in the columns of `row_columns`; `first_row` says where each begins.
         y, dy: What is observed and its derivatives, (rows, C), strike after strike; `y_row` says where each begins.
             NaN from where a strike broke off.
@@ -106,13 +106,13 @@ class Engine(Protocol):
 
 def empty_results(batch: Batch, system: System) -> Rolled:
     """Return arrays for the results of a batch."""
-    B, n, a = len(batch.p), system.n, system.n_drive
-    rolled = Rolled(np.empty((B, outcome_columns(a).width)))
+    B, n, a, d = len(batch.p), system.n, system.n_drive, system.dimension
+    rolled = Rolled(np.empty((B, outcome_columns(a, d).width)))
     if batch.samples:
-        rolled.path = np.full((B, batch.samples, 4 if batch.forward else 2), np.nan)
+        rolled.path = np.full((B, batch.samples, 2 * d if batch.forward else d), np.nan)
     if batch.with_rows:
         rolled.first_row = _firsts(batch.steps + 1)
-        rolled.rows = np.empty((int((batch.steps + 1).sum()), row_columns(n, a).width))
+        rolled.rows = np.empty((int((batch.steps + 1).sum()), row_columns(n, a, d).width))
     if batch.columns is not None:
         samples = batch.steps // batch.stride + 1
         rolled.y_row = _firsts(samples)

@@ -32,8 +32,8 @@ def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach
     """Return the nearest points of the segments between successive points of paths.
 
     Args:
-        paths: (..., T, 2) [m]; NaN where there is no point.
-        place: (2,), or one for each path, (..., 2) [m].
+        paths: In d dimensions, (..., T, d) [m]; NaN where there is no point.
+        place: (d,), or one for each path, (..., d) [m].
     """
     start, step = paths[..., :-1, :] - np.asarray(place)[..., None, :], np.diff(paths, axis=-2)
     squared = (step**2).sum(axis=-1)
@@ -56,8 +56,8 @@ def closest_on_curve(curve: PPoly, place: np.ndarray, *, samples: int) -> float:
     The nearest of `samples` equally spaced instants, then the root of the squared distance's slope beside it.
 
     Args:
-        curve: Positions over time, (2,) [m].
-        place: (2,) [m].
+        curve: Positions over time, (d,) [m].
+        place: (d,) [m].
         samples: Enough that the distance has one minimum between three successive ones.
     """
     t = np.linspace(curve.x[0], curve.x[-1], samples)

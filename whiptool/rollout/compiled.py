@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from tqdm import tqdm
 
-from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
+from whiptool.dynamics.structure import Structure
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model, number
@@ -83,7 +82,7 @@ class CompiledRollout(Rollout):
 
         Args:
             strikes: One `Strike` or many, or vectors, (B, 2 a + 1). A strike lasts `D + t_stay` seconds.
-            target: A `Target` or (x, y) for all, or one place each, (B, 2) [m].
+            target: A `Target` or its coordinates for all, or one place each, (B, 2) or in space (B, 3) [m].
             t_stay: [s]
             models, controllers: One per strike, if they differ; each within this rollout's structure.
             progress: Show a bar.
@@ -93,8 +92,8 @@ class CompiledRollout(Rollout):
         """
         strikes = strike_vectors(strikes, self.model.arm.n)
         B, a = len(strikes), self.model.arm.n
-        targets = target_points(target, B)
-        engine, out = self._engine(forward=False), np.empty((B, outcome_columns(a).width))
+        targets = target_points(target, B, self.model.dimension)
+        engine, out = self._engine(forward=False), np.empty((B, outcome_columns(a, self.model.dimension).width))
         bar = tqdm(total=B, unit=" strikes", disable=not progress, leave=False)
         for first in range(0, B, _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
@@ -104,7 +103,7 @@ class CompiledRollout(Rollout):
             out[part] = engine(batch, threads=self._threads).out
             bar.update(len(batch.p))
         bar.close()
-        return _approach(out, a)
+        return _approach(out, a, self.model.dimension)
 
     def gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
@@ -124,16 +123,16 @@ class CompiledRollout(Rollout):
         strikes = strike_vectors(strikes, self.model.arm.n)
         names = list(strike_names(self.model.arm) if names is None else names)
         B, m = len(strikes), len(names)
-        targets = target_points(target, B)
+        targets = target_points(target, B, self.model.dimension)
         directions = self.directions(names)
-        columns = outcome_columns(self.model.arm.n)
+        columns = outcome_columns(self.model.arm.n, self.model.dimension)
         out = np.empty((B, m, columns.width))
         at_once = max(1, _AT_ONCE // m)
         for first in range(0, B, at_once):
             part = slice(first, first + at_once)
             batch = self._forward_batch(strikes[part], targets[part], t_stay, directions)
             out[part] = self._engine(forward=True)(batch, threads=self._threads).out.reshape(-1, m, out.shape[2])
-        return _approach(out[:, 0], self.model.arm.n), out[:, :, columns["slope"]][..., 0]
+        return _approach(out[:, 0], self.model.arm.n, self.model.dimension), out[:, :, columns["slope"]][..., 0]
 
     def tip_path(
         self,
@@ -154,20 +153,21 @@ class CompiledRollout(Rollout):
             models, controllers: As in `approach`.
 
         Returns:
-            Times (S,) [s]; positions (B, S, 2) [m], NaN after a strike's end; derivatives (B, S, 2, m).
+            Times (S,) [s]; positions (B, S, d) [m], d the model's dimension, NaN after a strike's end; derivatives
+            (B, S, d, m).
         """
         strikes = strike_vectors(strikes, self.model.arm.n)
         number("rate", rate, low=0, strict=True)
         if names and (models or controllers):
             raise InputError("names", list(names), "none, where strikes differ in their models")
         S = int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1
-        B, m = len(strikes), len(names)
+        B, m, d = len(strikes), len(names), self.model.dimension
         directions, engine = self.directions(names), self._engine(forward=m > 0)
-        paths, slopes = np.empty((B, S, 2)), np.empty((B, S, 2, m))
+        paths, slopes = np.empty((B, S, d)), np.empty((B, S, d, m))
         at_once = max(1, _AT_ONCE // max(m, 1))
         for first in range(0, B, at_once):
             part = slice(first, first + at_once)
-            targets = np.zeros((len(strikes[part]), 2))
+            targets = np.zeros((len(strikes[part]), d))
             if m:
                 batch = self._forward_batch(strikes[part], targets, t_stay, directions)
             else:
@@ -178,9 +178,9 @@ class CompiledRollout(Rollout):
             path = engine(batch, threads=self._threads).path
             assert path is not None
             both = path.reshape(len(targets), max(m, 1), S, -1)
-            paths[part] = both[:, 0, :, :2]
+            paths[part] = both[:, 0, :, :d]
             if m:
-                slopes[part] = both[..., 2:].transpose(0, 2, 3, 1)
+                slopes[part] = both[..., d:].transpose(0, 2, 3, 1)
         return np.arange(S) / rate, paths, slopes
 
     def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
@@ -190,10 +190,11 @@ class CompiledRollout(Rollout):
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
         """The whole of many strikes, one after the other; only a few are in memory at a time."""
         strikes, n, a = strike_vectors(strikes, self.model.arm.n), self.model.n, self.model.arm.n
-        columns, outcome = row_columns(n, a), outcome_columns(a)
+        d = self.model.dimension
+        columns, outcome = row_columns(n, a, d), outcome_columns(a, d)
         for first in range(0, len(strikes), _TRAJECTORIES_AT_ONCE):
             some = strikes[first : first + _TRAJECTORIES_AT_ONCE]
-            batch = self._batch(some, np.zeros((len(some), 2)), t_stay)
+            batch = self._batch(some, np.zeros((len(some), d)), t_stay)
             batch.with_rows = True
             rolled = self._engine(forward=False)(batch, threads=self._threads)
             assert rolled.rows is not None
@@ -208,6 +209,7 @@ class CompiledRollout(Rollout):
                     q=rows[:, columns["x"]][:, :n],
                     v=rows[:, columns["x"]][:, n:],
                     tau=rows[:, columns["tau"]],
+                    tip=(rows[:, columns["tip"]], rows[:, columns["velocity"]]),
                     diverged=bool(out[outcome["diverged"]][0]),
                 )
 
@@ -223,12 +225,12 @@ class CompiledRollout(Rollout):
         layout = self.structure.layout
         base = self.structure.pack(self.model, self.controller, np.zeros((1, len(of_strike))))[0]
         for row, name in zip(rows, names, strict=True):
-            block, index = re.fullmatch(r"([\w.]+)(?:\[(\d+)\])?", name).groups()  # type: ignore[union-attr]
+            block, index = re.match(r"([\w.]+)(?:\[(\d+)\])?", name).groups()  # type: ignore[union-attr]
             if name in of_strike:
                 row[of_strike.index(name)] = 1
             elif name in of_controller:
                 row[self.structure.columns(block).start + int(index or 0)] = 1
-            elif name in of_model and block in layout:
+            elif name in of_model and Structure.of(self.model, self.controller, free=[name]) in self.structure:
                 moved = self.model.with_parameters({name: of_model[name] + 1})
                 row[:] = self.structure.pack(moved, self.controller, np.zeros((1, len(of_strike))))[0] - base
             else:
@@ -275,9 +277,7 @@ class CompiledRollout(Rollout):
 
     def _check_within(self, model: Model, controller: Controller) -> None:
         needs = Structure.of(model, controller)
-        fits = replace(needs, optional=self.structure.optional) == self.structure
-        fits &= set(needs.optional) <= set(self.structure.optional)
-        if not fits or controller.control_period != self.controller.control_period:
+        if needs not in self.structure or controller.control_period != self.controller.control_period:
             raise InputError(
                 "model or controller of a batch",
                 str(needs),
@@ -300,9 +300,9 @@ class CompiledRollout(Rollout):
         return batch
 
 
-def _approach(out: np.ndarray, a: int) -> Approach:
+def _approach(out: np.ndarray, a: int, dimension: int) -> Approach:
     """The engine's outcome of each strike, by name."""
-    columns = outcome_columns(a)
+    columns = outcome_columns(a, dimension)
     single = {name: out[:, columns[name]][:, 0] for name in ("distance", "time")}
     several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque")}
     return Approach(**single, **several, diverged=out[:, columns["diverged"]][:, 0] != 0)

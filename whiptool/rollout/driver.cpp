@@ -47,7 +47,8 @@ inline real fmin(const real& a, const real& b) { return select(a < b, a, b); }
 
 namespace {
 
-constexpr int NQ = N_DRIVE + N_LINKS, NX = 2 * NQ;
+constexpr int NQ = N_DRIVE + HINGES * N_LINKS, NX = 2 * NQ;  // HINGES: of each link
+constexpr int TIP = 2 * DIMENSION;                            // a place, and its velocity behind it
 
 // Numbers of all lanes, and how they change along the lane's direction.
 template <int N>
@@ -111,8 +112,9 @@ void clear(Numbers<N>& numbers) {
 
 // One stage of the integrator: accelerations of all joints, by one pass out, one in and one out over the links.
 struct Stage {
-  Numbers<2 * N_DRIVE> ends;
-  Numbers<N_DRIVE> angles, tau;
+  Numbers<DIMENSION * N_DRIVE> ends;
+  Numbers<ANGLES> angles;
+  Numbers<N_DRIVE> tau;
   Numbers<FRAME> frame[N_LINKS + 1];  // where each link begins; the last is the tip
   Numbers<NQ> qdd;
 
@@ -121,11 +123,11 @@ struct Stage {
             const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before) {
     Numbers<MOVING> moving[N_LINKS];
     Numbers<JOINT> joint[N_LINKS];
-    Numbers<1> torque[N_LINKS], armature[N_LINKS];
+    Numbers<HINGES> torque[N_LINKS], armature[N_LINKS];
     Numbers<DRIVE_MOVING> drive_moving;
     call<hand>({In(x, 0), In(x, NQ), p, u}, {frame[0], ends, angles, drive_moving});
     for (int i = 0; i < N_LINKS; ++i) {
-      const int j = N_DRIVE + i;
+      const int j = N_DRIVE + HINGES * i;
       if constexpr (FIRST)
         call<outward>({frame[i], In(x, j), In(x, NQ + j), w[i], h}, {frame[i + 1], moving[i], torque[i], armature[i]});
       else  // of the frames only what is needed to go on
@@ -140,51 +142,56 @@ struct Stage {
     call<react>({t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), drive_moving, carried[0]},
                 {Out(qdd, 0), at[0], tau});
     for (int i = 0; i < N_LINKS; ++i)
-      call<accelerate>({at[i], joint[i], moving[i]}, {at[i + 1], Out(qdd, N_DRIVE + i)});
+      call<accelerate>({at[i], joint[i], moving[i]}, {at[i + 1], Out(qdd, N_DRIVE + HINGES * i)});
   }
 
   // Tip: position and velocity.
-  void tip(Numbers<4>& to) const {
-    constexpr int COLUMNS[] = {FRAME_x, FRAME_y, FRAME_vx, FRAME_vy};
-    for (int c = 0; c < 4; ++c) {
-      to.x[c] = frame[N_LINKS].x[COLUMNS[c]];
+  void tip(Numbers<TIP>& to) const {
+    for (int c = 0; c < TIP; ++c) {
+      const int column = c < DIMENSION ? FRAME_place + c : FRAME_velocity + c - DIMENSION;
+      to.x[c] = frame[N_LINKS].x[column];
 #if FORWARD
-      to.d[c] = frame[N_LINKS].d[COLUMNS[c]];
+      to.d[c] = frame[N_LINKS].d[column];
 #endif
     }
   }
 
-  // Column c of what is observed: all links' ends (x, y of each in turn), then their absolute angles.
+  // Column c of what is observed: all links' ends (coordinates of each in turn), then in the plane their angles.
   In observed(int64_t c) const {
-    if (c < 2 * N_DRIVE) return In(ends, c);
-    if (c < 2 * NQ) return In(frame[c / 2 - N_DRIVE + 1], c % 2 ? FRAME_y : FRAME_x);
-    const int64_t i = c - 2 * NQ;
+    constexpr int LINKS = N_DRIVE + N_LINKS;
+    if (c < DIMENSION * N_DRIVE) return In(ends, c);
+    if (c < DIMENSION * LINKS) return In(frame[c / DIMENSION - N_DRIVE + 1], FRAME_place + c % DIMENSION);
+    const int64_t i = c - DIMENSION * LINKS;
     return i < N_DRIVE ? In(angles, i) : In(frame[i - N_DRIVE + 1], FRAME_angle);
   }
 };
 
-// Nearest point of the segments between successive tip positions, each a (x, y) with its velocity behind it.
+// Nearest point of the segments between successive tip positions, each a place with its velocity behind it.
 struct ClosestApproach {
   real squared = std::numeric_limits<double>::infinity();
-  real time = 0, tip[4] = {0, 0, 0, 0}, slope = 0;
+  real time = 0, tip[TIP] = {}, slope = 0;
 
   // Of these lanes: the segment that begins at time t and lasts h; d.. are the tips' derivatives.
   void segment(mask lanes, const real* from, const real* to, real t, real h, const real* target, const real* dfrom,
                const real* dto) {
-    const real dx = to[0] - from[0], dy = to[1] - from[1];
-    const real ex = target[0] - from[0], ey = target[1] - from[1];
-    const real length2 = dx * dx + dy * dy;
-    real s = (ex * dx + ey * dy) / select(length2 > 0, length2, real(1));
+    real d[DIMENSION], e[DIMENSION], g[DIMENSION], length2 = 0, along = 0, d2 = 0;
+    for (int c = 0; c < DIMENSION; ++c) {
+      d[c] = to[c] - from[c], e[c] = target[c] - from[c];
+      length2 += d[c] * d[c], along += e[c] * d[c];
+    }
+    real s = along / select(length2 > 0, length2, real(1));
     s = select(s > 0, select(s < 1, s, real(1)), real(0));
-    const real gx = s * dx - ex, gy = s * dy - ey, d2 = gx * gx + gy * gy;
+    for (int c = 0; c < DIMENSION; ++c) g[c] = s * d[c] - e[c], d2 += g[c] * g[c];
     const mask nearer = lanes && (d2 < squared);
     if (!any_of(nearer)) return;
     squared = select(nearer, d2, squared);
     time = select(nearer, t + s * h, time);
-    for (int i = 0; i < 4; ++i) tip[i] = select(nearer, from[i] + s * (to[i] - from[i]), tip[i]);
+    for (int i = 0; i < TIP; ++i) tip[i] = select(nearer, from[i] + s * (to[i] - from[i]), tip[i]);
 #if FORWARD  // where along the segment drops out: there the distance is smallest
-    const real d = sqrt(d2), ux = dfrom[0] + s * (dto[0] - dfrom[0]), uy = dfrom[1] + s * (dto[1] - dfrom[1]);
-    slope = select(nearer, (gx * ux + gy * uy) / select(d > 0, d, real(1)), slope);
+    const real distance = sqrt(d2);
+    real change = 0;
+    for (int c = 0; c < DIMENSION; ++c) change += g[c] * (dfrom[c] + s * (dto[c] - dfrom[c]));
+    slope = select(nearer, change / select(distance > 0, distance, real(1)), slope);
 #else
     (void)dfrom, (void)dto;
 #endif
@@ -201,7 +208,7 @@ struct Strikes {  // what the caller gives and gets; arrays of rows, one per lan
   double* out;
   double* rows;              // trajectories, or null
   const int64_t* first_row;  // where each lane's rows begin
-  double* path;              // tip path at equal times, or null: (lanes, samples, 2), and derivatives behind it
+  double* path;              // tip path at equal times, or null: (lanes, samples, DIMENSION), and derivatives behind it
   int64_t samples;
   double rate;             // [1/s]
   double *y, *dy;          // what is observed, or null: (rows, n_columns)
@@ -240,9 +247,9 @@ struct Roll {
   Numbers<LINK> w[N_LINKS];
   Numbers<NX> x;
   Numbers<N_INPUTS> u, u_end;
-  Numbers<4> tip, before;
+  Numbers<TIP> tip, before;
   Numbers<1> now, dt;
-  real h, h_last, steps, elapsed, target[2], fastest[N_DRIVE + !N_DRIVE], strongest[N_DRIVE + !N_DRIVE];
+  real h, h_last, steps, elapsed, target[DIMENSION], fastest[N_DRIVE + !N_DRIVE], strongest[N_DRIVE + !N_DRIVE];
 #if FORWARD
   real dh, dh_last, delapsed;
 #endif
@@ -254,7 +261,7 @@ struct Roll {
     fill(p, io.p);
     fill(x, io.x0);
     clear(u), clear(u_end), clear(before);
-    for (int j = 0; j < 2; ++j) target[j] = gather(io.target, 2, first, count, j);
+    for (int j = 0; j < DIMENSION; ++j) target[j] = gather(io.target, DIMENSION, first, count, j);
     for (int j = 0; j < N_DRIVE; ++j) fastest[j] = strongest[j] = 0;
     h = gather(io.h, 1, first, count, 0), h_last = gather(io.h_last, 1, first, count, 0);
 #if FORWARD
@@ -343,6 +350,7 @@ struct Roll {
     row[ROW_t] = lane(now.x[0], l);
     for (int j = 0; j < NX; ++j) row[ROW_x + j] = lane(x.x[j], l);
     for (int j = 0; j < N_DRIVE; ++j) row[ROW_tau + j] = lane(stage.tau.x[j], l);
+    for (int j = 0; j < TIP; ++j) row[ROW_tip + j] = lane(tip.x[j], l);
   }
 
   void write_observed(int64_t i, int l, const Stage& stage) const {
@@ -361,17 +369,17 @@ struct Roll {
     int64_t sample = i > 0 ? static_cast<int64_t>(std::floor(start * io.rate + 1e-9)) + 1 : 0;
     for (; sample < io.samples && sample <= t * io.rate + 1e-9; ++sample) {
       const double s = i > 0 ? (sample / io.rate - start) / span : 0;
-      double* point = io.path + ((first + l) * io.samples + sample) * (FORWARD ? 4 : 2);
-      const Numbers<4>& from = i > 0 ? before : tip;
-      for (int c = 0; c < 2; ++c) {
-        const double p0 = lane(from.x[c], l), v0 = lane(from.x[2 + c], l);
-        const double p1 = lane(tip.x[c], l), v1 = lane(tip.x[2 + c], l);
+      double* point = io.path + ((first + l) * io.samples + sample) * (FORWARD ? TIP : DIMENSION);
+      const Numbers<TIP>& from = i > 0 ? before : tip;
+      for (int c = 0; c < DIMENSION; ++c) {
+        const double p0 = lane(from.x[c], l), v0 = lane(from.x[DIMENSION + c], l);
+        const double p1 = lane(tip.x[c], l), v1 = lane(tip.x[DIMENSION + c], l);
         point[c] = hermite(p0, v0, p1, v1, span, s);
 #if FORWARD  // at a fixed time: the step that holds it moves with the strike's duration
         const double dstart = i > 0 ? lane(now.d[0] - delapsed, l) : lane(now.d[0], l), dspan = lane(delapsed, l);
         const double ds = i > 0 ? -(dstart + s * dspan) / span : 0, r = 1 - s;
-        const double q0 = lane(from.d[c], l), w0 = lane(from.d[2 + c], l);
-        point[2 + c] = hermite(q0, w0, lane(tip.d[c], l), lane(tip.d[2 + c], l), span, s) +
+        const double q0 = lane(from.d[c], l), w0 = lane(from.d[DIMENSION + c], l);
+        point[DIMENSION + c] = hermite(q0, w0, lane(tip.d[c], l), lane(tip.d[DIMENSION + c], l), span, s) +
                        ds * (6 * r * s * (p1 - p0) + span * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1)) +
                        dspan * r * s * (r * v0 - s * v1);
 #endif
@@ -387,10 +395,10 @@ struct Roll {
     diverged = diverged || wild;
     alive = alive && !wild;
     for (int j = 0; j < NX; ++j) x.x[j] = select(alive, next.x[j], x.x[j]);
-    for (int j = 0; j < 4; ++j) before.x[j] = select(alive, tip.x[j], before.x[j]);
+    for (int j = 0; j < TIP; ++j) before.x[j] = select(alive, tip.x[j], before.x[j]);
 #if FORWARD
     for (int j = 0; j < NX; ++j) x.d[j] = select(alive, next.d[j], x.d[j]);
-    for (int j = 0; j < 4; ++j) before.d[j] = select(alive, tip.d[j], before.d[j]);
+    for (int j = 0; j < TIP; ++j) before.d[j] = select(alive, tip.d[j], before.d[j]);
 #endif
   }
 
@@ -399,9 +407,9 @@ struct Roll {
       double* out = io.out + (first + l) * OUT;
       out[OUT_distance] = std::sqrt(lane(closest.squared, l));
       out[OUT_time] = lane(closest.time, l);
-      for (int c = 0; c < 2; ++c) {
+      for (int c = 0; c < DIMENSION; ++c) {
         out[OUT_tip + c] = lane(closest.tip[c], l);
-        out[OUT_velocity + c] = lane(closest.tip[2 + c], l);
+        out[OUT_velocity + c] = lane(closest.tip[DIMENSION + c], l);
       }
       out[OUT_diverged] = lane(select(diverged, real(1), real(0)), l);
       out[OUT_last_step] = static_cast<double>(done[l]);

@@ -78,7 +78,7 @@ class Rollout(ABC):
 
         Args:
             strikes: One `Strike` or many, or vectors, (B, 2 a + 1).
-            target: A `Target` or (x, y) for all, or one place each, (B, 2) [m].
+            target: A `Target` or its coordinates for all, or one place each, (B, 2) or in space (B, 3) [m].
             t_stay: [s]
 
         Raises:
@@ -86,7 +86,7 @@ class Rollout(ABC):
         """
         vectors = strike_vectors(strikes, self.model.arm.n)
         paths = self.trajectories(vectors, t_stay=t_stay)
-        points = target_points(target, len(vectors))
+        points = target_points(target, len(vectors), self.model.dimension)
         return joined([path.approach(point) for path, point in zip(paths, points, strict=True)])
 
     def gradient(

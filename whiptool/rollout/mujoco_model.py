@@ -1,18 +1,27 @@
-"""The model in MuJoCo, built through MjSpec: MuJoCo's x is our x, its z our y."""
+"""The model in MuJoCo, built through MjSpec: of a planar model, MuJoCo's x is our x and its z our y."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
+from whiptool.errors import InputError
+from whiptool.models.kinematics import UNIVERSAL
 from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import IDENTITY, SpatialArm, in_space
+from whiptool.models.whip import WhipParameters
 from whiptool.rollout.mujoco_import import mujoco
+from whiptool.rollout.mujoco_scene import add_ball, add_capsule, add_scene, add_target
 
 # MuJoCo refuses masses without inertia. This much [kg m^2] on a node of 12 g at 72 mm changes its inertia by 2e-8.
 NODE_INERTIA = 1e-12
 
-# Colour-blind safe (Okabe-Ito)
-_BLUE, _ORANGE, _VERMILION = (0.0, 0.45, 0.70, 1), (0.90, 0.62, 0.0, 1), (0.84, 0.37, 0.0, 1)
-_PALE_ORANGE, _GREY, _DARK = (0.88, 0.70, 0.36, 1), (0.35, 0.35, 0.4, 1), (0.13, 0.13, 0.16, 1)
+_HINGE = (("", (0.0, -1.0, 0.0)),)  # a node's joints: what its name ends with, and their axes
+_NODE_JOINTS = {"hinge": _HINGE, "universal": tuple(zip(("x", "y"), UNIVERSAL, strict=True))}
 
 
 def not_native(model: Model) -> list[str]:
@@ -28,14 +37,20 @@ def not_native(model: Model) -> list[str]:
 def build_spec(
     model: Model, *, target: np.ndarray | None = None, target_radius: float = 0.06, node_inertia: float = NODE_INERTIA
 ) -> mujoco.MjSpec:
-    """Arm, whip and scene; joints are `shoulder`, `elbow`, `whip1` .. `whipN`, the tip is the site `tip`.
+    """Arm, whip and scene; the arm's joints have their names, the whip's are `whip1` .. `whipN`, of universal nodes
+    `whip1x`, `whip1y` and so on, the nodes' bodies are `whip1` .. `whipN`, and the tip is the site `tip`.
 
     Args:
         model: Whip, arm, gravity.
-        target: Position (2,) [m] of a target to show; it takes no part in the dynamics.
+        target: Position (2,) or, in space, (3,) [m] of a target to show; it takes no part in the dynamics.
         target_radius: [m]
-        node_inertia: Inertia of each whip node [kg m^2], > 0.
+        node_inertia: Inertia of each whip node [kg m^2], > 0, where its own is less.
+
+    Raises:
+        InputError: The whip's nodes are rods, which MuJoCo has no joints for.
     """
+    if model.whip.joints not in _NODE_JOINTS:
+        raise InputError("whip.joints", model.whip.joints, ", ".join(_NODE_JOINTS) + ", in MuJoCo")
     spec = mujoco.MjSpec()
     spec.modelname = model.name
     spec.option.gravity = [0, 0, -model.gravity]
@@ -43,145 +58,129 @@ def build_spec(
     spec.option.timestep = 1e-4
     spec.compiler.degree = False
     spec.compiler.autolimits = True
-    _scene(spec, model)
+    add_scene(spec, model)
     if target is not None:
-        _add_target(spec, target, target_radius, model.reach)
-
-    arm, whip = model.arm, model.whip
-    parent, at = spec.worldbody, [0.0, 0.0, 0.0]
-    for i, (name, link) in enumerate(zip(arm.joints, arm.links, strict=True)):
-        assert link.com is not None
-        assert link.inertia is not None
-        thickness = (0.025 - 0.004 * i / arm.n) * model.reach
-        body = _link(
-            parent, name, at, mass=link.mass, com=link.com, inertia=max(link.inertia, node_inertia), tiny=node_inertia
-        )
-        body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0], damping=link.friction)
-        _capsule(body, link.length, thickness, "arm")
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[thickness * 1.25, 0, 0], material="joint", **_VISUAL)
-        actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
-        actuator.set_to_motor()
-        parent, at = body, [0.0, 0.0, -link.length]
-    if whip.hinge_mass:
-        grip = parent.add_body(
-            name="grip", pos=at, mass=whip.hinge_mass, ipos=[0, 0, 0], inertia=[node_inertia] * 3, explicitinertial=True
-        )
-        grip.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.016 * model.reach, 0, 0], material="joint", **_VISUAL)
-    l, m, k, b, rest, cubic = (whip.per_node(x) for x in ("l", "m", "k", "b", "rest_angle", "cubic_stiffness"))
-    for i in range(whip.N):
-        thickness = (0.011 - 0.005 * i / whip.N) * model.reach
-        body = _link(parent, f"whip{i + 1}", at, mass=m[i], com=l[i], inertia=node_inertia, tiny=node_inertia)
-        body.add_joint(
-            name=f"whip{i + 1}",
-            type=mujoco.mjtJoint.mjJNT_HINGE,
-            axis=[0, -1, 0],
-            stiffness=[k[i], 0, cubic[i]],  # MuJoCo's polynomial
-            damping=b[i],
-            springref=rest[i],
-        )
-        _capsule(body, l[i], thickness, "whip")
-        parent, at = body, [0.0, 0.0, -l[i]]
-    parent.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=at, size=[0.02 * model.reach, 0, 0], material="tip", **_VISUAL
-    )
-    parent.add_site(name="tip", pos=at, size=[0.005, 0, 0])
+        add_target(spec, target, target_radius, model.reach)
+    arm = model.arm if isinstance(model.arm, SpatialArm) else in_space(model.arm)
+    hand = _add_arm(spec, arm, model.reach, node_inertia)
+    if model.whip.hinge_mass:
+        point = (node_inertia, node_inertia, node_inertia, 0, 0, 0)
+        grip = hand.add_body("grip", mass=model.whip.hinge_mass, com=(0, 0, 0), inertia=point, least=node_inertia)
+        add_ball(grip, 0.016 * model.reach, "joint")
+        hand = _Place(grip)
+    _add_whip(hand, model.whip, model.reach, node_inertia)
     return spec
 
 
-_VISUAL = {"contype": 0, "conaffinity": 0, "mass": 0.0}
+@dataclass(frozen=True)
+class _Joint:
+    """A joint that no body has yet, and where it is in the frame of the body before."""
+
+    name: str
+    axis: np.ndarray  # (3,), in the frame of the body before
+    position: np.ndarray  # (3,)
+    options: dict[str, Any]
 
 
-def _link(parent, name: str, at: list[float], *, mass: float, com: float, inertia: float, tiny: float):
-    """A body whose inertia matters about the hinge axis (y) only."""
-    return parent.add_body(
-        name=name, pos=at, mass=mass, ipos=[0, 0, -com], inertia=[inertia, inertia, tiny], explicitinertial=True
-    )
+@dataclass(frozen=True)
+class _Place:
+    """Where the next body is, in the frame of the one before, and the joints that it will move about.
 
+    MuJoCo has no bodies without mass; a body has the joints of the massless links before it.
+    """
 
-def _capsule(body, length: float, radius: float, material: str) -> None:
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0, 0, 0, 0, 0, -length],
-        size=[radius, 0, 0],
-        material=material,
-        **_VISUAL,
-    )
+    body: Any
+    position: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    rotation: np.ndarray = dataclasses.field(default_factory=lambda: np.eye(3))
+    joints: tuple[_Joint, ...] = ()
 
+    def carried(self, position: Sequence[float], rotation: Sequence[Sequence[float]] = IDENTITY) -> _Place:
+        """Farther, by a placement in its own frame."""
+        at = self.position + self.rotation @ np.array(position)
+        return dataclasses.replace(self, position=at, rotation=self.rotation @ np.array(rotation))
 
-def _add_target(spec: mujoco.MjSpec, target: np.ndarray, radius: float, reach: float) -> None:
-    """A disc just behind the strike plane, so that it never hides the tip."""
-    body = spec.worldbody.add_body(name="target", pos=[float(target[0]), 0, float(target[1])])
-    for material, size, y in (("target_zone", radius, 0.048), ("target", radius / 4, 0.044)):
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            fromto=[0, y * reach, 0, 0, 0.05 * reach, 0],
-            size=[size, 0, 0],
-            material=material,
-            **_VISUAL,
+    def with_joint(self, name: str, axis: Sequence[float], **options: Any) -> _Place:
+        """With one more joint there."""
+        joint = _Joint(name, self.rotation @ np.array(axis), self.position, options)
+        return dataclasses.replace(self, joints=(*self.joints, joint))
+
+    def add_body(
+        self, name: str, *, mass: float, com: Sequence[float], inertia: Sequence[float], least: float
+    ) -> mujoco.MjsBody:
+        """A body with all joints that wait for it.
+
+        Args:
+            mass: [kg]
+            com: [m]
+            inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
+            least: Smallest principal moment that it gets [kg m^2].
+        """
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, self.rotation.ravel())
+        moments = _at_least(inertia, least)
+        kind = {"fullinertia": moments} if any(moments[3:]) else {"inertia": moments[:3]}
+        body = self.body.add_body(
+            name=name, pos=self.position, quat=quaternion, mass=mass, ipos=list(com), explicitinertial=True, **kind
         )
+        for joint in self.joints:
+            at, axis = self.rotation.T @ (joint.position - self.position), self.rotation.T @ joint.axis
+            body.add_joint(name=joint.name, pos=at, axis=axis, **joint.options)
+        return body
 
 
-def _scene(spec: mujoco.MjSpec, model: Model) -> None:
-    """Light, board, floor, materials, and a camera that sees the whole reach from the side."""
-    reach = model.reach
-    spec.stat.center, spec.stat.extent = [0.0, 0, 0], 1.2 * reach
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
-    spec.visual.quality.shadowsize = 2048
-    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.4] * 3
-    spec.visual.headlight.specular = [0.2] * 3
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.97, 0.98, 1.0],
-        rgb2=[0.80, 0.85, 0.92],
-        width=256,
-        height=256,
-    )
-    for name, rgba in (
-        ("arm", _BLUE),
-        ("joint", _GREY),
-        ("whip", _DARK),
-        ("tip", _VERMILION),
-        ("target", _ORANGE),
-        ("target_zone", _PALE_ORANGE),
-    ):
-        spec.add_material(name=name, rgba=rgba, specular=0.3, shininess=0.4)
-    # Plain colours: a texture over the whole picture would triple the time that software rendering takes.
-    for name, rgba in (("board", (0.87, 0.885, 0.91, 1)), ("floor", (0.62, 0.66, 0.72, 1))):
-        spec.add_material(name=name, rgba=rgba, specular=0, shininess=0)
-    spec.worldbody.add_light(
-        pos=[0, -reach, 2 * reach],
-        dir=[0.15, 0.6, -1],
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        diffuse=[0.45] * 3,
-    )
-    floor, board = -1.12 * reach, 0.06 * reach
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[4 * reach, 4 * reach, 0.1],
-        pos=[0, 0, floor],
-        material="floor",
-        **_VISUAL,
-    )
-    spec.worldbody.add_geom(
-        name="board",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[4 * reach, 4 * reach, 0.1],
-        pos=[0, board, 0],
-        zaxis=[0, -1, 0],
-        material="board",
-        **_VISUAL,
-    )
-    # A side view, x to the right and z up; orthographic, so that lengths read true (fovy is the height in m)
-    spec.worldbody.add_camera(
-        name="side",
-        pos=[0, -3 * reach, 0],
-        xyaxes=[1, 0, 0, 0, 0, 1],
-        fovy=2.14 * reach,
-        proj=mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC,
-    )
+def _at_least(inertia: Sequence[float], least: float) -> list[float]:
+    """Moments of inertia whose principal ones are not below the least."""
+    if not any(inertia[3:]):
+        return [*(max(x, least) for x in inertia[:3]), 0.0, 0.0, 0.0]
+    xx, yy, zz, xy, xz, yz = inertia
+    moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if moments[0] >= least:
+        return list(inertia)
+    I = (axes * np.maximum(moments, least)) @ axes.T
+    return [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+
+
+def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -> _Place:
+    """Links, joints and motors; returns the place of the hand."""
+    place, ends = _Place(spec.worldbody), [link.position for link in arm.links[1:]] + [arm.hand_position]
+    if any(arm.links[0].position):
+        add_capsule(spec.worldbody, arm.links[0].position, 0.025 * reach, "arm")
+    for i, (name, link, end) in enumerate(zip(arm.joints, arm.links, ends, strict=True)):
+        kind = mujoco.mjtJoint.mjJNT_HINGE if link.kind == "revolute" else mujoco.mjtJoint.mjJNT_SLIDE
+        options = {"type": kind, "damping": link.friction, "armature": link.armature}
+        if np.isfinite(link.limits.position).all():
+            options["range"] = link.limits.position
+        place = place.carried(link.position, link.rotation).with_joint(name, link.axis, **options)
+        if link.mass:
+            body = place.add_body(name, mass=link.mass, com=link.com, inertia=link.inertia, least=least)
+            thickness = (0.025 - 0.004 * i / arm.n) * reach
+            if any(end):
+                add_capsule(body, end, thickness, "arm")
+            add_ball(body, thickness * 1.25, "joint")
+            place = _Place(body)
+        actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
+        actuator.set_to_motor()
+    return place.carried(arm.hand_position, arm.hand_rotation)
+
+
+def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -> None:
+    names = ("l", "m", "k", "b", "rest_angle", "cubic_stiffness", "node_inertia")
+    for i, (l, m, k, b, rest, cubic, own) in enumerate(zip(*(whip.per_node(name) for name in names), strict=True)):
+        stiffness = [k, 0, cubic]  # MuJoCo's polynomial
+        for ending, axis in _NODE_JOINTS[whip.joints]:
+            place = place.with_joint(
+                f"whip{i + 1}{ending}",
+                axis,
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                stiffness=stiffness,
+                damping=b,
+                springref=rest,
+            )
+        body = place.add_body(f"whip{i + 1}", mass=m, com=(0, 0, -l), inertia=(own,) * 3 + (0.0,) * 3, least=least)
+        add_capsule(body, (0, 0, -l), (0.011 - 0.005 * i / whip.N) * reach, "whip")
+        place = _Place(body).carried((0, 0, -l))
+    add_ball(place.body, 0.02 * reach, "tip", place.position)
+    place.body.add_site(name="tip", pos=place.position, size=[0.005, 0, 0])
 
 
 def set_posture(model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray) -> None:

@@ -9,8 +9,7 @@ from importlib.resources import files
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.articulated import Acceleration, Carried, Joint, JointFrame
-from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
+from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.dynamics.system import System, along
 from whiptool.rollout.batch import Batch, Rolled, empty_results
@@ -31,21 +30,20 @@ def generate_c(system: System, *, forward: bool) -> str:
 
 def _constants(system: System) -> str:
     """Sizes and columns as C++ constants."""
-    a, n = system.n_drive, system.n
+    a, n, stored = system.n_drive, system.n, system.columns
     numbers = {"N_DRIVE": a, "N_LINKS": system.n_links, "NP": system.n_parameters, "N_INPUTS": system.n_inputs}
-    numbers["LINK"] = len(system.link_columns)
-    numbers |= {kind.__name__.upper(): len(kind._fields) for kind in (Carried, Joint, Acceleration)}
-    numbers["MOVING"], numbers["DRIVE_MOVING"] = (system.functions[name].numel_out(i) for name, i in _MOVING)
-    numbers |= Columns(dict.fromkeys(JointFrame._fields, 1)).constants("FRAME")
-    numbers |= outcome_columns(a).constants("OUT") | row_columns(n, a).constants("ROW")
+    numbers |= {"DIMENSION": system.dimension, "HINGES": len(system.hinges), "LINK": len(system.link_columns)}
+    numbers |= {"FRAME": stored.frame.size, "DRIVE_MOVING": stored.motion.size, "MOVING": stored.moving.size}
+    numbers |= {"CARRIED": stored.carried.size, "JOINT": stored.joint.size, "ACCELERATION": stored.acceleration.size}
+    numbers |= {"ANGLES": system.functions["hand"].numel_out(2)}
+    numbers |= {f"FRAME_{name}": column for name, column in system.frame_columns.items()}
+    numbers |= outcome_columns(a, system.dimension).constants("OUT")
+    numbers |= row_columns(n, a, system.dimension).constants("ROW")
     lines = [f"constexpr int {name} = {value};" for name, value in numbers.items()]
     firsts, strides = zip(*system.link_columns.values(), strict=True)
     for name, values in (("LINK_FIRST", firsts), ("LINK_STRIDE", strides)):
         lines.append(f"constexpr int {name}[] = {{{', '.join(map(str, values))}}};")
     return "\n".join(lines) + "\n"
-
-
-_MOVING = (("outward", 1), ("hand", 3))  # which outputs say how the whip's and the drive's links move
 
 
 class _Strikes(ctypes.Structure):  # driver.cpp: struct Strikes
@@ -86,9 +84,7 @@ class NativeEngine:
         order = np.argsort(-batch.steps, kind="stable")  # lanes that end together; the longest first
         ordered = batch.take(order)
         rolled = empty_results(batch, self.system)
-        out, path = np.empty_like(rolled.out), None if rolled.path is None else np.empty_like(rolled.path)
-        if path is not None:
-            path.fill(np.nan)
+        out, path = np.empty_like(rolled.out), None if rolled.path is None else rolled.path.copy()
         buffers = {name: getattr(ordered, name) for name in (*Batch.PER_STRIKE, "u", "du", "columns")}
         buffers |= {"out": out, "rows": rolled.rows, "path": path, "y": rolled.y, "dy": rolled.dy}
         for name in ("first_row", "y_row"):  # results of lanes that stand elsewhere now

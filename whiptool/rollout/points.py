@@ -1,4 +1,4 @@
-"""Places in the strike plane, given as targets or as arrays."""
+"""Places in the strike plane or in space, given as targets or as arrays."""
 
 from __future__ import annotations
 
@@ -15,25 +15,28 @@ class Placed(Protocol):
 
     @property
     def position(self) -> tuple[float, ...]:
-        """Place (x, y) in the strike plane [m]."""
+        """Place (x, y) in the strike plane, or (x, y, z) in space [m]."""
         ...
 
 
 Points: TypeAlias = Placed | np.ndarray | Sequence[float]
 
 
-def target_points(target: Points, count: int) -> np.ndarray:
-    """Return the places of targets, (count, 2) [m].
+def target_points(target: Points, count: int, dimension: int = 2) -> np.ndarray:
+    """Return the places of targets, (count, dimension) [m].
 
     Args:
-        target: A `Target`, or (x, y), for all; or one each, (count, 2) [m].
+        target: A `Target`, or coordinates, for all; or one each, (count, dimension) [m].
         count: Of strikes.
+        dimension: 2 in the plane, 3 in space.
 
     Raises:
         InputError: It has another shape.
     """
     position = target if isinstance(target, np.ndarray | Sequence) else target.position
-    points = np.asarray(position, float)
-    if points.shape not in ((2,), (count, 2)):
-        raise InputError("target", f"shape {points.shape}", f"a Target, shape (2,), or one each, ({count}, 2)")
-    return np.broadcast_to(points, (count, 2))
+    points, d = np.asarray(position, float), dimension
+    if points.shape not in ((d,), (count, d)):
+        where = "in the plane" if d == 2 else "in space"
+        rule = f"a Target {where}, shape ({d},), or one each, ({count}, {d})"
+        raise InputError("target", f"shape {points.shape}", rule)
+    return np.broadcast_to(points, (count, d))

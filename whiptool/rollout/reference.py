@@ -68,8 +68,8 @@ class ReferenceRollout(Rollout):
         self._arm = Arm(model)
         self._tip = self._mj.site("tip").id
         whip = model.whip
-        zeros = np.zeros(model.arm.n)
-        self._friction = np.r_[zeros, whip.per_node("dry_friction")]
+        self._axes = [0, 1, 2] if model.dimension == 3 else [0, 2]  # of MuJoCo's, ours
+        self._friction = np.r_[np.zeros(model.arm.n), whip.per_joint("dry_friction")]
         self._drag = whip.per_node("drag")
         self._nodes = np.array([self._mj.body(f"whip{i + 1}").id for i in range(whip.N)])
         self._root = self._mj.body_rootid[self._nodes[0]]
@@ -95,7 +95,7 @@ class ReferenceRollout(Rollout):
         mujoco.mj_resetData(mj, data)
         data.qpos[:] = start_posture(self.model, np.array([strike.q_i]))[0]
         times, q, v = np.empty(steps + 1), np.empty((steps + 1, n)), np.empty((steps + 1, n))
-        tau, tip, velocity = np.empty((steps + 1, a)), np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
+        tau, (tip, velocity) = np.empty((steps + 1, a)), np.empty((2, steps + 1, self.model.dimension))
         diverged, i, unrecorded = False, 0, 0
 
         def act(_: mujoco.MjModel, acting: mujoco.MjData) -> None:
@@ -109,7 +109,7 @@ class ReferenceRollout(Rollout):
                 self.apply_forces(data)
             if unrecorded == i:
                 times[i], q[i], v[i], tau[i] = data.time, data.qpos, data.qvel, data.ctrl
-                tip[i], velocity[i] = data.site_xpos[self._tip, ::2], self._tip_velocity()
+                tip[i], velocity[i] = data.site_xpos[self._tip, self._axes], self._tip_velocity()
                 unrecorded = i + 1
 
         own = data._address
@@ -152,25 +152,22 @@ class ReferenceRollout(Rollout):
         if self._friction.any():
             data.qfrc_applied[:] = -self._friction * v / np.sqrt(v**2 + self.model.whip.friction_velocity**2)
         if self._drag.any():
-            # node i sits at its body's centre of mass, where MuJoCo applies forces; the plane is x and z
+            # node i sits at its body's centre of mass, where MuJoCo applies forces
             lever = data.xipos[self._nodes] - data.subtree_com[self._root]
-            turning = data.cvel[self._nodes, 1]  # about y
-            u = data.cvel[self._nodes, 3::2]  # (N, 2), of the point of each body that is at the chain's centre of mass
-            u[:, 0] += turning * lever[:, 2]
-            u[:, 1] -= turning * lever[:, 0]
+            spin, u = data.cvel[self._nodes, :3], data.cvel[self._nodes, 3:]  # u: at the chain's centre of mass
+            u = u + np.cross(spin, lever)  # (N, 3)
             braked = u
             if self.model.whip.drag_ratio != 1:
-                # each body's own z axis points from the node to its joint
-                axes = data.xmat[self._nodes].reshape(-1, 3, 3)[:, ::2, 2]  # (N, 2)
+                axes = data.xmat[self._nodes].reshape(-1, 3, 3)[:, :, 2]  # from the node to its joint, (N, 3)
                 along = (u * axes).sum(axis=1, keepdims=True)
                 braked = u - (1 - self.model.whip.drag_ratio) * along * axes
-            drag = -self._drag[:, None] * np.sqrt((u**2).sum(axis=1, keepdims=True) + 1e-12) * braked
-            data.xfrc_applied[self._nodes, :3:2] = drag
+            speed = np.sqrt((u**2).sum(axis=1, keepdims=True) + 1e-12)
+            data.xfrc_applied[self._nodes, :3] = -self._drag[:, None] * speed * braked
 
     def _tip_velocity(self) -> np.ndarray:
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(self._mj, self._data, mujoco.mjtObj.mjOBJ_SITE, self._tip, velocity, 0)
-        return velocity[[3, 5]]
+        return velocity[3:][self._axes]
 
 
 def check_integrator(name: str) -> None:
@@ -224,7 +221,7 @@ def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:
     """A step [s] well inside RK4's stability limit (2.78 over the fastest decay) for damping and friction."""
     rng, data = np.random.default_rng(0), mujoco.MjData(mj)
     whip = model.whip
-    damping = mj.dof_damping + np.r_[np.zeros(model.arm.n), whip.per_node("dry_friction")] / whip.friction_velocity
+    damping = mj.dof_damping + np.r_[np.zeros(model.arm.n), whip.per_joint("dry_friction")] / whip.friction_velocity
     fastest = 1e-9
     for _ in range(20):  # the limit depends on the posture
         data.qpos[:] = rng.normal(0, 0.5, model.n)

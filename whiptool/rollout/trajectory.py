@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from whiptool.models.kinematics import chain_motion
 from whiptool.models.parameters import Model
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.points import Points, target_points
@@ -25,8 +26,8 @@ class Approach:
     Args:
         distance: Of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
         time: When [s], (B,).
-        velocity: Of the tip, then [m/s], (B, 2).
-        tip: Where [m], (B, 2).
+        velocity: Of the tip, then [m/s], (B, 2), in space (B, 3).
+        tip: Where [m], (B, 2), in space (B, 3).
         max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
         diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
@@ -50,7 +51,7 @@ class Approach:
     @property
     def speed(self) -> np.ndarray:
         """Of the tip at the closest approach [m/s], (B,)."""
-        return np.hypot(*self.velocity.T)
+        return np.linalg.norm(self.velocity, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Trajectory:
         q_d, v_d: Desired positions and velocities of the arm, (T, a).
         tau: Arm torques [N m], (T, a).
         K, B: Stiffness [N m/rad] and damping [N m s/rad] of the controller, (T, a, a).
-        tip, tip_velocity: [m], [m/s], (T, 2).
+        tip, tip_velocity: [m], [m/s], (T, 2), in space (T, 3).
         diverged: Whether it ends early because it diverged.
     """
 
@@ -80,15 +81,15 @@ class Trajectory:
     diverged: bool = False
 
     def __repr__(self) -> str:
-        fastest = np.hypot(*self.tip_velocity.T).max()
+        fastest = np.linalg.norm(self.tip_velocity, axis=1).max()
         ended = "diverged" if self.diverged else "ended"
         return f"Trajectory({len(self.t)} instants, {ended} at {self.t[-1]:.3f} s, tip at most {fastest:.1f} m/s)"
 
     def approach(self, target: Points) -> Approach:
         """The closest approach (B = 1): the nearest point of the segments between successive tip positions."""
-        nearest = closest_on_segments(self.tip, target_points(target, 1)[0])
+        nearest = closest_on_segments(self.tip, target_points(target, 1, self.tip.shape[1])[0])
         if np.isinf(nearest.distance):  # diverged in the first step
-            of_tip = 0.0, np.full(2, np.nan), np.full(2, np.nan)
+            of_tip = 0.0, *np.full((2, self.tip.shape[1]), np.nan)
         else:
             of_tip = tuple(nearest.between(x) for x in (self.t, self.tip_velocity, self.tip))
         return Approach(
@@ -100,7 +101,7 @@ class Trajectory:
 
     def distance(self, target: Points) -> np.ndarray:
         """Distance between tip and target at every instant [m], (T,)."""
-        return np.linalg.norm(self.tip - target_points(target, 1)[0], axis=1)
+        return np.linalg.norm(self.tip - target_points(target, 1, self.tip.shape[1])[0], axis=1)
 
     def save(self, path: Path) -> None:
         """Write an NPZ file, without pickle."""
@@ -116,7 +117,12 @@ class Trajectory:
 
 
 def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
-    """Positions of shoulder, joints and tip [m], shape (..., n + 1, 2), for joint positions q of shape (..., n)."""
+    """Positions of shoulder, joints and tip [m], shape (..., n + 1, 2), for joint positions q of shape (..., n).
+
+    In space those of the a joints of the arm, the hand and the N nodes, (..., a + 1 + N, 3).
+    """
+    if model.dimension == 3:
+        return chain_motion(model, q)[0]
     theta = np.cumsum(q, axis=-1)
     l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
     steps = np.stack([l * np.sin(theta), -l * np.cos(theta)], axis=-1)
@@ -139,7 +145,10 @@ def complete_trajectory(
     a = model.arm.n
     q_d, v_d, _ = strike.reference(t)
     K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
-    if tip is None:
+    if tip is None and model.dimension == 3:
+        points, velocities = chain_motion(model, q, v)
+        tip = points[:, -1], velocities[:, -1]
+    elif tip is None:
         theta, omega = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
         l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
         tip = (

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.models.parameters import Model
-from whiptool.objective import Target
 from whiptool.rollout.trajectory import Trajectory
+from whiptool.target import Target
 
 MAX_SEGMENTS = 800  # of the tip's path
 _SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path where the tip rests and is fastest

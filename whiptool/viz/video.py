@@ -17,10 +17,10 @@ from matplotlib.patches import Circle
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
-from whiptool.objective import Target, as_target
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec, set_posture
 from whiptool.rollout.trajectory import Trajectory, joint_points
+from whiptool.target import Target, as_target
 from whiptool.viz.film import MAX_SEGMENTS, Film, film_of
 from whiptool.viz.opengl import add_bar, gl_context
 from whiptool.viz.plots import COLORS

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from flights import scene
 
-from whiptool.objective import Objective, Target
+from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.studies.comparison.units import SearchUnit
+from whiptool.target import Target
 
 
 def test_targets_are_drawn_once_for_all():

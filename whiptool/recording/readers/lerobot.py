@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.files import read_toml
+from whiptool.models.tables import read_toml
 from whiptool.recording.parsing import need, parsing, sha256, whole_file
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, Sidecar
 from whiptool.recording.readers.tracks import AXES, split_columns

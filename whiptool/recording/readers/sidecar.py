@@ -30,8 +30,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.files import read_toml
 from whiptool.models.strike import Strike
+from whiptool.models.tables import read_toml
 from whiptool.recording.readers import plane
 from whiptool.recording.readers.table import read_columns
 

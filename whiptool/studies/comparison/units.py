@@ -112,9 +112,10 @@ class SearchUnit:
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search at every target of the unit."""
-        from whiptool.objective import Objective, Target
+        from whiptool.objective import Objective
         from whiptool.optimizers import search
         from whiptool.optimizers.library import StrikeLibrary, library_search, warm_search
+        from whiptool.target import Target
 
         scene, start = self.scene, time.monotonic()
         rollout, misses, n_diverged, library = scene.rollout(threads), [], 0, None

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import LARGEST
+from whiptool.models.numbers import LARGEST
 from whiptool.models.strike import default_bounds
-from whiptool.objective import TARGET
 from whiptool.studies.comparison.store import Store
 from whiptool.studies.comparison.units import Scene
+from whiptool.target import TARGET
 from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region
 
 FAST = "fast"

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from whiptool.adaptation.twins import FAMILIES
-from whiptool.objective import HIT_RADIUS
 from whiptool.studies.reproduction.calibration import calibration, forecasts, stated
 from whiptool.studies.reproduction.context import Context
 from whiptool.studies.reproduction.scores import Scores
@@ -29,6 +28,7 @@ from whiptool.studies.reproduction.unknown_whips import (
     WhipUnit,
 )
 from whiptool.studies.reproduction.whole_chain import ReachUnit, RigTransferUnit, RigUnit
+from whiptool.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.zone import Disc

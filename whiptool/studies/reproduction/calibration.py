@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from whiptool.adaptation.twins import FAMILIES
-from whiptool.objective import HIT_RADIUS
 from whiptool.studies.reproduction.scores import Forecast, Scores
 from whiptool.studies.reproduction.trials import reliability
+from whiptool.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Table, Text
 

@@ -7,11 +7,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from whiptool.objective import Objective, Target
+from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.context import Context
+from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.zone import Disc

@@ -1,0 +1,262 @@
+"""Chains in space: against MuJoCo and Pinocchio, by their energy, and as a case of the plane."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from random_space import (
+    by_mujoco,
+    by_pinocchio,
+    drag_torque,
+    held,
+    loop_of,
+    node_jacobians,
+    passive,
+    pinocchio_of,
+    random_model,
+    random_state,
+)
+
+from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.posture import start_derivative, start_posture
+from whiptool.impedance.arm import Arm
+from whiptool.impedance.constant import ConstantImpedance
+from whiptool.impedance.controller import Controller
+from whiptool.impedance.oiac import OIAC
+from whiptool.models.parameters import Model
+from whiptool.models.presets import preset
+from whiptool.models.spatial_arm import in_space
+from whiptool.models.strike import Strike
+
+SIZES = [(1, 1), (1, 6), (2, 3), (3, 5), (3, 12), (4, 25), (5, 4), (6, 10), (7, 20), (7, 23)]
+
+
+def worst(ours: np.ndarray, its: np.ndarray) -> float:
+    """Largest difference, relative to the largest entry."""
+    return float(np.abs(ours - its).max() / np.abs(its).max())
+
+
+@pytest.mark.parametrize(("a", "N"), SIZES)
+def test_three_engines_agree_on_accelerations(a: int, N: int):
+    """Random arms of 1 to 7 joints, some of which slide, with whips of up to 50 universal hinges: to 1e-9."""
+    for seed in range(4):
+        model = random_model(seed, a, N)
+        loop, p = loop_of(model)
+        for state in range(3):
+            q, v, tau = random_state(model, state)
+            ours = loop.acceleration(np.r_[q, v], 0, p, tau).full()[:, 0]
+            assert worst(ours, by_mujoco(model, q, v, tau)) < 1e-9
+            assert worst(ours, by_pinocchio(model, q, v, tau)) < 1e-9
+
+
+@pytest.mark.parametrize(("a", "N"), [(2, 4), (6, 8)])
+def test_drag_and_dry_friction_are_what_virtual_work_says(a: int, N: int):
+    for seed in range(4):
+        model = random_model(seed, a, N, forces=True)
+        loop, p = loop_of(model)
+        q, v, tau = random_state(model, seed)
+        ours = loop.acceleration(np.r_[q, v], 0, p, tau).full()[:, 0]
+        assert worst(ours, by_pinocchio(model, q, v, tau)) < 1e-9
+        assert worst(ours, by_mujoco(model, q, v, tau)) > 1e-6  # they do act
+
+
+@pytest.mark.parametrize(("a", "N"), [(2, 3), (7, 8)])
+def test_energies_and_mass_matrix_are_pinocchios(a: int, N: int):
+    for seed in range(4):
+        model = random_model(seed, a, N)
+        loop, p = loop_of(model)
+        q, v, _ = random_state(model, seed)
+        its = pinocchio_of(model)
+        data = its.createData()
+        T, V = (float(x) for x in loop.energies(q, v, p))
+        k, cubic = (np.repeat(model.whip.per_node(x), 2) for x in ("k", "cubic_stiffness"))
+        springs = k @ q[a:] ** 2 / 2 + cubic @ q[a:] ** 4 / 4
+        M = pin.crba(its, data, q)
+        M = np.triu(M) + np.triu(M, 1).T
+        assert pytest.approx(v @ M @ v / 2, rel=1e-12) == T
+        assert pytest.approx(pin.computePotentialEnergy(its, data, q) + springs, rel=1e-12, abs=1e-12) == V
+        assert worst(loop.mass_matrix(q, p).full(), M) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_power_of_all_forces_is_the_rate_of_energy(seed: int):
+    model = random_model(seed, 4, 6, forces=True)
+    loop, p = loop_of(model)
+    q, v, tau = random_state(model, seed)
+    a = loop.acceleration(np.r_[q, v], 0, p, tau).full()[:, 0]
+    h = 1e-6
+    ends = [[float(x) for x in loop.energies(q + s * h * v, v + s * h * a, p)] for s in (-1, 1)]
+    rate = (sum(ends[1]) - sum(ends[0])) / (2 * h)
+    its = pinocchio_of(model)
+    k, cubic = (np.repeat(model.whip.per_node(x), 2) for x in ("k", "cubic_stiffness"))
+    lossy = passive(model, q, v) + np.r_[np.zeros(4), k * q[4:] + cubic * q[4:] ** 3]
+    power = (np.r_[tau, np.zeros(12)] + lossy + drag_torque(its, model, q, v)) @ v
+    assert rate == pytest.approx(power, rel=1e-6, abs=1e-6 * abs(ends[0][0]))
+
+
+def conservative(model: Model) -> Model:
+    links = tuple(replace(link, friction=0.0) for link in model.arm.links)
+    return replace(model, whip=replace(model.whip, b=0.0), arm=replace(model.arm, links=links))
+
+
+def roll(model: Model, x0: np.ndarray, h: float, steps: int) -> np.ndarray:
+    """States (steps + 1, 2 n) of the loop without torques."""
+    loop, p = loop_of(model)
+    none, states = np.zeros(model.arm.n), [x0]
+    for i in range(steps):
+        states.append(loop.step(states[-1], i * h, h, p, none, none)[0].full()[:, 0])
+    return np.array(states)
+
+
+@pytest.mark.parametrize(("seed", "a"), [(0, 1), (1, 3), (2, 4)])
+def test_energy_error_shrinks_with_the_second_order_or_faster(seed: int, a: int):
+    """0.2 s of free motion in space, everything dissipative off."""
+    model = conservative(random_model(seed, a, 4))
+    n, (loop, p) = model.n, loop_of(model)
+    rng = np.random.default_rng(seed)
+    x0 = np.r_[start_posture(model, rng.uniform(-0.5, 0.5, (1, a)))[0], rng.uniform(-2, 2, n)]
+    errors = []
+    for h in (4e-4, 2e-4, 1e-4):
+        states = roll(model, x0, h, round(0.2 / h))[:: round(0.02 / h)]
+        T, V = np.array([[float(x) for x in loop.energies(x[:n], x[n:], p)] for x in states]).T
+        assert np.ptp(T) > 0.01  # energy does change its form
+        errors.append(np.abs(T + V - T[0] - V[0]).max())
+    assert np.log2(np.array(errors[:-1]) / errors[1:]).min() >= 1.9
+    assert errors[-1] < 1e-4 * np.ptp(T)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The plane is a case
+
+
+def put_in_space(model: Model) -> Model:
+    """The same planar model as one in space, of universal nodes."""
+    return replace(model, arm=in_space(model.arm), whip=replace(model.whip, joints="universal"))
+
+
+@pytest.mark.parametrize("law", ["constant", "oiac"])
+def test_a_planar_state_moves_in_space_as_in_the_plane(law: str):
+    """One step with everything but a rest angle, at random states of the plane: to 1e-10."""
+    base = preset("lemon2024")
+    whip = replace(base.whip, N=6, drag=2e-3, drag_ratio=0.3, dry_friction=5e-3, cubic_stiffness=0.05, hinge_mass=0.01)
+    planar = replace(base, whip=whip)
+    controller = Controller(
+        ConstantImpedance() if law == "constant" else OIAC(a=5e-3), feedforward=True, torque_limit=5.0
+    )
+    a, N, rng = 2, 6, np.random.default_rng(0)
+    strike = np.array([[-1.0, 1.0, 1.5, 0.5, 0.6]])
+    steps, numbers = [], []
+    for model in (planar, put_in_space(planar)):
+        structure = Structure.of(model, controller)
+        steps.append(closed_loop(structure).step)
+        numbers.append(structure.pack(model, controller, strike)[0])
+    flat = np.r_[np.arange(a), a + 1 + 2 * np.arange(N)]  # the hinges of the plane
+    for _ in range(5):
+        q, v = rng.uniform(-1, 1, a + N), rng.uniform(-4, 4, a + N)
+        n = a + 2 * N
+        x = np.zeros(2 * n)
+        x[flat], x[n + flat] = q, v
+        t = rng.uniform(0, 0.7)
+        ours, tip, tau, _ = (y.full()[:, 0] for y in steps[0](np.r_[q, v], t, 1e-3, numbers[0], [], []))
+        its, tip3, tau3, _ = (y.full()[:, 0] for y in steps[1](x, t, 1e-3, numbers[1], [], []))
+        assert np.abs(its[np.r_[flat, n + flat]] - ours).max() < 1e-10
+        assert np.abs(np.delete(its, np.r_[flat, n + flat])).max() == 0
+        assert np.abs(tip3[[0, 2, 3, 5]] - tip).max() < 1e-10
+        assert np.abs(tau3 - tau).max() < 1e-10
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Control
+
+
+@pytest.mark.parametrize("a", [1, 4, 7])
+@pytest.mark.parametrize("options", [{}, {"feedforward": True}, {"compensated": True}, {"torque_limit": 3.0}])
+def test_the_controller_is_the_numpy_one(a: int, options: dict):
+    """Torques of a strike, by CasADi and by NumPy and Pinocchio."""
+    rng = np.random.default_rng(a)
+    if "compensated" in options:
+        options = {"compensated": tuple(rng.uniform(0.5, 2, a + 1))}
+    root = rng.normal(0, 1, (a, a))
+    laws = (
+        OIAC(a=5e-3),
+        ConstantImpedance(K=tuple(map(tuple, root @ root.T)), B=tuple(map(tuple, 0.1 * root @ root.T))),
+    )
+    for seed, law in enumerate(laws):
+        model = random_model(seed, a, 3)
+        bare = replace(model.arm, links=tuple(replace(link, armature=0.0) for link in model.arm.links))
+        model = replace(model, arm=bare if "feedforward" in options else model.arm)
+        controller = Controller(law, control_period=0.01, **options)
+        strike = Strike(tuple(rng.uniform(-1, 1, a)), tuple(rng.uniform(-1, 1, a)), 0.7)
+        q, v, _ = random_state(model, seed)
+        structure = Structure.of(model, controller)
+        p = structure.pack(model, controller, strike.vector[None])[0]
+        ours = closed_loop(structure).control(np.r_[q, v], 0.3, p).full()[:, 0]
+        its = controller.bind(Arm(model), strike).torque(0.3, q[:a], v[:a])
+        np.testing.assert_allclose(ours, its, rtol=1e-10, atol=1e-10 * np.abs(its).max())
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The start
+
+
+@pytest.mark.parametrize("sprung", [False, True])
+def test_the_whip_starts_in_static_balance(sprung: bool):
+    """A free first joint: straight down. Else where nothing pulls, and no torque is needed but the arm's."""
+    for seed in range(3):
+        model = random_model(seed, 3, 5)
+        if not sprung:
+            model = replace(model, whip=replace(model.whip, k=0.2, cubic_stiffness=0.1))
+        q_i = np.random.default_rng(seed).uniform(-1, 1, (4, 3))
+        q = start_posture(model, q_i)
+        its = pinocchio_of(model)
+        for row, arm in zip(q, q_i, strict=True):
+            np.testing.assert_array_equal(row[:3], arm)
+            weight = pin.computeGeneralizedGravity(its, its.createData(), row)
+            assert np.abs((weight - passive(model, row, 0 * row))[3:]).max() < 1e-10
+            data = its.createData()
+            pin.forwardKinematics(its, data, row)
+            down = -np.array([data.oMi[its.getJointId(f"y{i}")].rotation[:, 2] for i in range(5)])
+            straight = np.abs(down - [0, 0, -1]).max() < 1e-9
+            assert straight != sprung
+
+
+@pytest.mark.parametrize("sprung", [False, True])
+def test_the_start_moves_as_differences_say(sprung: bool):
+    model = random_model(5, 3, 4)
+    if not sprung:
+        model = replace(model, whip=replace(model.whip, k=0.2, cubic_stiffness=0.0))
+    controller = held(3)
+    structure = Structure.of(model, controller)
+    strike = np.array([[0.3, -0.4, 0.6, 1.0, 1.0, 1.0, 0.5]])
+    p = structure.pack(model, controller, strike)
+    names = [None, None, None, "whip.m[3]" if sprung else "gravity", "whip.k[1]" if sprung else "arm.mass[1]"]
+    for k, name in enumerate(names):
+        dp, sides, h = np.zeros_like(p), [], 1e-6
+        for sign in (1, -1):
+            moved, q_i = model, strike[:, :3].copy()
+            if name is None:
+                q_i[0, k] += sign * h
+                dp[0, k] = 1
+            else:
+                moved = model.with_parameters({name: model.parameters()[name] + sign * h})
+                dp += sign * (structure.pack(moved, controller, strike) - p) / (2 * h)
+            sides.append(start_posture(moved, q_i))
+        ours = start_derivative(model, structure, start_posture(model, strike[:, :3]), p, dp)
+        np.testing.assert_allclose(ours, (sides[0] - sides[1]) / (2 * h), rtol=1e-6, atol=1e-7)
+
+
+def test_places_and_velocities_are_those_of_the_nodes():
+    model = random_model(3, 4, 5)
+    loop, p = loop_of(model)
+    q, v, tau = random_state(model, 0)
+    _, tip, _, seen = (x.full()[:, 0] for x in loop.step(np.r_[q, v], 0, 1e-3, p, tau, tau))
+    jacobians = node_jacobians(pinocchio_of(model), model, q)
+    np.testing.assert_allclose(tip[3:], jacobians[-1] @ v, rtol=1e-10, atol=1e-12)
+    places = seen.reshape(-1, 3)
+    assert places.shape == (4 + 5, 3)
+    np.testing.assert_array_equal(places[-1], tip[:3])
+    lengths = np.linalg.norm(np.diff(places[3:], axis=0), axis=1)
+    np.testing.assert_allclose(lengths, model.whip.per_node("l"), rtol=1e-12)

@@ -1,0 +1,188 @@
+"""Arms in space: checks at the door, numbers by name, a planar arm as one of them, a stick as a tool."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from spatial_arms import ARMS, random_arm, random_model
+
+from whiptool.errors import InputError
+from whiptool.models import (
+    ArmLink,
+    ArmParameters,
+    JointLimits,
+    Model,
+    SpatialArm,
+    SpatialLink,
+    WhipParameters,
+    in_space,
+    preset,
+)
+from whiptool.models.kinematics import arm_frames, chain_motion
+from whiptool.models.stick import with_stick
+
+GOOD = {
+    "mass": 1.0,
+    "com": (0, 0, 0.1),
+    "inertia": (0.1, 0.1, 0.05, 0, 0, 0),
+    "axis": (0, 0, 1),
+    "position": (0, 0, 0.3),
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": -1}, "mass: got -1"),
+        ({"com": (0, 0)}, r"com: got \(0, 0\); allowed: 3 finite numbers"),
+        ({"com": (0, 0, float("nan"))}, r"com\[2\]"),
+        ({"inertia": (0.1, 0.1, 0.05)}, "inertia: .*6 finite numbers"),
+        ({"inertia": (0.1, 0.1, -0.05, 0, 0, 0)}, "inertia: .*principal moments"),
+        ({"inertia": (0.1, 0.1, 0.1, 0.2, 0, 0)}, "inertia: .*principal moments"),
+        ({"mass": 0}, "inertia: .*zeros where mass is 0"),
+        ({"axis": (0, 0, 2)}, "axis: .*a unit vector"),
+        ({"axis": (0, 0, 0)}, "axis: .*a unit vector"),
+        ({"rotation": ((1, 0, 0), (0, 1, 0), (0, 0, -1))}, "rotation: .*determinant 1"),
+        ({"rotation": ((1, 0, 0), (0, 1, 0.1), (0, 0, 1))}, "rotation: .*orthogonal"),
+        ({"rotation": 3}, "rotation: got 3"),
+        ({"kind": "ball"}, "kind: got 'ball'; allowed: revolute or prismatic"),
+        ({"friction": -1}, "friction"),
+        ({"limits": 3}, "limits: got 3"),
+    ],
+)  # fmt: skip
+def test_bad_links_are_named(change, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        SpatialLink(**{**GOOD, **change})
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [({"position": (1, 1)}, "position"), ({"position": 3}, "position"), ({"velocity": 0}, "velocity"),
+     ({"torque": float("nan")}, "torque"), ({"jerk": -1}, "jerk")],
+)  # fmt: skip
+def test_bad_limits_are_named(limits, message):
+    with pytest.raises(InputError, match=f"^{message}: got .*allowed: "):
+        JointLimits(**limits)
+
+
+def test_bad_arms_are_named():
+    slide = SpatialLink(**GOOD, kind="prismatic")
+    for arm, message in (
+        ({"links": ()}, "links: .*one or more SpatialLink"),
+        ({"links": (slide,)}, r"links\[0\]\.limits\.position: .*finite, for a prismatic joint"),
+        ({"links": (SpatialLink(**GOOD),), "joints": ("tip",)}, "joints: .*are taken"),
+        ({"links": (SpatialLink(**GOOD),), "hand_position": (0, 0)}, "hand_position"),
+        ({"links": (SpatialLink(**GOOD),), "hand_rotation": ((1,),)}, "hand_rotation"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            SpatialArm(**arm)
+
+
+def test_a_whip_is_of_its_arm_s_space():
+    lemon = preset("lemon2024")
+    universal = dataclasses.replace(lemon.whip, joints="universal")
+    with pytest.raises(InputError, match=r"^whip.joints: got 'hinge'; allowed: universal or rod"):
+        Model(lemon.whip, in_space(lemon.arm))
+    with pytest.raises(InputError, match=r"^whip.joints: got 'universal'; allowed: hinge"):
+        Model(universal, lemon.arm)
+    for wrong, message in (
+        ({"joints": "ball"}, "joints: got 'ball'; allowed: hinge, universal, rod"),
+        ({"node_inertia": 1e-6}, "node_inertia: .*0 for joints of the kind hinge"),
+        ({"joints": "rod", "node_inertia": 1e-6}, "node_inertia"),
+        ({"joints": "universal", "rest_angle": 0.1}, "rest_angle: .*0 in space"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            dataclasses.replace(lemon.whip, **wrong)
+
+
+def test_numbers_of_few_digits_become_rotations_and_zeros_stay_zero():
+    half = np.sqrt(0.5)
+    link = SpatialLink(
+        **{**GOOD, "axis": (0.7071068, 0.7071068, 0)},
+        rotation=((half, -half, 1e-17), (half, half, -1e-16), (0, 0, 1 + 1e-15)),
+    )
+    R = np.array(link.rotation)
+    assert R[0, 2] == R[1, 2] == 0.0
+    assert R[2, 2] == 1.0
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
+    assert np.linalg.norm(link.axis) == pytest.approx(1, abs=1e-15)
+    assert dataclasses.replace(link) == link  # checking again changes nothing
+
+
+@pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
+def test_every_number_of_a_model_in_space_can_be_changed_by_name(arm):
+    model = random_model(rng=np.random.default_rng(1), **arm)
+    known = model.parameters()
+    assert {"arm.mass[0]", "arm.com[0].x", "arm.inertia[0].yz", "arm.hand_position.z", "whip.node_inertia"} <= set(
+        known
+    )
+    for name, value in known.items():
+        if ".inertia" in name and value == 0:
+            continue  # of a massless link
+        new = value * 1.01 + (0.001 if ".inertia" not in name else 0)
+        changed = model.with_parameters({name: new})
+        assert changed != model
+        assert changed.parameters() == {**known, name: pytest.approx(new)}
+        assert changed.with_parameters({name: value}) == model
+    with pytest.raises(InputError, match=r"^parameter: got 'arm.length\[0\]'"):
+        model.with_parameters({"arm.length[0]": 1.0})
+
+
+def test_sizes_of_models_in_space():
+    model = preset("nah2023")
+    assert (model.dimension, model.n, model.reach) == (3, 4 + 50, pytest.approx(2.385))
+    assert model.farthest_miss((1, 2, 2)) == pytest.approx(2.385 + 3)
+    assert preset("lemon2024").dimension == 2
+
+
+@pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
+def test_no_hand_is_farther_than_the_arm_is_long(arm):
+    rng = np.random.default_rng(2)
+    arm = random_arm(rng=rng, **arm)
+    limits = np.array([link.limits.position for link in arm.links])
+    q = rng.uniform(*limits.T, (2000, arm.n))
+    far = np.linalg.norm(arm_frames(arm, q)[-1].origin, axis=-1)
+    assert far.max() <= arm.length
+
+
+def test_a_planar_arm_in_space_moves_alike():
+    planar = ArmParameters((ArmLink(1.0, 0.4, com=0.1, inertia=0.01, friction=0.3), ArmLink(0.5, 0.3)))
+    whip = WhipParameters(N=2, l=(0.1, 0.2), m=0.1, k=0.1, b=0.01)
+    model = Model(dataclasses.replace(whip, joints="universal"), in_space(planar))
+    q, v = np.random.default_rng(3).normal(size=(2, 4))
+    theta, omega, length = np.cumsum(q), np.cumsum(v), np.array([0.4, 0.3, 0.1, 0.2])
+    ends = np.cumsum(length * np.array([np.sin(theta), -np.cos(theta)]), axis=1)
+    speeds = np.cumsum(length * omega * np.array([np.cos(theta), np.sin(theta)]), axis=1)
+    spread = np.zeros((2, 6))
+    spread[:, [0, 1, 3, 5]] = q, v  # a universal node's second hinge is the plane's
+    points, velocities = chain_motion(model, *spread)
+    np.testing.assert_allclose(points[1:, [0, 2]].T, ends, atol=1e-15)
+    np.testing.assert_allclose(velocities[1:, [0, 2]].T, speeds, atol=1e-14)
+    assert not points[:, 1].any()
+
+
+def test_a_stick_is_a_rigid_rod_at_the_hand():
+    """Mass, static moment and inertia of many points, some of them along the stick."""
+    rng = np.random.default_rng(4)
+    arm = random_arm(2, rng)
+    long = with_stick(arm, length=0.5, mass=0.2)
+    hand, axes = np.array(arm.hand_position), np.array(arm.hand_rotation)
+    np.testing.assert_allclose(long.hand_position, hand - 0.5 * axes[:, 2], atol=1e-15)
+    np.testing.assert_array_equal(long.hand_rotation, arm.hand_rotation)
+    before, after = arm.links[-1], long.links[-1]
+    assert after.mass == pytest.approx(before.mass + 0.2)
+    x, w = np.polynomial.legendre.leggauss(4)
+    points, masses = hand - (0.25 * (1 + x))[:, None] * axes[:, 2], 0.2 * w / 2
+
+    def about_joint(link):
+        c = np.array(link.com)
+        return link.inertia_matrix + link.mass * (c @ c * np.eye(3) - np.outer(c, c))
+
+    rod = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
+    np.testing.assert_allclose(about_joint(after), about_joint(before) + rod, atol=1e-14)
+    static = before.mass * np.array(before.com) + masses @ points
+    np.testing.assert_allclose(after.mass * np.array(after.com), static, atol=1e-15)
+    with pytest.raises(InputError, match="^stick length"):
+        with_stick(arm, length=-1, mass=0.1)

@@ -1,0 +1,128 @@
+"""Records of symbols, and which of their numbers stand in columns of the compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Generic, Protocol, TypeVar
+
+import casadi as ca
+
+
+class Record(Protocol):
+    """A record of symbols and numbers, such as a frame or an articulated inertia."""
+
+    def entries(self) -> list[ca.SX]:
+        """All its numbers, each a scalar."""
+        ...
+
+    def with_entries(self: R, entries: Sequence[ca.SX]) -> R:
+        """Return the same record of other numbers."""
+        ...
+
+
+R = TypeVar("R", bound=Record)
+
+
+class Nothing:
+    """A record of no numbers."""
+
+    def entries(self) -> list[ca.SX]:
+        """None."""
+        return []
+
+    def with_entries(self, entries: Sequence[ca.SX]) -> Nothing:
+        """Return the same."""
+        return self
+
+
+class Stored(Generic[R]):
+    """Those numbers of a record that stand in columns; the others are constants that code is generated with.
+
+    Attributes:
+        symbols: A column of symbols, (size, 1).
+        record: The record of these symbols and the constants.
+        where: Of each entry, its column; None where it is a constant.
+    """
+
+    def __init__(self, record: R, where: Sequence[int | None], name: str) -> None:
+        self.where = list(where)
+        size = len({column for column in where if column is not None})
+        self.symbols = ca.SX.sym(name, size)
+        entries = [
+            entry if i is None else self.symbols[i] for i, entry in zip(self.where, record.entries(), strict=True)
+        ]
+        self.record: R = record.with_entries(entries)
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return self.symbols.numel()
+
+    def column(self, record: R) -> ca.SX:
+        """Return what of such a record stands in columns, (size, 1)."""
+        found = dict(zip(reversed(self.where), reversed(record.entries())))
+        return ca.vertcat(*(found[i] for i in range(self.size)))
+
+    @classmethod
+    def of(cls, record: R, name: str) -> Stored[R]:
+        """With every number that is not a constant, those that are the same expression once."""
+        different: list[ca.SX] = []
+        where: list[int | None] = []
+        for entry in record.entries():
+            same = [i for i, x in enumerate(different) if ca.is_equal(x, entry)]
+            if not same and not entry.is_constant():
+                same = [len(different)]
+                different.append(entry)
+            where.append(same[0] if same else None)
+        return cls(record, where, name)
+
+    @classmethod
+    def along(cls, start: R, name: str, follow: Callable[[R], R], *, always: Sequence[int] = ()) -> Stored[R]:
+        """With every number that is not one constant all along a chain of records.
+
+        Args:
+            start: The first record.
+            name: Of the symbols.
+            follow: Gives the record after one.
+            always: Entries that stand in columns in any case.
+        """
+        free = {i for i, x in enumerate(start.entries()) if not x.is_constant()} | set(always)
+        while True:
+            stored = cls(start, _numbered(free, len(start.entries())), name)
+            after = follow(stored.record).entries()
+            differs = {i for i, (x, y) in enumerate(zip(start.entries(), after, strict=True)) if not ca.is_equal(x, y)}
+            if differs <= free:
+                return stored
+            free |= differs
+
+    def needed(self, start: R, name: str, uses: Callable[[R], ca.SX], follow: Callable[[R], R]) -> Stored[R]:
+        """Return a record without those columns on which nothing depends.
+
+        Args:
+            start: The first record.
+            name: Of the symbols.
+            uses: What is wanted of a record.
+            follow: Gives the record after one.
+        """
+        wanted, after = uses(self.record), self.column(follow(self.record))
+        live: set[int] = set()
+        while True:
+            outputs = ca.vertcat(wanted, *(after[i] for i in sorted(live)))
+            found = set(_columns(ca.jacobian_sparsity(outputs, self.symbols)))
+            if found <= live:
+                break
+            live |= found
+        where = [i if i in live else None for i in self.where]
+        renumbered = {i: k for k, i in enumerate(sorted(live))}
+        return Stored(start, [None if i is None else renumbered[i] for i in where], name)
+
+
+def _numbered(chosen: set[int], count: int) -> list[int | None]:
+    columns = {i: k for k, i in enumerate(sorted(chosen))}
+    return [columns.get(i) for i in range(count)]
+
+
+def _columns(sparsity: ca.Sparsity) -> list[int]:
+    """Return which columns of a matrix are not empty."""
+    starts = sparsity.colind()
+    return [i for i in range(sparsity.size2()) if starts[i + 1] > starts[i]]

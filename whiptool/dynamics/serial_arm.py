@@ -1,0 +1,281 @@
+"""A serial arm of revolute and prismatic joints in CasADi: what its joints feel of its own bodies, and its hand.
+
+Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5 and 6: inertia by composite bodies, forces by recursive
+Newton-Euler. Motions and forces are spatial vectors about the base's origin, in the world's axes, so that bodies add up
+without being moved. What is structurally zero stays the number 0 and generates no term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+
+from whiptool.dynamics.spatial import Axis, Turned, scalars
+
+Rotation = tuple[tuple[float, ...], ...]
+
+
+class Body(NamedTuple):
+    """A rigid body on one of the arm's links; mass [kg], centre of mass (3, 1) [m], inertia about it (3, 3) [kg m^2]."""
+
+    link: int
+    mass: ca.SX
+    com: ca.SX
+    inertia: ca.SX
+
+
+class ArmPosture(NamedTuple):
+    """Where an arm is: each joint's motion per unit of its speed (6, 1), each link's orientation and place, the hand."""
+
+    motions: list[ca.SX]
+    turned: list[Turned]
+    places: list[ca.SX]
+    hand: ca.SX
+    hand_turned: Turned
+
+
+class ArmMotion(NamedTuple):
+    """What a moving arm is to what it carries; weight enters as the base's acceleration.
+
+    Its joints' inertia (a, a) [kg m^2], the torques that its motion without acceleration needs (a, 1) [N m]; the hand's
+    motion per unit of the joints' speeds (6, a) and its acceleration without theirs (6, 1), both angular first; and the
+    torques that hold its weight (a, 1).
+    """
+
+    inertia: ca.SX
+    bias: ca.SX
+    jacobian: ca.SX
+    drift: ca.SX
+    weight: ca.SX
+
+    def entries(self) -> list[ca.SX]:
+        """All its numbers."""
+        return [x for part in self for x in scalars(part)]
+
+    def with_entries(self, entries: Sequence[ca.SX]) -> ArmMotion:
+        """Return the motion of such numbers."""
+        parts, first = [], 0
+        for part in self:
+            parts.append(ca.reshape(ca.vertcat(*entries[first : first + part.numel()]), *part.shape))
+            first += part.numel()
+        return ArmMotion(*parts)
+
+
+@dataclass(frozen=True)
+class SerialArm:
+    """A serial arm of symbols or numbers.
+
+    Args:
+        kinds, axes: Of each joint; the axis in its link's frame.
+        positions: Of each joint in the frame of the link before [m], (3, 1).
+        rotations: Of each link's frame in that of the link before, where its joint is at 0.
+        hand_position, hand_rotation: In the last link's frame.
+        armatures: Inertia of the joints' rotors (a, 1) [kg m^2 or kg].
+        bodies: That its links carry.
+    """
+
+    kinds: tuple[str, ...]
+    axes: tuple[Axis, ...]
+    positions: list[ca.SX]
+    rotations: tuple[Rotation, ...]
+    hand_position: ca.SX
+    hand_rotation: Rotation
+    armatures: ca.SX
+    bodies: list[Body]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.kinds)
+
+    def posture(self, q: ca.SX) -> ArmPosture:
+        """Return where the arm is at joint positions (a, 1)."""
+        turned, place = Turned(ca.densify(ca.SX.eye(3)), ca.SX(0)), ca.SX.zeros(3)
+        motions, all_turned, places = [], [], []
+        for i, q_i in enumerate(ca.vertsplit(q)):
+            place = place + _rotated(turned, self.positions[i])
+            turned = turned.offset(self.rotations[i])
+            if self.kinds[i] == "revolute":
+                turned, axis = turned.hinged(self.axes[i], q_i)
+                motions.append(ca.vertcat(axis, ca.cross(place, axis)))
+            else:
+                axis = _rotated(turned, ca.SX(ca.DM(self.axes[i])))
+                place = place + axis * q_i
+                motions.append(ca.vertcat(ca.SX.zeros(3), axis))
+            all_turned.append(turned)
+            places.append(place)
+        hand = place + _rotated(turned, self.hand_position)
+        return ArmPosture(motions, all_turned, places, hand, turned.offset(self.hand_rotation))
+
+    def motion(self, q: ca.SX, v: ca.SX, gravity: ca.SX | float, weights: list[Body]) -> ArmMotion:
+        """Return what the arm is to what it carries, at joint positions and speeds (a, 1).
+
+        Args:
+            q, v: (a, 1).
+            gravity: [m/s^2]
+            weights: Bodies whose weight is held.
+        """
+        at = self.posture(q)
+        world = [_World.of(body, at) for body in self.bodies]
+        drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity))
+        return ArmMotion(
+            inertia=self._inertia(at, world),
+            bias=self._torques(at, world, drifts, speeds),
+            jacobian=ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], at.hand)) for S in at.motions)),
+            drift=_of_point(drifts[-1], speeds[-1], at.hand),
+            weight=self.weight(at, weights, gravity),
+        )
+
+    def weight(self, at: ArmPosture, bodies: list[Body], gravity: ca.SX | float) -> ca.SX:
+        """Return the torques (a, 1) that hold these bodies' weight (Eq. 3)."""
+        up = ca.vertcat(0, 0, gravity)
+        forces = []
+        for body in bodies:
+            force = body.mass * up
+            forces.append((body.link, ca.vertcat(ca.cross(_World.of(body, at).com, force), force)))
+        return ca.vertcat(*(
+            sum((ca.dot(S, force) for link, force in forces if link >= j), ca.SX(0)) for j, S in enumerate(at.motions)
+        ))  # fmt: skip
+
+    def inverse(self, q: ca.SX, v: ca.SX, a: ca.SX, gravity: ca.SX | float) -> ca.SX:
+        """Return the torques (a, 1) that move the arm's bodies with accelerations `a` (a, 1)."""
+        at = self.posture(q)
+        drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity), a)
+        bodies = [_World.of(body, at) for body in self.bodies]
+        return self._torques(at, bodies, drifts, speeds) + self.armatures * a
+
+    def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Return the kinetic energy of the arm's bodies and rotors [J]."""
+        at = self.posture(q)
+        return ca.dot(v, ca.mtimes(self._inertia(at, [_World.of(body, at) for body in self.bodies]), v)) / 2
+
+    def potential(self, at: ArmPosture, gravity: ca.SX | float) -> ca.SX:
+        """Return the potential energy of the weight of the arm's bodies [J], from the base's height."""
+        bodies = [_World.of(body, at) for body in self.bodies]
+        return sum((body.first[2] * gravity for body in bodies), ca.SX(0))
+
+    def _drifts(self, at: ArmPosture, v: ca.SX, base: ca.SX, a: ca.SX | None = None) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Spatial accelerations and velocities of all links, (6, 1) each."""
+        drift, speed, drifts, speeds = base, ca.SX.zeros(6), [], []
+        for i, (S, v_i) in enumerate(zip(at.motions, ca.vertsplit(v), strict=True)):
+            drift = drift + _moved(speed, S) * v_i + (0 if a is None else S * a[i])
+            speed = speed + S * v_i
+            drifts.append(drift)
+            speeds.append(speed)
+        return drifts, speeds
+
+    def _torques(self, at: ArmPosture, world: list[_World], drifts: list[ca.SX], speeds: list[ca.SX]) -> ca.SX:
+        """Torques (a, 1) of links that move so."""
+        forces = [ca.SX.zeros(6) for _ in range(self.n)]
+        for body in world:
+            speed = speeds[body.link]
+            momentum = body.times(speed)
+            forces[body.link] += body.times(drifts[body.link]) + _forced(speed, momentum)
+        torques, total = [], ca.SX.zeros(6)
+        for S, force in zip(reversed(at.motions), reversed(forces), strict=True):
+            total = total + force
+            torques.append(ca.dot(S, total))
+        return ca.vertcat(*reversed(torques))
+
+    def _inertia(self, at: ArmPosture, world: list[_World]) -> ca.SX:
+        a = self.n
+        H, carried = ca.densify(ca.diag(self.armatures)), _World.nothing()
+        for j in reversed(range(a)):
+            for body in world:
+                if body.link == j:
+                    carried = carried.plus(body)
+            force = carried.times(at.motions[j])
+            H[j, j] += ca.dot(at.motions[j], force)
+            for i in range(j):
+                H[i, j] = H[j, i] = ca.dot(at.motions[i], force)
+        return H
+
+
+class _World(NamedTuple):
+    """A body, or several together, in the world: link, mass, first moment (3, 1) and inertia (3, 3) about the origin."""
+
+    link: int
+    mass: ca.SX
+    first: ca.SX
+    inertia: ca.SX
+    com: ca.SX
+
+    @classmethod
+    def of(cls, body: Body, at: ArmPosture) -> _World:
+        """The body of an arm in this posture."""
+        turned = at.turned[body.link]
+        com = at.places[body.link] + _rotated(turned, body.com)
+        first = body.mass * com
+        inertia = ca.SX.zeros(3, 3)
+        if not body.inertia.is_zero():
+            R = turned.matrix
+            inertia = ca.mtimes(ca.mtimes(R, body.inertia), R.T)
+        about_origin = ca.dot(first, com) * ca.densify(ca.SX.eye(3)) - ca.mtimes(first, com.T)
+        return cls(body.link, body.mass, first, _upper_twice(inertia + about_origin), com)
+
+    @classmethod
+    def nothing(cls) -> _World:
+        """No body."""
+        return cls(0, ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3, 3), ca.SX.zeros(3))
+
+    def plus(self, other: _World) -> _World:
+        """Both together."""
+        return self._replace(
+            mass=self.mass + other.mass, first=self.first + other.first, inertia=self.inertia + other.inertia
+        )
+
+    def times(self, motion: ca.SX) -> ca.SX:
+        """Spatial force or momentum (6, 1) of a spatial acceleration or velocity."""
+        angular, linear = motion[:3], motion[3:]
+        return ca.vertcat(
+            ca.mtimes(self.inertia, angular) + ca.cross(self.first, linear),
+            self.mass * linear - ca.cross(self.first, angular),
+        )
+
+
+def _rotated(turned: Turned, x: ca.SX) -> ca.SX:
+    return ca.SX.zeros(3) if x.is_zero() else ca.mtimes(turned.matrix, x)
+
+
+def _moved(velocity: ca.SX, motion: ca.SX) -> ca.SX:
+    """Return the spatial product `velocity x motion`."""
+    turning, linear = velocity[:3], velocity[3:]
+    return ca.vertcat(ca.cross(turning, motion[:3]), ca.cross(turning, motion[3:]) + ca.cross(linear, motion[:3]))
+
+
+def _forced(velocity: ca.SX, force: ca.SX) -> ca.SX:
+    """Return the spatial product `velocity x* force`."""
+    turning, linear = velocity[:3], velocity[3:]
+    return ca.vertcat(ca.cross(turning, force[:3]) + ca.cross(linear, force[3:]), ca.cross(turning, force[3:]))
+
+
+def _of_point(drift: ca.SX, speed: ca.SX, point: ca.SX) -> ca.SX:
+    """Return the angular acceleration and that of a material point (6, 1) of a spatial acceleration and velocity."""
+    velocity = speed[3:] + ca.cross(speed[:3], point)
+    linear = drift[3:] + ca.cross(drift[:3], point) + ca.cross(speed[:3], velocity)
+    return ca.vertcat(drift[:3], linear)
+
+
+def _upper_twice(A: ca.SX) -> ca.SX:
+    """Return the symmetric matrix of the entries on and above the diagonal."""
+    for i in range(3):
+        for j in range(i):
+            A[i, j] = A[j, i]
+    return A
+
+
+def solve(A: ca.SX, b: ca.SX) -> ca.SX:
+    """Return x of `A x = b` by elimination without pivoting: for small matrices near a positive definite one."""
+    A, b, n, inverse = ca.SX(A), ca.SX(b), b.numel(), []
+    for i in range(n):
+        inverse.append(ca.SX(-1) / A[i, i])
+        for j in range(i + 1, n):
+            factor = A[j, i] * inverse[i]
+            A[j, i:] += factor * A[i, i:]
+            b[j] += factor * b[i]
+    for i in reversed(range(n)):
+        b[i] = (sum((A[i, j] * b[j] for j in range(i + 1, n)), ca.SX(0)) - b[i]) * inverse[i]
+    return b

@@ -1,0 +1,184 @@
+"""What of a model and its controller decides which code is generated, and where its numbers stand."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from whiptool.dynamics.columns import Columns
+from whiptool.impedance.controller import Controller
+from whiptool.impedance.law import LAWS
+from whiptool.models.parameters import ArmParameters, Model, SpatialArm
+
+PER_NODE = ("rest_angle", "dry_friction", "drag", "cubic_stiffness")  # generated only where used
+_ONE = ("drag_ratio", "hinge_mass")  # numbers of a whip, likewise
+_ARM = {"mass": 1, "com": 3, "inertia": 6, "position": 3, "friction": 1, "armature": 1}  # numbers of a link in space
+Matrix = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class ArmShape:
+    """What of an arm in space decides which terms are generated.
+
+    Args:
+        kinds, axes, rotations, hand_rotation: As the links have them: numbers of the generated code.
+        present: Of each quantity its numbers that are not zero, as columns of its block.
+    """
+
+    kinds: tuple[str, ...]
+    axes: tuple[tuple[float, float, float], ...]
+    rotations: tuple[Matrix, ...]
+    hand_rotation: Matrix
+    present: tuple[tuple[str, tuple[int, ...]], ...]
+
+    @classmethod
+    def of(cls, model: Model, free: Sequence[str]) -> ArmShape:
+        """The shape of a model's arm, with the terms of parameters named in `free`."""
+        arm = model.arm
+        assert isinstance(arm, SpatialArm)
+        used = _numbers_of(arm)
+        for name in free:  # what a parameter changes is part of it
+            if name in model.parameters():
+                moved = model.with_parameters({name: model.parameters()[name] + 1}).arm
+                assert isinstance(moved, SpatialArm)
+                changed = _numbers_of(moved)
+                used = {key: np.abs(x) + np.abs(changed[key] - x) for key, x in used.items()}
+        return cls(
+            kinds=tuple(link.kind for link in arm.links),
+            axes=tuple(link.axis for link in arm.links),
+            rotations=tuple(link.rotation for link in arm.links),
+            hand_rotation=arm.hand_rotation,
+            present=tuple((name, tuple(np.flatnonzero(x).tolist())) for name, x in used.items()),
+        )
+
+    def __contains__(self, other: ArmShape) -> bool:
+        """Whether every term of the other arm is one of this."""
+        mine, its = dict(self.present), dict(other.present)
+        return replace(other, present=self.present) == self and all(set(its[name]) <= set(mine[name]) for name in its)
+
+
+def _numbers_of(arm: SpatialArm) -> dict[str, np.ndarray]:
+    """Numbers of an arm in space by quantity, each flat."""
+    return {name: np.ravel(arm.per_link(name)) for name in _ARM} | {"hand_position": np.array(arm.hand_position)}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What of a model and controller decides which terms are generated; everything else is a parameter."""
+
+    n_arm: int
+    n_whip: int
+    law: str
+    optional: tuple[str, ...] = ()  # of PER_NODE, drag_ratio, hinge_mass, node_inertia
+    feedforward: bool = False
+    limits: int = 0  # of the torque: none, one for all joints, or one each
+    held: bool = False  # the torque is held for a control period
+    compensated: bool = False  # gravity compensation has masses of its own
+    joints: str = "hinge"  # of the whip
+    arm: ArmShape | None = None  # of an arm in space
+
+    @classmethod
+    def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = ()) -> Structure:
+        """The smallest structure that holds this model and controller, and the terms of parameters named in `free`."""
+        named = {re.sub(r"^whip\.|\[\d+\]$", "", name) for name in free}
+        named |= {"dry_friction"} if "friction_velocity" in named else set()
+        named |= {"drag"} if "drag_ratio" in named else set()
+        whip = model.whip
+        used = tuple(name for name in PER_NODE if whip.per_node(name).any() or name in named)
+        if "drag" in used and (whip.drag_ratio != 1 or "drag_ratio" in named):
+            used += ("drag_ratio",)
+        used += ("hinge_mass",) if whip.hinge_mass or "hinge_mass" in named else ()
+        if model.dimension == 3 and (whip.per_node("node_inertia").any() or "node_inertia" in named):
+            used += ("node_inertia",)
+        return cls(
+            n_arm=model.arm.n,
+            n_whip=whip.N,
+            law=controller.law.kind,
+            optional=used,
+            feedforward=controller.feedforward,
+            limits=0 if controller.torque_limit is None else int(np.size(controller.torque_limit)),
+            held=controller.control_period is not None,
+            compensated=controller.compensated is not None,
+            joints=whip.joints,
+            arm=ArmShape.of(model, free) if model.dimension == 3 else None,
+        )
+
+    def __contains__(self, other: Structure) -> bool:
+        """Whether every term of the other structure is one of this."""
+        same = replace(other, optional=self.optional, arm=self.arm) == self
+        arms = other.arm is None or (self.arm is not None and other.arm in self.arm)
+        return same and arms and set(other.optional) <= set(self.optional)
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return 2 if self.arm is None else 3
+
+    @property
+    def n(self) -> int:
+        """Number of joints, those of the arm and of the whip."""
+        return self.n_arm + self.n_whip * (1 if self.joints == "hinge" else 2)
+
+    @property
+    def layout(self) -> dict[str, int]:
+        """Name and size of every block of the parameter vector, in order."""
+        a, N = self.n_arm, self.n_whip
+        blocks = {"q_i": a, "q_f": a, "D": 1}
+        if self.arm is None:
+            blocks |= {f"arm.{name}": a for name in ArmParameters.QUANTITIES}
+        else:
+            blocks |= {f"arm.{name}": a * size for name, size in _ARM.items()} | {"arm.hand_position": 3}
+        blocks |= {f"whip.{name}": N for name in ("l", "m", "k", "b")}
+        for name in self.optional:
+            blocks[f"whip.{name}"] = 1 if name in _ONE else N
+        if "dry_friction" in self.optional:
+            blocks["whip.friction_velocity"] = 1
+        blocks["gravity"] = 1
+        blocks |= {f"law.{name}": size for name, size in LAWS[self.law].sizes(a).items()}
+        if self.limits:
+            blocks["torque_limit"] = self.limits
+        if self.compensated:
+            blocks["compensated"] = a + 1
+        return blocks
+
+    @property
+    def n_parameters(self) -> int:
+        """Length of the parameter vector."""
+        return sum(self.layout.values())
+
+    def columns(self, block: str) -> slice:
+        """Where a block of `layout` stands in the parameter vector."""
+        return Columns(self.layout)[block]
+
+    def pack(self, model: Model, controller: Controller, strikes: np.ndarray) -> np.ndarray:
+        """Parameter vectors of many strikes of one model and controller.
+
+        Args:
+            model, controller: Of this structure.
+            strikes: Strike vectors, shape (B, 2 n_arm + 1).
+
+        Returns:
+            Shape (B, n_parameters).
+        """
+        values: dict[str, Any] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
+        if isinstance(model.arm, SpatialArm):
+            values |= {f"arm.{name}": numbers for name, numbers in _numbers_of(model.arm).items()}
+        else:
+            values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
+        per_node = ("l", "m", "k", "b", "node_inertia", *PER_NODE)
+        values |= {f"whip.{name}": model.whip.per_node(name) for name in per_node}
+        values |= {
+            f"whip.{name}": getattr(model.whip, name) for name in ("drag_ratio", "hinge_mass", "friction_velocity")
+        }
+        values |= {
+            "gravity": model.gravity,
+            "torque_limit": controller.torque_limit,
+            "compensated": controller.compensated,
+        }
+        fixed = [np.ravel(values[name]) for name in self.layout if name not in ("q_i", "q_f", "D")]
+        same = np.concatenate(fixed)
+        return np.hstack([strikes, np.broadcast_to(same, (len(strikes), len(same)))])

@@ -1,0 +1,116 @@
+"""Which serial chain of a robot's file is the arm: its tip, which joints move, and where the others are locked."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.numbers import number, numbers
+
+
+@dataclass(frozen=True)
+class ArmChoice:
+    """What is taken of a robot: the chain from its base to a tip.
+
+    Args:
+        tip: Name of the link, body or site at whose origin the hand is; empty: the only one that carries no other.
+        moving: Names of the joints that move; None: all between base and tip, but for those that are locked.
+        locked: Where joints are that do not move [rad or m], by name; a joint that neither moves nor is named here is
+            locked at 0.
+        outward: Direction in the tip's frame in which a stick or the whip goes on (3,); flanges have their z axis so.
+
+    Raises:
+        InputError: A value is of the wrong kind, or a joint both moves and is locked.
+    """
+
+    tip: str = ""
+    moving: tuple[str, ...] | None = None
+    locked: Mapping[str, float] = field(default_factory=dict)
+    outward: tuple[float, ...] = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.tip, str):
+            raise InputError("tip", self.tip, "the name of a link, body or site")
+        if self.moving is not None:
+            if isinstance(self.moving, str) or not all(isinstance(name, str) for name in self.moving):
+                raise InputError("moving", self.moving, "names of joints")
+            object.__setattr__(self, "moving", tuple(self.moving))
+        if not isinstance(self.locked, Mapping):
+            raise InputError("locked", self.locked, "positions of joints in rad or m by the joints' names")
+        locked = {name: number(f"locked.{name}", value) for name, value in self.locked.items()}
+        object.__setattr__(self, "locked", locked)
+        for name in self.moving or ():
+            if name in locked:
+                raise InputError("locked", name, "joints that do not move", "it is among those that do")
+        outward = np.array(numbers("outward", self.outward, 3))
+        if not outward.any():
+            raise InputError("outward", self.outward, "a direction, which is not 0 0 0")
+        object.__setattr__(self, "outward", tuple((outward / np.linalg.norm(outward)).tolist()))
+
+    def movers(self, chain: Sequence[str], joints: Sequence[str]) -> list[str]:
+        """Return the joints that move, in the chain's order.
+
+        Args:
+            chain: Names of the joints from base to tip.
+            joints: Names of all joints of the robot.
+
+        Raises:
+            InputError: A joint that is named is none of the robot's, or none of the chain's, or no joint moves.
+        """
+        for option, names, known in (("moving", self.moving or (), chain), ("locked", self.locked, joints)):
+            for name in names:
+                if name not in known:
+                    raise InputError(option, name, "one of the joints " + ", ".join(known))
+        taken = chain if self.moving is None else self.moving
+        movers = [name for name in chain if name in taken and name not in self.locked]
+        if not movers:
+            raise InputError("moving", movers, "one or more of the joints " + (", ".join(chain) or "(there are none)"))
+        return movers
+
+    def only_tip(self, ends: Sequence[str], frames: Sequence[str]) -> str:
+        """Return the name of the tip.
+
+        Args:
+            ends: Names of what carries nothing.
+            frames: Names of all that a tip can be.
+
+        Raises:
+            InputError: There is none of that name, or none is named and the robot branches.
+        """
+        if self.tip:
+            if self.tip not in frames:
+                raise InputError("tip", self.tip, "one of " + ", ".join(frames))
+            return self.tip
+        if len(ends) != 1:
+            raise InputError("tip", "none", "the name of one end, as the robot branches: " + ", ".join(ends))
+        return ends[0]
+
+    @property
+    def hand(self) -> np.ndarray:
+        """Rotation of the hand in the tip's frame (3, 3): its -z is `outward`."""
+        z = -np.array(self.outward)
+        across = np.eye(3)[np.abs(z).argmin()]  # the first of the axes that are most across
+        x = across - (across @ z) * z
+        x /= np.linalg.norm(x)
+        return np.column_stack([x, np.cross(z, x), z])
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what a library in C++ writes to standard error to itself."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with tempfile.TemporaryFile() as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)

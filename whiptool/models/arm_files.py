@@ -1,0 +1,104 @@
+"""Arms as tables of TOML files, which may name a robot's file in URDF or MJCF."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from whiptool.errors import InputError
+from whiptool.models.arm_choice import ArmChoice
+from whiptool.models.planar_arm import ArmLink, ArmParameters
+from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
+from whiptool.models.stick import with_stick
+from whiptool.models.tables import build_from
+
+ROBOT_FILES = (".urdf", ".xml")  # URDF, MJCF
+
+
+def read_robot(path: Path, choice: ArmChoice | None = None) -> SpatialArm:
+    """Return the arm of a robot's file.
+
+    Raises:
+        InputError: The file is neither URDF nor MJCF, or what `read_urdf` or `read_mjcf` refuses.
+    """
+    if path.suffix == ".urdf":
+        from whiptool.models.urdf import read_urdf
+
+        return read_urdf(path, choice)
+    if path.suffix == ".xml":
+        from whiptool.models.mjcf import read_mjcf
+
+        return read_mjcf(path, choice)
+    raise InputError("file", str(path), "a robot's file: " + ", ".join(ROBOT_FILES))
+
+
+def arm_from_table(table: object, folder: Path) -> ArmParameters | SpatialArm:
+    """Return the arm that a table describes: by its links, or by a robot's `file`, of which the table chooses a chain.
+
+    Links in space have a `position`; those in the plane have none.
+
+    Args:
+        table: Of an arm.
+        folder: Where `file` is looked for.
+
+    Raises:
+        InputError: A key is unknown or missing, or a value breaks its rule; the key is named.
+    """
+    if not isinstance(table, Mapping):
+        return build_from(ArmParameters, table, "arm.")
+    if "file" in table:
+        return _robot_from_table(dict(table), folder)
+    links = table.get("links")
+    if not isinstance(links, list):
+        return build_from(ArmParameters, table, "arm.")
+    if not any(isinstance(link, Mapping) and "position" in link for link in links):
+        planar = tuple(build_from(ArmLink, link, f"arm.links[{i}].") for i, link in enumerate(links))
+        return build_from(ArmParameters, {**table, "links": planar}, "arm.")
+    spatial = tuple(_link_from_table(link, f"arm.links[{i}].") for i, link in enumerate(links))
+    return build_from(SpatialArm, {**table, "links": spatial}, "arm.")
+
+
+def _link_from_table(table: object, place: str) -> SpatialLink:
+    if isinstance(table, Mapping) and "limits" in table:
+        table = {**table, "limits": build_from(JointLimits, table["limits"], place + "limits.")}
+    return build_from(SpatialLink, table, place)
+
+
+def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
+    file, stick = table.pop("file"), table.pop("stick", None)
+    if not isinstance(file, str):
+        raise InputError("arm.file", file, "the path of a robot's file: " + ", ".join(ROBOT_FILES))
+    choice = build_from(ArmChoice, table, "arm.")
+    try:
+        arm = read_robot(folder / file, choice)
+    except InputError as error:
+        raise error.within("arm: ") from None
+    if stick is None:
+        return arm
+    if not isinstance(stick, Mapping) or set(stick) != {"length", "mass"}:
+        raise InputError("arm.stick", stick, "a table with length [m] and mass [kg]")
+    return with_stick(arm, **stick)
+
+
+def arm_to_table(arm: ArmParameters | SpatialArm) -> dict[str, Any]:
+    """Return the arm as plain data; `arm_from_table` gives the same arm back."""
+    table = _plain(dataclasses.asdict(arm))
+    for link in table["links"] if isinstance(arm, SpatialArm) else ():
+        limits = {name: value for name, value in link.pop("limits").items() if not _unlimited(value)}
+        if limits:
+            link["limits"] = limits
+    return {"joints": table.pop("joints"), **table}
+
+
+def _unlimited(value: float | list[float]) -> bool:
+    return all(map(math.isinf, value)) if isinstance(value, list) else math.isinf(value)
+
+
+def _plain(value: Any) -> Any:
+    """Return tuples, also nested ones, as lists."""
+    if isinstance(value, dict):
+        return {name: _plain(x) for name, x in value.items()}
+    return [_plain(x) for x in value] if isinstance(value, (list, tuple)) else value

@@ -1,0 +1,117 @@
+"""Where the joints of an arm and whip in space are, and how they move: forward kinematics in NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
+
+UNIVERSAL = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0))  # axes of a universal node's hinges, in order
+
+
+class Frame(NamedTuple):
+    """A frame and its motion, for many states at once; everything in the base's axes.
+
+    Args:
+        origin: [m], (..., 3).
+        rotation: (..., 3, 3).
+        velocity: Of the origin [m/s], (..., 3).
+        spin: Angular velocity [rad/s], (..., 3).
+    """
+
+    origin: np.ndarray
+    rotation: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+
+    def carried(self, position: Sequence[float] | np.ndarray) -> Frame:
+        """The frame moved to a place that is fixed in it (3,) [m]."""
+        arm = self.rotation @ np.asarray(position, float)
+        return self._replace(origin=self.origin + arm, velocity=self.velocity + np.cross(self.spin, arm))
+
+    def turned(self, rotation: Sequence[Sequence[float]]) -> Frame:
+        """The frame turned by a rotation that is fixed in it (3, 3)."""
+        return self._replace(rotation=self.rotation @ np.asarray(rotation, float))
+
+    def hinged(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> Frame:
+        """The frame behind a hinge about an axis (3,) at angle q [rad] and speed v [rad/s], (...)."""
+        spin = self.spin + (self.rotation @ np.asarray(axis, float)) * v[..., None]
+        return self._replace(rotation=self.rotation @ rotation_about(axis, q), spin=spin)
+
+    def slid(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> Frame:
+        """The frame on a slide along an axis (3,) at position q [m] and speed v [m/s], (...)."""
+        along = self.rotation @ np.asarray(axis, float)
+        moved = along * q[..., None]
+        velocity = self.velocity + np.cross(self.spin, moved) + along * v[..., None]
+        return self._replace(origin=self.origin + moved, velocity=velocity)
+
+
+def rotation_about(axis: Sequence[float], angle: np.ndarray | float) -> np.ndarray:
+    """Return the rotations about a unit vector (3,) by angles [rad] of any shape, (..., 3, 3); Rodrigues' formula."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = np.asarray(angle, float)[..., None, None]
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+
+
+def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> list[Frame]:
+    """Return the frame of every link, behind its joint, and last the hand's.
+
+    Args:
+        arm: Of a joints.
+        q: Joint positions [rad or m], (..., a).
+        v: Their speeds, (..., a); default: at rest.
+    """
+    q = np.asarray(q, float)
+    v = np.zeros_like(q) if v is None else np.asarray(v, float)
+    zeros = np.zeros((*q.shape[:-1], 3))
+    frame = Frame(zeros, np.broadcast_to(np.eye(3), (*zeros.shape, 3)), zeros, zeros)
+    frames = []
+    for i, link in enumerate(arm.links):
+        at_joint = frame.carried(link.position).turned(link.rotation)
+        move = at_joint.hinged if link.kind == "revolute" else at_joint.slid
+        frame = move(link.axis, q[..., i], v[..., i])
+        frames.append(frame)
+    return [*frames, frame.carried(arm.hand_position).turned(arm.hand_rotation)]
+
+
+def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the arm's joints, the hand and the whip's nodes are, and how fast.
+
+    Args:
+        model: With an arm in space of a joints, and a whip of N nodes on universal joints.
+        q: Joint positions, (..., n): x1, y1, x2, y2, ... of the whip behind the arm's.
+        v: Their speeds, (..., n); default: at rest.
+
+    Returns:
+        Positions [m] and velocities [m/s], (..., a + 1 + N, 3): those of the joints, the hand, the nodes; last the tip.
+    """
+    assert isinstance(model.arm, SpatialArm)
+    assert model.whip.joints == "universal"
+    a = model.arm.n
+    v = np.zeros_like(q) if v is None else v
+    frames = arm_frames(model.arm, q[..., :a], v[..., :a])
+    frame = frames[-1]
+    for i, length in enumerate(model.whip.per_node("l")):
+        for j, axis in enumerate(UNIVERSAL, start=a + 2 * i):
+            frame = frame.hinged(axis, q[..., j], v[..., j])
+        frame = frame.carried((0.0, 0.0, -length))
+        frames.append(frame)
+    return np.stack([f.origin for f in frames], axis=-2), np.stack([f.velocity for f in frames], axis=-2)
+
+
+def hanging_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
+    """Return the angles (..., 2) [rad] of the first universal node at which the whip hangs straight down in the world.
+
+    Args:
+        arm: Of a joints.
+        q: Its joint positions, (..., a).
+    """
+    down = -arm_frames(arm, q)[-1].rotation[..., 2, :]  # the world's -z in the hand's frame
+    # behind both hinges the whip points along (sin y, sin x cos y, -cos x cos y)
+    x, y = np.arctan2(down[..., 1], -down[..., 2]), np.arcsin(np.clip(down[..., 0], -1, 1))
+    return np.stack([x, y], axis=-1)

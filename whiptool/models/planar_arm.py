@@ -1,0 +1,95 @@
+"""Parameters of a planar arm: rigid links in a row, checked where they enter."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.joint_names import checked_joints, subscripts
+from whiptool.models.numbers import number
+
+
+@dataclass(frozen=True)
+class ArmLink:
+    """One rigid link of the arm (Table 3).
+
+    Args:
+        mass: [kg]
+        length: From its joint to the next [m].
+        com: Distance of the centre of mass from its joint [m]; default: the middle (a uniform rod).
+        inertia: About the centre of mass [kg m^2]; default: that of a uniform rod, m L^2 / 12.
+        friction: Viscous friction of its joint [N m s/rad].
+    """
+
+    mass: float
+    length: float
+    com: float | None = None
+    inertia: float | None = None
+    friction: float = 0.0
+
+    def __post_init__(self) -> None:
+        mass = number("mass", self.mass, low=0, strict=True)
+        length = number("length", self.length, low=0, strict=True)
+        com = length / 2 if self.com is None else number("com", self.com, low=0)
+        inertia = mass * length**2 / 12 if self.inertia is None else number("inertia", self.inertia, low=0)
+        if com == 0 and inertia == 0:
+            raise InputError("inertia", self.inertia, "a number > 0 where com is 0")
+        for name, value in zip(("mass", "length", "com", "inertia"), (mass, length, com, inertia), strict=True):
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "friction", number("friction", self.friction, low=0))
+
+
+@dataclass(frozen=True)
+class ArmParameters:
+    """Serial planar arm, shoulder first.
+
+    Args:
+        links: The links in order.
+        joints: Their joints' names; default: shoulder and elbow, else joint1, joint2, ...
+    """
+
+    links: tuple[ArmLink, ...]
+    joints: tuple[str, ...] = ()
+
+    QUANTITIES: ClassVar = ("mass", "length", "com", "inertia", "friction")
+
+    def __post_init__(self) -> None:
+        links = tuple(self.links)
+        if not links or not all(isinstance(link, ArmLink) for link in links):
+            raise InputError("links", self.links, "one or more ArmLink")
+        object.__setattr__(self, "links", links)
+        object.__setattr__(self, "joints", checked_joints(self.joints, len(links)))
+
+    @property
+    def n(self) -> int:
+        """Number of joints of the arm."""
+        return len(self.links)
+
+    @property
+    def subscripts(self) -> tuple[str, ...]:
+        """Subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow; see `joint_names`."""
+        return subscripts(self.joints)
+
+    def per_link(self, name: str) -> np.ndarray:
+        """Quantity `name` of every link, shape (n,)."""
+        return np.array([getattr(link, name) for link in self.links], float)  # (n,)
+
+    @property
+    def length(self) -> float:
+        """Length of the stretched arm [m]."""
+        return float(self.per_link("length").sum())
+
+    def parameters(self) -> dict[str, float]:
+        """Every number under its name: `mass[0]`, `length[0]`, ..."""
+        return {f"{name}[{i}]": getattr(link, name) for i, link in enumerate(self.links) for name in self.QUANTITIES}
+
+    def with_parameters(self, changes: Mapping[str, float]) -> ArmParameters:
+        """Return a copy with some of `parameters()` changed."""
+        known = self.parameters() | dict(changes)
+        links = tuple(ArmLink(**{name: known[f"{name}[{i}]"] for name in self.QUANTITIES}) for i in range(self.n))
+        return dataclasses.replace(self, links=links)

@@ -1,0 +1,271 @@
+"""Arms in space: serial chains of revolute and prismatic joints, as data."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal, TypeAlias
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.joint_names import checked_joints, subscripts
+from whiptool.models.numbers import number, numbers
+from whiptool.models.planar_arm import ArmParameters
+
+Vector: TypeAlias = tuple[float, float, float]
+Matrix: TypeAlias = tuple[tuple[float, ...], ...]
+
+IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+XYZ = ("x", "y", "z")
+MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of an inertia's six numbers
+
+_ROUNDED = 1e-12  # entries of rotations and axes this close to 0, 1 or -1 are meant to be it: zeros are structural
+_SLANTED = 1e-6  # by which a rotation or a unit vector may be wrong where it was written with few digits
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """What a joint can do: rad or m, s, N m or N; infinite where there is no limit.
+
+    Args:
+        position: Lowest and highest.
+        velocity, acceleration, jerk: Largest magnitudes.
+        torque: Largest magnitude, of a force where the joint is prismatic.
+        torque_rate: Largest magnitude of its change [N m/s].
+
+    Raises:
+        InputError: A value is NaN or not positive, or the lowest position is not below the highest.
+    """
+
+    position: tuple[float, float] = (-math.inf, math.inf)
+    velocity: float = math.inf
+    acceleration: float = math.inf
+    jerk: float = math.inf
+    torque: float = math.inf
+    torque_rate: float = math.inf
+
+    def __post_init__(self) -> None:
+        ends = self.position
+        if not isinstance(ends, (list, tuple, np.ndarray)) or len(ends) != 2:
+            raise InputError("position", ends, "a lowest and a highest position")
+        low, high = (_or_infinite("position", x) for x in ends)
+        if not low < high:
+            raise InputError("position", ends, "a lowest position below the highest")
+        object.__setattr__(self, "position", (low, high))
+        for name in ("velocity", "acceleration", "jerk", "torque", "torque_rate"):
+            value = _or_infinite(name, getattr(self, name))
+            if not value > 0:
+                raise InputError(name, getattr(self, name), "a number > 0")
+            object.__setattr__(self, name, value)
+
+
+def _or_infinite(name: str, value: object) -> float:
+    infinite = isinstance(value, (float, np.floating)) and math.isinf(value)
+    return float(value) if infinite else number(name, value)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class SpatialLink:
+    """A joint and the rigid body that it moves; the link's frame is its joint's, and moves with it.
+
+    A massless link, as between hinges at one point, is allowed where what it carries has mass.
+
+    Args:
+        mass: [kg]
+        com: Centre of mass in the link's frame [m], (3,).
+        inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, in the link's axes [kg m^2].
+        axis: Unit vector of the joint in the link's frame, (3,).
+        position: Of the joint in the frame of the link before, for the first in the base's [m], (3,).
+        rotation: Of the link's frame in that of the link before where the joint's position is 0, (3, 3).
+        kind: Whether the joint turns about its axis or slides along it.
+        friction: Viscous friction of the joint [N m s/rad or N s/m].
+        armature: Inertia of the rotor, as the joint feels it [kg m^2 or kg].
+        limits: What the joint can do.
+
+    Raises:
+        InputError: A value is not finite, or no body has such an inertia, axis or rotation.
+    """
+
+    mass: float
+    com: Vector
+    inertia: tuple[float, ...]
+    axis: Vector
+    position: Vector
+    rotation: Matrix = IDENTITY
+    kind: Literal["revolute", "prismatic"] = "revolute"
+    friction: float = 0.0
+    armature: float = 0.0
+    limits: JointLimits = JointLimits()
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "friction", "armature"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0))
+        for name in ("com", "position"):
+            object.__setattr__(self, name, numbers(name, getattr(self, name), 3))
+        object.__setattr__(self, "inertia", _checked_inertia(self.inertia, self.mass))
+        object.__setattr__(self, "axis", _checked_axis(self.axis))
+        object.__setattr__(self, "rotation", checked_rotation("rotation", self.rotation))
+        if self.kind not in ("revolute", "prismatic"):
+            raise InputError("kind", self.kind, "revolute or prismatic")
+        if not isinstance(self.limits, JointLimits):
+            raise InputError("limits", self.limits, "JointLimits")
+
+    @property
+    def inertia_matrix(self) -> np.ndarray:
+        """Inertia about the centre of mass, in the link's axes [kg m^2], (3, 3)."""
+        return _symmetric(self.inertia)
+
+
+def _symmetric(moments: tuple[float, ...]) -> np.ndarray:
+    xx, yy, zz, xy, xz, yz = moments
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _checked_inertia(given: object, mass: float) -> tuple[float, ...]:
+    moments = numbers("inertia", given, 6)
+    principal = np.linalg.eigvalsh(_symmetric(moments))
+    if principal[0] < -1e-9 * principal[2]:
+        raise InputError("inertia", given, "Ixx Iyy Izz Ixy Ixz Iyz of a body: its principal moments are >= 0")
+    if mass == 0 and any(moments):
+        raise InputError("inertia", given, "zeros where mass is 0")
+    return moments
+
+
+def _rounded(array: np.ndarray) -> np.ndarray:
+    whole = np.round(array)
+    return np.where(np.abs(array - whole) < _ROUNDED, whole, array) + 0.0  # no -0.0
+
+
+def _checked_axis(given: object) -> Vector:
+    axis = np.array(numbers("axis", given, 3))
+    length = float(np.linalg.norm(axis))
+    if abs(length - 1) > _SLANTED:
+        raise InputError("axis", given, "a unit vector")
+    x, y, z = _rounded(axis / length if abs(length - 1) > _ROUNDED else axis).tolist()
+    return x, y, z
+
+
+def checked_rotation(name: str, given: object) -> Matrix:
+    """Return a rotation as three rows, what is within 1e-12 of 0 and +-1 rounded to it.
+
+    Raises:
+        InputError: It is none; up to 1e-6, as of few digits, the nearest one is taken.
+    """
+    rule = "a rotation: three rows of three numbers, orthogonal, of determinant 1"
+    if not isinstance(given, (list, tuple, np.ndarray)) or len(given) != 3:
+        raise InputError(name, given, rule)
+    R = np.array([numbers(f"{name}[{i}]", row, 3) for i, row in enumerate(given)])
+    error = np.abs(R @ R.T - np.eye(3)).max()
+    if error > _SLANTED or np.linalg.det(R) < 0:
+        raise InputError(name, given, rule)
+    if error > _ROUNDED:
+        left, _, right = np.linalg.svd(R)
+        R = left @ right
+    return tuple(tuple(row) for row in _rounded(R).tolist())
+
+
+@dataclass(frozen=True)
+class SpatialArm:
+    """Serial arm in space, its base at the origin: x forward, y to the left, z up.
+
+    Args:
+        links: The links in order.
+        joints: Their joints' names; default: joint1, joint2, ...
+        hand_position: Where the whip's first joint is, in the last link's frame [m], (3,).
+        hand_rotation: The hand's frame in the last link's, (3, 3): the whip lies along its -z where its joints are
+            at 0.
+
+    Raises:
+        InputError: There is no link, a name is wrong, or a prismatic joint has no limits of position.
+    """
+
+    links: tuple[SpatialLink, ...]
+    joints: tuple[str, ...] = ()
+    hand_position: Vector = (0.0, 0.0, 0.0)
+    hand_rotation: Matrix = IDENTITY
+
+    SCALARS: ClassVar = ("mass", "friction", "armature")
+
+    def __post_init__(self) -> None:
+        links = tuple(self.links)
+        if not links or not all(isinstance(link, SpatialLink) for link in links):
+            raise InputError("links", self.links, "one or more SpatialLink")
+        for i, link in enumerate(links):
+            if link.kind == "prismatic" and not np.isfinite(link.limits.position).all():
+                raise InputError(f"links[{i}].limits.position", link.limits.position, "finite, for a prismatic joint")
+        object.__setattr__(self, "links", links)
+        object.__setattr__(self, "joints", checked_joints(self.joints, len(links)))
+        object.__setattr__(self, "hand_position", numbers("hand_position", self.hand_position, 3))
+        object.__setattr__(self, "hand_rotation", checked_rotation("hand_rotation", self.hand_rotation))
+
+    @property
+    def n(self) -> int:
+        """Number of joints of the arm."""
+        return len(self.links)
+
+    @property
+    def subscripts(self) -> tuple[str, ...]:
+        """Subscript of each joint in the strike's names; see `joint_names.subscripts`."""
+        return subscripts(self.joints)
+
+    def per_link(self, name: str) -> np.ndarray:
+        """Quantity `name` of every link, shape (n,) or, for one of more numbers, (n, ...)."""
+        return np.array([getattr(link, name) for link in self.links], float)  # (n, ...)
+
+    @property
+    def length(self) -> float:
+        """Farthest that the hand can be from the base [m]: of all joints stretched, an upper bound."""
+        strokes = [max(map(abs, link.limits.position)) for link in self.links if link.kind == "prismatic"]
+        steps = [*(link.position for link in self.links), self.hand_position]
+        return sum(math.hypot(*step) for step in steps) + sum(strokes)
+
+    def parameters(self) -> dict[str, float]:
+        """Every number that can be changed alone: `mass[0]`, `com[0].x`, `inertia[0].xx`, `hand_position.z`.
+
+        Axes and rotations are not among them: their numbers are not free.
+        """
+        named = {}
+        for i, link in enumerate(self.links):
+            for name in ("mass", "com", "inertia", "position", "friction", "armature"):
+                value = getattr(link, name)
+                if isinstance(value, float):
+                    named[f"{name}[{i}]"] = value
+                else:
+                    parts = MOMENTS if name == "inertia" else XYZ
+                    named |= {f"{name}[{i}].{part}": x for part, x in zip(parts, value, strict=True)}
+        return named | {f"hand_position.{part}": x for part, x in zip(XYZ, self.hand_position, strict=True)}
+
+    def with_parameters(self, changes: Mapping[str, float]) -> SpatialArm:
+        """Return a copy with some of `parameters()` changed."""
+        known = self.parameters() | changes
+
+        def row(name: str, parts: tuple[str, ...]) -> tuple[float, ...]:
+            return tuple(known[f"{name}.{part}"] for part in parts)
+
+        links = tuple(
+            dataclasses.replace(
+                link,
+                **{name: known[f"{name}[{i}]"] for name in self.SCALARS},
+                **{name: row(f"{name}[{i}]", XYZ) for name in ("com", "position")},  # type: ignore[arg-type]
+                inertia=row(f"inertia[{i}]", MOMENTS),
+            )
+            for i, link in enumerate(self.links)
+        )
+        return dataclasses.replace(self, links=links, hand_position=row("hand_position", XYZ))  # type: ignore[arg-type]
+
+
+def in_space(arm: ArmParameters) -> SpatialArm:
+    """Return a planar arm as one in space, its axes parallel to (0, -1, 0): x stays x, the plane's y becomes z."""
+    links, position = [], (0.0, 0.0, 0.0)
+    for link in arm.links:
+        assert link.com is not None
+        assert link.inertia is not None
+        moments = (link.inertia, link.inertia, 0.0, 0.0, 0.0, 0.0)  # of a thin rod: none about itself
+        links.append(
+            SpatialLink(link.mass, (0.0, 0.0, -link.com), moments, (0, -1, 0), position, friction=link.friction)
+        )
+        position = (0.0, 0.0, -link.length)
+    return SpatialArm(tuple(links), arm.joints, hand_position=position)

@@ -1,0 +1,45 @@
+"""A stick in the hand of an arm, as a tool that holds the whip."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from whiptool.models.numbers import number
+from whiptool.models.spatial_arm import SpatialArm, SpatialLink
+
+
+def with_stick(arm: SpatialArm, *, length: float, mass: float) -> SpatialArm:
+    """Return the arm with a thin uniform stick along the -z of its hand, whose far end is the hand from now on.
+
+    Args:
+        arm: Its hand holds the stick.
+        length: Of the stick [m].
+        mass: [kg]
+
+    Raises:
+        InputError: A number is negative or not finite.
+    """
+    length, mass = number("stick length", length, low=0), number("stick mass", mass, low=0)
+    axes, at = np.array(arm.hand_rotation), np.array(arm.hand_position)
+    along = -axes[:, 2]
+    inertia = mass * length**2 / 12 * (np.eye(3) - np.outer(along, along))
+    last = _welded(arm.links[-1], mass, at + along * length / 2, inertia)
+    x, y, z = (at + along * length).tolist()
+    return dataclasses.replace(arm, links=(*arm.links[:-1], last), hand_position=(x, y, z))
+
+
+def _welded(link: SpatialLink, mass: float, com: np.ndarray, inertia: np.ndarray) -> SpatialLink:
+    """A link with one more body fixed to it: its mass [kg], centre of mass (3,) [m] and inertia about that (3, 3)."""
+    total = link.mass + mass
+    if total == 0:
+        return link
+    centre = (link.mass * np.array(link.com) + mass * com) / total
+    moments = np.zeros((3, 3))
+    for part, at, own in ((link.mass, np.array(link.com), link.inertia_matrix), (mass, com, inertia)):
+        d = at - centre
+        moments += own + part * (d @ d * np.eye(3) - np.outer(d, d))  # the theorem of parallel axes
+    x, y, z = centre.tolist()
+    upper = moments[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+    return dataclasses.replace(link, mass=total, com=(x, y, z), inertia=tuple(upper.tolist()))

@@ -1,0 +1,42 @@
+"""Tables of TOML files as dataclasses, every mistake named with its place."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from whiptool.errors import InputError
+
+
+def build_from(cls: type, table: object, place: str, **ready):
+    """`cls(**table)`, unknown or missing keys and broken rules named with their place."""
+    if not isinstance(table, Mapping):
+        raise InputError(place.rstrip("."), table, "a table")
+    names = {f.name: f for f in dataclasses.fields(cls)}
+    for key in table:
+        if key not in names:
+            raise InputError(place + key, table[key], "one of the keys " + ", ".join(names))
+    for name, f in names.items():
+        required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        if required and name not in table and name not in ready:
+            raise InputError(place + name, None, f"a value; the key is missing, all keys are {', '.join(names)}")
+    try:
+        return cls(**{**table, **ready})
+    except InputError as error:
+        raise error.within(place) from None
+
+
+def read_toml(path: Path) -> dict:
+    """A TOML file as nested mappings.
+
+    Raises:
+        InputError: The file cannot be read, or is not TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError("file", str(path), f"a readable TOML file ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError("file", str(path), f"valid TOML ({error})") from None

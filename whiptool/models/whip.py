@@ -1,0 +1,133 @@
+"""Parameters of a whip: lumped nodes, checked where they enter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.numbers import number, whole
+
+PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
+Joints: TypeAlias = Literal["hinge", "universal", "rod"]
+JOINTS = get_args(Joints)
+
+
+@dataclass(frozen=True)
+class WhipParameters:
+    """Lumped whip (Fig. 2, Table 2): N point masses on massless links, joined by springs and dampers.
+
+    Each quantity is one number or one value per node. Joint 1 is the hinge that joins the whip to the hand. It is
+    free (Sect. 2.1): a single number of `k`, `cubic_stiffness`, `b`, `rest_angle` or `dry_friction` speaks of joints
+    2..N only; a value per node speaks of all joints, the hinge first.
+
+    Args:
+        N: Number of nodes.
+        l: Link length [m].
+        m: Node mass at the far end of each link [kg].
+        k: Joint stiffness [N m/rad].
+        b: Joint damping [N m s/rad].
+        rest_angle: Joint angle at which the spring is slack [rad].
+        dry_friction: Friction torque of a joint at high speed [N m].
+        friction_velocity: Joint speed around which dry friction turns over smoothly [rad/s]: the torque is
+            `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
+        drag: Quadratic air drag of each node [N s^2/m^2]: the force is `-drag |v| v`.
+        hinge_mass: Mass that rides on the hinge itself [kg]: the part of the first link that a lumped profile
+            gives to the hand.
+        drag_ratio: Drag along a node's link over drag across it: the force is `-drag |v| (v_across + drag_ratio
+            v_along)`. 1: drag is the same in all directions; a smooth thin cord is far below.
+        cubic_stiffness: How a joint stiffens as it bends [N m/rad^3]: the spring's torque is
+            `-k d - cubic_stiffness d^3`, d being the angle less `rest_angle`.
+        joints: How a node bends: about one hinge in the plane; in space about two (`universal`: first about the
+            node's x axis, then about its -y axis, each with the node's k, b, ...), or as a `rod`, whose direction
+            turns freely and whose bending is the same all around.
+        node_inertia: Moment of inertia of each node about its own centre, the same about all axes, as of a small
+            sphere [kg m^2]; of universal joints only. Without it, a node that hangs at a right angle to the first of
+            its hinges has no inertia about it.
+
+    Raises:
+        InputError: A value is not finite, out of range, or its length is not N, or the whip's joints have no such
+            quantity.
+    """
+
+    N: int
+    l: PerNode
+    m: PerNode
+    k: PerNode
+    b: PerNode
+    rest_angle: PerNode = 0.0
+    dry_friction: PerNode = 0.0
+    friction_velocity: float = 0.1
+    drag: PerNode = 0.0
+    hinge_mass: float = 0.0
+    drag_ratio: float = 1.0
+    cubic_stiffness: PerNode = 0.0
+    joints: Joints = "hinge"
+    node_inertia: PerNode = 0.0
+
+    # lowest value of each quantity, and whether it is itself excluded
+    _LOW: ClassVar = {
+        "l": (0.0, True),
+        "m": (0.0, True),
+        "k": (0.0, False),
+        "b": (0.0, False),
+        "rest_angle": (-math.inf, False),
+        "dry_friction": (0.0, False),
+        "drag": (0.0, False),
+        "cubic_stiffness": (0.0, False),
+        "node_inertia": (0.0, False),
+    }
+    # quantities of joints, zero at the free hinge
+    _JOINT: ClassVar = ("k", "b", "rest_angle", "dry_friction", "cubic_stiffness")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "N", whole("N", self.N, high=200))
+        for name, (low, strict) in self._LOW.items():
+            value = getattr(self, name)
+            if isinstance(value, (list, tuple, np.ndarray)):
+                if any(np.ndim(x) for x in value) or len(value) != self.N:
+                    raise InputError(name, value, f"one number, or {self.N} numbers (one per node)")
+                checked = tuple(number(f"{name}[{i}]", v, low=low, strict=strict) for i, v in enumerate(value))
+            else:
+                checked = number(name, value, low=low, strict=strict)
+            object.__setattr__(self, name, checked)
+        velocity = number("friction_velocity", self.friction_velocity, low=0, strict=True)
+        object.__setattr__(self, "friction_velocity", velocity)
+        for name in ("hinge_mass", "drag_ratio"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0))
+        if self.joints not in JOINTS:
+            raise InputError("joints", self.joints, ", ".join(JOINTS))
+        if self.joints != "universal" and self.per_node("node_inertia").any():
+            raise InputError("node_inertia", self.node_inertia, f"0 for joints of the kind {self.joints}")
+        if self.joints != "hinge" and self.per_node("rest_angle").any():
+            raise InputError("rest_angle", self.rest_angle, "0 in space, where a bend has a direction, too")
+
+    @property
+    def joints_per_node(self) -> int:
+        """Number of a node's degrees of freedom: 1 in the plane, 2 in space."""
+        return 1 if self.joints == "hinge" else 2
+
+    def per_node(self, name: str) -> np.ndarray:
+        """Quantity `name` as an array of shape (N,), the hinge's entry being 0 where a single number was given."""
+        value = getattr(self, name)
+        array = np.full(self.N, value) if isinstance(value, float) else np.array(value)
+        if isinstance(value, float) and name in self._JOINT:
+            array[0] = 0.0  # the free hinge
+        return array  # (N,)
+
+    def per_joint(self, name: str) -> np.ndarray:
+        """Quantity `name` of every joint: of a node in space twice, shape (N,) or (2 N,)."""
+        return np.repeat(self.per_node(name), self.joints_per_node)
+
+    @property
+    def length(self) -> float:
+        """Length of the stretched whip [m]."""
+        return float(self.per_node("l").sum())
+
+    @property
+    def mass(self) -> float:
+        """Mass that hangs from the hand [kg]; Eq. 3 lets its weight act there."""
+        return float(self.per_node("m").sum()) + self.hinge_mass
