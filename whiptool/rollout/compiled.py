@@ -11,7 +11,7 @@ from tqdm import tqdm
 from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
-from whiptool.dynamics.structure import Structure
+from whiptool.dynamics.structure import Structure, arm_column
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model, number
@@ -231,6 +231,10 @@ class CompiledRollout(Rollout):
             elif name in of_controller:
                 row[self.structure.columns(block).start + int(index or 0)] = 1
             elif name in of_model and Structure.of(self.model, self.controller, free=[name]) in self.structure:
+                if self.structure.arm is not None and name.startswith("arm."):
+                    quantity, column = arm_column(name)
+                    row[self.structure.columns(f"arm.{quantity}").start + column] = 1
+                    continue
                 moved = self.model.with_parameters({name: of_model[name] + 1})
                 row[:] = self.structure.pack(moved, self.controller, np.zeros((1, len(of_strike))))[0] - base
             else:
