@@ -99,3 +99,13 @@ def test_what_is_missing_is_named_with_its_meaning(words, option, meaning, capsy
     said = capsys.readouterr().err
     assert said.startswith(f"whiptool: {option}: got nothing; allowed: {meaning}")
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["train", "compare"])
+def test_a_training_without_an_episode_to_learn_in_says_what_to_give(command: str, capsys) -> None:
+    """Who asks for 20 episodes has not heard of the 50 random ones."""
+    assert import_module(f"whiptool.commands.{command}").main(["--episodes", "20"]) == 2
+    assert capsys.readouterr().err == (
+        "whiptool: --random-episodes: got 50; allowed: a whole number from 0 to 19, fewer than --episodes 20: random "
+        "episodes come first, and nothing is learned in them; give --random-episodes 4; it is 50 unless given\n"
+    )

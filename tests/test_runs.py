@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 from pathlib import Path
 
 import pytest
+from full_disk import full_disk
 from search_words import SEARCH
 
 from whiptool.commands import cli, optimize
@@ -82,13 +82,10 @@ def test_two_that_resume_one_run_strike_no_trial_twice(alone: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize(("left", "file"), [(2000, TRIALS), (100_000, "trajectory.npz")])
-def test_a_search_on_a_full_disk_leaves_whole_files(
-    left: int, file: str, alone: Path, tmp_path: Path, capsys, disk
-) -> None:
+def test_a_search_on_a_full_disk_leaves_whole_files(left: int, file: str, alone: Path, tmp_path: Path, capsys) -> None:
     run = tmp_path / "run"
-    disk(left)
-    assert optimize.main([*SEARCH, "--out", str(run)]) == 1
-    disk(resource.RLIM_INFINITY)
+    with full_disk(left):
+        assert optimize.main([*SEARCH, "--out", str(run)]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert said == f"whiptool: [Errno 27] File too large: '{run / file}'"
     assert not list(run.glob(".*"))

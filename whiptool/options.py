@@ -304,8 +304,12 @@ def check_training(episodes: int, trials: int, random_episodes: int, hindsight: 
     whole("--trials", trials, low=2, high=MANY_TARGETS)
     whole("--hindsight", hindsight, low=0, high=1000)
     if not 0 <= random_episodes < episodes:
-        allowed = f"a whole number from 0 to {episodes - 1}: in --episodes {episodes} only the others teach"
-        raise InputError("--random-episodes", random_episodes, allowed)
+        allowed = (
+            f"a whole number from 0 to {episodes - 1}, fewer than --episodes {episodes}: random episodes come first, "
+        )
+        allowed += "and nothing is learned in them"
+        fix = f"give --random-episodes {episodes // 5}; it is 50 unless given"
+        raise InputError("--random-episodes", random_episodes, allowed, fix)
 
 
 def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> None:

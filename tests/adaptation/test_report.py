@@ -8,13 +8,14 @@ import re
 import numpy as np
 import pytest
 
-from whiptool.adaptation.loop import Adaptation, Options, Step
+from whiptool.adaptation.loop import Adaptation, Options
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.planner import Effort, Plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
 from whiptool.adaptation.report import PANELS, SHOWN, lines, sections
+from whiptool.adaptation.steps import Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.judgement import Judgement
 from whiptool.impedance import Controller, oiac_preset

@@ -70,3 +70,9 @@ def test_air_meets_a_chain_on_its_mean_width():
     """rho C_d w / 2 of a cylinder 2.3 wires thick, at the geometric middle of 2 to 3 mm and of C_d from 1 to 1.3."""
     drag = stock_of_material("steel-chain").numbers["drag"]
     assert drag == pytest.approx(1.2 * np.sqrt(1.0 * 1.3) * 2.3 * np.sqrt(0.002 * 0.003) / 2)
+
+
+def test_a_twin_introduces_itself_in_one_line():
+    twin = draw_twin("strange", 3, preset("lemon2024"), Controller())
+    whip = twin.model.whip
+    assert repr(twin) == f"Twin(strange, seed 3: whip of {whip.length:.2f} m and {whip.mass:.3f} kg, 36 nodes)"

@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from full_disk import full_disk
 
 torch = pytest.importorskip("torch")
 
@@ -114,18 +115,17 @@ def test_a_full_disk_leaves_whole_lines_and_events(
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     run, append_whole = tmp_path / "run", whole_files.append_whole
-    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    room = ExitStack()
 
     def on_a_full_disk(path: Path, content: str | bytes) -> None:
         if len(rows(run)) == 5 and path.match(file):
-            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 20, limit[1]))
+            room.enter_context(full_disk(path.stat().st_size + 20))
         append_whole(path, content)
 
-    with monkeypatch.context() as patch:
+    with room, monkeypatch.context() as patch:
         for module in (train, event_log):
             patch.setattr(module, "append_whole", on_a_full_disk)
         assert train.main([*SHORT, "--out", str(run)]) == 1
-    resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     error = capsys.readouterr().err.strip().splitlines()[-1]
     (path,) = run.glob(file)
     assert error == f"whiptool: [Errno 27] File too large: '{path}'"

@@ -180,7 +180,10 @@ def test_the_controller_is_the_numpy_one(a: int, options: dict):
     if "compensated" in options:
         options = {"compensated": tuple(rng.uniform(0.5, 2, a + 1))}
     root = rng.normal(0, 1, (a, a))
-    laws = (OIAC(a=5e-3), ConstantImpedance(K=tuple(map(tuple, root @ root.T)), B=tuple(map(tuple, 0.1 * root @ root.T))))
+    laws = (
+        OIAC(a=5e-3),
+        ConstantImpedance(K=tuple(map(tuple, root @ root.T)), B=tuple(map(tuple, 0.1 * root @ root.T))),
+    )
     for seed, law in enumerate(laws):
         model = random_model(seed, a, 3)
         bare = replace(model.arm, links=tuple(replace(link, armature=0.0) for link in model.arm.links))

@@ -128,7 +128,9 @@ def pinocchio_of(model: Model) -> pin.Model:
         kind = pin.JointModelRevoluteUnaligned if link.kind == "revolute" else pin.JointModelPrismaticUnaligned
         place = pin.SE3(np.array(link.rotation), np.array(link.position))
         parent = its.addJoint(parent, kind(np.array(link.axis)), place, f"arm{i}")
-        its.appendBodyToJoint(parent, pin.Inertia(link.mass, np.array(link.com), link.inertia_matrix), pin.SE3.Identity())
+        its.appendBodyToJoint(
+            parent, pin.Inertia(link.mass, np.array(link.com), link.inertia_matrix), pin.SE3.Identity()
+        )
         armature.append(link.armature)
     place = pin.SE3(np.array(arm.hand_rotation), np.array(arm.hand_position))
     its.appendBodyToJoint(parent, pin.Inertia(whip.hinge_mass, place.translation, np.zeros((3, 3))), pin.SE3.Identity())

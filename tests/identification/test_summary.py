@@ -342,3 +342,47 @@ def test_intervals_of_correlated_errors_say_so():
     errors = Autoregression(np.array([0.5]), np.array([1.0, 0.5]), 0.75)
     correlated = Uncertainty(**{**vars(U), "errors": errors})
     assert summary.fit_table(fitted(correlated, []), [], [])["intervals_from"] == "correlated errors"
+
+
+def ended(values: list[float], chi: float = 1.0) -> Fit:
+    """A fit of stiffness, mass and drag that started at 1, 1 and 0; its one recording is off by so much."""
+    variables = [K, M, DRAG]
+    z = [v.z(x) if not v.log or x else v.lower for v, x in zip(variables, values, strict=True)]
+    U = seen(variables, z, np.eye(3).tolist(), [1, 1, 1])
+    parameters = [parameter(v.name, v.value(x), start=1.0) for v, x in zip(variables, z, strict=True)]
+    recordings = (residuals_of(2.0 * chi * np.ones(4)),)
+    return fitted(U, parameters, recordings=recordings)
+
+
+def test_a_fit_names_what_ended_at_a_bound_and_a_misfit_that_is_too_large():
+    good, bad = ended([0.25, 2.0, 0.003]), ended([1e-3, 1e3, 0.0], chi=3.1)
+    end = Status.STEPS.value
+    assert repr(good) == f"Fit(whip.k = 0.25 N m/rad, whip.m = 2 kg, whip.drag = 0.003 N s^2/m^2; {end}; 1 recording)"
+    assert repr(bad) == (
+        "Fit(whip.k = 0.001 N m/rad (its lower bound), whip.m = 1000 kg (its upper bound), "
+        f"whip.drag = 0 N s^2/m^2 (its lower bound); {end}; 1 recording, not explained: misfit 3.1)"
+    )
+    assert good.misfit == pytest.approx(1.0)
+    assert (good.explains, bad.explains) == (True, False)
+    assert bad.at_bounds == {"whip.k": "lower", "whip.m": "upper", "whip.drag": "lower"}
+    assert summary.bound_lines(good) == []
+    assert summary.bound_lines(bad) == [
+        "whip.k ended at its lower bound, 0.001 N m/rad (it started at 1 N m/rad): this is no estimate",
+        "whip.m ended at its upper bound, 1000 kg (it started at 1 kg): this is no estimate",
+        "whip.drag ended at 0, the least that it can be",
+    ]
+    assert summary.misfit_line(good) == "1.00 (errors over what the recordings state; about 1 if all is right)"
+    assert summary.misfit_line(bad).endswith("all is right): above 3, the model does not explain the recordings")
+
+
+def test_a_fit_looks_short_names_up_as_what_is_freed_does():
+    """Of a pendulum's links, `com[1]` and, where one alone was free, `com` stand for `link.com[1]`."""
+    names = ["link.com[0]", "link.com[1]", "link.mass[0]", "whip.k"]
+    U = seen([variable(name, 1.0) for name in names], [0.0] * 4, np.eye(4).tolist(), [1] * 4)
+    found = fitted(U, [parameter(name, 1.0) for name in names])
+    for short, full in [("k", "whip.k"), ("com[1]", "link.com[1]"), ("mass", "link.mass[0]"), ("mass[0]", names[2])]:
+        assert found[short] is found[full]
+    with pytest.raises(KeyError, match=r"com; free were link\.com\[0\], link\.com\[1\]'"):
+        found["com"]
+    with pytest.raises(KeyError, match=r"link; free were .*whip\.k"):
+        found["link"]

@@ -130,3 +130,11 @@ def test_variables_by_name_and_their_bounds():
     assert np.exp(found[1].upper) == pytest.approx(0.9)
     with pytest.raises(InputError, match=r"bounds of whip.m"):
         variables_of({"whip.k": 0.3, "whip.m": 0.1}, ["whip.k"], {"whip.m": (0.1, 0.9)})
+
+
+def test_a_number_knows_which_bound_it_lies_at():
+    v = variable("whip.k", 0.2, (0.1, 0.5))
+    assert [v.bound(z) for z in (v.lower, v.lower + 1e-3, v.z(0.2), v.upper - 1e-9, v.upper)] == [
+        "lower", "", "", "upper", "upper",
+    ]  # fmt: skip
+    assert variable("whip.drag", 0.0).bound(0.0) == "lower"

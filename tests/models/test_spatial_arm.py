@@ -115,7 +115,9 @@ def test_numbers_of_few_digits_become_rotations_and_zeros_stay_zero():
 def test_every_number_of_a_model_in_space_can_be_changed_by_name(arm):
     model = random_model(rng=np.random.default_rng(1), **arm)
     known = model.parameters()
-    assert {"arm.mass[0]", "arm.com[0].x", "arm.inertia[0].yz", "arm.hand_position.z", "whip.node_inertia"} <= set(known)
+    assert {"arm.mass[0]", "arm.com[0].x", "arm.inertia[0].yz", "arm.hand_position.z", "whip.node_inertia"} <= set(
+        known
+    )
     for name, value in known.items():
         if ".inertia" in name and value == 0:
             continue  # of a massless link

@@ -34,3 +34,26 @@ def test_a_converged_search_returns():
     assert bowl.miss(np.array(bowl.refined)).min() < 1e-5
     assert all(name.startswith("GN_") for name in nlopt_names())
     assert DIRECT_L in nlopt_names()
+
+
+class StopsAtOnce(Counted):
+    """Ends the search at its fourth strike, and counts the strikes that come all the same."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = 0
+
+    def trial(self, strike):
+        self.asked += 1
+        if self.asked >= 4:
+            raise Enough
+        return super().trial(strike)
+
+
+@pytest.mark.parametrize("algorithm", [DIRECT_L, "GN_CRS2_LM", "GN_ISRES", "GN_ESCH", "GN_AGS"])
+def test_nothing_is_tried_after_the_search_was_ended(algorithm):
+    """CRS2 fills its first population of 60 points before it looks whether it is to stop."""
+    bowl = StopsAtOnce()
+    with pytest.raises(Enough):
+        nlopt_search(bowl, seed=3, algorithm=algorithm)  # type: ignore[arg-type]
+    assert bowl.asked == 4

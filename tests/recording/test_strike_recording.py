@@ -7,6 +7,8 @@ import pytest
 from recordings import T, full, places, times
 
 from whiptool.errors import InputError
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.impedance.files import controller_from_table, controller_to_table
 from whiptool.recording.strike_recording import StrikeRecording
 
 # ---------------------------------------------------------------- the recording itself
@@ -60,3 +62,15 @@ def test_broken_rules(change, said):
     with pytest.raises(InputError, match=said) as caught:
         dataclasses.replace(full(), **change)
     assert "\n" not in str(caught.value)
+
+
+def test_a_controller_is_kept_as_its_table():
+    controller = Controller(ConstantImpedance(), torque_limit=4.0)
+    given, table = (
+        StrikeRecording(times(), places(), ("tip", "handle"), controller=x)
+        for x in (controller, controller_to_table(controller))
+    )
+    assert given.controller == table.controller
+    assert controller_from_table(given.controller) == controller
+    with pytest.raises(InputError, match="allowed: a Controller, or its table with the key law"):
+        StrikeRecording(times(), places(), ("tip", "handle"), controller="oiac")

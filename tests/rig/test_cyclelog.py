@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_disk import full_disk
 
 from whiptool.errors import InputError
 from whiptool.rig.cyclelog import CycleLog, Cycles
@@ -27,12 +28,11 @@ def test_log_survives_a_cut_and_refuses_what_is_none(tmp_path):
         Cycles.load(path)
 
 
-def test_a_record_of_cycles_keeps_whole_rows(tmp_path: Path, disk) -> None:
+def test_a_record_of_cycles_keeps_whole_rows(tmp_path: Path) -> None:
     log, path = CycleLog(2, tmp_path / "cycles.log"), tmp_path / "cycles.log"
     row = np.arange(3 + 8 * 2 + 3).tolist()
     log.append(row)
-    disk(path.stat().st_size + 20)
-    with pytest.raises(OSError, match=r"cycles\.log"):
+    with full_disk(path.stat().st_size + 20), pytest.raises(OSError, match=r"cycles\.log"):
         log.append(row)
     log.close()
     assert len(Cycles.load(path)) == 1

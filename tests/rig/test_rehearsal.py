@@ -57,8 +57,8 @@ def test_the_chatter_of_a_wave_is_its_second_difference(w):
 @pytest.mark.parametrize(
     ("within", "beyond", "said"),
     [
-        ({"v": (2, 1, -3.0)}, {"v": (2, 1, -3.01)}, "a joint reaches 3.01 rad/s, and the guard stands at 3.00 rad/s"),
-        ({"q_d": (1, 0, 0.5)}, {"q_d": (1, 0, 0.51)}, "a joint lags 0.51 rad, and the guard stands at 0.50 rad"),
+        ({"v": (2, 1, -3.0)}, {"v": (2, 1, -3.01)}, "a joint reaches 3.01 rad/s, and at most 3.00 rad/s are allowed"),
+        ({"q_d": (1, 0, 0.5)}, {"q_d": (1, 0, 0.51)}, "a joint lags 0.51 rad behind its reference, and at most 0.50"),
         ({"q_d": (1, 0, -0.5)}, {"q_d": (1, 0, -0.51)}, "a joint lags 0.51 rad"),
     ],
 )

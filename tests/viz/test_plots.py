@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -47,3 +48,36 @@ def test_a_diverged_strike_is_drawn_too(tmp_path):
     written = plots.save_strike_figures(tmp_path, path, LEMON, TARGET, 0.06, "wild")
     assert len(written) == 4
     assert all(file.stat().st_size > 5000 for file in written)
+
+
+def beside(ax, bar) -> bool:
+    """Whether a colour bar stands at once beside its axes."""
+    gap = bar.get_position().x0 - ax.get_position().x1
+    return 0 < gap < 0.1 * ax.get_position().width
+
+
+def test_a_strike_fills_its_figure(trajectory):
+    """Colour bar beside the axes, title above them, no blank third; also after a change of the figure's shape."""
+    ax = plots.plot_strike(trajectory, LEMON, tuple(TARGET))
+    figure = ax.figure
+    for size in (figure.get_size_inches(), (9.0, 5.0), (5.0, 9.0)):
+        figure.set_size_inches(*size)
+        figure.draw_without_rendering()
+        drawn = figure.get_tightbbox()
+        assert drawn.width > 0.93 * size[0]
+        assert drawn.height > 0.93 * size[1]
+        assert beside(ax, *ax.child_axes)
+        assert ax._left_title.get_window_extent().x0 == pytest.approx(ax.get_window_extent().x0, abs=2)
+    plt.close(figure)
+
+
+@pytest.mark.parametrize("layout", ["constrained", "compressed", None])
+def test_strikes_beside_each_other_keep_their_colour_bars(layout, trajectory):
+    figure = Figure((12, 5), layout=layout)
+    left, right = figure.subplots(1, 2)
+    plots.plot_strike(trajectory, LEMON, tuple(TARGET), ax=left)
+    plots.plot_distance(trajectory, tuple(TARGET), ax=right)
+    figure.draw_without_rendering()
+    (bar,) = left.child_axes
+    assert beside(left, bar)
+    assert bar.get_tightbbox().x1 <= right.get_tightbbox().x0 or layout is None

@@ -18,7 +18,7 @@ FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
 
 
 def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY) -> tuple[np.ndarray, np.ndarray]:
-    """What a recording of each strike would tell about the belief's numbers, linearised around its mean.
+    """Return the information gain of recording each strike, for a belief linearised around its mean.
 
     Args:
         belief: Beforehand.
@@ -48,7 +48,7 @@ def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY) 
 
 
 def hanging(belief: Belief, bounds: StrikeBounds | None = None) -> Strike:
-    """No movement, in the middle of where strikes begin: how long the whip is, and how it hangs, is seen at rest.
+    """Return a strike without movement, in the middle of the start postures: a hanging whip shows its length.
 
     Args:
         belief: About the arm.

@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 
 from whiptool.adaptation.first_look import choose_wiggle, hanging
-from whiptool.adaptation.judgement import Judgement, judge, judge_seen
+from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
 from whiptool.adaptation.ports import Port, Seen, checked
 from whiptool.adaptation.posterior import AFTER, Learned, update
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.sag import Sag, expected_sag
+from whiptool.adaptation.steps import Step, Steps
 from whiptool.errors import InputError
+from whiptool.identification.judgement import Judgement
 from whiptool.models import parameters
 from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import Model
@@ -34,21 +36,22 @@ PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.js
 
 @dataclass(frozen=True)
 class Options:
-    """How to adapt.
+    """Settings of an adaptation.
 
     Args:
-        max_strikes: No more than these.
-        stop_at: End with the first strike that is judged to miss by no more [m]; None: with the first hit that is
-            claimed. 0: never.
-        still: The whip is filmed as it hangs, before the first strike, unless earlier recordings tell of it; number 0.
-        wiggle: Instead a short, slow movement; number 0.
-        adapt: False: never learn; plan once from the prior, and repeat.
-        starts: Of every identification.
-        seed: Of candidates, samples and starts.
+        max_strikes: Largest number of strikes.
+        stop_at: End after the first strike whose judged miss distance is at most this [m]; None: after the first hit
+            that is claimed; 0: only after `max_strikes`.
+        still: Film the hanging whip before the first strike, as step 0, unless earlier recordings are given.
+        wiggle: Make a short, slow movement as step 0 instead.
+        adapt: Whether to learn; if not, one strike is planned from the prior and repeated.
+        starts: Number of starting points of every identification.
+        seed: Seed of candidate strikes, sampled whips and starting points.
         t_stay: A strike is watched so long after the movement ended [s].
         bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.plan`.
-        check: Returns why a strike must not be struck, by the posterior mean of whip and arm; None where it may.
-        first, later: Effort of a plan from the prior, and of one that knows a recording.
+        check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
+            None if it is.
+        first, later: Planning effort before any recording has been learned from, and after.
     """
 
     max_strikes: int = 6
@@ -74,44 +77,19 @@ class Options:
             parameters.number(name, value, low=0)
 
 
-@dataclass(frozen=True)
-class Step:
-    """One strike: what was expected, what came, what it taught.
-
-    Args:
-        number: From 1; 0 is the first look.
-        plan: Of the strike.
-        outcome: What came of it.
-        learned: Afterwards; None where nothing is learned.
-        judged: Its miss, from what was seen: by the whip as it is believed now and by the camera, where the recording
-            taught something; else by the camera alone. Never a twin's truth. None: nobody saw.
-    """
-
-    number: int
-    plan: Plan
-    outcome: Seen
-    learned: Learned | None
-    judged: Judgement | None
-
-    @property
-    def hit(self) -> bool | None:
-        """Whether a hit is claimed; None: nobody saw."""
-        return None if self.judged is None else self.judged.hit
-
-
 @dataclass
 class Adaptation:
-    """A whip that is being learned.
+    """Strike with an unknown whip, learn it from each recording, and plan the next strike, until it hits.
 
     Args:
-        prior: Before the first strike.
-        port: What strikes.
-        target: What is to be hit.
+        prior: Belief about the whip before the first strike.
+        port: Strikes and films: a twin, a rig, or your own robot.
+        target: Point to hit, and hit radius.
         options: See `Options`.
-        folder: Run folder; None: nothing is kept.
-        recordings: Earlier ones of the same whip, which the first plan knows already.
-        known: What they taught; None: they are identified first.
-        opening: The first plan, where it was made before; None: it is made.
+        folder: Run folder; None: nothing is written.
+        recordings: Earlier recordings of the same whip, from which the first strike is planned.
+        known: Belief after those recordings, if it was computed before; None: it is identified from them.
+        opening: The first plan, if it was made before; None: it is computed.
     """
 
     prior: Belief
@@ -123,19 +101,22 @@ class Adaptation:
     known: Belief | None = None
     opening: Plan | None = None
 
-    def run(self, on_step: Callable[[Step], None] = lambda step: None) -> list[Step]:
+    def run(self, on_step: Callable[[Step], None] = lambda step: None) -> Steps:
         """Strike until it hits, or to the last strike.
 
         What the folder holds of an earlier run is read, not struck again. A strike that was killed before its outcome
         was written is struck again.
 
         Args:
-            on_step: Called with every step.
+            on_step: Called with every step as soon as it is complete.
+
+        Returns:
+            All steps, the first look included.
 
         Raises:
             InputError: The folder is damaged.
         """
-        o, belief, steps = self.options, self.known or self.prior, []
+        o, belief, steps = self.options, self.known or self.prior, Steps()
         recordings, past = list(self.recordings), []
         taught, resting = self.known is not None, set[str]()
         contacts: dict[str, float] = {}
@@ -169,7 +150,7 @@ class Adaptation:
     def _enough(self, judged: Judgement) -> bool:
         return judged.hit if self.options.stop_at is None else judged.miss <= self.options.stop_at
 
-    def _planned(self, number: int, belief: Belief, past: list, steps: list[Step], effort: Effort) -> Plan:
+    def _planned(self, number: int, belief: Belief, past: list, steps: Steps, effort: Effort) -> Plan:
         stored = self._read(number, PLAN)
         if stored is not None:
             return Plan(**{**stored, "strike": tuple(stored["strike"]), "misses": tuple(stored.get("misses", ()))})
@@ -195,7 +176,7 @@ class Adaptation:
         self._write(number, PLAN, asdict(chosen))
         return chosen
 
-    def _expected_sag(self, steps: list[Step]) -> Sag | None:
+    def _expected_sag(self, steps: Steps) -> Sag | None:
         controller = self.prior.plant.controller
         assert controller is not None
         return expected_sag(controller.law, [*self.recordings, *(step.outcome.recording for step in steps)])

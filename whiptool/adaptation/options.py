@@ -166,7 +166,7 @@ def _refuse_other_weights(recordings, controller) -> None:
 
 
 def _stock(options: AdaptOptions):
-    """What is known of the whip's numbers; None: they are about the model's."""
+    """The whips that the given material allows; None: no material was given, and the model's whip is the centre."""
     from whiptool.adaptation.materials import stock_of_material
     from whiptool.models.parameters import number
 
@@ -211,7 +211,7 @@ def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str 
 
 
 def _port(options: AdaptOptions, model, controller, stock):
-    """What strikes and films."""
+    """The port: a twin at the tip, a twin of the whole rig, or the rig."""
     from whiptool.adaptation.ports import RigPort, TipPort
     from whiptool.adaptation.twins import draw_twin
     from whiptool.rig.emulator.motor import HARDWARE, Motor

@@ -1,4 +1,4 @@
-"""The strike that most probably hits, over whips that are all still possible."""
+"""Plan the strike with the largest probability of a hit, over whips sampled from the belief."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ _FAR = 0.5  # [m] beyond which a miss is as good as any other
 
 @dataclass(frozen=True)
 class Effort:
-    """How hard the planner looks.
+    """How much computation the planner spends.
 
     Args:
-        pool: Random candidates, tried on the mean of the belief.
-        polished: Of them, improved on the mean with its exact derivatives, in so many `steps`.
-        whips: Samples of the belief.
-        population, rounds: Of the refinement over all samples.
+        pool: Number of random candidate strikes, rolled out with the mean of the belief.
+        polished: Number of the best of them that are improved along exact derivatives with the mean.
+        steps: Number of such improvement steps.
+        whips: Number of whips sampled from the belief.
+        population, rounds: Size and number of rounds of the cross-entropy search over all sampled whips.
     """
 
     pool: int = 160
@@ -63,14 +64,15 @@ class Plan:
     """The strike that was chosen.
 
     Args:
-        strike: Its vector.
-        probability: Predicted probability of a hit; None here and below: of a movement that is not meant to hit.
-        expected_miss: Mean over the samples that do not diverge [m]; None, too, if all do.
-        mean_miss: On the mean of the belief [m].
-        usage: Largest part of the motors' line that it uses on the mean; None: no limits were given.
-        reason: For people.
-        wall_time: [s]
-        allowed: Whether nothing forbids it: motors, least speed, a check; there was no other where something does.
+        strike: Strike vector.
+        probability: Predicted probability of a hit; None, as below, for a movement that is not meant to hit.
+        expected_miss: Mean miss distance over the sampled whips that do not diverge [m]; None also if all diverge.
+        mean_miss: Miss distance with the mean of the belief [m].
+        usage: Largest share of the motors' speed-torque line that the strike uses with the mean of the belief; None: no
+            limits were given.
+        reason: Why this strike was chosen, in words.
+        wall_time: Time that planning took [s].
+        allowed: Whether motor limits, least speed and `check` all allow the strike; if not, no allowed one was found.
         misses: Predictive sample of the miss distance [m]: one per sampled whip, an error of the model drawn for each,
             in rising order; None where it diverges. Empty: of a movement that is not meant to hit.
         contact: When the tip is nearest to the target, on the mean [s].
@@ -103,7 +105,7 @@ def plan(
     timestep: float = TIMESTEP,
     sag: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Plan:
-    """The strike of the largest probability of a hit over samples of a belief.
+    """Return the strike with the largest probability of a hit over whips sampled from a belief.
 
     Random candidates and past strikes with their neighbours are tried on the belief's mean; the best are improved
     there by Gauss-Newton steps along exact derivatives; all that are left are tried on every sample, and a search with
@@ -112,10 +114,10 @@ def plan(
     expected miss are stated on samples that the search has not seen.
 
     Args:
-        belief: About the whip.
+        belief: Distribution of the whip's numbers.
         target: Point and hit radius.
-        rng: Of candidates and samples.
-        past: Strikes that were tried before.
+        rng: Generator for candidates and samples.
+        past: Strikes that were tried before; they and their neighbours are candidates, too.
         bounds: Box of strikes; default: `default_bounds`.
         limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
         speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
@@ -126,10 +128,10 @@ def plan(
         t_stay: A strike is watched so long after the movement ended [s].
         effort: How hard to look.
         timestep: Of the integrator [s].
-        sag: How far from where strikes begin the arm will stand, see `whiptool.adaptation.sag`; None: there.
+        sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
 
     Raises:
-        InputError: A past strike is none of this arm, or the arm has no default bounds.
+        InputError: A past strike does not fit this arm, or the arm has no default bounds.
     """
     began = time.perf_counter()
     search = _Search(belief, target, bounds, limits, speed, t_stay, timestep, sag)
@@ -153,7 +155,7 @@ def plan(
 
 
 class _Search:
-    """Rollouts and what they are worth."""
+    """Roll strikes out with a belief's mean and samples, and score them."""
 
     def __init__(
         self,

@@ -26,13 +26,13 @@ _SAME = 1e-6  # [rad], [s]: two strikes are one
 
 @dataclass(frozen=True)
 class Seen:
-    """What is known of a strike after it.
+    """What a port returns after a strike.
 
     Args:
-        recording: The tip as it was filmed; None: nothing was seen.
-        seen_miss: Closest approach as the camera saw it, frames joined smoothly [m]; None: unknown.
-        true_miss: The same as a twin knows it [m]; None: not a twin.
-        fault: Why there was no strike, or no whole one; empty: there was.
+        recording: The filmed path of the tip; None: the tip was not seen.
+        seen_miss: Miss distance along the filmed path, with the frames joined smoothly [m]; None: unknown.
+        true_miss: True miss distance, which only a twin knows [m]; None: the port is not a twin.
+        fault: Why the strike was refused or broken off; empty: it was carried out.
     """
 
     recording: StrikeRecording | None
@@ -44,16 +44,15 @@ class Seen:
 def seen_of(
     recording: StrikeRecording, target: Sequence[float], *, true_miss: float | None = None, fault: str = ""
 ) -> Seen:
-    """What a port returns of a strike that was filmed: the recording, and the miss distance that its frames show.
+    """Return what a port returns after a filmed strike: the recording, and the miss distance that its frames show.
 
-    Between frames the tip is taken to move as the monotone cubic through them does; a gap of more than two frames holds
-    no tip.
+    Between frames the tip's path is a monotone cubic interpolant; gaps of more than two frames are left out.
 
     Args:
-        recording: Of the tip; its clock starts with the command.
-        target: [m]
-        true_miss: The same as a twin knows it [m]; None: not a twin.
-        fault: Why it was no whole strike; empty: it was. A strike with a fault shows no miss.
+        recording: Path of the tip; its time 0 is the start of the command.
+        target: Position of the target [m].
+        true_miss: True miss distance, which only a twin knows [m]; None: the port is not a twin.
+        fault: Why the strike was broken off; empty: it was not. After a fault no miss distance is computed.
 
     Raises:
         InputError: The recording has no marker `tip`.
@@ -89,10 +88,10 @@ class Port(Protocol):
 
 
 def checked(seen: Any, strike: Strike, number: int) -> Seen:
-    """What a port returned, with what a recording may lack and the loop knows: the strike, and where it came from.
+    """Check what a port returned, and add the strike and a source to a recording that does not state them.
 
     Raises:
-        InputError: It is no `Seen`, or its recording is none of the tip, or of another strike.
+        InputError: It is not a `Seen`, or its recording lacks the tip or belongs to another strike.
     """
     if not isinstance(seen, Seen):
         given = f"{type(seen).__name__} from strike {number}"

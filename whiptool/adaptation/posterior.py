@@ -1,4 +1,4 @@
-"""From recordings to a belief: the most probable whip, how sure that is, and which recordings to leave out."""
+"""Update a belief from recordings: the most probable whip, its covariance, and which recordings are not used."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ TIMESTEP = 5e-4  # [s]
 
 @dataclass(frozen=True)
 class Learned:
-    """What recordings taught.
+    """The belief after an update, and how each recording was used.
 
     Args:
-        belief: Afterwards.
-        rmse: Of the recordings that were used, by their source [m].
-        refused: Why the others were not, by their source.
-        wall_time: [s]
-        redundancy: So many readings of the recordings are worth one: their errors correlate, and may be larger than
-            stated.
+        belief: The posterior.
+        rmse: Root mean square error of each recording that was used, by source [m].
+        refused: Reason why each of the others was not used, by source.
+        wall_time: Time that the update took [s].
+        redundancy: Number of readings that carry as much information as one independent reading with the stated error:
+            errors of neighbouring frames correlate, and may be larger than stated.
     """
 
     belief: Belief
@@ -70,7 +70,7 @@ def update(
     seed: int = 0,
     timestep: float = TIMESTEP,
 ) -> Learned:
-    """The belief after all recordings, by maximum a posteriori from several starts.
+    """Return the belief after all recordings, fitted by maximum a posteriori from several starts.
 
     The starts are the last belief and, unless that explains all frames, the samples of the prior that fit best, until
     one explains them or two starts led to the same fit. The
@@ -78,9 +78,9 @@ def update(
     correlation: what a model cannot explain comes in long runs of one sign, and so many frames are worth few.
 
     Args:
-        prior: Before any recording.
-        recordings: All so far, of different sources, each with its command and the marker `tip`.
-        guess: After all but the last; None: the prior.
+        prior: Belief before any recording.
+        recordings: All recordings so far, with different sources, each with its command and the marker `tip`.
+        guess: Belief after all recordings but the last, where the first fit starts; None: the prior.
         contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
         starts: How many.
         screened: Samples of the prior among which the other starts are sought.

@@ -40,11 +40,11 @@ class Belief:
     """A normal distribution over m named numbers of a plant and of the camera's clock.
 
     Args:
-        plant: What it is about; what is not named is taken as known.
+        plant: Model and controller; every number of theirs that is not in `names` is taken as known.
         names: Of `Plant.values()`, or `delay`.
-        z: Mean, each number as a solver sees it (a logarithm, or a number in its usual size), (m,).
+        z: Mean, (m,), of the solver's variables: logarithms of positive numbers, others divided by their usual size.
         covariance: Of z, (m, m), positive definite.
-        model_error: How far the tip may pass from where the best of these whips has it.
+        model_error: Distribution of the distance between the true path of the tip and that of the best-fitting whip.
 
     Raises:
         InputError: A name is unknown, or shapes do not fit.
@@ -67,29 +67,29 @@ class Belief:
 
     @property
     def variables(self) -> list[Variable]:
-        """How each number is counted."""
+        """The solver's variable of each number: its scale and bounds."""
         known = {**self.plant.values(), **NEUTRAL}
         return [variable(name, known[name]) for name in self.names]
 
     def values(self, z: np.ndarray | None = None) -> dict[str, float]:
-        """The numbers by name, of the mean or of another z; none beyond its bounds."""
+        """Return the numbers by name, of the mean or of another z, clipped to their bounds."""
         z = self.z if z is None else z
         pairs = zip(self.variables, np.asarray(z, float), strict=True)
         return {v.name: v.value(float(np.clip(x, v.lower, v.upper))) for v, x in pairs}
 
     def at(self, z: np.ndarray | None = None) -> Plant:
-        """The plant with the mean's numbers, or with those of another z."""
+        """Return the plant with the numbers of the mean, or of another z."""
         return self.plant.changed({name: x for name, x in self.values(z).items() if name != "delay"})
 
     def sample(self, rng: np.random.Generator, size: int) -> list[Plant]:
-        """So many plants, drawn; antithetic, so that their mean is the mean's."""
+        """Draw plants from the belief, in antithetic pairs, so that the mean of their z is that of the belief."""
         root = np.linalg.cholesky(self.covariance)
         half = rng.standard_normal((-(-size // 2), len(self.z)))
         draws = np.stack([half, -half], axis=1).reshape(-1, len(self.z))[:size]
         return [self.at(self.z + root @ draw) for draw in draws]
 
     def as_prior(self) -> Prior:
-        """The same for `whiptool.identification.fit`."""
+        """Return the belief as a prior for `whiptool.identification.fit`."""
         scales = np.array([v.scale for v in self.variables])
         return Prior(self.names, tuple(self.values().values()), self.covariance * np.outer(scales, scales))
 
@@ -99,7 +99,7 @@ class Belief:
         return dict(zip(self.names, (np.sqrt(np.diag(self.covariance)) * scales).tolist(), strict=True))
 
     def to_table(self) -> dict[str, Any]:
-        """Plain data; `from_table` gives the same belief about the same plant."""
+        """Return the belief as plain data, from which `from_table` restores it for the same plant."""
         return {
             "names": list(self.names),
             "values": self.values(),
@@ -111,7 +111,7 @@ class Belief:
 
     @classmethod
     def from_table(cls, plant: Plant, table: Mapping[str, Any]) -> Belief:
-        """What `to_table` wrote.
+        """Return the belief that `to_table` wrote.
 
         Raises:
             InputError: A key is missing, or its value does not fit.
@@ -265,7 +265,7 @@ def read_belief(
 
 
 def knowing(belief: Belief, values: Mapping[str, float]) -> Belief:
-    """The belief with some numbers known, and nothing else learned from that.
+    """Return the belief with some numbers set to known values, the distribution of the others unchanged.
 
     Raises:
         InputError: A name is unknown, or a value breaks its rule.
@@ -288,7 +288,7 @@ def _belief(plant: Plant, entries: Mapping[str, tuple[float | None, float]]) -> 
 
 
 def fresh_terms(belief: Belief) -> list[str]:
-    """Terms that a rollout has to be made with, lest one be zero in the mean and not in a sample."""
+    """Return the terms that a rollout must include although they may be zero at the mean: samples may have them."""
     of = {"profile.drag": "whip.drag", "profile.rest_curvature": "whip.rest_angle"}
     terms = [of.get(name, name) for name in belief.names if name.startswith(("whip.", "arm.")) or name in of]
     return terms if belief.plant.profile is None else ["whip.hinge_mass", *terms]

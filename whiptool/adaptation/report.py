@@ -1,4 +1,4 @@
-"""What is told of an adaptation: lines after each strike, and the sections of its report."""
+"""Describe an adaptation: lines for the terminal after each strike, and the sections of its report."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
-from whiptool.adaptation.loop import Step
 from whiptool.adaptation.planner import TIMESTEP
 from whiptool.adaptation.posterior import AFTER, usable
 from whiptool.adaptation.prior import Belief, fresh_terms
-from whiptool.identification.summary import unit_of
+from whiptool.adaptation.steps import Step, percent
+from whiptool.identification.units import unit_of
 from whiptool.models.strike import T_STAY
 from whiptool.objective import CLAIMED
 from whiptool.recording.strike_recording import StrikeRecording
@@ -29,7 +29,6 @@ from whiptool.viz.report import Picture, Section, Table, Text
 SHOWN = 6  # numbers that are told after each strike, and that have a colour: those that narrowed most
 PANELS = 6  # strikes that are drawn
 CONTRADICTS = 3.0  # standard errors of the belief before, from which a new value contradicts it
-_AT_BOUND = 1e-6  # of the solver's variable
 _RATE = 1000.0  # [1/s] of a drawn path
 _NONE = "–"
 
@@ -55,7 +54,7 @@ class _Number:
 
 
 def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str]:
-    """What is told on a terminal after a strike.
+    """Return the lines that the terminal shows after a strike.
 
     Args:
         step: The strike.
@@ -122,7 +121,7 @@ def _numbers(belief: Belief, prior: Belief, previous: Belief) -> list[_Number]:
     found = []
     for i, v in enumerate(belief.variables):
         marks = []
-        if not v.lower + _AT_BOUND < belief.z[i] < v.upper - _AT_BOUND:
+        if v.bound(belief.z[i]):
             marks.append("at its bound")
         if jump[i] > CONTRADICTS:
             marks.append("contradicts what was believed before")
@@ -170,13 +169,6 @@ def _outcome(step: Step) -> str:
     if step.plan.probability is not None:
         parts.append(f"stated probability {step.plan.probability:.0%}")
     return f"{_verdict(step)}: {'; '.join(parts)}" if parts else _verdict(step)
-
-
-def percent(probability: float) -> str:
-    """A probability for people, never rounded to a certainty."""
-    if 0.995 <= probability < 1 or 0 < probability < 0.005:
-        return "> 99 %" if probability > 0.5 else "< 1 %"
-    return f"{100 * probability:.0f} %"
 
 
 def _length(miss: float) -> str:

@@ -1,4 +1,4 @@
-"""Where an arm rests before a strike: an impedance law holds what gravity compensation leaves only by an error."""
+"""Predict where an arm rests before a strike: an impedance law carries weight only with a position error."""
 
 from __future__ import annotations
 

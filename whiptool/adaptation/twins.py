@@ -1,4 +1,4 @@
-"""Unknown whips, drawn by seed: what a twin hides from those who strike with it.
+"""Simulated whips that are unknown to whoever strikes with them, drawn by seed.
 
 Their numbers are drawn from a stock (`whiptool.adaptation.materials`), their structure by family: how far it departs
 from the model that is fitted.
@@ -27,14 +27,14 @@ BEND = 0.3 / 0.072  # curvature [1/m] that nine strikes in ten at the published 
 
 @dataclass(frozen=True)
 class Twin:
-    """A whip, an arm and a camera that are not the model.
+    """A simulated arm, whip and camera whose numbers differ from those of the model that plans.
 
     Args:
-        family, seed: What it was drawn from.
+        family, seed: The family and the seed that it was drawn with.
         model: The true arm and whip.
-        controller: What really acts on the arm.
-        latency: Of the servos' line, there and back [s].
-        clock_offset: The camera's clock is late by this [s].
+        controller: The controller as it really acts on the arm.
+        latency: Round-trip delay of the servos' line [s].
+        clock_offset: Delay of the camera's clock [s].
         noise: Standard error of the tip as a plain camera sees it [m].
     """
 
@@ -46,8 +46,13 @@ class Twin:
     clock_offset: float
     noise: float
 
+    def __repr__(self) -> str:
+        whip = self.model.whip
+        of = f"whip of {whip.length:.2f} m and {whip.mass:.3f} kg, {whip.N} nodes"
+        return f"Twin({self.family}, seed {self.seed}: {of})"
+
     def truth(self, motor: Motor = HARDWARE) -> TwinTruth:
-        """What the rig's emulator needs to know."""
+        """Return the same numbers as the rig's emulator takes them."""
         return TwinTruth(
             self.model,
             motor,

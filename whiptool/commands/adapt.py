@@ -14,8 +14,9 @@ from whiptool.commands import cli
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
-    from whiptool.adaptation.loop import Adaptation, Step
+    from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.prior import Belief
+    from whiptool.adaptation.steps import Step
 
 REPORT = "report.html"
 
@@ -97,7 +98,7 @@ def _summary(steps) -> dict[str, Any]:
 
 
 def _conclusion(summary: dict[str, Any], folder: Path) -> str:
-    from whiptool.adaptation.report import percent
+    from whiptool.adaptation.steps import percent
 
     rows = zip(summary["judged_miss"], summary["judged_error"], summary["hit_probability"], strict=True)
     judged = ["unknown" if m is None else f"{100 * m:.2f} ± {100 * e:.2f} ({percent(p)})" for m, e, p in rows]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import re
 import sys
 from collections.abc import Sequence
@@ -201,20 +200,17 @@ class _Run:
                 self.tried.append((N, inside, outside))
         self.N = best_nodes(fits) if self.tried else next(iter(fits))
         self.found = fits[self.N]
-        self.misfit = math.sqrt(sum(r.chi**2 for r in self.found.recordings) / len(self.found.recordings))
 
     @property
     def warning(self) -> str | None:
         """What to know before anything is believed, if the model does not explain the recordings."""
-        from whiptool.identification.classes import MISFIT
-
-        if self.misfit <= MISFIT:
+        if self.found.explains:
             return None
         joints = all(recording.joints_q is not None for recording in self.recordings)
         cure = "try --drive joints, which needs no model of arm and friction" if joints else "check the recordings"
         return (
-            f"the model does not explain the recordings: their errors are {self.misfit:.1f} times what they state. "
-            "Classes and intervals are withdrawn, and values are not to be trusted; free what is missing, or "
+            f"the model does not explain the recordings: their errors are {self.found.misfit:.1f} times what they "
+            "state. Classes and intervals are withdrawn, and values are not to be trusted; free what is missing, or "
             + (cure if self.options.drive == "command" else "check the recordings")
         )
 
@@ -262,7 +258,7 @@ class _Run:
             }
         return {
             **fit_table(self.found, self.recordings, self.held_out),
-            "misfit": self.misfit,
+            "misfit": self.found.misfit,
             "warning": self.warning,
             "model": self.model.name,
             "N": self.N,
@@ -310,7 +306,7 @@ class _Run:
         return facts | recording_facts([*self.recordings, *self.held_out])
 
     def _text(self, summary: dict[str, Any], path: Path) -> str:
-        from whiptool.identification.summary import parameter_lines
+        from whiptool.identification.summary import bound_lines, misfit_line, parameter_lines
 
         lines = [
             f"{self.found.status.value}; {summary['fit_time']:.1f} s; 95 % intervals",
@@ -323,9 +319,8 @@ class _Run:
         lines.append(f"  error RMS   {1e3 * summary['rmse']:.3g} mm fitted, {said}")
         if self.plane is not None:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
-        lines.append(
-            f"  misfit      {self.misfit:.2f} (errors over what the recordings state; about 1 if all is right)"
-        )
+        lines.append(f"  misfit      {misfit_line(self.found)}")
+        lines += [f"  at bound    {line}" for line in bound_lines(self.found)]
         if self.assumed:
             lines.append(f"  controller  {self.options.law_label()}, assumed: no recording says")
         lines.append(f"  run folder  {path} ({REPORT}, {IDENTIFIED}, {RECORDINGS})")

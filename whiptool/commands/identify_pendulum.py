@@ -7,8 +7,6 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from whiptool.commands import cli
 from whiptool.commands.identify_options import IDENTIFIED, NOT_CONFIGURATION, REPORT, IdentifyOptions
 from whiptool.errors import InputError
@@ -92,12 +90,11 @@ def _report(
 ) -> int:
     from whiptool.identification.pendulum_files import write_pendulum
     from whiptool.identification.pendulum_report import sections
-    from whiptool.identification.summary import fit_table, parameter_lines
+    from whiptool.identification.summary import bound_lines, fit_table, misfit_line, parameter_lines
     from whiptool.viz.report import to_html
 
     assert isinstance(found.plant, Pendulum)
-    misfit = float(np.sqrt(np.mean([r.chi**2 for r in found.recordings])))
-    summary = {**fit_table(found, train, unseen), "misfit": misfit, "model": options.model, "seed": options.seed}
+    summary = {**fit_table(found, train, unseen), "misfit": found.misfit, "model": options.model, "seed": options.seed}
     summary |= {"identified": str(folder.path / IDENTIFIED), "report": str(folder.path / REPORT)}
     write_pendulum(found.plant, folder.path / IDENTIFIED)
     folder.write_result(summary)
@@ -113,7 +110,8 @@ def _report(
         f"{found.status.value}; {summary['fit_time']:.1f} s; 95 % intervals",
         *parameter_lines(found),
         f"  error RMS   {1e3 * summary['rmse']:.3g} mrad fitted, {said}",
-        f"  misfit      {misfit:.2f} (errors over sigma; about 1 if all is right)",
+        f"  misfit      {misfit_line(found)}",
+        *(f"  at bound    {line}" for line in bound_lines(found)),
         f"  run folder  {folder.path} ({REPORT}, {IDENTIFIED})",
     ]
     print(json.dumps(summary, allow_nan=False) if options.json else "\n".join(lines))

@@ -63,9 +63,7 @@ class ClosedLoop(System):
         bodies = []
         for i in range(a):
             inertia = ca.diagcat(zero, P["arm.inertia"][i], zero)
-            bodies.append(
-                Body(i, P["arm.mass"][i], ca.vertcat(0, 0, -P["arm.com"][i]), ca.densify(inertia))
-            )
+            bodies.append(Body(i, P["arm.mass"][i], ca.vertcat(0, 0, -P["arm.com"][i]), ca.densify(inertia)))
         return SerialArm(
             kinds=("revolute",) * a,
             axes=(PLANAR_AXIS,) * a,
@@ -234,7 +232,6 @@ class ClosedLoop(System):
         slope = ca.vertcat(*reversed(slopes))
         change = ca.jtimes(slope, q, dq) + ca.jtimes(slope, self.p, dp)
         return ca.Function("whip_balance", [q, self.p, dq, dp], [slope, change], {"cse": True})
-
 
     # -----------------------------------------------------------------------------------------------------------------
     # Energy

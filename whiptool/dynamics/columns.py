@@ -34,7 +34,15 @@ def outcome_columns(a: int, dimension: int) -> Columns:
     The miss distance, its time, the tip's velocity and place there, whether the lane broke off, its last step, the
     derivative of the miss distance, and each drive joint's largest speed and torque.
     """
-    sizes = {"distance": 1, "time": 1, "velocity": dimension, "tip": dimension, "diverged": 1, "last_step": 1, "slope": 1}
+    sizes = {
+        "distance": 1,
+        "time": 1,
+        "velocity": dimension,
+        "tip": dimension,
+        "diverged": 1,
+        "last_step": 1,
+        "slope": 1,
+    }
     return Columns(sizes | {"max_joint_speed": a, "max_torque": a})
 
 

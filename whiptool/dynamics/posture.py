@@ -130,4 +130,3 @@ def _along(structure: Structure, q: np.ndarray, p: np.ndarray, dq: np.ndarray, d
 @lru_cache(maxsize=8)
 def _at_once(structure: Structure) -> ca.Function:
     return closed_loop(structure).whip_balance.map(_AT_ONCE)
-

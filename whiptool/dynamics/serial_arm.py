@@ -157,9 +157,7 @@ class SerialArm:
         bodies = [_World.of(body, at) for body in self.bodies]
         return sum((body.first[2] * gravity for body in bodies), ca.SX(0))
 
-    def _drifts(
-        self, at: ArmPosture, v: ca.SX, base: ca.SX, a: ca.SX | None = None
-    ) -> tuple[list[ca.SX], list[ca.SX]]:
+    def _drifts(self, at: ArmPosture, v: ca.SX, base: ca.SX, a: ca.SX | None = None) -> tuple[list[ca.SX], list[ca.SX]]:
         """Spatial accelerations and velocities of all links, (6, 1) each."""
         drift, speed, drifts, speeds = base, ca.SX.zeros(6), [], []
         for i, (S, v_i) in enumerate(zip(at.motions, ca.vertsplit(v), strict=True)):
@@ -169,9 +167,7 @@ class SerialArm:
             speeds.append(speed)
         return drifts, speeds
 
-    def _torques(
-        self, at: ArmPosture, world: list[_World], drifts: list[ca.SX], speeds: list[ca.SX]
-    ) -> ca.SX:
+    def _torques(self, at: ArmPosture, world: list[_World], drifts: list[ca.SX], speeds: list[ca.SX]) -> ca.SX:
         """Torques (a, 1) of links that move so."""
         forces = [ca.SX.zeros(6) for _ in range(self.n)]
         for body in world:
@@ -247,17 +243,13 @@ def _rotated(turned: Turned, x: ca.SX) -> ca.SX:
 def _moved(velocity: ca.SX, motion: ca.SX) -> ca.SX:
     """Return the spatial product `velocity x motion`."""
     turning, linear = velocity[:3], velocity[3:]
-    return ca.vertcat(
-        ca.cross(turning, motion[:3]), ca.cross(turning, motion[3:]) + ca.cross(linear, motion[:3])
-    )
+    return ca.vertcat(ca.cross(turning, motion[:3]), ca.cross(turning, motion[3:]) + ca.cross(linear, motion[:3]))
 
 
 def _forced(velocity: ca.SX, force: ca.SX) -> ca.SX:
     """Return the spatial product `velocity x* force`."""
     turning, linear = velocity[:3], velocity[3:]
-    return ca.vertcat(
-        ca.cross(turning, force[:3]) + ca.cross(linear, force[3:]), ca.cross(turning, force[3:])
-    )
+    return ca.vertcat(ca.cross(turning, force[:3]) + ca.cross(linear, force[3:]), ca.cross(turning, force[3:]))
 
 
 def _of_point(drift: ca.SX, speed: ca.SX, point: ca.SX) -> ca.SX:
@@ -287,5 +279,3 @@ def solve(A: ca.SX, b: ca.SX) -> ca.SX:
     for i in reversed(range(n)):
         b[i] = (sum((A[i, j] * b[j] for j in range(i + 1, n)), ca.SX(0)) - b[i]) * inverse[i]
     return b
-
-

@@ -141,11 +141,11 @@ class SpatialMoving(NamedTuple):
 class SpatialCarried(NamedTuple):
     """What a link carries, about its end: moment `J alpha + H a + moment`, force `H^T alpha + M a + force`."""
 
-    J: ca.SX = ca.SX.zeros(3, 3)  # noqa: RUF009
-    H: ca.SX = ca.SX.zeros(3, 3)  # noqa: RUF009
-    M: ca.SX = ca.SX.zeros(3, 3)  # noqa: RUF009
-    moment: ca.SX = ca.SX.zeros(3)  # noqa: RUF009
-    force: ca.SX = ca.SX.zeros(3)  # noqa: RUF009
+    J: ca.SX = ca.SX.zeros(3, 3)
+    H: ca.SX = ca.SX.zeros(3, 3)
+    M: ca.SX = ca.SX.zeros(3, 3)
+    moment: ca.SX = ca.SX.zeros(3)
+    force: ca.SX = ca.SX.zeros(3)
 
     def entries(self) -> list[ca.SX]:
         """All its numbers, of symmetric matrices those on and above the diagonal."""

@@ -63,7 +63,7 @@ def classify(uncertainty: Uncertainty, starts: Sequence[float], level: float = 0
     for i, (v, start) in enumerate(zip(U.variables, starts, strict=True)):
         j = _partner(U, i)
         kind = _kind(
-            v.lower + 1e-6 < U.z[i] < v.upper - 1e-6,
+            not v.bound(U.z[i]),
             unseen=bool(unseen[i]),
             error=errors[i] / sizes[i] if sizes[i] else np.inf,
             alone=alone[i] / sizes[i] if sizes[i] else np.inf,

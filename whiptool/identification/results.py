@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
-from whiptool.identification.classes import Parameter
-from whiptool.identification.plant import Identifiable
+from whiptool.identification.classes import MISFIT, Parameter
+from whiptool.identification.inputs import names_of
+from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.solver import Solution, Status
 from whiptool.identification.uncertainty import Uncertainty
+from whiptool.identification.units import with_unit
+from whiptool.models.parameters import Model
 
 _FAR = 0.999  # level of the region around the best end that another start's end has to lie in
 
@@ -134,16 +138,54 @@ class Fit:
         """Return the parameter of that name; `k` will do for `whip.k`.
 
         Raises:
-            KeyError: It was not free.
+            KeyError: It was not free, or the name stands for several that were.
         """
-        for parameter in self.parameters:
-            if name in (parameter.name, parameter.name.partition(".")[2]):
-                return parameter
-        raise KeyError(f"{name}; free were {', '.join(p.name for p in self.parameters)}")
+        by_name = {parameter.name: parameter for parameter in self.parameters}
+        found = names_of(name, by_name)
+        if len(found) != 1:
+            raise KeyError(f"{name}; free were {', '.join(found or by_name)}")
+        return by_name[found[0]]
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{p.name} = {p.value:.4g}" for p in self.parameters)
-        return f"Fit({found}; {self.status.value}, {len(self.recordings)} recordings)"
+        bounds = self.at_bounds
+        found = [
+            with_unit(p.name, p.value, 4) + (f" (its {bounds[p.name]} bound)" if p.name in bounds else "")
+            for p in self.parameters
+        ]
+        numbers = ", ".join(f"{p.name} = {value}" for p, value in zip(self.parameters, found, strict=True))
+        count = f"{len(self.recordings)} recording{'s' * (len(self.recordings) != 1)}"
+        unexplained = "" if self.explains else f", not explained: misfit {self.misfit:.1f}"
+        return f"Fit({numbers}; {self.status.value}; {count}{unexplained})"
+
+    @property
+    def model(self) -> Model:
+        """The model with the fitted numbers.
+
+        Raises:
+            AttributeError: A pendulum was fitted, which is no model of arm and whip; see `plant`.
+        """
+        if not isinstance(self.plant, Plant):
+            raise AttributeError("a fitted pendulum has no model of arm and whip; its links are in `plant`")
+        return self.plant.model
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of the fitted recordings' errors over what they state; about 1 where all is right."""
+        if not self.recordings:
+            return math.nan
+        return math.sqrt(sum(found.chi**2 for found in self.recordings) / len(self.recordings))
+
+    @property
+    def explains(self) -> bool:
+        """Whether the model explains the recordings: their misfit is at most `MISFIT`."""
+        return not self.misfit > MISFIT
+
+    @property
+    def at_bounds(self) -> dict[str, str]:
+        """The free numbers that ended at a bound, by name: `lower` or `upper`."""
+        U = self.uncertainty
+        ends = {v.name: v.bound(float(z)) for v, z in zip(U.variables, U.z, strict=True)}
+        return {name: end for name, end in ends.items() if end}
 
     @property
     def failed(self) -> tuple[Run, ...]:

@@ -11,45 +11,21 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.classes import Parameter
+from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.predict import Recording
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.uncertainty import Uncertainty
+from whiptool.identification.units import unit_of, with_unit
 from whiptool.identification.variables import Variable
 from whiptool.recording.strike_recording import StrikeRecording
 
-_LINK = {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"}
-_UNITS = {
-    "whip": {
-        "l": "m", "m": "kg", "k": "N m/rad", "b": "N m s/rad", "rest_angle": "rad", "dry_friction": "N m",
-        "friction_velocity": "rad/s", "drag": "N s^2/m^2", "hinge_mass": "kg",
-        "cubic_stiffness": "N m/rad^3",
-    },
-    "arm": _LINK,
-    "link": {**_LINK, "dry_friction": "N m", "drag": "N s^2/m^2"},
-    "profile": {
-        "length": "m", "linear_density": "kg/m", "bending_stiffness": "N m^2", "bending_damping": "N m^2 s",
-        "rest_curvature": "1/m", "drag": "N s^2/m^3", "tip_mass": "kg",
-    },
-    "law": {"beta": "s", "K": "N m/rad", "B": "N m s/rad"},
-    "": {
-        "gravity": "m/s^2", "friction_velocity": "rad/s",
-        "torque_limit": "N m", "delay": "s", "clamp": "rad", "rotation": "rad", "shift_x": "m", "shift_y": "m",
-    },
-}  # fmt: skip
 _SHARE = 0.05  # part of a direction from which a number belongs to it
-
-
-def unit_of(name: str) -> str:
-    """Unit of a free number by its name (`whip.k[3]`, `profile.length`, `delay`); empty for what has none."""
-    group, _, quantity = name.rpartition(".")
-    return _UNITS.get(group, {}).get(quantity.split("[")[0], "")
 
 
 def format_value(p: Parameter) -> str:
     """A parameter's value with its unit."""
-    return f"{p.value:.5g} {unit_of(p.name)}".strip()
+    return with_unit(p.name, p.value)
 
 
 def format_interval(p: Parameter) -> str:
@@ -67,6 +43,26 @@ def parameter_lines(fit: Fit) -> list[str]:
     lines += [f"  not seen: {words}" for words in flat_directions(fit.uncertainty)]
     ratios = seen_ratios(fit.uncertainty).items()
     return lines + [f"  {name}: {x:.5g}, {low:.5g} to {high:.5g}" for name, (x, (low, high)) in ratios]
+
+
+def bound_lines(fit: Fit) -> list[str]:
+    """Return a sentence for each number that ended at a bound: which bound, and where the fit had started."""
+    lines = []
+    for p in fit.parameters:
+        if p.name not in fit.at_bounds:
+            continue
+        if p.value == 0:
+            lines.append(f"{p.name} ended at 0, the least that it can be")
+        else:
+            bound, start = f"{fit.at_bounds[p.name]} bound, {format_value(p)}", with_unit(p.name, p.start)
+            lines.append(f"{p.name} ended at its {bound} (it started at {start}): this is no estimate")
+    return lines
+
+
+def misfit_line(fit: Fit) -> str:
+    """Return the misfit in words, and that the model does not explain the recordings where it is above `MISFIT`."""
+    said = f"{fit.misfit:.2f} (errors over what the recordings state; about 1 if all is right)"
+    return said if fit.explains else f"{said}: above {MISFIT:g}, the model does not explain the recordings"
 
 
 def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:

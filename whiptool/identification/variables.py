@@ -22,6 +22,7 @@ _ANY_SIGN = {
 }  # fmt: skip
 _ARBITRARY_ZERO = ("delay", "rotation", "shift_x", "shift_y", "clamp")  # whose smallness says nothing
 _ROOM = 10.0  # a number that may be zero is seen up to so many times its usual size: its interval still says something
+_AT_BOUND = 1e-6  # of z, within which a fit ended at a bound
 _OFF_BOUND = 0.05  # of the usual size, or of a bounded range: how far from a bound a fit starts
 
 
@@ -51,6 +52,12 @@ class Variable:
     def slope(self, z: float) -> float:
         """d value / d z."""
         return float(np.exp(z) if self.log else self.scale)
+
+    def bound(self, z: float) -> str:
+        """Return which bound a value of z lies at: `lower`, `upper`, or empty where it lies inside."""
+        if z <= self.lower + _AT_BOUND:
+            return "lower"
+        return "upper" if z >= self.upper - _AT_BOUND else ""
 
     def off_bounds(self, z: float) -> float:
         """z moved inside its bounds: a fit that starts on one stalls."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import nlopt
 import numpy as np
 
@@ -33,11 +35,13 @@ def nlopt_search(objective: Objective, *, seed: int, algorithm: str) -> None:
     ended: list[BaseException] = []
 
     def miss_distance(x: np.ndarray, gradient: np.ndarray) -> float:
-        try:
-            return objective.trial(x).miss_distance
-        except BaseException as error:
-            ended.append(error)
-            raise nlopt.ForcedStop from None
+        if not ended:  # some algorithms fill their first population before they see that they are to stop
+            try:
+                return objective.trial(x).miss_distance
+            except BaseException as error:
+                ended.append(error)
+                optimizer.force_stop()
+        return math.inf
 
     optimizer.set_min_objective(miss_distance)
     try:

@@ -38,7 +38,8 @@ class StrikeRecording:
             different times); default: t for all.
         exposure: A point is the mean of its marker's path over this span around `t_points` [s].
         strike: What was commanded.
-        controller: Of the arm, as `whiptool.impedance.files.controller_to_table` writes it.
+        controller: Of the arm: a `Controller`, which is kept as its table, or that table as
+            `whiptool.impedance.files.controller_to_table` writes it.
         joints_t: Times of the joint log [s], (S,), strictly increasing.
         joints_q: Measured joints of the arm [rad], (S, a).
         target: Its position [m].
@@ -58,7 +59,7 @@ class StrikeRecording:
     t_points: np.ndarray = field(default=None)  # type: ignore[assignment]  # likewise
     exposure: float = 0.0
     strike: Strike | None = None
-    controller: dict | None = None
+    controller: dict | Any = None
     joints_t: np.ndarray | None = None
     joints_q: np.ndarray | None = None
     target: tuple[float, ...] | None = None
@@ -258,9 +259,14 @@ def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _plain_table(value: object) -> dict:
-    """A table of plain data, as JSON keeps it."""
+    """A controller as a table of plain data, as JSON keeps it."""
+    if not isinstance(value, dict):
+        from whiptool.impedance.controller import Controller  # CasADi is imported where used
+        from whiptool.impedance.files import controller_to_table
+
+        value = controller_to_table(value) if isinstance(value, Controller) else value
     if not isinstance(value, dict) or not isinstance(value.get("law"), str):
-        raise InputError("controller", str(value)[:80], "a table with the key law, as whiptool.optimize writes it")
+        raise InputError("controller", str(value)[:80], "a Controller, or its table with the key law")
     try:
         return json.loads(json.dumps(value, allow_nan=False))
     except (TypeError, ValueError):

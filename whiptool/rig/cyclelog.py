@@ -79,14 +79,14 @@ class CycleLog:
             append_to(self._file, self._head)
 
     def append(self, row: Sequence[float]) -> None:
-        """One cycle, the columns of `Cycles` in order, flat."""
+        """Write one cycle: the columns of `Cycles` in their order, as one flat row."""
         data = self._row.pack(*row)
         self._memory += data
         if self._file is not None:
             append_to(self._file, data)
 
     def cycles(self) -> Cycles:
-        """What was written so far."""
+        """Return the cycles that were written so far."""
         return _parse(bytes(self._memory), "log")
 
     def close(self) -> None:
@@ -140,7 +140,7 @@ class Cycles:
         return _parse(Path(path).read_bytes(), str(path))
 
     def during(self, phase: Phase) -> Cycles:
-        """The cycles of one phase."""
+        """Return the cycles of one phase."""
         keep = self.phase == phase
         return Cycles(*(getattr(self, name)[keep] for name, _ in _COLUMNS), about=self.about)
 

@@ -52,7 +52,7 @@ class Filming:
         self._striking = self._striking or striking
 
     def end(self) -> list[Frame]:
-        """Stop; the frames, their times on the monotonic clock.
+        """Stop filming, and return the frames with their times on the monotonic clock.
 
         Raises:
             Exception: Whatever the camera raised meanwhile.

@@ -1,4 +1,4 @@
-"""Guards on what is measured, cycle by cycle; the first one that is broken ends the run."""
+"""Limits on what is measured in every control cycle; the first limit that is exceeded ends the run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from whiptool.rig.dynamixel.joints import JointSample
 
 
 class SafetyError(WhiptoolError):
-    """The arm is not, or no longer, allowed to move; `kind` is one word."""
+    """The arm must not move, or must stop; `kind` names the cause in one word."""
 
     def __init__(self, kind: str, message: str) -> None:
         super().__init__(f"{kind}: {message}")
@@ -23,7 +23,7 @@ class SafetyError(WhiptoolError):
 
 @dataclass(frozen=True)
 class Guards:
-    """Beyond these, a run ends in a fault.
+    """Limits of a run; exceeding one ends it in a fault.
 
     Args:
         low, high: Joint positions [rad]: one number for all joints, or one each.
@@ -60,7 +60,7 @@ class Guards:
 
 
 class Watch:
-    """Looks at every cycle of a run, and names the first guard that is broken."""
+    """Checks every cycle of a run, and names the first limit that is exceeded."""
 
     def __init__(self, guards: Guards, joints: int) -> None:
         self.guards = guards
@@ -70,21 +70,21 @@ class Watch:
         self._still_ref = np.zeros(joints)  # .. and where the reference was when it came there
 
     def missed(self) -> SafetyError | None:
-        """A cycle without a sample."""
+        """Count a cycle in which the servos gave no sample; return the fault, if this is one too many."""
         self._missed += 1
         if self._missed >= self.guards.missed:
             return SafetyError("missed", f"no sample in {self._missed} cycles in a row")
         return None
 
     def timing(self, overran: bool) -> SafetyError | None:
-        """The end of a cycle."""
+        """Note whether a cycle ended too late; return the fault, if this is one too many in a row."""
         self._overruns = self._overruns + 1 if overran else 0
         if self._overruns >= self.guards.overruns:
             return SafetyError("overrun", f"{self._overruns} cycles in a row ended too late")
         return None
 
     def sample(self, t: float, s: JointSample, q_d: np.ndarray) -> SafetyError | None:
-        """A sample taken at time t [s] while the reference was q_d [rad], (n,)."""
+        """Check a sample of time t [s], where the reference was q_d [rad], (n,); return the fault, if there is one."""
         g = self.guards
         self._missed = 0
         lag = q_d - s.q
@@ -105,7 +105,7 @@ class Watch:
         return self._stale(t, s) or self._frozen(s, q_d)
 
     def _name(self, s: JointSample, lag: np.ndarray) -> SafetyError:
-        """Which guard a bad sample breaks, the gravest first."""
+        """The limit that a bad sample exceeds, the gravest first."""
         g = self.guards
         if s.hardware_error.any():
             i = int(s.hardware_error.argmax())
@@ -125,7 +125,7 @@ class Watch:
             if not good.all():
                 i = int(np.argmin(good))
                 return SafetyError(kind, f"joint {i}: {float(value[i]):.4g}")
-        return SafetyError("sample", "a value is not a number")
+        return SafetyError("sample", "a measured value is not a number")
 
     def _stale(self, t: float, s: JointSample) -> SafetyError | None:
         last, self._tick = self._tick, (t, s.tick)

@@ -284,7 +284,7 @@ class RigLoop:
         log: CycleLog,
         signals: StopSignals,
     ) -> None:
-        """Read, judge, command, record."""
+        """Run one control cycle: read the servos, check the limits, command torques, record."""
         joints, safety, n = self.joints, self.safety, self.joints.n
         started, flags = self.clock.now(), 0
         q_d = loop.strike.reference(in_phase)[0]
@@ -335,7 +335,7 @@ class RigLoop:
         q_d: np.ndarray | None,
         flags: int,
     ) -> None:
-        """Put a row on record; what there is not is not a number."""
+        """Write a row of the record, NaN for what was not measured."""
         nan = [math.nan] * self.joints.n
         log.append(
             (

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmOptions(TargetOptions, ModelOptions, ControllerOptions):
-    """What is struck with: a rig or its twin."""
+    """Options of the arm that strikes: a rig or its twin."""
 
     usual_preset: ClassVar[str] = "printed"
 
@@ -69,7 +69,7 @@ class ArmOptions(TargetOptions, ModelOptions, ControllerOptions):
 
 
 def loop_options(options: ArmOptions) -> LoopOptions:
-    """How the loop runs a strike."""
+    """Return the settings of the control loop that the options describe."""
     from whiptool.rig.loop import LoopOptions
 
     return LoopOptions(

@@ -29,9 +29,9 @@ class Rehearsal:
 
     Args:
         trajectory: States and requested torques at every cycle; `K`, `B` are the law's own, before caps.
-        usage: Of the motors, at the worst instant; 1 is on their speed-torque line.
+        usage: Torque over the motor's speed-torque line, at the worst instant; 1 is on the line.
         chatter: Root mean square of the torque's second difference over that of the torque, worst joint.
-        refused: Why the strike must not run; None: it may.
+        refused: Reason why the strike must not run; None: it may.
     """
 
     trajectory: Trajectory
@@ -57,13 +57,13 @@ def rehearse(
 ) -> Rehearsal:
     """Play a strike at `rate` cycles per second on the twin's physics, and judge it.
 
-    What is stable in continuous time is not when torques are held for a period: OIAC's gains grow with the square of
-    the error. Cap them, or take a strike that is refused by nothing.
+    A controller that is stable in continuous time may be unstable when its torques are held for a whole period, since
+    OIAC's gains grow with the square of the error. If so, cap the gains or choose another strike.
 
     Args:
         model: Whip, arm, gravity.
-        controller: Of the strike.
-        strike: From rest, the whip hanging.
+        controller: The controller of the strike.
+        strike: The strike; it starts at rest with the whip hanging.
         rate: Cycles per second [Hz].
         delay: From a sample to the torque that it leads to [s], beyond the cycle itself.
         t_stay: As in the loop [s].
@@ -161,14 +161,16 @@ def _verdict(
         return f"the controller is unstable at {rate:g} Hz (its torque alternates from cycle to cycle); {cure}"
     if usage > 1.0 - margin:
         worst = limits.explain(path, model.arm.joints)
-        return f"it asks more than the motors give, with {margin:.0%} kept free: {worst}; lengthen D or shorten the way"
+        cure = "lengthen D or shorten the movement"
+        return f"it asks more than the motors give, with {margin:.0%} kept free: {worst}; {cure}"
     speed = np.abs(path.v[:, :a]).max()
     if speed > guards.speed:
-        return f"a joint reaches {speed:.2f} rad/s, and the guard stands at {guards.speed:.2f} rad/s; lengthen D"
+        return f"a joint reaches {speed:.2f} rad/s, and at most {guards.speed:.2f} rad/s are allowed; lengthen D"
     error = np.abs(path.q_d - path.q[:, :a]).max()
     if error > guards.tracking:
-        return f"a joint lags {error:.2f} rad, and the guard stands at {guards.tracking:.2f} rad; lengthen D"
+        most = f"at most {guards.tracking:.2f} rad are allowed"
+        return f"a joint lags {error:.2f} rad behind its reference, and {most}; lengthen D"
     low, high = np.asarray(guards.low), np.asarray(guards.high)
     if (path.q[:, :a] < low).any() or (path.q[:, :a] > high).any():
-        return f"a joint leaves {guards.low} to {guards.high} rad"
+        return f"a joint leaves the allowed range from {guards.low} to {guards.high} rad"
     return None

@@ -1,4 +1,4 @@
-"""What may happen to the arm, and what happens when something does that may not.
+"""Arming and disarming the servos, and what is done after a fault.
 
 Every fault ends in zero current and torque off. Where the line to the servos is gone, their own bus watchdog stops
 them. None of this replaces a switch that cuts the servos' power, within reach of whoever stands beside the whip.
@@ -55,7 +55,7 @@ class Safety:
         self.last = np.zeros(joints.n, int)  # Goal Current of the last cycle [counts]
 
     def arm(self) -> JointSample:
-        """Torque off, current limit down, current mode, Goal Current 0 *and read back*, watchdog, torque on.
+        """Switch the servos on: torque off, current limit, mode, Goal Current 0 *and read back*, watchdog, torque on.
 
         Goal Current is read back because a change of mode sets it to the current limit.
 
@@ -111,7 +111,7 @@ class Safety:
             Unplugged: The port is gone.
         """
         if not np.isfinite(torque).all():
-            raise SafetyError("controller", f"torque {torque.tolist()} N m")
+            raise SafetyError("controller", f"the controller asked for {torque.tolist()} N m, which is not finite")
         wanted = self.joints.counts(torque)
         cut = bool((np.abs(torque - self.joints.torque(wanted)) > self.joints.quantum).any())
         return self._send(wanted), cut
@@ -133,13 +133,13 @@ class Safety:
         return counts
 
     def fault(self, reason: SafetyError) -> None:
-        """Zero current, torque off; the first reason is kept."""
+        """Command zero current and switch torque off after a fault; the first reason is kept."""
         self.state = State.FAULT
         self.reason = self.reason or reason
         self._stop()
 
     def disarm(self) -> None:
-        """Zero current, torque off, at the end of a good run; a fault stays a fault."""
+        """Command zero current and switch torque off at the end of a run; a fault stays a fault."""
         if self.state != State.FAULT:
             self.state = State.DISARMED
         self._stop()

@@ -45,7 +45,7 @@ class Struck:
     _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def approach(self, target: np.ndarray) -> Approach:
-        """Closest approach of the tip as seen to a target (B = 1); diverged where there was none to see.
+        """Return the closest approach of the filmed tip (B = 1), marked as diverged where the tip was not seen.
 
         Between frames the tip is taken to move as the cubic through its neighbours does.
         """
@@ -133,7 +133,7 @@ class Rig(Protocol):
 
 @dataclass(frozen=True)
 class TwinTruth:
-    """In what a twin differs from the model; the strikes do not know.
+    """How a twin differs from the model; the code that plans and controls strikes does not see it.
 
     Args:
         model: The true arm and whip.
@@ -393,7 +393,7 @@ class RigRollout(Rollout):
         return dataclasses.replace(near, **known)
 
     def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """Of a twin: what was really there.
+        """Return the true trajectory of a twin's strike.
 
         Raises:
             WhiptoolError: Hardware does not tell.

@@ -40,7 +40,7 @@ class DDPG(OffPolicyLearner):
         return losses | self.update_actor(batch)
 
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """What the target policy would do next, and nothing to add to its value."""
+        """Return the target policy's next action, and zero to add to its value."""
         return self.target_actor(obs), torch.zeros(())
 
     def update_critic(self, batch: Transitions) -> dict[str, Tensor]:

@@ -229,7 +229,7 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _info(task: StrikeTask, step: Step) -> dict[str, np.ndarray]:
-    """What is told of a strike in every lane, (B, ...) each."""
+    """The entries of `info` after a strike in every lane, (B, ...) each."""
     near = step.approach
     wild = near.diverged | ~np.isfinite(near.distance)
     return {
@@ -264,7 +264,7 @@ def _checked(values: Any, shape: tuple[int, ...], name: str = "action") -> np.nd
 
 
 def _chosen(options: dict[str, Any] | None, name: str, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Targets that a user asks for, if so."""
+    """The targets given in the options of `reset`; None: none were given."""
     wanted = (options or {}).get(name)
     return None if wanted is None else _checked(wanted, shape, name)
 

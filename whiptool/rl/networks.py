@@ -108,12 +108,12 @@ class GaussianActor(nn.Module):
 
 
 def log_density(u: Tensor, mean: Tensor, log_std: Tensor) -> Tensor:
-    """Of a diagonal normal, (B,)."""
+    """Return the log-density of a diagonal normal distribution, (B,)."""
     return (-0.5 * (((u - mean) / log_std.exp()) ** 2 + _LOG_2PI) - log_std).sum(dim=1)
 
 
 def divergence(mean: Tensor, log_std: Tensor, new_mean: Tensor, new_log_std: Tensor) -> Tensor:
-    """KL[old | new] of diagonal normals, (B,)."""
+    """Return the divergence KL[old | new] of diagonal normal distributions, (B,)."""
     ratio = (2 * (log_std - new_log_std)).exp()
     shift = ((new_mean - mean) / new_log_std.exp()) ** 2
     return 0.5 * (ratio + shift - 1 - 2 * (log_std - new_log_std)).sum(dim=1)

@@ -1,4 +1,4 @@
-"""A trained policy at work: strike at targets until they are hit."""
+"""Evaluate a trained policy: strike at targets until they are hit."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ _WIDEST, _MOST = 10_000, 1_000_000  # layer; any other whole number. What is bey
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What all learners share.
+    """Settings of all learners.
 
     Args:
         hidden: Sizes of the hidden layers (paper).
@@ -43,7 +43,7 @@ class Settings:
                 whole(f.name, value, high=_MOST)
 
     def discount_for(self, observation: str) -> float:
-        """gamma under an observation."""
+        """Return the discount gamma for an observation."""
         if self.discount is not None:
             return self.discount
         return 0.0 if observation == "goal" else 0.99
@@ -51,7 +51,7 @@ class Settings:
 
 @dataclass(frozen=True, kw_only=True)
 class OffPolicy(Settings):
-    """What SAC, TD3 and DDPG share.
+    """Settings of SAC, TD3 and DDPG.
 
     Args:
         tau: Soft-update rate of target networks, Eq. 14 (usual: 0.005).

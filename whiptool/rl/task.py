@@ -40,7 +40,7 @@ REWARDS = {"paper": reward, "log": log_reward}
 
 @dataclass(frozen=True)
 class Step:
-    """What a batch of strikes came to; B lanes.
+    """Results of a batch of strikes, one per lane; B lanes.
 
     Args:
         obs: What is seen after the strike, (B, n_obs).
@@ -58,7 +58,7 @@ class Step:
 
 
 class StrikeTask:
-    """Lanes of strikes at targets.
+    """A batch of lanes, in each of which strikes are made at one target.
 
     Args:
         rollout: Simulator.
@@ -140,20 +140,20 @@ class StrikeTask:
         return approach, np.where(wild, self.penalty, approach.distance)
 
     def reward(self, distance: np.ndarray) -> np.ndarray:
-        """Of miss distances [m], any shape."""
+        """Return the rewards of miss distances [m], any shape."""
         return self._reward(distance, self.hit_radius)
 
     def to_strikes(self, actions: np.ndarray) -> np.ndarray:
-        """Strike vectors of actions, (B, n_act)."""
+        """Return the strike vectors of actions, (B, n_act)."""
         return self.lower + (np.clip(actions, -1, 1) + 1) / 2 * (self.upper - self.lower)
 
     def first_look(self, targets: np.ndarray) -> np.ndarray:
-        """What is seen before the first strike at each target, (B, n_obs)."""
+        """Return the observations before the first strike at each target, (B, n_obs)."""
         tip = np.broadcast_to(self.resting_tip, targets.shape)
         return self._observe(tip, np.zeros_like(targets), targets)
 
     def look(self, approach: Approach, targets: np.ndarray) -> np.ndarray:
-        """What is seen after strikes at targets, (B, n_obs); after one that diverged, as before the first."""
+        """Return the observations after strikes, (B, n_obs); after a diverged one, those before the first."""
         obs = self._observe(approach.tip, approach.velocity, targets)
         wild = approach.diverged | ~np.isfinite(obs).all(axis=1)
         obs[wild] = self.first_look(targets[wild])

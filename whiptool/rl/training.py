@@ -60,7 +60,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Episode:
-    """What an episode came to.
+    """Results of one episode.
 
     Args:
         number: From 1.
@@ -204,14 +204,14 @@ class Training:
         return torch.as_tensor(array, dtype=torch.float32)
 
     def _identity(self) -> dict:
-        """What a checkpoint must share with the training that takes it up."""
+        """What has to be equal in a checkpoint and in the training that resumes from it."""
         settings = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self.learner.settings).items()}
         sizes = [self.learner.n_obs, self.learner.n_act]
         name = type(self.learner).__name__
         return {"plan": asdict(self.plan), "learner_kind": name, "settings": settings, "sizes": sizes}
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint, so that no half of it is ever seen.
+        """Write a checkpoint as a whole file.
 
         Raises:
             OSError: It cannot be written; the one before it stays.

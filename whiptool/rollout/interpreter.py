@@ -1,21 +1,22 @@
-"""The driver's loop in Python around CasADi's interpreter: for machines without a compiler."""
+"""The driver's loop around CasADi's interpreter: for machines without a compiler."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from functools import lru_cache, partial
 
 import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
+from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.dynamics.system import System
 from whiptool.rollout.batch import Batch, Rolled, empty_results
 from whiptool.rollout.closest import closest_on_segments
 
 _AT_ONCE = 64  # strikes whose steps are kept in memory
+_IN_A_ROW = 16  # steps that CasADi takes in one call
 
 
 class InterpretedEngine:
@@ -26,6 +27,7 @@ class InterpretedEngine:
     def __init__(self, system: System, *, forward: bool) -> None:
         self.system, self.forward = system, forward
         self._step = system.step_forward if forward else system.step
+        self._several = lru_cache(maxsize=8)(partial(several, self._step, forward=forward))
         self._control = None
         if system.held:
             self._control = system.control_forward if forward else system.control
@@ -37,198 +39,205 @@ class InterpretedEngine:
         order = np.argsort(-batch.steps, kind="stable")
         for first in range(0, len(order), _AT_ONCE):
             which = order[first : first + _AT_ONCE]
-            history = self._roll(batch, which, rolled)
+            history = self._roll(batch, which)
             for lane, b in enumerate(which):
                 self._conclude(batch, b, history, lane, rolled)
         return rolled
 
-    def _roll(self, batch: Batch, which: np.ndarray, rolled: Rolled) -> _History:
-        """Step strikes together, and note what is observed of them."""
-        L, n, steps = len(which), self.system.n, batch.steps[which]
-        at = _Instant(self.system, batch, which, forward=self.forward)
-        step = _bind(self._step.map(L), at.step_inputs, at.step_outputs)
-        control = None
-        if self._control is not None:
-            control = _bind(self._control.map(L), at.control_inputs, at.control_outputs)
-        history = _History.of(int(steps.max()) + 1, L, self.system)
-        alive, times = np.ones(L, bool), at.times(steps)
-        for i in range(int(steps.max()) + 1):
-            at.set_time(i, times)
-            if control is None:
-                at.set_inputs(i, steps)
-            elif i % batch.hold == 0:
-                control()
-                at.hold()
-            step()
-            history.note(i, at, alive)
-            if rolled.y is not None and i % batch.stride == 0:
-                _observe(i, at, which, alive, batch, rolled)
-            alive &= steps != i
-            if not alive.any():
+    def _roll(self, batch: Batch, which: np.ndarray) -> _History:
+        """Step strikes together, some steps in a row; a strike that ended or broke off goes on unheeded."""
+        count = _IN_A_ROW if self._control is None else batch.hold
+        history = _History(self.system, batch, which, count)
+        steps = self._several(len(which), count, observed=batch.columns is not None)
+        control = None if self._control is None else self._control.map(len(which))
+        for first in range(0, len(history.t[0]), count):
+            if control is not None:
+                _call(control, history.held_inputs(first), history.held(first))
+                history.hold(first, count)
+            _call(steps, history.inputs(first, count), history.outputs(first, count))
+            history.end(first, count)
+            if not history.alive.any():
                 break
-            with np.errstate(over="ignore", invalid="ignore"):
-                wild = alive & ~((at.following.x[:, n:] ** 2).sum(axis=1) < FASTEST**2)  # also true of NaN
-            history.diverged |= wild
-            alive &= ~wild
-            for now, following in zip(at.state.both, at.following.both, strict=True):
-                now[alive] = following[alive]
         return history
 
     def _conclude(self, batch: Batch, b: int, history: _History, lane: int, rolled: Rolled) -> None:
         """Write what came of one strike."""
         n, a, d = self.system.n, self.system.n_drive, self.system.dimension
-        outcome, row = outcome_columns(a, d), row_columns(n, a, d)
-        last = int(history.last[lane])
-        rows, path, dpath = (x[: last + 1, lane] for x in (history.rows, history.path, history.dpath))
-        out, t = rolled.out[b], rows[:, 0]
+        outcome = outcome_columns(a, d)
+        done = slice(int(history.last[lane]) + 1)
+        t, x, tau = (values[0][done, lane] for values in (history.t, history.x, history.tau))
+        path = history.tip[0][done, lane]
+        dpath = history.tip[-1][done, lane] if self.forward else np.zeros_like(path)
+        out = rolled.out[b]
         nearest = closest_on_segments(path[:, :d], batch.target[b])
         when, tip, moved = 0.0, np.zeros(2 * d), np.zeros(2 * d)
-        if last > 0:
-            when, tip, moved = (nearest.between(x) for x in (t, path, dpath))
+        if len(t) > 1:
+            when, tip, moved = (nearest.between(values) for values in (t[:, 0], path, dpath))
         away = tip[:d] - batch.target[b]
         out[outcome["distance"]], out[outcome["time"]] = nearest.distance, when
         out[outcome["tip"]], out[outcome["velocity"]] = tip[:d], tip[d:]
         out[outcome["slope"]] = away @ moved[:d] / nearest.distance if nearest.distance > 0 else 0.0
-        out[outcome["diverged"]], out[outcome["last_step"]] = history.diverged[lane], last
-        speeds = rows[:, row["x"]][:, n : n + a]
-        out[outcome["max_joint_speed"]] = np.abs(speeds).max(axis=0)
-        out[outcome["max_torque"]] = np.abs(rows[:, row["tau"]]).max(axis=0)
+        out[outcome["diverged"]], out[outcome["last_step"]] = history.diverged[lane], history.last[lane]
+        out[outcome["max_joint_speed"]] = np.abs(x[:, n : n + a]).max(axis=0)
+        out[outcome["max_torque"]] = np.abs(tau).max(axis=0)
         if rolled.rows is not None:
             assert rolled.first_row is not None
-            first = int(rolled.first_row[b])
-            rolled.rows[first : first + len(rows)] = rows
+            row, rows = row_columns(n, a, d), slice(int(rolled.first_row[b]), int(rolled.first_row[b]) + len(t))
+            for name, values in (("t", t), ("x", x), ("tau", tau), ("tip", path[:, :d]), ("velocity", path[:, d:])):
+                rolled.rows[rows, row[name]] = values
         if rolled.path is not None:
             samples = np.arange(batch.samples) / batch.rate
-            within = samples <= t[-1] + 1e-9 / batch.rate
-            changes = (dpath, history.dtime[: last + 1, lane]) if self.forward else None
-            rolled.path[b, within] = tip_at(samples[within], t, path, changes)
+            within = samples <= t[-1, 0] + 1e-9 / batch.rate
+            changes = (dpath, history.t[1][done, lane, 0]) if self.forward else None
+            rolled.path[b, within] = tip_at(samples[within], t[:, 0], path, changes)
+        if rolled.y is not None:
+            assert rolled.y_row is not None
+            seen = [values[done, lane][:: batch.stride, batch.columns] for values in history.seen]
+            rows = slice(int(rolled.y_row[b]), int(rolled.y_row[b]) + len(seen[0]))
+            rolled.y[rows] = seen[0]
+            if rolled.dy is not None:
+                rolled.dy[rows] = seen[1]
 
 
-class _Value:
-    """Numbers of L lanes, (L, size), and in forward mode how they change."""
+class _History:
+    """Every instant of L strikes: numbers, (T, L, size), and in forward mode how they change.
 
-    def __init__(self, L: int, size: int, *, forward: bool) -> None:
-        self.x = np.zeros((L, size))
-        self.d = np.zeros((L, size))
-        self.both = [self.x, self.d] if forward else [self.x]
+    Args:
+        system: What they are strikes of.
+        batch: All strikes.
+        which: Those to roll out, (L,).
+        count: Steps in a row; T is a multiple of it.
 
+    Attributes:
+        t, h, x, u: Time, step, state and input; states and inputs have an instant more.
+        p: Parameters, (L, P).
+        tip, tau, seen: The tip's position and velocity, the drive's torques, what is observed.
+        last: The last instant of each strike, (L,).
+        alive, diverged: Whether it still moves, and whether it broke off, (L,).
+    """
 
-class _Instant:
-    """What the step reads and writes of L lanes."""
+    def __init__(self, system: System, batch: Batch, which: np.ndarray, count: int) -> None:
+        L, self.steps, step = len(which), batch.steps[which], system.step
+        T = count * -(-(int(self.steps.max()) + 1) // count)
+        given = [(batch.x0, batch.p, batch.h, batch.h_last, batch.u, batch.u_row)]
+        if batch.forward:
+            given.append((batch.dx0, batch.dp, batch.dh, batch.dh_last, batch.du, batch.du_row))  # type: ignore[arg-type]
+        self.t, self.h, self.x, self.u, self.p, self.tip, self.tau, self.seen = ([] for _ in range(8))
+        for x0, p, h, h_last, u, u_row in given:
+            t, steps = _times(T, self.steps, h[which], h_last[which])
+            self.t.append(t)
+            self.h.append(steps)
+            self.x.append(np.empty((T + 1, L, x0.shape[1])))
+            self.x[-1][0] = x0[which]
+            self.p.append(np.ascontiguousarray(p[which]))
+            self.u.append(np.zeros((T + 1, L, step.size1_in("u"))))
+            if u is not None and u_row is not None:
+                _fill(self.u[-1], u, u_row[which], self.steps)
+            self.tip.append(np.empty((T, L, step.size1_out("tip"))))
+            self.tau.append(np.empty((T, L, step.size1_out("tau"))))
+            self.seen.append(np.empty((T, L, step.size1_out("observed") if batch.columns is not None else 0)))
+        self.last = np.zeros(L, int)
+        self.alive, self.diverged = np.ones(L, bool), np.zeros(L, bool)
 
-    def __init__(self, system: System, batch: Batch, which: np.ndarray, *, forward: bool) -> None:
-        L, n, a, d = len(which), system.n, system.n_drive, system.dimension
-
-        def value(size: int) -> _Value:
-            return _Value(L, size, forward=forward)
-
-        def along(values: Sequence[_Value]) -> list[np.ndarray]:
-            """The numbers, then in forward mode their changes."""
-            return [x.x for x in values] + ([x.d for x in values] if forward else [])
-
-        self._batch, self._which, self._forward = batch, which, forward
-        self.state, self.following, self.p = value(2 * n), value(2 * n), value(system.n_parameters)
-        self.t, self.h, self.u, self.u_end = value(1), value(1), value(system.n_inputs), value(system.n_inputs)
-        self.tip, self.tau, self.seen = value(2 * d), value(a), value(system.n_observed)
-        self.state.x[:], self.p.x[:] = batch.x0[which], batch.p[which]
-        if forward:
-            assert batch.dx0 is not None
-            assert batch.dp is not None
-            self.state.d[:], self.p.d[:] = batch.dx0[which], batch.dp[which]
-        self.step_inputs = along([self.state, self.t, self.h, self.p, self.u, self.u_end])
-        self.step_outputs = along([self.following, self.tip, self.tau, self.seen])
-        self.control_inputs, self.control_outputs = along([self.state, self.t, self.p]), along([self.u])
-
-    def times(self, steps: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return times and steps of every instant, each (T, L), and how they change; a last step may be shorter."""
-        batch, which = self._batch, self._which
-        pairs = [(batch.h, batch.h_last)]
-        if self._forward:
-            assert batch.dh is not None
-            assert batch.dh_last is not None
-            pairs.append((batch.dh, batch.dh_last))
-        i = np.arange(int(steps.max()) + 1)[:, None]
-        end, last = (steps == i) & (i > 0), steps == i + 1
+    def inputs(self, first: int, count: int) -> list[np.ndarray]:
+        """Return what `several` reads."""
+        now, inputs = slice(first, first + count), slice(first, first + count + 1)
         found = []
-        for usual, shorter in ((x[which], y[which]) for x, y in pairs):
-            t = np.where(end, (i - 1) * usual + shorter, i * usual)
-            found.append((t, np.where(last, shorter, usual)))
+        for x, t, h, p, u in zip(self.x, self.t, self.h, self.p, self.u, strict=True):
+            found += [x[first], t[now], h[now], p, u[inputs]]
         return found
 
-    def set_time(self, i: int, times: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        """Set time and step to those of instant i."""
-        for t, h, (at, step) in zip(self.t.both, self.h.both, times, strict=True):
-            t[:, 0], h[:, 0] = at[i], step[i]
+    def outputs(self, first: int, count: int) -> list[np.ndarray]:
+        """Return what `several` writes."""
+        now, following = slice(first, first + count), slice(first + 1, first + count + 1)
+        found = []
+        for x, tip, tau, seen in zip(self.x, self.tip, self.tau, self.seen, strict=True):
+            found += [x[following], tip[now], tau[now], seen[now]]
+        return found
 
-    def set_inputs(self, i: int, steps: np.ndarray) -> None:
-        """Set the inputs at the step's start and end; a strike that ended waits for the others."""
-        batch, which = self._batch, self._which
-        given = [(batch.u, batch.u_row), (batch.du, batch.du_row)]
-        for k, values in ((i, self.u), (i + 1, self.u_end)):
-            for x, (table, rows) in zip(values.both, given, strict=False):
-                if table is None or rows is None:
-                    continue
-                moves = rows[which] >= 0
-                x[moves] = table[rows[which][moves] + np.minimum(k, steps[moves] + 1)]
+    def held_inputs(self, first: int) -> list[np.ndarray]:
+        """Return what the controller reads."""
+        return [of for x, t, p in zip(self.x, self.t, self.p, strict=True) for of in (x[first], t[first], p)]
 
-    def hold(self) -> None:
-        """Keep the held torque to the step's end."""
-        for start, end in zip(self.u.both, self.u_end.both, strict=True):
-            end[:] = start
+    def held(self, first: int) -> list[np.ndarray]:
+        """Return where the controller writes."""
+        return [u[first] for u in self.u]
 
+    def hold(self, first: int, count: int) -> None:
+        """Keep the controller's torque for some steps."""
+        for u in self.u:
+            u[first + 1 : first + count + 1] = u[first]
 
-@dataclass
-class _History:
-    """Every step of L strikes: rows (T, L, columns), tip and its change (T, L, 2 d), change of the time (T, L)."""
-
-    columns: Columns
-    rows: np.ndarray
-    path: np.ndarray
-    dpath: np.ndarray
-    dtime: np.ndarray
-    last: np.ndarray
-    diverged: np.ndarray
-
-    @classmethod
-    def of(cls, T: int, L: int, system: System) -> _History:
-        d = system.dimension
-        columns = row_columns(system.n, system.n_drive, d)
-        rows = np.empty((T, L, columns.width))
-        path, dpath, dtime = np.empty((T, L, 2 * d)), np.zeros((T, L, 2 * d)), np.zeros((T, L))
-        return cls(columns, rows, path, dpath, dtime, last=np.zeros(L, int), diverged=np.zeros(L, bool))
-
-    def note(self, i: int, at: _Instant, alive: np.ndarray) -> None:
-        """Note instant i of the strikes that still move."""
-        columns = self.columns
-        self.rows[i, :, columns["t"]] = at.t.x
-        self.rows[i, :, columns["x"]] = at.state.x
-        self.rows[i, :, columns["tau"]] = at.tau.x
-        self.rows[i, :, columns["tip"].start : columns["velocity"].stop] = at.tip.x
-        self.path[i], self.dpath[i], self.dtime[i] = at.tip.x, at.tip.d, at.t.d[:, 0]
-        self.last[alive] = i
+    def end(self, first: int, count: int) -> None:
+        """Find which strikes ended or broke off in the last steps."""
+        n = self.x[0].shape[2] // 2
+        with np.errstate(over="ignore", invalid="ignore"):
+            squared = np.einsum("klj,klj->kl", *[self.x[0][first + 1 : first + count + 1, :, n:]] * 2)
+            wild = ~(squared < FASTEST**2)  # also true of NaN
+        left = self.steps - first
+        before = np.where(wild.any(axis=0), wild.argmax(axis=0), count)  # instants until the speed left all bounds
+        broke = self.alive & (before < np.minimum(left, count))
+        ended = self.alive & ~broke & (left < count)
+        self.last[self.alive] = first + count - 1
+        self.last[broke] = first + before[broke]
+        self.last[ended] = self.steps[ended]
+        self.diverged |= broke
+        self.alive &= ~(broke | ended)
 
 
-def _observe(i: int, at: _Instant, which: np.ndarray, alive: np.ndarray, batch: Batch, rolled: Rolled) -> None:
-    """Write what is observed of the strikes that still move."""
-    assert rolled.y is not None
-    assert rolled.y_row is not None
-    rows = rolled.y_row[which[alive]] + i // batch.stride
-    rolled.y[rows] = at.seen.x[alive][:, batch.columns]
-    if rolled.dy is not None:
-        rolled.dy[rows] = at.seen.d[alive][:, batch.columns]
+def _times(T: int, steps: np.ndarray, h: np.ndarray, h_last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and steps, each (T, L, 1), of strikes whose last step is another, or how they change."""
+    i = np.arange(T)[:, None]
+    t = np.where((steps == i) & (i > 0), (i - 1) * h + h_last, i * h)
+    return t[..., None].copy(), np.where(steps == i + 1, h_last, h)[..., None].copy()
 
 
-def _bind(function: ca.Function, inputs: list[np.ndarray], outputs: list[np.ndarray]) -> Callable[[], None]:
-    """The function on these arrays: called without arguments, it reads and writes them in place."""
+def _fill(to: np.ndarray, table: np.ndarray, rows: np.ndarray, steps: np.ndarray) -> None:
+    """Write each strike's inputs, (T, L, inputs), from its first row on; a negative row means none."""
+    moves = rows >= 0
+    instants = np.minimum(np.arange(len(to))[:, None], steps[moves] + 1)
+    to[:, moves] = table[rows[moves] + instants]
+
+
+def several(step: ca.Function, L: int, count: int, *, forward: bool, observed: bool) -> ca.Function:
+    """Return a function that takes `count` steps of L strikes in a row.
+
+    It reads x (2 n, L), t and h (1, count L), p (P, L) and u (inputs, (count + 1) L), instant after instant, and writes
+    the states that follow, tips, torques and what is observed, in `forward` mode their changes behind them.
+    """
+    together, sides = step.map(L), 2 if forward else 1
+    sizes = [step.size1_in(i) for i in range(5)]
+    widths = [L, count * L, count * L, L, (count + 1) * L]
+    inputs = [ca.MX.sym(f"i{i}", size, width) for i, (size, width) in enumerate(zip(sizes, widths, strict=True))]
+    inputs += [ca.MX.sym(f"d{i}", x.size1(), x.size2()) for i, x in enumerate(inputs)] if forward else []
+    state = [inputs[5 * side] for side in range(sides)]
+    parts = [[ca.horzsplit(inputs[5 * side + i], L) for i in (1, 2, 4)] for side in range(sides)]
+    written: list[list[ca.MX]] = [[] for _ in range(4 * sides)]
+    for k in range(count):
+        arguments = []
+        for side in range(sides):
+            t, h, u = parts[side]
+            arguments += [state[side], t[k], h[k], inputs[5 * side + 3], u[k], u[k + 1]]
+        results = together.call(arguments)
+        state = [results[4 * side] for side in range(sides)]
+        for column, result in zip(written, results, strict=True):
+            column.append(result)
+    if not observed:
+        for side in range(sides):
+            written[4 * side + 3] = [ca.MX(0, count * L)]
+    return ca.Function("several", inputs, [ca.horzcat(*column) for column in written])
+
+
+def _call(function: ca.Function, inputs: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
+    """Evaluate a function on arrays, whose last axis is its rows, in place."""
     buffer, evaluate = function.buffer()
     for i, array in enumerate(inputs):
         if function.numel_in(i):
-            buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
+            buffer.set_arg(i, memoryview(array))  # pyright: ignore[reportCallIssue]
     for i, array in enumerate(outputs):
         if function.numel_out(i):
-            buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
-    evaluate.buffer_ = buffer  # keeps it alive
-    return evaluate
+            buffer.set_res(i, memoryview(array))  # pyright: ignore[reportCallIssue]
+    evaluate()
 
 
 def tip_at(

@@ -24,7 +24,7 @@ class StrikeAnimation(FuncAnimation):
     """An animation that a notebook shows as HTML5 video, made by the ffmpeg that comes with imageio-ffmpeg."""
 
     def to_html(self) -> str:
-        """The film as an HTML element, H.264 embedded."""
+        """Return the film as an HTML element with embedded H.264 video."""
         with matplotlib.rc_context(
             {
                 "animation.ffmpeg_path": imageio_ffmpeg.get_ffmpeg_exe(),

@@ -16,7 +16,7 @@ MOST = 120_000  # numbers in a page; a longer strike is shown at a lower rate
 
 
 def strike_page(model: Model, trajectory: Trajectory, target: np.ndarray, hit_radius: float, *, label: str = "") -> str:
-    """The page: a strike in space at an instant to be chosen, and its speed, angles, torques and gains over time.
+    """Return the page: the strike at an instant that a slider chooses, and its speed, angles and torques over time.
 
     Args:
         model, trajectory: The strike, and the model that it was rolled out with.

@@ -2,7 +2,7 @@
 
 Every `plot_...` function draws into axes that it is given and returns them, so that figures can be composed freely;
 `matplotlib.rc_context(STYLE)` gives them the look of the saved ones. Where none are given, `plot_strike` and
-`plot_distance` make a figure with pyplot; nothing else here knows of it.
+`plot_distance` make a figure with pyplot, in that look; nothing else here knows of it.
 """
 
 from __future__ import annotations
@@ -64,10 +64,11 @@ STYLE: dict[Any, Any] = {
 # viridis without its yellow end, which fades into white
 _TIME = LinearSegmentedColormap.from_list("time", matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, 128)))
 _POSTURES = 12  # as in Fig. 10a
+_STRIKE_SIZE, _DISTANCE_SIZE = (7.4, 6.6), (7.6, 4.0)  # [in]; the width of a strike follows its shape
 
 
 def planned_end(trajectory: Trajectory) -> float | None:
-    """D, when the planned movement ends [s]; None where the arm never moves or the trajectory ends before."""
+    """Return D, the end of the planned movement [s]; None if the arm never moves or the trajectory ends earlier."""
     speed = np.abs(trajectory.v_d).max(axis=1)
     moving = np.flatnonzero(speed > 1e-9 * speed.max())
     return float(trajectory.t[moving[-1] + 1]) if len(moving) and moving[-1] + 1 < len(speed) else None
@@ -76,7 +77,7 @@ def planned_end(trajectory: Trajectory) -> float | None:
 def plot_convergence(
     ax: Axes, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *, label: str = ""
 ) -> Axes:
-    """Miss distance of every trial (T,) [m], in the order of the search, and the best so far."""
+    """Draw the miss distance of every trial (T,) [m], in the order of the search, and the best so far."""
     miss = np.asarray(miss_distance_per_trial, float)
     trial = np.arange(1, len(miss) + 1)
     finite = np.where(np.isfinite(miss), miss, np.inf)
@@ -121,12 +122,15 @@ def plot_strike(
         trajectory: The strike.
         model: The model that it was rolled out with.
         target: What was to be hit, or (x, y) [m].
-        ax: Where to draw; None: axes of a new figure.
+        ax: Where to draw; None: axes of a new figure of a size that fits. Of a figure with several axes,
+            `layout="constrained"` keeps room for legend and colour bar.
 
     Returns:
         The axes.
     """
-    ax = _new_axes() if ax is None else ax
+    if ax is None:
+        with matplotlib.rc_context(STYLE):
+            return _fit_width(plot_strike(trajectory, model, target, ax=_new_axes(_STRIKE_SIZE)))
     place, hit_radius = np.array(as_target(target).position), as_target(target).hit_radius
     near, n = trajectory.approach(place), model.arm.n
     t, t_near = trajectory.t, float(near.time[0])
@@ -168,7 +172,8 @@ def plot_strike(
     title = f"closest approach {_length(near.distance[0])} at {near.speed[0]:.1f} m/s"
     if trajectory.diverged:
         title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
-    ax.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, up [m]", title=title)
+    ax.set(xlabel="x, forward [m]", ylabel="y, up [m]", title=title)
+    ax.set_aspect("equal", adjustable="datalim")  # a box that shrinks would leave a blank
     ax.margins(0.06)
     extent = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1).max()
     for axis in (ax.xaxis, ax.yaxis):
@@ -177,25 +182,30 @@ def plot_strike(
     assert figure is not None
     figure.colorbar(
         ScalarMappable(norm, _TIME),
-        ax=ax,
-        shrink=0.7,
-        aspect=25,
-        pad=0.02,
+        cax=ax.inset_axes((1.03, 0.15, 0.04, 0.7)),  # with ax=ax it would stand beside the legend, where that is wider
         label=f"time [s], a posture every {times[1] - times[0]:.3f} s",
     )
     legend_above(ax, ncols=2)
     return ax
 
 
-def _new_axes() -> Axes:
+def _new_axes(size: tuple[float, float]) -> Axes:
+    """Axes of a new figure of this size [in]."""
     from matplotlib import pyplot
 
-    with matplotlib.rc_context(STYLE):
-        return pyplot.figure(layout="compressed").subplots()
+    return pyplot.figure(figsize=size, layout="constrained").subplots()
+
+
+def _fit_width(ax: Axes) -> Axes:
+    """Make a figure with one strike as wide as the strike asks for at the figure's height."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.set_figwidth(1.9 + 5.4 * float(np.clip(np.ptp(ax.get_xlim()) / np.ptp(ax.get_ylim()), 0.75, 2)))
+    return ax
 
 
 def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str]) -> np.ndarray:
-    """Positions [deg] and velocities [deg/s] of the arm's joints, each with what is desired; axes of shape (2,)."""
+    """Draw positions [deg] and velocities [deg/s] of the arm's joints beside their references; axes of shape (2,)."""
     pairs = ((trajectory.q, trajectory.q_d, "position [deg]"), (trajectory.v, trajectory.v_d, "velocity [deg/s]"))
     for ax, (actual, desired, label) in zip(axes, pairs, strict=True):
         for i, name in enumerate(joint_names):
@@ -225,7 +235,7 @@ def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequenc
 
 
 def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str]) -> np.ndarray:
-    """Entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,)."""
+    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,)."""
     letters = [name[0] for name in joint_names]
     marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
     a, dash = len(marks), (4, 4)
@@ -259,7 +269,9 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
     Returns:
         The axes.
     """
-    ax = _new_axes() if ax is None else ax
+    if ax is None:
+        with matplotlib.rc_context(STYLE):
+            return plot_distance(trajectory, target, ax=_new_axes(_DISTANCE_SIZE))
     place, hit_radius = np.array(as_target(target).position), as_target(target).hit_radius
     near = trajectory.approach(place)
     ax.plot(trajectory.t, trajectory.distance(place), color=COLORS["blue"])
@@ -306,10 +318,9 @@ def save_strike_figures(
     """
     goal, joints = Target(tuple(target), hit_radius), model.arm.joints
     with matplotlib.rc_context(STYLE):
-        strike, distance = Figure(layout="compressed"), Figure((7.6, 4.0), layout="constrained")
+        strike, distance = (Figure(size, layout="constrained") for size in (_STRIKE_SIZE, _DISTANCE_SIZE))
         tracking, gains = (Figure((7.6, 6.4), layout="constrained") for _ in range(2))
-        ax = plot_strike(trajectory, model, goal, ax=strike.subplots())
-        strike.set_size_inches(2.2 + 5.2 * np.clip(np.ptp(ax.get_xlim()) / np.ptp(ax.get_ylim()), 0.9, 2), 6.6)
+        _fit_width(plot_strike(trajectory, model, goal, ax=strike.subplots()))
         plot_distance(trajectory, goal, ax=distance.subplots())
         plot_tracking(tracking.subplots(2, sharex=True), trajectory, joints)
         plot_gains(gains.subplots(2, sharex=True), trajectory, joints)
@@ -322,7 +333,7 @@ def save_strike_figures(
 def save_convergence(
     folder: str | Path, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *, label: str = ""
 ) -> Path:
-    """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; returns the file."""
+    """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; return the file."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((7.6, 4.4), layout="constrained")
         plot_convergence(figure.subplots(), miss_distance_per_trial, hit_radius, label=label)

@@ -99,7 +99,7 @@ class Section:
 
 
 def verdict_over(holds: Mapping[str, bool]) -> str:
-    """The verdict on a claim that was tried in several ways: in all, in none, or only with some of them."""
+    """Return the verdict on a claim that was tested in several ways: holds in all, in none, or only in some of them."""
     kept = [name for name, held in holds.items() if held]
     if len(kept) == len(holds):
         return REPRODUCED
@@ -107,7 +107,7 @@ def verdict_over(holds: Mapping[str, bool]) -> str:
 
 
 def to_html(title: str, subtitle: str, facts: Mapping[str, str], sections: Sequence[Section]) -> str:
-    """The report.
+    """Return the report as one HTML page.
 
     Args:
         title: Of the page.

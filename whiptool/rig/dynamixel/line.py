@@ -40,7 +40,7 @@ class Line:
         self.failures: dict[str, int] = {}  # how often, by kind
 
     def follow(self, peer: Peer) -> None:
-        """Be in lock-step with what is at the other end: it says whether a reply is missing, and not a clock."""
+        """Run in lock-step with an emulator, which says whether a reply is missing, so that no timeout is needed."""
         self._port.peer = peer
         peer.follow(self._port)
 

@@ -15,12 +15,13 @@ import numpy as np
 
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import choose_wiggle
-from whiptool.adaptation.loop import Adaptation, Options, Step
+from whiptool.adaptation.loop import Adaptation, Options
 from whiptool.adaptation.materials import MATERIALS, stock_of_material
 from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief, default_prior, knowing
+from whiptool.adaptation.steps import Step, Steps
 from whiptool.adaptation.twins import FAMILIES, Twin, draw_twin
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
@@ -230,7 +231,7 @@ class WhipUnit:
             return knowing(s.prior(self.material), {"profile.length": true})
         return s.prior(self.material)
 
-    def _adapted(self, number: int, looked: tuple[Any, Learned] | None) -> list[Step]:
+    def _adapted(self, number: int, looked: tuple[Any, Learned] | None) -> Steps:
         s = self.study
         adaptation = Adaptation(
             self._prior(),
@@ -255,8 +256,8 @@ class WhipUnit:
             strike = correct(strike, seen.recording, model, s.target(number).position, t_stay=s.scene.t_stay)
         return {"target": number, "miss": padded(misses, s.strikes)}
 
-    def _told(self, number: int, steps: list[Step]) -> dict[str, Any]:
-        strikes = [step for step in steps if step.number]
+    def _told(self, number: int, steps: Steps) -> dict[str, Any]:
+        strikes = steps.strikes
         return {
             "target": number,
             "miss": padded([step.outcome.true_miss for step in strikes], self.study.strikes),

@@ -1,0 +1,81 @@
+"""What an adaptation did: each strike with its plan, its outcome and what it taught, and all strikes together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.ports import Seen
+from whiptool.adaptation.posterior import Learned
+from whiptool.identification.judgement import Judgement
+
+_SHOWN = 5  # strikes that the representation of a whole adaptation shows, the last ones
+
+
+@dataclass(frozen=True, repr=False)
+class Step:
+    """One strike: its plan, what was seen of it, and what was learned from it.
+
+    Args:
+        number: Counted from 1; 0 is the first look at the whip, before any strike.
+        plan: The strike that was planned, and its predicted probability of a hit.
+        outcome: The recording, and the miss distance that it shows.
+        learned: The belief about the whip after this strike; None if the adaptation does not learn.
+        judged: The estimated miss distance with its standard error: from the learned whip and the camera together if
+            the recording was used for learning, else from the camera alone; never from a twin's truth. None: the tip
+            was not seen.
+    """
+
+    number: int
+    plan: Plan
+    outcome: Seen
+    learned: Learned | None
+    judged: Judgement | None
+
+    def __repr__(self) -> str:
+        if not self.number:
+            return "Step(first look at the whip)"
+        verdict = "not seen" if self.judged is None else f"{self.judged.verdict}, {_millimetres(self)}"
+        return f"Step(strike {self.number}: {verdict}; probability of a hit as planned {_planned(self)})"
+
+    @property
+    def hit(self) -> bool | None:
+        """Whether a hit is claimed; None: the tip was not seen."""
+        return None if self.judged is None else self.judged.hit
+
+
+class Steps(list[Step]):
+    """All steps of an adaptation, in order; the first look at the whip, number 0, comes first where there was one."""
+
+    def __repr__(self) -> str:
+        strikes = self.strikes
+        if not strikes:
+            return "Steps(no strike)"
+        told = f"{len(strikes)} strike{'s' * (len(strikes) > 1)}, {sum(bool(s.hit) for s in strikes)} hit"
+        of = "" if len(strikes) <= _SHOWN else f" of the last {_SHOWN}"
+        misses = ", ".join(_millimetres(step) for step in strikes[-_SHOWN:])
+        planned = ", ".join(_planned(step) for step in strikes[-_SHOWN:])
+        return f"Steps({told}; misses{of}: {misses}; probability of a hit as planned: {planned})"
+
+    @property
+    def strikes(self) -> list[Step]:
+        """The steps that were meant to hit: all but the first look."""
+        return [step for step in self if step.number]
+
+
+def percent(probability: float) -> str:
+    """Return a probability for people, never rounded to a certainty."""
+    if 0.995 <= probability < 1 or 0 < probability < 0.005:
+        return "> 99 %" if probability > 0.5 else "< 1 %"
+    return f"{100 * probability:.0f} %"
+
+
+def _millimetres(step: Step) -> str:
+    """The judged miss distance with its standard error."""
+    judged = step.judged
+    return "not seen" if judged is None else f"{1e3 * judged.miss:.0f} ± {1e3 * judged.error:.0f} mm"
+
+
+def _planned(step: Step) -> str:
+    """The probability of a hit that was stated before the strike."""
+    return "unknown" if step.plan.probability is None else percent(step.plan.probability)
