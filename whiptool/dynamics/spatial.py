@@ -102,6 +102,10 @@ class SpatialFrame(NamedTuple):
     velocity: ca.SX
     place: ca.SX
 
+    ANGLE = 9  # where it is among the entries
+    VELOCITY = 13  # where it begins
+    PLACE = 16
+
     def entries(self) -> list[ca.SX]:
         """All numbers that change along a whip; velocity and place last."""
         parts = (self.turned.before, self.turned.angle, self.speed, self.velocity, self.place)
@@ -149,12 +153,12 @@ class SpatialCarried(NamedTuple):
 
     def entries(self) -> list[ca.SX]:
         """All its numbers, of symmetric matrices those on and above the diagonal."""
-        parts = (_upper(self.J), scalars(self.H), _upper(self.M), scalars(self.moment), scalars(self.force))
+        parts = (upper(self.J), scalars(self.H), upper(self.M), scalars(self.moment), scalars(self.force))
         return [x for part in parts for x in part]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialCarried:
         """Return what is carried, of such numbers."""
-        J, H, M = _symmetric(entries[:6]), ca.reshape(ca.vertcat(*entries[6:15]), 3, 3), _symmetric(entries[15:21])
+        J, H, M = symmetric(entries[:6]), ca.reshape(ca.vertcat(*entries[6:15]), 3, 3), symmetric(entries[15:21])
         return SpatialCarried(J, H, M, ca.vertcat(*entries[21:24]), ca.vertcat(*entries[24:27]))
 
 
@@ -334,11 +338,13 @@ def _across(r: ca.SX) -> ca.SX:
     return ca.densify(ca.skew(r))
 
 
-def _upper(A: ca.SX) -> list[ca.SX]:
+def upper(A: ca.SX) -> list[ca.SX]:
+    """Return a symmetric matrix's entries on and above the diagonal."""
     return [A[i, j] for i, j in _UPPER]
 
 
-def _symmetric(entries: Sequence[ca.SX]) -> ca.SX:
+def symmetric(entries: Sequence[ca.SX]) -> ca.SX:
+    """Return the symmetric matrix (3, 3) of its entries on and above the diagonal."""
     A = ca.SX.zeros(3, 3)
     for (i, j), x in zip(_UPPER, entries, strict=True):
         A[i, j] = A[j, i] = x
@@ -347,12 +353,12 @@ def _symmetric(entries: Sequence[ca.SX]) -> ca.SX:
 
 def _mirrored(A: ca.SX, B: ca.SX) -> ca.SX:
     """Return the symmetric `A + B^T`."""
-    return _symmetric([A[i, j] + B[j, i] for i, j in _UPPER])
+    return symmetric([A[i, j] + B[j, i] for i, j in _UPPER])
 
 
 def _added(A: ca.SX, x: ca.SX, y: ca.SX) -> ca.SX:
     """Return the symmetric `A + x y^T`."""
-    return _symmetric([A[i, j] + x[i] * y[j] for i, j in _UPPER])
+    return symmetric([A[i, j] + x[i] * y[j] for i, j in _UPPER])
 
 
 def _world_axis(s: ca.SX) -> int | None:

@@ -124,8 +124,8 @@ class Structure:
 
     @property
     def n(self) -> int:
-        """Number of joints, those of the arm and of the whip."""
-        return self.n_arm + self.n_whip * (1 if self.joints == "hinge" else 2)
+        """Number of coordinates: the arm's joints, then the whip's hinges, or three of each rod's direction."""
+        return self.n_arm + self.n_whip * {"hinge": 1, "universal": 2, "rod": 3}[self.joints]
 
     @property
     def layout(self) -> dict[str, int]:

@@ -189,7 +189,7 @@ class CompiledRollout(Rollout):
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
         """The whole of many strikes, one after the other; only a few are in memory at a time."""
-        strikes, n, a = strike_vectors(strikes, self.model.arm.n), self.model.n, self.model.arm.n
+        strikes, n, a = strike_vectors(strikes, self.model.arm.n), self.structure.n, self.model.arm.n
         d = self.model.dimension
         columns, outcome = row_columns(n, a, d), outcome_columns(a, d)
         for first in range(0, len(strikes), _TRAJECTORIES_AT_ONCE):
@@ -255,7 +255,7 @@ class CompiledRollout(Rollout):
         models: Sequence[Model] | None = None,
         controllers: Sequence[Controller] | None = None,
     ) -> Batch:
-        n, B = self.model.n, len(strikes)
+        n, B = self.structure.n, len(strikes)
         period = self.controller.control_period
         h, h_last, steps, hold = time_grid(strikes[:, -1] + t_stay, timestep=self.timestep, control_period=period)
         x0 = np.zeros((B, 2 * n))
@@ -291,7 +291,7 @@ class CompiledRollout(Rollout):
 
     def _forward_batch(self, strikes: np.ndarray, targets: np.ndarray, t_stay: float, directions: np.ndarray) -> Batch:
         """Every strike once per direction: strike 0 along all of them, then strike 1, ..."""
-        m, n, a = len(directions), self.model.n, self.model.arm.n
+        m, n, a = len(directions), self.structure.n, self.model.arm.n
         batch = self._batch(strikes, targets, t_stay).take(np.repeat(np.arange(len(strikes)), m))
         batch.dp = np.tile(directions, (len(strikes), 1))
         batch.dx0 = np.zeros_like(batch.x0)
