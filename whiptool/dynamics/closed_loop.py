@@ -263,8 +263,8 @@ class ClosedLoop(System):
 
     @cached_property
     def mass_matrix(self) -> ca.Function:
-        """Joint-space inertia (n, n) of `mass_matrix(q, p)` [kg m^2]: the kinetic energy's second derivatives by speeds,
-        with the rotors'."""
+        """Joint-space inertia (n, n) of `mass_matrix(q, p)` [kg m^2], the rotors' included: the kinetic energy's second
+        derivatives by speeds."""
         q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
         T, _ = self.energies(q, v, self.p)
         return ca.Function("mass_matrix", [q, self.p], [ca.hessian(T, v)[0]], {"cse": True})

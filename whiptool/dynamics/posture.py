@@ -108,7 +108,7 @@ def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.nd
 
 
 def _solve_across(A: np.ndarray, b: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Solve `A x = b` for changes x (B, 3 N) of rods' directions, which are across them; A (B, 3 N, 3 N) has rank 2 N."""
+    """Solve `A x = b` for changes x (B, 3 N) of rods' directions, all across them; A (B, 3 N, 3 N) has rank 2 N."""
     B, m = directions.shape
     along = np.zeros((B, m // 3, m))
     for i in range(m // 3):
@@ -135,7 +135,8 @@ def _slopes(structure: Structure, q: np.ndarray, p: np.ndarray) -> tuple[np.ndar
     B, n = q.shape
     a = structure.n_arm
     units = np.tile(np.eye(n)[a:], (B, 1))
-    slope, change = _along(structure, *(np.repeat(x, n - a, axis=0) for x in (q, p)), units, np.zeros((1, p.shape[1])))
+    many_q, many_p = (np.repeat(x, n - a, axis=0) for x in (q, p))
+    slope, change = _along(structure, many_q, many_p, units, np.zeros((1, p.shape[1])))
     return slope[:: n - a], change.reshape(B, n - a, n - a).transpose(0, 2, 1)
 
 

@@ -5,13 +5,13 @@ Rod i points along `d_i` from one node to the next and carries a point mass at i
     B_i = -(k + 2 c w) w'(u) d_{i-1} x d_i - b (omega_i - omega_{i-1}) - dry friction,    u = 1 - d_{i-1} . d_i,
     w(u) = u + u^2 / 6 + 2 u^3 / 45,
 
-omega_i = d_i x d d_i / dt being its turning without twist, and rod i - 1 feels -B_i. `w` is half the square of the bend's
-angle, expanded at the straight whip to the third order in u: the energy k w + c w^2 is that of an angular spring,
-k theta^2 / 2 + c theta^4 / 4, to a relative theta^6, 1 % below it at 75 degrees and 5 % at 110, with neither sine nor
-cosine nor a singularity. What a torque has along d_i is lost: a rod has no inertia there.
+omega_i = d_i x d d_i / dt being its turning without twist, and rod i - 1 feels -B_i. `w` is half the square of the
+bend's angle, expanded at the straight whip to the third order in u: the energy k w + c w^2 is that of an angular spring,
+k theta^2 / 2 + c theta^4 / 4, to a relative theta^6, 0.7 % below k's at 75 degrees and 5 % at 110, with neither sine
+nor cosine nor a singularity. What a torque has along d_i is lost: a rod has no inertia there.
 
-A rod is a joint that gives way in its two directions across, so that its pass is that of `spatial`, and the arm feels it
-as it feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
+A rod's joint gives way in its two directions across, so that its pass is that of `spatial`, and the arm feels it as it
+feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from whiptool.dynamics.spatial import (
 
 
 class RodFrame(NamedTuple):
-    """Where a rod begins: direction, turning and, in the second stage, its acceleration in the first, of the rod before;
-    velocity and place; each (3, 1)."""
+    """Where a rod begins: direction and turning of the rod before and, in the second stage, its angular acceleration in
+    the first; velocity and place; each (3, 1)."""
 
     direction: ca.SX
     speed: ca.SX
@@ -59,7 +59,7 @@ class RodFrame(NamedTuple):
 
     @classmethod
     def at_hand(cls, hand: SpatialFrame, before: ca.SX) -> RodFrame:
-        """At a hand's frame, of which the whip goes along -z; `before` is its angular acceleration in the first stage."""
+        """At a hand's frame, along whose -z the whip goes; `before` is the hand's acceleration in the first stage."""
         return cls(-hand.turned.matrix[:, 2], hand.speed, before, hand.velocity, hand.place)
 
 
@@ -81,9 +81,7 @@ class RodJoint(NamedTuple):
         return RodJoint(ca.vertcat(*entries[:3]), across, symmetric(entries[12:]))
 
 
-def outward(
-    frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | None
-) -> tuple[RodFrame, SpatialMoving]:
+def outward(frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | None) -> tuple[RodFrame, SpatialMoving]:
     """Return the frame at a rod's end and how it moves, for its direction and that one's rate, (3, 1) each.
 
     `before` is the direction's acceleration in the first stage (3, 1), in the second. Instead of hinges' axes, its
@@ -108,10 +106,8 @@ def bend(joint: Chain, before: ca.SX, d: ca.SX) -> tuple[ca.SX, ca.SX]:
     return -((k + 2 * cubic * w) * slope) * ca.cross(before, d), (k + cubic * w) * w
 
 
-def torque_and_gain(
-    joint: Chain, frame: RodFrame, end: RodFrame, h: ca.SX, *, again: bool
-) -> tuple[ca.SX, ca.SX]:
-    """Return a joint's torque on its rod in this stage (3, 1), and what the integrator takes of its damping [kg m^2]."""
+def torque_and_gain(joint: Chain, frame: RodFrame, end: RodFrame, h: ca.SX, *, again: bool) -> tuple[ca.SX, ca.SX]:
+    """Return a joint's torque on its rod in this stage (3, 1), and the integrator's share of its damping [kg m^2]."""
     spring, _ = bend(joint, frame.direction, end.direction)
     turning = end.speed - frame.speed
     damping, dry, smooth = (ca.SX(x) for x in (joint.damping, joint.dry_friction, joint.friction_velocity))
@@ -124,9 +120,7 @@ def torque_and_gain(
     return torque, gain
 
 
-def give_way(
-    carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX
-) -> tuple[SpatialCarried, RodJoint]:
+def give_way(carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX) -> tuple[SpatialCarried, RodJoint]:
     """Return what the rod before feels of what a rod's joint carries, and what the joint keeps; the rod gives way.
 
     Args:
@@ -163,9 +157,7 @@ def _inverse_across(J: ca.SX, gain: ca.SX, d: ca.SX) -> ca.SX:
     return symmetric([(k - ca.trace(K) * p) * negative for k, p in zip(upper(K), upper(P), strict=True)])
 
 
-def accelerate(
-    at: SpatialAcceleration, joint: RodJoint, moving: SpatialMoving
-) -> tuple[ca.SX, SpatialAcceleration]:
+def accelerate(at: SpatialAcceleration, joint: RodJoint, moving: SpatialMoving) -> tuple[ca.SX, SpatialAcceleration]:
     """Return the acceleration of a rod's direction (3, 1), and that at its far end."""
     angular = joint.free - ca.mtimes(joint.across, at.linear) + ca.mtimes(joint.with_last, at.angular)
     d, bound = moving.axes[:, 0], moving.axes[:, 1]

@@ -1,9 +1,9 @@
 """The articulated-body algorithm in space, one link at a time, in CasADi.
 
-Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 7, in axes that stay parallel to the world's, with moments about
-each link's own joint, and accelerations of material points, so that a link's only velocity term is centripetal. A link
-moves behind one or more hinges at one point; these are eliminated together, last to first, and so the velocity terms
-between them are counted once.
+Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 7: axes stay parallel to the world's, moments are taken about
+each link's own joint, and accelerations are those of material points, so that a link's only velocity term is
+centripetal. A link moves behind one or more hinges at one point; these are eliminated together, last to first, and so
+the velocity terms between them are counted once.
 
 What is structurally zero stays the number 0 and generates no term; so does what is 1. Angles of successive parallel
 hinges are summed before sine and cosine, so that a chain of parallel axes generates a planar chain's terms alone.
@@ -138,8 +138,9 @@ class SpatialMoving(NamedTuple):
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialMoving:
         """Return a link of such numbers."""
-        parts = (ca.vertcat(*entries[i : i + 3]) for i in range(0, 21, 3))
-        return SpatialMoving(*parts, ca.reshape(ca.vertcat(*entries[21:]), 3, self.axes.shape[1]))
+        parts = [ca.vertcat(*entries[i : i + 3]) for i in range(0, 21, 3)]
+        parts.append(ca.reshape(ca.vertcat(*entries[21:]), 3, self.axes.shape[1]))
+        return SpatialMoving(*parts)
 
 
 class SpatialCarried(NamedTuple):

@@ -10,6 +10,7 @@ The plane is the case of parallel axes: what is zero there, or never asked for, 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
@@ -194,10 +195,10 @@ class System(ABC):
         later = advanced(q, v, k1, w, h)
         return later if self.hinges else rods.unit(*later)
 
-    def _all(self, of_link: Any, *columns: ca.SX) -> ca.SX:
-        """Links' coordinates, then their speeds, (2 N K, 1), by a function of each link's columns (K, 1)."""
+    def _all(self, of_link: Callable[..., tuple[ca.SX, ca.SX]], h: ca.SX, *columns: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """All links' coordinates and speeds (N K, 1), by a function of each link's columns (K, 1) and the step."""
         K = self.link_size
-        each = [of_link(*(x[K * i : K * (i + 1)] for x in columns)) for i in range(self.n_links)]
+        each = [of_link(*(x[K * i : K * (i + 1)] for x in columns), h) for i in range(self.n_links)]
         return ca.vertcat(*(q for q, _ in each)), ca.vertcat(*(v for _, v in each))
 
     # -----------------------------------------------------------------------------------------------------------------
@@ -247,12 +248,12 @@ class System(ABC):
         u, u_end = ca.SX.sym("u", self.n_inputs), ca.SX.sym("u_end", self.n_inputs)
         q, v = x[:n], x[n:]
         k1, reaction, hand, frames = self._stage(Instant(t, h, q[:a], v[:a], u), q[a:], v[a:], None)
-        at_end = Instant(t + h, h, *predicted(q[:a], v[:a], k1[:a], h), u_end)
-        ahead = self._all(lambda *x: self.predict_link(*x, h), q[a:], v[a:], k1[a:])
-        w, *_ = self._stage(at_end, *ahead, k1)
-        own = advanced(q[:a], v[:a], k1[:a], w[:a], h)
-        links = self._all(lambda *x: self.advance_link(*x, h), q[a:], v[a:], k1[a:], w[a:])
-        following = ca.vertcat(own[0], links[0], own[1], links[1])
+        later_q, later_v = predicted(q[:a], v[:a], k1[:a], h)
+        links_q, links_v = self._all(self.predict_link, h, q[a:], v[a:], k1[a:])
+        w, *_ = self._stage(Instant(t + h, h, later_q, later_v, u_end), links_q, links_v, k1)
+        later_q, later_v = advanced(q[:a], v[:a], k1[:a], w[:a], h)
+        links_q, links_v = self._all(self.advance_link, h, q[a:], v[a:], k1[a:], w[a:])
+        following = ca.vertcat(later_q, links_q, later_v, links_v)
         tip = ca.vertcat(frames[-1].place[self._places], frames[-1].velocity[self._places])
         outputs = [following, tip, reaction.torque, self._observed(hand, frames)]
         names = ["x", "t", "h", "p", "u", "u_end"], ["x_next", "tip", "tau", "observed"]
@@ -363,11 +364,11 @@ class System(ABC):
         reaction = self.react(at, s["before_a"], c.motion.record, c.carried.record)
         frame, moving, carried = c.frame.symbols, c.moving.symbols, c.carried.symbols
         k1, k2, x, y = (ca.SX.sym(name) for name in ("k1", "k2", "q", "v"))
+        hand_ends = ca.vec(hand.ends[:, self._places].T)
         table = {
             "hand": (
                 [s["qa"], s["va"], self.p, s["u"], s["before_a"]],
-                [c.frame.column(hand.frame), ca.vec(hand.ends[:, self._places].T), hand.angles]
-                + [c.motion.column(hand.motion)],
+                [c.frame.column(hand.frame), hand_ends, hand.angles, c.motion.column(hand.motion)],
             ),
             "outward": ([frame, q, v, w, h], [c.frame.column(end), c.moving.column(moves), *first_torque]),
             "outward_again": ([frame, q, v, w, h, before], [turns, c.moving.column(moves), *again]),
