@@ -144,6 +144,21 @@ def test_compiled_strikes_are_replayed_in_mujoco(name):
     assert seen.confirmed, (seen, expected)
 
 
+def test_rods_are_where_the_compiled_rollout_has_them():
+    """The page and the pictures work out from directions what the engine summed up."""
+    model = preset("ur5e")
+    model = dataclasses.replace(model, whip=dataclasses.replace(model.whip, joints="rod", node_inertia=0.0))
+    strike = Strike((0, -1.5, 1.0, 0, 0.5, 0), (0.3, -0.5, 0.5, 0.2, 0.5, 0), 0.4)
+    rollout = CompiledRollout(model, Controller(constant_preset("ur5e"), feedforward=True), timestep=5e-4)
+    path = rollout.trajectory(strike, t_stay=0.0)
+    assert path.q.shape[1] == model.coordinates == 6 + 3 * 20
+    points, velocities = chain_motion(model, path.q, path.v)
+    np.testing.assert_allclose(points[:, -1], path.tip, atol=1e-13)
+    np.testing.assert_allclose(velocities[:, -1], path.tip_velocity, atol=1e-12)
+    np.testing.assert_allclose(joint_points(model, path.q), points, atol=0)
+    assert preset("ur5e").coordinates == preset("ur5e").n == 46
+
+
 def test_rods_and_flat_targets_are_refused():
     model = preset("ur5e")
     rods = dataclasses.replace(model, whip=dataclasses.replace(model.whip, joints="rod", node_inertia=0.0))

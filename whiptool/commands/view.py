@@ -142,8 +142,9 @@ def read_strike(folder: Path) -> StrikeRun:
         trajectory = Trajectory.load(folder / TRAJECTORY)
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
         raise InputError(str(folder / TRAJECTORY), "a damaged file", "a trajectory as whiptool writes it") from None
-    if trajectory.q.shape[1:] != (model.n,):
-        raise InputError(str(folder / TRAJECTORY), f"{trajectory.q.shape[1]} joints", f"the model's {model.n}")
+    if trajectory.q.shape[1:] != (model.coordinates,):
+        given = f"{trajectory.q.shape[1]} coordinates"
+        raise InputError(str(folder / TRAJECTORY), given, f"the model's {model.coordinates}")
     return StrikeRun(trajectory, model, target, label)
 
 

@@ -51,6 +51,11 @@ class Model:
         return self.arm.n + self.whip.N * self.whip.joints_per_node
 
     @property
+    def coordinates(self) -> int:
+        """Number of coordinates that a trajectory holds: as many as joints, but three for the direction of a rod."""
+        return self.arm.n + self.whip.N * (3 if self.whip.joints == "rod" else self.whip.joints_per_node)
+
+    @property
     def reach(self) -> float:
         """Farthest distance from the shoulder that the tip can have [m]; in space, no less than it."""
         return self.arm.length + self.whip.length
