@@ -46,9 +46,7 @@ def test_a_planar_model_in_space_rolls_out_as_in_the_plane(turned):
     strike = Strike((-1.0, 0.4), (1.0, 0.6), 0.3)
     steps = {"timestep": 1e-4, "integrator": "implicitfast"}
     flat = ReferenceRollout(model, controller, **steps).trajectory(strike, t_stay=0.02)
-    path = ReferenceRollout(put_in_space(model, turned=turned), controller, timestep=4e-5).trajectory(
-        strike, t_stay=0.02
-    )
+    path = ReferenceRollout(put_in_space(model, turned=turned), controller, **steps).trajectory(strike, t_stay=0.02)
     assert not path.diverged
     assert path.tip.shape == (len(path.t), 3)
     tip, velocity = path.tip @ rotation_about((0, 0, 1), turned), path.tip_velocity @ rotation_about((0, 0, 1), turned)
