@@ -222,6 +222,7 @@ class SwingDrive(Drive):
             )
         self.start = float(recording.joints_t[0])
         instants = self._instants(recording, h)
+        assert isinstance(plant.model.arm, ArmParameters)  # a plant is in the plane
         return JointMotion(recording.joints_t, recording.joints_q, plant.model.arm, instants, **options)
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
