@@ -221,9 +221,9 @@ class SwingDrive(Drive):
                 "or drive by command or handle",
             )
         self.start = float(recording.joints_t[0])
-        instants, arm = self._instants(recording, h), plant.model.arm
-        assert isinstance(arm, ArmParameters)  # a plant is in the plane
-        return JointMotion(recording.joints_t, recording.joints_q, arm, instants, **options)
+        instants = self._instants(recording, h)
+        assert isinstance(plant.model.arm, ArmParameters)  # a plant is in the plane
+        return JointMotion(recording.joints_t, recording.joints_q, plant.model.arm, instants, **options)
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
         if "handle" not in recording.markers:
