@@ -7,17 +7,17 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 
+from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, SpatialFrame
+from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.dynamics.rods import RodFrame, bend
 from whiptool.dynamics.serial_arm import ArmMotion, Body, SerialArm, solve
-from whiptool.dynamics.spatial import SpatialAcceleration, SpatialCarried, SpatialFrame
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 from whiptool.impedance.law import LAWS
 
 __all__ = ["ClosedLoop", "Structure", "closed_loop"]
 
-PLANAR_AXIS = (0.0, -1.0, 0.0)  # of a hinge in the plane: a positive angle turns what hangs toward +x
 _UNTURNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _LINK = {  # quantities of a link: what they are called in a whip
     "length": "l", "mass": "m", "stiffness": "k", "damping": "b", "rest_angle": "rest_angle",
