@@ -10,8 +10,8 @@ bend's angle theta, expanded at the straight whip to the third order in u: the e
 spring, k theta^2 / 2 + c theta^4 / 4, to a relative theta^6; the term in k is 0.7 % below at 75 degrees and 5 % at 110.
 There is neither sine nor cosine nor a singularity. What a torque has along d_i is lost: a rod has no inertia there.
 
-A rod's joint gives way in its two directions across, so that its pass is that of `articulated`, and the arm feels it as it
-feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
+A rod's joint gives way in its two directions across, so that its pass is that of `articulated`, and the arm feels it as
+it feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
 """
 
 from __future__ import annotations
