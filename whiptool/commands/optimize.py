@@ -39,6 +39,7 @@ class OptimizeOptions(
     """Find a strike with which the tip of the whip hits a target."""
 
     changeable: ClassVar[tuple[str, ...]] = ("video",)
+    in_space: ClassVar[bool] = True
 
     method: Annotated[str, arg(metavar=METHODS)] = "directl"
     """How strikes are searched; nlopt:NAME is any of NLopt's global algorithms, such as nlopt:GN_CRS2_LM."""

@@ -29,6 +29,7 @@ class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOption
     """Play one strike and save its trajectory, figures and video."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("export", "video")
+    in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None
     """q_si q_ei q_sf q_ef [rad] and D [s]."""
@@ -85,6 +86,7 @@ def _export(options: SimulateOptions, model) -> None:
 
     assert options.export is not None
     target = options.build_target()
+    target.check_dimension(model)
     xml, missing = export_xml(model, target=np.array(target.position))
     try:
         write_whole(options.export, xml)
@@ -102,6 +104,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.runs import code_version
 
     controller, target = options.build_controller(), options.build_target()
+    target.check_dimension(model)
     target.check_radius(model)
     rollout = options.build_rollout(model, controller)
     n = len(strike.vector)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
+from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY
 from whiptool.options.base import Options
 
@@ -25,7 +26,7 @@ class TargetOptions(Options):
     """What is struck at, and for how long the tip is watched."""
 
     target: tuple[float, ...] = (1.3, 0.0)
-    """Target position x y [m], from the shoulder, y up."""
+    """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up."""
     hit_radius: float = 0.06
     """The target is hit when the tip comes this close [m]."""
     t_stay: float = T_STAY
@@ -79,6 +80,8 @@ class ZoneOptions(TargetOptions):
 class ModelOptions(Options):
     """Which whip and arm."""
 
+    in_space: ClassVar[bool] = False  # whether the command takes models in space
+
     model: Annotated[str, arg(metavar=MODELS)] = "lemon2024"
     """Published whip and arm (nah2023, ur5e and panda: in space), or those of a file; a robot in URDF or MJCF gets the
     rope of ur5e."""
@@ -87,4 +90,7 @@ class ModelOptions(Options):
         """The model that `--model` names."""
         from whiptool.models.files import find_model
 
-        return find_model(self.model)
+        model = find_model(self.model)
+        if model.dimension == 3 and not self.in_space:
+            raise InputError("--model", self.model, "a model in the plane, for this command")
+        return model
