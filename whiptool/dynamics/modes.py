@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from whiptool.dynamics.chain import Chain, bias_forces, chain_of, mass_matrix, passive_torque
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
-from whiptool.models.parameters import Model, whole
+from whiptool.models.parameters import ArmLink, ArmParameters, Model, whole
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,11 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
         v0: Joint velocities [rad/s], (n,); default: at rest.
 
     Raises:
-        InputError: A length is not n, or a number is not finite.
+        InputError: A length is not n, a number is not finite, or the model is in space.
     """
     if isinstance(chain, Model):
+        if chain.dimension == 3:
+            raise InputError("model", "in space", "one in the plane")
         chain = chain_of(chain)
     n = chain.n
     states = []
@@ -108,6 +110,9 @@ def steady_timestep(model: Model, largest: float) -> float:
     stiffest, lightest = whip.per_node("k").max(), (whip.per_node("m") * whip.per_node("l") ** 2).min()
     if largest * np.sqrt(16 * stiffest / lightest) < 0.5:  # no chain of such joints is faster
         return largest
+    if model.dimension == 3:  # a hanging whip swings in two directions as one in the plane does
+        whip = replace(whip, joints="hinge", node_inertia=0.0)
+        model = Model(whip, ArmParameters((ArmLink(mass=1.0, length=1.0),)), gravity=model.gravity)
     eigenvalues = hanging_modes(model).eigenvalues
     swinging = eigenvalues[eigenvalues.imag > 0]  # one of each pair
     w = np.abs(swinging)
@@ -126,7 +131,7 @@ def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = N
         count: How many modes; default: as many as joints are free.
 
     Raises:
-        InputError: `count` is not in 1 .. number of free joints.
+        InputError: `count` is not in 1 .. number of free joints, or the model is in space.
     """
     a, n = model.arm.n, model.n
     free = slice(a if fixed_arm else 0, n)
