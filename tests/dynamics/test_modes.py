@@ -263,5 +263,13 @@ def test_a_step_is_as_steady_in_space_as_in_the_plane():
     space = Model(dataclasses.replace(whip, joints="universal", node_inertia=1e-6), in_space(ARM))
     assert steady_timestep(space, TIMESTEP) == pytest.approx(steady_timestep(planar, TIMESTEP), rel=1e-9)
     assert steady_timestep(space, TIMESTEP) < TIMESTEP
-    with pytest.raises(InputError, match="in the plane"):
-        linearise(space, np.zeros(space.n))
+
+
+def test_a_whip_in_space_has_every_mode_of_the_plane_twice():
+    planar = preset("lemon2024")
+    space = Model(dataclasses.replace(planar.whip, joints="universal", node_inertia=0.0), in_space(ARM))
+    flat, both = hanging_modes(planar), hanging_modes(space)
+    np.testing.assert_allclose(both.frequencies, np.repeat(flat.frequencies, 2), rtol=1e-9)
+    rods = dataclasses.replace(space, whip=dataclasses.replace(space.whip, joints="rod"))
+    with pytest.raises(InputError, match="universal"):
+        linearise(rods, np.zeros(rods.n))
