@@ -69,3 +69,16 @@ def test_a_first_line_cut_off_is_an_empty_log(tmp_path: Path) -> None:
     (tmp_path / TRIALS).write_bytes(logged(tmp_path / TRIALS, 1)[0][:-5])
     assert TrialLog(tmp_path / TRIALS, ARM).read() == []
     assert (tmp_path / TRIALS).read_bytes() == b""
+
+
+def test_a_trial_in_space_comes_back_from_the_log(tmp_path: Path) -> None:
+    arm, three = preset("nah2023").arm, (0.25, -0.5, 1e-17)
+    numbers = tuple(0.1 * i for i in range(9)), tuple(range(4)), (4.5, 5.5, 6.5, 7.5)
+    struck = Trial(1, numbers[0], Outcome(0.1, True, 0.7, three, three[::-1], *numbers[1:], False))
+    log = TrialLog(tmp_path / TRIALS, arm)
+    log.append(struck)
+    assert log.read() == [struck]
+    header = (tmp_path / TRIALS).read_text().split("\n")[0].split(",")
+    at = header.index("tip_x")
+    assert header[at : at + 6] == ["tip_x", "tip_y", "tip_z", "tip_velocity_x", "tip_velocity_y", "tip_velocity_z"]
+    assert header[at + 6] == "max_joint_speed_shoulder_flexion"

@@ -26,7 +26,6 @@ from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rl.task import Step, StrikeTask
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import joint_points
 from whiptool.target import HIT_RADIUS, Target
 from whiptool.zone import Zone, sample
 
@@ -77,13 +76,14 @@ def make_task(
 def spaces(task: StrikeTask) -> tuple[Box, Box]:
     """Observations in SI units, (n_obs,), and actions, (n_act,), that cover the box of strikes with [-1, 1]."""
     lower, upper = task.zone.box
-    reach = np.full(2, task.rollout.model.reach)
+    d = task.zone.dimension
+    reach = np.full(d, task.rollout.model.reach)
     low, high = (-reach - upper, reach - lower) if task.observation == "relative" else (-reach, reach)
     goal = task.observation == "goal"
     return (
         Box(
-            np.concatenate([low, np.full(2, -np.inf), *([lower] if goal else [])]).astype(np.float32),
-            np.concatenate([high, np.full(2, np.inf), *([upper] if goal else [])]).astype(np.float32),
+            np.concatenate([low, np.full(d, -np.inf), *([lower] if goal else [])]).astype(np.float32),
+            np.concatenate([high, np.full(d, np.inf), *([upper] if goal else [])]).astype(np.float32),
         ),
         Box(-1, 1, (task.n_act,), np.float32),
     )
@@ -93,7 +93,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
     """Strike at a target until it is hit.
 
     An episode has one target; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
-    or takes that of `options={"target": (x, y)}` [m]. `info` holds the `target` [m], and after a strike
+    or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. `info` holds the `target` [m], and after a strike
     `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
     speed zero), and, if it hit, `hit_time` [s].
 
@@ -124,7 +124,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self._strike = None
-        targets = _chosen(options, "target", (2,))
+        targets = _chosen(options, "target", (self.task.zone.dimension,))
         targets = sample(self.task.zone, 1, self.np_random) if targets is None else targets[None]
         return _float32(self.task.reset(targets))[0], {"target": targets[0].copy()}
 
@@ -156,8 +156,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
         figure = Figure(figsize=(6.4, 4.8), dpi=100, layout="constrained")
         canvas, ax = FigureCanvasAgg(figure), figure.add_subplot()
         if self._strike is None:
-            model = task.rollout.model
-            ax.plot(*joint_points(model, np.zeros(model.n)).T)
+            ax.plot(*task.resting.T)
             ax.add_patch(Circle(tuple(target), task.hit_radius, fill=False))
             ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
         else:
@@ -173,7 +172,7 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then what is
     seen before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` hold what came of the
     last strike, as in `gymnasium.vector.SyncVectorEnv`. A mask `_name` says in which lanes `info[name]` holds.
-    `reset(options={"targets": ...})` takes targets (num_envs, 2) [m].
+    `reset(options={"targets": ...})` takes targets (num_envs, d) [m], d = 3 in space.
 
     Args:
         num_envs: Lanes.
@@ -200,7 +199,7 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: The targets of the options are not one point per lane.
         """
         super().reset(seed=seed)
-        targets = _chosen(options, "targets", (self.num_envs, 2))
+        targets = _chosen(options, "targets", (self.num_envs, self.task.zone.dimension))
         if targets is None:
             targets = sample(self.task.zone, self.num_envs, self.np_random)
         obs = self.task.reset(targets)
