@@ -92,7 +92,7 @@ def test_of_a_ball_is_left_what_is_within_reach():
     assert CAP.size == pytest.approx(lens, rel=1e-6)
     assert disc_within_reach(BALL, 2.0) is BALL
     assert disc_within_reach(CAP.disc, reach) == CAP
-    with pytest.raises(InputError, match="a ball of radius 0.3 m"):
+    with pytest.raises(InputError, match=r"a ball of radius 0\.3 m"):
         disc_within_reach(BALL, 0.1)
     model = StraightFlight.model
     check_dimension(DISC, model)

@@ -197,13 +197,18 @@ class Objective:
         """Whether the outcome is that of a strike beyond the limits."""
         return self.limits is not None and not outcome.diverged and outcome.miss_distance > self.penalty
 
+    @property
+    def speeds(self) -> np.ndarray | None:
+        """Largest speed at which searches may command each joint to move [rad/s or m/s], (n,); None: any."""
+        return None if self.limits is None else self.limits.speeds
+
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, 2 n + 1) for a search, shortened where joints would be commanded beyond their speeds.
 
-        It is no promise: what joints really do depends on the whip and the controller, and is judged with the outcome.
+        They stay in the bounds. It is no promise: what joints really do depends on the whip and the controller, and is
+        judged with the outcome.
         """
-        speeds = None if self.limits is None else self.limits.speeds
-        return strikes if speeds is None else shortened(strikes, speeds)
+        return strikes if self.speeds is None else np.clip(shortened(strikes, self.speeds), *self.bounds.box)
 
     def __call__(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike, a `Strike` or its vector, (2 n + 1,).

@@ -33,7 +33,7 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
 
 def _keep_speeds(optimizer: nlopt.opt, objective: Objective) -> None:
     """Add the limits of the commanded speeds, linear in a strike, of an optimizer over the unit box."""
-    speeds = None if objective.limits is None else objective.limits.speeds
+    speeds = objective.speeds
     if speeds is None or not np.isfinite(speeds).any():
         return
     lower, upper = objective.bounds.box

@@ -93,8 +93,8 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
     """Strike at a target until it is hit.
 
     An episode has one target; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
-    or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. `info` holds the `target` [m], and after a strike
-    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
+    or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. `info` holds the `target` [m], and after a
+    strike `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
     speed zero), and, if it hit, `hit_time` [s].
 
     Args:
