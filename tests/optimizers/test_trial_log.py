@@ -71,14 +71,13 @@ def test_a_first_line_cut_off_is_an_empty_log(tmp_path: Path) -> None:
     assert (tmp_path / TRIALS).read_bytes() == b""
 
 
-def test_a_trial_in_space_comes_back_from_the_log(tmp_path: Path) -> None:
-    arm, three = preset("nah2023").arm, (0.25, -0.5, 1e-17)
-    numbers = tuple(0.1 * i for i in range(9)), tuple(range(4)), (4.5, 5.5, 6.5, 7.5)
-    struck = Trial(1, numbers[0], Outcome(0.1, True, 0.7, three, three[::-1], *numbers[1:], False))
+def test_trials_in_space_have_three_coordinates(tmp_path: Path) -> None:
+    arm = preset("ur5e").arm
+    three, six = (0.1, -0.2, 0.3), tuple(float(i) for i in range(6))
+    hit = Trial(1, tuple(0.1 * i for i in range(13)), Outcome(0.01, True, 0.7, three, three, six, six, False))
     log = TrialLog(tmp_path / TRIALS, arm)
-    log.append(struck)
-    assert log.read() == [struck]
-    header = (tmp_path / TRIALS).read_text().split("\n")[0].split(",")
-    at = header.index("tip_x")
-    assert header[at : at + 6] == ["tip_x", "tip_y", "tip_z", "tip_velocity_x", "tip_velocity_y", "tip_velocity_z"]
-    assert header[at + 6] == "max_joint_speed_shoulder_flexion"
+    log.append(hit)
+    assert TrialLog(tmp_path / TRIALS, arm).read() == [hit]
+    header = (tmp_path / TRIALS).read_text().splitlines()[0].split(",")
+    assert header[17:23] == [f"tip_{x}" for x in "xyz"] + [f"tip_velocity_{x}" for x in "xyz"]
+    assert header[23] == "max_joint_speed_shoulder_pan"

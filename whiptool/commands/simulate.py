@@ -29,9 +29,10 @@ class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOption
     """Play one strike and save its trajectory, figures and video."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("export", "video")
+    in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None
-    """q_si q_ei q_sf q_ef [rad] and D [s]."""
+    """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints."""
     export: Path | None = None
     """Write the model as MJCF for MuJoCo's own viewer."""
     video: bool = True
@@ -45,9 +46,9 @@ class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOption
         if self.strike is not None:
             Strike.from_vector(self.strike)
         elif self.export is None:
-            raise InputError("--strike", NOTHING, "five numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
+            raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
         else:
-            used = ("model", "target", "export")
+            used = ("model", "arm", "target", "export")
             refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
 
 
@@ -85,6 +86,7 @@ def _export(options: SimulateOptions, model) -> None:
 
     assert options.export is not None
     target = options.build_target()
+    target.check_dimension(model)
     xml, missing = export_xml(model, target=np.array(target.position))
     try:
         write_whole(options.export, xml)
@@ -102,6 +104,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.runs import code_version
 
     controller, target = options.build_controller(), options.build_target()
+    target.check_dimension(model)
     target.check_radius(model)
     rollout = options.build_rollout(model, controller)
     n = len(strike.vector)

@@ -194,7 +194,7 @@ def play(strike: StrikeRun) -> bool:
 
     from whiptool.rollout.mujoco_model import build_spec, set_posture
     from whiptool.viz.film import film_of
-    from whiptool.viz.opengl import add_bar
+    from whiptool.viz.opengl import add_bar, add_rod
 
     target, radius = np.array(strike.target.position), strike.target.hit_radius
     film = film_of(strike.trajectory, strike.model, strike.target, fps=FPS, speed=1.0)
@@ -211,7 +211,9 @@ def play(strike: StrikeRun) -> bool:
         print(f"whiptool: no viewer: {error}", file=sys.stderr)
         return False
     with viewer:
-        viewer.cam.type, viewer.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, mj.cam("side").id
+        flat, reach = strike.model.dimension == 2, strike.model.reach
+        if flat:  # in space the view can be turned
+            viewer.cam.type, viewer.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, mj.cam("side").id
         scene = viewer.user_scn
         assert scene is not None
         t, before = 0.0, time.monotonic()
@@ -224,7 +226,10 @@ def play(strike: StrikeRun) -> bool:
                 data.time = frame / FPS
                 scene.ngeom = 0
                 for ends, rgb in zip(film.trail[: film.shown[frame]], film.trail_rgb, strict=False):
-                    add_bar(scene, ends, 0.03 * strike.model.reach, 0.01 * strike.model.reach, rgb)
+                    if flat:
+                        add_bar(scene, ends, 0.03 * reach, 0.01 * reach, rgb)
+                    else:
+                        add_rod(scene, ends, 0.004 * reach, rgb)
             viewer.sync()
             time.sleep(max(0.0, now + 1 / FPS - time.monotonic()))
     return True

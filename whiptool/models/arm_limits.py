@@ -28,6 +28,15 @@ _COMMANDED = 0.9
 _NAMES = ("position", "velocity", "torque")
 
 
+def _of_links(arm: ArmParameters | SpatialArm) -> tuple[JointLimits, ...]:
+    return tuple(link.limits for link in arm.links) if isinstance(arm, SpatialArm) else ()
+
+
+def _limited(joints: Sequence[JointLimits]) -> bool:
+    """Whether any joint has a limit of position, velocity or torque."""
+    return any(np.isfinite((*joint.position, joint.velocity, joint.torque)).any() for joint in joints)
+
+
 @dataclass(frozen=True)
 class ArmLimits:
     """Limits of position, velocity and torque of each joint of an arm.
@@ -36,19 +45,20 @@ class ArmLimits:
 
     Args:
         joints: Of each joint; see `JointLimits`.
-        name: What people call them.
+        words: The limits for people.
 
     Raises:
         InputError: No joint has a limit.
     """
 
     joints: tuple[JointLimits, ...]
-    name: str = "the arm's own limits"
+    words: str = "the arm's limits of position, velocity and torque"
 
+    judges: ClassVar = "joint"
     by_peaks: ClassVar = True  # each limit is of one quantity
 
     def __post_init__(self) -> None:
-        if not any(np.isfinite((*j.position, j.velocity, j.torque)).any() for j in self.joints):
+        if not _limited(self.joints):
             raise InputError("limits", "none", "an arm whose joints have limits of position, velocity or torque")
 
     @classmethod
@@ -58,7 +68,12 @@ class ArmLimits:
         Raises:
             InputError: It has none; planar arms have none.
         """
-        return cls(tuple(link.limits for link in arm.links) if isinstance(arm, SpatialArm) else ())
+        return cls(_of_links(arm))
+
+    @staticmethod
+    def are_in(arm: ArmParameters | SpatialArm) -> bool:
+        """Whether an arm has any."""
+        return _limited(_of_links(arm))
 
     @property
     def speeds(self) -> np.ndarray:

@@ -115,14 +115,13 @@ class TrialLog:
         row = line.decode("utf-8", "replace").split(",")
         if len(row) != len(self._header):
             return None
-        n, start = self.n, 1 + len(self._names)
+        n, d, start = self.n, self.dimension, 1 + len(self._names)
         try:
             number, numbers = int(row[0]), [float(x) for x in row]
         except ValueError:
             return None
         rest = iter(numbers[start:])
         distance, hit, time = itertools.islice(rest, 3)
-        d = self.dimension
         tip, velocity, speeds, torques = (tuple(itertools.islice(rest, count)) for count in (d, d, n, n))
         diverged, *error = rest
         error = error[0] if error and not math.isnan(error[0]) else None

@@ -20,7 +20,7 @@ class Film:
     """What is to be seen in F frames, whoever draws it."""
 
     q: np.ndarray  # joint positions [rad], (F, n)
-    trail: np.ndarray  # the tip's path in short segments, their ends [m], (S, 2, 2)
+    trail: np.ndarray  # the tip's path in short segments, their ends [m], (S, 2, d)
     trail_rgb: np.ndarray  # (S, 3)
     shown: np.ndarray  # how many segments each frame shows, (F,)
     hit: np.ndarray  # whether the target has been hit, (F,)
@@ -64,14 +64,14 @@ def film_of(
     t, tip = trajectory.t, trajectory.tip
     at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)
     near = trajectory.approach(place)
-    tip_speed, distance = np.hypot(*trajectory.tip_velocity.T), trajectory.distance(place)
+    tip_speed, distance = np.linalg.norm(trajectory.tip_velocity, axis=1), trajectory.distance(place)
     closest = np.interp(at, t, np.minimum.accumulate(distance))
     closest[at >= near.time[0]] = min(near.distance[0], distance.min())  # between two instants, nearer than at either
 
-    path = np.r_[0, np.cumsum(np.hypot(*np.diff(tip, axis=0).T))]  # (T,)
+    path = np.r_[0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1))]  # (T,)
     segments = int(np.clip(path[-1] / (0.016 * model.reach), 1, MAX_SEGMENTS))
     along = np.linspace(0, path[-1], segments + 1)
-    trail = np.stack([np.interp(along, path, x) for x in tip.T], axis=1)  # (S + 1, 2)
+    trail = np.stack([np.interp(along, path, x) for x in tip.T], axis=1)  # (S + 1, d)
     share = np.interp((along[1:] + along[:-1]) / 2, path, tip_speed) / max(tip_speed.max(), 1e-9)
     grid = min((0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0), key=lambda spacing: abs(spacing - model.reach / 3))
     return Film(

@@ -50,3 +50,19 @@ def add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: float
     )
     geom.specular = 0
     scene.ngeom += 1
+
+
+def add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequence[float]) -> None:
+    """Add a round rod to a scene.
+
+    Args:
+        scene: Has room for it.
+        ends: [m], (2, 3), in space.
+        radius: [m]
+        rgb: Its colour.
+    """
+    geom = scene.geoms[scene.ngeom]
+    kind = mujoco.mjtGeom.mjGEOM_CAPSULE
+    mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), np.array([*rgb, 1], np.float32))
+    mujoco.mjv_connector(geom, kind, radius, ends[0], ends[1])
+    scene.ngeom += 1

@@ -8,8 +8,9 @@ Every `plot_...` function draws into axes that it is given and returns them, so 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import matplotlib
 import numpy as np
@@ -18,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
@@ -64,6 +65,12 @@ STYLE: dict[Any, Any] = {
 # viridis without its yellow end, which fades into white
 _TIME = LinearSegmentedColormap.from_list("time", matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, 128)))
 _POSTURES = 12  # as in Fig. 10a
+View: TypeAlias = Literal["side", "top", "front"]
+VIEWS: dict[str, tuple[tuple[int, int], tuple[str, str]]] = {  # coordinates to the right and up, and their names
+    "side": ((0, 2), ("x, forward [m]", "z, up [m]")),
+    "top": ((0, 1), ("x, forward [m]", "y, left [m]")),
+    "front": ((1, 2), ("y, left [m]", "z, up [m]")),
+}
 _STRIKE_SIZE, _DISTANCE_SIZE = (7.4, 6.6), (7.6, 4.0)  # [in]; the width of a strike follows its shape
 
 
@@ -114,36 +121,124 @@ def plot_convergence(
 
 
 def plot_strike(
-    trajectory: Trajectory, model: Model, target: Target | Sequence[float], *, ax: Axes | None = None
+    trajectory: Trajectory,
+    model: Model,
+    target: Target | Sequence[float],
+    *,
+    ax: Axes | None = None,
+    view: View = "side",
 ) -> Axes:
     """Draw postures of arm and whip at equal intervals, the tip's path, and the posture at the closest approach.
 
     Args:
         trajectory: The strike.
         model: The model that it was rolled out with.
-        target: What was to be hit, or (x, y) [m].
+        target: What was to be hit, or (x, y) or (x, y, z) [m].
         ax: Where to draw; None: axes of a new figure of a size that fits. Of a figure with several axes,
             `layout="constrained"` keeps room for legend and colour bar.
+        view: Of a model in space, from where: side, top or front.
 
     Returns:
         The axes.
     """
     if ax is None:
         with matplotlib.rc_context(STYLE):
-            return _fit_width(plot_strike(trajectory, model, target, ax=_new_axes(_STRIKE_SIZE)))
-    place, hit_radius = np.array(as_target(target).position), as_target(target).hit_radius
-    near, n = trajectory.approach(place), model.arm.n
-    t, t_near = trajectory.t, float(near.time[0])
+            return _fit_width(plot_strike(trajectory, model, target, ax=_new_axes(_STRIKE_SIZE), view=view))
+    drawing = strike_drawing(trajectory, model, target)
+    draw_projection(ax, drawing, view)
+    ax.set_title(drawing.title)
+    figure = ax.get_figure()
+    assert figure is not None
+    add_time_bar(
+        figure, ax.inset_axes((1.03, 0.15, 0.04, 0.7)), drawing
+    )  # a bar beside ax would stand beside its legend
+    legend_above(ax, ncols=2)
+    return ax
+
+
+@dataclass(frozen=True)
+class StrikeDrawing:
+    """What is drawn of a strike, in d dimensions, with a joints of the arm.
+
+    Args:
+        arm, whip: Postures at P times, from joint to joint, (P, a + 1, d), and from the hand to the tip, (P, N + 1, d).
+        times: Of the postures [s], (P,).
+        near: Posture at the closest approach, (a + 1 + N, d).
+        before, after: The tip's path until the last posture, and from then on, (T, d).
+        place, hit_radius: Of the target [m].
+        label: Of the closest approach.
+        title: What the strike came to.
+    """
+
+    arm: np.ndarray
+    whip: np.ndarray
+    times: np.ndarray
+    near: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    place: np.ndarray
+    hit_radius: float
+    label: str
+    title: str
+
+    @property
+    def near_arm(self) -> np.ndarray:
+        """The arm at the closest approach, (a + 1, d)."""
+        return self.near[: self.arm.shape[1]]
+
+    @property
+    def near_whip(self) -> np.ndarray:
+        """The whip at the closest approach, (N + 1, d)."""
+        return self.near[self.arm.shape[1] - 1 :]
+
+    @property
+    def norm(self) -> Normalize:
+        """From the postures' times to colours."""
+        return Normalize(self.times[0], max(self.times[-1], self.times[0] + 1e-3))
+
+    @property
+    def colors(self) -> np.ndarray:
+        """Of the postures, (P, 4)."""
+        return _TIME(self.norm(self.times))
+
+
+def strike_drawing(trajectory: Trajectory, model: Model, target: Target | Sequence[float]) -> StrikeDrawing:
+    """Return what is drawn of a strike."""
+    goal = as_target(target)
+    place = np.array(goal.position)
+    near, t, n = trajectory.approach(place), trajectory.t, model.arm.n
+    t_near = float(near.time[0])
     # What comes after the closest approach would cover what led to it
     until = t_near if t_near > 0.3 * t[-1] else t[-1]
     times = np.linspace(t[0], until, _POSTURES)
-    points = joint_points(model, _at(times, t, trajectory.q))  # (12, n + 1, 2)
-    norm = Normalize(t[0], max(until, t[0] + 1e-3))
-    for x, width in ((points[:, : n + 1], 3.2), (points[:, n:], 1.5)):
+    points = joint_points(model, _at(times, t, trajectory.q))
+    title = f"closest approach {_length(near.distance[0])} at {near.speed[0]:.1f} m/s"
+    if trajectory.diverged:
+        title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
+    return StrikeDrawing(
+        arm=points[:, : n + 1],
+        whip=points[:, n:],
+        times=times,
+        near=joint_points(model, _at(np.array([t_near]), t, trajectory.q))[0],
+        before=trajectory.tip[t <= until],
+        after=trajectory.tip[t >= until],
+        place=place,
+        hit_radius=goal.hit_radius,
+        label=f"closest approach, {t_near:.3f} s",
+        title=title,
+    )
+
+
+def draw_projection(ax: Axes, drawing: StrikeDrawing, view: View = "side") -> None:
+    """Draw a strike as seen in the plane, or in space from one direction."""
+    flat = len(drawing.place) == 2
+    (i, j), labels = ((0, 1), ("x, forward [m]", "y, up [m]")) if flat else VIEWS[view]
+    pair = [i, j]
+    for x, width in ((drawing.arm, 3.2), (drawing.whip, 1.5)):
         ax.add_collection(
             LineCollection(
-                list(x),
-                colors=_TIME(norm(times)),
+                list(x[..., pair]),
+                colors=drawing.colors,
                 linewidths=width,
                 alpha=0.75,
                 capstyle="round",
@@ -151,10 +246,11 @@ def plot_strike(
                 zorder=2,
             )
         )
-    ax.plot(*trajectory.tip[t <= until].T, color="0.45", linewidth=0.9, zorder=1.5, label="path of the tip")
-    ax.plot(*trajectory.tip[t >= until].T, color="0.6", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
-    ax.add_patch(Circle(tuple(place), hit_radius, facecolor=COLORS["orange"], alpha=0.35, edgecolor="none", zorder=1))
-    ax.add_patch(Circle(tuple(place), hit_radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
+    ax.plot(*drawing.before[:, pair].T, color="0.45", linewidth=0.9, zorder=1.5, label="path of the tip")
+    ax.plot(*drawing.after[:, pair].T, color="0.6", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
+    place, radius = (drawing.place[i], drawing.place[j]), drawing.hit_radius
+    ax.add_patch(Circle(place, radius, facecolor=COLORS["orange"], alpha=0.35, edgecolor="none", zorder=1))
+    ax.add_patch(Circle(place, radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
     ax.plot(
         [],
         [],
@@ -162,31 +258,25 @@ def plot_strike(
         color="#F8E1B0",
         markeredgecolor=COLORS["orange"],
         markersize=9,
-        label=f"target, hit radius {hit_radius:g} m",
+        label=f"target, hit radius {radius:g} m",
     )
-    p = joint_points(model, _at(np.array([t_near]), t, trajectory.q))[0]
-    ax.plot(*p[: n + 1].T, color=COLORS["black"], linewidth=5, zorder=4)
-    ax.plot(*p[n:].T, color=COLORS["black"], linewidth=2.4, zorder=4, label=f"closest approach, {t_near:.3f} s")
-    ax.plot(*p[: n + 1].T, "o", color="white", markeredgecolor=COLORS["black"], markersize=5, zorder=5)
-    ax.plot(*p[-1], "o", color=COLORS["vermilion"], markersize=6, zorder=6, label="tip")
-    title = f"closest approach {_length(near.distance[0])} at {near.speed[0]:.1f} m/s"
-    if trajectory.diverged:
-        title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
-    ax.set(xlabel="x, forward [m]", ylabel="y, up [m]", title=title)
+    arm, whip = drawing.near_arm[:, pair], drawing.near_whip[:, pair]
+    ax.plot(*arm.T, color=COLORS["black"], linewidth=5, zorder=4)
+    ax.plot(*whip.T, color=COLORS["black"], linewidth=2.4, zorder=4, label=drawing.label)
+    ax.plot(*arm.T, "o", color="white", markeredgecolor=COLORS["black"], markersize=5, zorder=5)
+    ax.plot(*whip[-1], "o", color=COLORS["vermilion"], markersize=6, zorder=6, label="tip")
+    ax.set(xlabel=labels[0], ylabel=labels[1])
     ax.set_aspect("equal", adjustable="datalim")  # a box that shrinks would leave a blank
     ax.margins(0.06)
     extent = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1).max()
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MultipleLocator(0.25 if extent < 2 else 0.5 if extent < 5 else 1.0))
-    figure = ax.get_figure()
-    assert figure is not None
-    figure.colorbar(
-        ScalarMappable(norm, _TIME),
-        cax=ax.inset_axes((1.03, 0.15, 0.04, 0.7)),  # with ax=ax it would stand beside the legend, where that is wider
-        label=f"time [s], a posture every {times[1] - times[0]:.3f} s",
-    )
-    legend_above(ax, ncols=2)
-    return ax
+
+
+def add_time_bar(figure: Figure | SubFigure, cax: Axes, drawing: StrikeDrawing) -> None:
+    """Put the scale of the postures' colours into axes of its own."""
+    apart = drawing.times[1] - drawing.times[0]
+    figure.colorbar(ScalarMappable(drawing.norm, _TIME), cax=cax, label=f"time [s], a posture every {apart:.3f} s")
 
 
 def _new_axes(size: tuple[float, float]) -> Axes:
@@ -230,17 +320,21 @@ def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequenc
             )
         ax.set_ylabel(label)
         _time_axis(ax, trajectory)
-        legend_above(ax)
+        legend_above(ax, ncols=3 if len(joint_names) <= 3 else 2)
     return axes
 
 
 def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str]) -> np.ndarray:
-    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,)."""
+    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,).
+
+    Of more than three joints, the entries beside the diagonal are thin and have one label.
+    """
     letters = [name[0] for name in joint_names]
     marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
     a, dash = len(marks), (4, 4)
     for ax, gain, name, unit in ((axes[0], trajectory.K, "K", "N m/rad"), (axes[1], trajectory.B, "B", "N m s/rad")):
-        for k, (i, j) in enumerate(np.ndindex(a, a)):
+        entries = list(np.ndindex(a, a)) if a <= 3 else [(i, i) for i in range(a)]
+        for k, (i, j) in enumerate(entries):
             ax.plot(
                 trajectory.t,
                 gain[:, i, j],
@@ -248,13 +342,17 @@ def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[s
                 linestyle="-" if i == j else (4 * (i > j), dash),  # equal ones show in turn
                 label=f"${name}_{{{marks[i]}{marks[j]}}}$",
             )
+        if a > 3:
+            i, j = np.nonzero(~np.eye(a, dtype=bool))
+            lines = ax.plot(trajectory.t, gain[:, i, j], color="0.7", linewidth=0.8)
+            lines[0].set_label(f"${name}_{{ij}}$, i not j")
         largest = np.abs(gain).max(axis=(1, 2))
         peak, usual = largest.max(), np.median(largest)
         if usual < peak / 10:  # gains of rank one rise and fall with the error by orders of magnitude
             ax.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(max(usual, peak / 1e3))))
         ax.set_ylabel(f"{'stiffness' if name == 'K' else 'damping'} {name} [{unit}]")
         _time_axis(ax, trajectory)
-        legend_above(ax, ncols=max(a * a, 4))
+        legend_above(ax, ncols=max(a * a, 4) if a <= 3 else 4)
     return axes
 
 
@@ -309,7 +407,7 @@ def save_strike_figures(
         folder: Where to.
         trajectory: The strike.
         model: The model that it was rolled out with.
-        target: Position (2,) [m].
+        target: Position (2,) or (3,) [m].
         hit_radius: The tip hits within this distance [m].
         controller_label: What the figures call the controller.
 
@@ -320,7 +418,13 @@ def save_strike_figures(
     with matplotlib.rc_context(STYLE):
         strike, distance = (Figure(size, layout="constrained") for size in (_STRIKE_SIZE, _DISTANCE_SIZE))
         tracking, gains = (Figure((7.6, 6.4), layout="constrained") for _ in range(2))
-        _fit_width(plot_strike(trajectory, model, goal, ax=strike.subplots()))
+        if model.dimension == 3:
+            from whiptool.viz.plots_space import plot_strike_views
+
+            strike = Figure((11.0, 9.6), layout="constrained")
+            plot_strike_views(strike, trajectory, model, goal)
+        else:
+            _fit_width(plot_strike(trajectory, model, goal, ax=strike.subplots()))
         plot_distance(trajectory, goal, ax=distance.subplots())
         plot_tracking(tracking.subplots(2, sharex=True), trajectory, joints)
         plot_gains(gains.subplots(2, sharex=True), trajectory, joints)

@@ -19,16 +19,18 @@ from whiptool.errors import InputError
 from whiptool.models.parameters import Model
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec, set_posture
+from whiptool.rollout.mujoco_scene import FLOOR
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target, as_target
 from whiptool.viz.film import MAX_SEGMENTS, Film, film_of
-from whiptool.viz.opengl import add_bar, gl_context
+from whiptool.viz.opengl import add_bar, add_rod, gl_context
 from whiptool.viz.plots import COLORS
 from whiptool.whole_files import replacing
 
 logger = logging.getLogger("whiptool")
 
 _GRID, _HIT, _TEXT = (0.70, 0.73, 0.77), (0.0, 0.62, 0.45), (0.15, 0.16, 0.18)  # colours; the target's once hit
+_FLOOR_GRID = (0.85, 0.87, 0.90)
 
 
 def render_video(
@@ -42,14 +44,14 @@ def render_video(
     size: tuple[int, int] = (960, 540),
     progress: Callable[[int, int], None] | None = None,
 ) -> str:
-    """Write a film of a strike, seen from the side.
+    """Write a film of a strike, seen from the side, or in space from the front right and above.
 
     The trail is the tip's path so far, the redder the faster; the target turns green once it has been hit.
 
     Args:
         path: MP4 file to write; missing folders are made.
         trajectory, model: The strike, and the model that it was rolled out with.
-        target: What was to be hit, or (x, y) [m].
+        target: What was to be hit, or its position (2,) or (3,) [m].
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels], both even.
         progress: Called as `progress(frames done, frames in all)` after each frame.
@@ -129,7 +131,9 @@ def _mujoco_frames(film: Film, model: Model, target: Target) -> Iterator[np.ndar
     spec.visual.quality.offsamples = 4
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 14, 8  # enough at this size
     mj = spec.compile()
-    mj.cam("side").fovy *= max(1.0, height / width)  # the height of what it sees
+    flat = model.dimension == 2
+    seen_from = mj.cam("side" if flat else "view")
+    seen_from.fovy *= max(1.0, height / width)  # the height of what it sees
     data = mujoco.MjData(mj)
     context = gl_context(width, height)
     context.make_current()
@@ -137,26 +141,30 @@ def _mujoco_frames(film: Film, model: Model, target: Target) -> Iterator[np.ndar
     try:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, gl)
         scene = mujoco.MjvScene(mj, maxgeom=MAX_SEGMENTS + 1000)
-        for flag in ("SHADOW", "REFLECTION", "SKYBOX", "HAZE"):  # each costs time; the board covers the sky
+        # each costs time; in the plane the board covers the sky
+        for flag in ("SHADOW", "REFLECTION", "HAZE", *(("SKYBOX",) if flat else ())):
             scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{flag}")] = False
         option, rect, camera = mujoco.MjvOption(), mujoco.MjrRect(0, 0, width, height), mujoco.MjvCamera()
-        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, mj.cam("side").id
+        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, seen_from.id
         pixels, first_bar = np.empty((height, width, 3), np.uint8), None
         for i, q in enumerate(film.q):
             context.make_current()
             if film.hit[i]:
-                mj.mat("target").rgba[:3] = mj.mat("target_zone").rgba[:3] = _HIT
+                for material in ("target", "target_zone", "target_zone_clear"):
+                    mj.mat(material).rgba[:3] = _HIT
             set_posture(mj, data, q)
             mujoco.mjv_updateScene(mj, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
             if first_bar is None:  # bars are added once: updating the scene rewrites the model's own geoms only
-                for k in range(-(lines := int(2.5 * reach / film.grid)), lines + 1):
-                    ends = np.array([[-2.5 * reach, k * film.grid], [2.5 * reach, k * film.grid]])
-                    thickness = (0.004 if k else 0.008) * reach
-                    add_bar(scene, ends, 0.058 * reach, thickness, _GRID)
-                    add_bar(scene, ends[:, ::-1], 0.058 * reach, thickness, _GRID)
+                if flat:
+                    _add_grid(scene, film.grid, reach)
+                else:
+                    _add_floor_grid(scene, film.grid, reach)
                 first_bar = scene.ngeom
                 for ends, rgb in zip(film.trail, film.trail_rgb, strict=True):
-                    add_bar(scene, ends, 0.03 * reach, 0.01 * reach, rgb)
+                    if flat:
+                        add_bar(scene, ends, 0.03 * reach, 0.01 * reach, rgb)
+                    else:
+                        add_rod(scene, ends, 0.004 * reach, rgb)
             scene.ngeom = first_bar + int(film.shown[i])
             mujoco.mjr_render(rect, scene, gl)
             for x, y, word in film.text(i):
@@ -167,6 +175,24 @@ def _mujoco_frames(film: Film, model: Model, target: Target) -> Iterator[np.ndar
         context.make_current()
         gl.free()
         context.free()
+
+
+def _add_grid(scene: mujoco.MjvScene, spacing: float, reach: float) -> None:
+    """Add lines on the board behind a strike in the plane."""
+    for k in range(-(lines := int(2.5 * reach / spacing)), lines + 1):
+        ends = np.array([[-2.5 * reach, k * spacing], [2.5 * reach, k * spacing]])
+        thickness = (0.004 if k else 0.008) * reach
+        add_bar(scene, ends, 0.058 * reach, thickness, _GRID)
+        add_bar(scene, ends[:, ::-1], 0.058 * reach, thickness, _GRID)
+
+
+def _add_floor_grid(scene: mujoco.MjvScene, spacing: float, reach: float) -> None:
+    """Add lines on the floor below a strike in space."""
+    far = (lines := int(2 * reach / spacing)) * spacing
+    for k in range(-lines, lines + 1):
+        ends = np.array([[-far, k * spacing, -FLOOR * reach], [far, k * spacing, -FLOOR * reach]])
+        for line in (ends, ends[:, [1, 0, 2]]):
+            add_rod(scene, line, (0.002 if k else 0.004) * reach, _FLOOR_GRID)
 
 
 def _matplotlib_frames(film: Film, model: Model, target: Target) -> Iterator[np.ndarray]:
@@ -180,7 +206,8 @@ def _matplotlib_frames(film: Film, model: Model, target: Target) -> Iterator[np.
     for k in range(-int(max(half) / film.grid), int(max(half) / film.grid) + 1):
         for line in (ax.axhline, ax.axvline):
             line(k * film.grid, color=_GRID, linewidth=0.8 if k else 1.8, zorder=0)
-    zone = Circle((target.position[0], target.position[1]), target.hit_radius, color=COLORS["orange"], alpha=0.5)
+    seen = [0, 1] if model.dimension == 2 else [0, 2]  # in space from the side
+    zone = Circle(tuple(np.array(target.position)[seen]), target.hit_radius, color=COLORS["orange"], alpha=0.5)
     trail = LineCollection([], linewidths=2.5, capstyle="round")
     whip = Line2D([], [], color="0.15", linewidth=3, solid_capstyle="round", solid_joinstyle="round")
     arm = Line2D(
@@ -193,11 +220,12 @@ def _matplotlib_frames(film: Film, model: Model, target: Target) -> Iterator[np.
         artist.set_animated(True)
     canvas.draw()
     background, n = canvas.copy_from_bbox(figure.bbox), model.arm.n
-    for i, p in enumerate(joint_points(model, film.q)):
+    trails = film.trail[..., seen]
+    for i, p in enumerate(joint_points(model, film.q)[..., seen]):
         arm.set_data(*p[: n + 1].T)
         whip.set_data(*p[n:].T)
         tip.set_data(*p[-1:].T)
-        trail.set(segments=film.trail[: film.shown[i]], colors=film.trail_rgb[: film.shown[i]])
+        trail.set(segments=trails[: film.shown[i]], colors=film.trail_rgb[: film.shown[i]])
         if film.hit[i]:
             zone.set_color(_HIT)
         for artist, (*_, word) in zip(words, film.text(i), strict=True):
