@@ -50,8 +50,8 @@ class OptimizeOptions(
     max_time: float | None = None
     """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
     limits: Literal["xm430", "arm", "none"] | None = None
-    """Strikes beyond this motor's speed-torque line, or beyond what the arm's joints can do (position, velocity, torque),
-    are refused, and count as misses; default: arm, where its joints have limits."""
+    """Strikes beyond this motor's speed-torque line, or beyond the arm's limits of position, velocity and torque, are
+    refused, and count as misses; default: arm, where its joints have limits."""
     stop_at_hit: bool = True
     """End with the first hit, or the batch that holds it; otherwise go on to come closer."""
     video: bool = True

@@ -77,7 +77,7 @@ class ArmLimits:
 
     @property
     def speeds(self) -> np.ndarray:
-        """Largest speed at which searches command each joint to move [rad/s or m/s], (a,); a tenth is left for errors."""
+        """Largest speed at which searches command joints to move [rad/s or m/s], (a,); a tenth is left for errors."""
         return _COMMANDED * np.array([joint.velocity for joint in self.joints])
 
     def usage(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:

@@ -54,7 +54,7 @@ class ZoneOptions(TargetOptions):
     of_disc: ClassVar[tuple[str, ...]] = ("target", "zone_radius")
 
     zone_radius: float = 0.1
-    """Targets are drawn from what the model can reach of the disc, in space the ball, of this radius around --target [m]."""
+    """Targets are drawn from what the model can reach of the disc (ball, in space) of this radius around --target."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -87,7 +87,7 @@ class ModelOptions(Options):
     rope of ur5e."""
 
     arm: str | None = None
-    """Arm of this model or file instead, such as a robot's URDF; it holds the whip of --model if that is in space, too."""
+    """Arm of this model or file instead, such as a robot's URDF; it holds the whip of --model if that is in space."""
 
     def build_model(self) -> Model:
         """The model that `--model` names, with the arm that `--arm` names.

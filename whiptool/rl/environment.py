@@ -20,7 +20,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from whiptool.errors import InputError
-from whiptool.impedance import Controller, oiac_preset
+from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
 from whiptool.models import Model, find_model
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, StrikeBounds
@@ -47,8 +47,8 @@ def make_task(
 
     Args:
         model: A model, the name of a preset, or a TOML file.
-        controller: A controller, or the name of an OIAC preset.
-        zone: Where targets are drawn; default: the paper's disc.
+        controller: A controller, or the name of a preset of OIAC or of constant impedance.
+        zone: Where targets are drawn; default: the paper's disc, in space a ball.
         observation: `paper`, `relative` or `goal`, see `StrikeTask`.
         hit_radius: [m]
         strikes: Strikes at one target before the episode is truncated.
@@ -61,7 +61,8 @@ def make_task(
     if not isinstance(model, Model):
         model = find_model(str(model))
     if not isinstance(controller, Controller):
-        controller = Controller(oiac_preset(controller))
+        of_arm = controller in CONSTANT_PRESETS
+        controller = Controller(constant_preset(controller) if of_arm else oiac_preset(controller))
     return StrikeTask(
         CompiledRollout(model, controller),
         zone,
@@ -94,8 +95,8 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
 
     An episode has one target; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
     or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. `info` holds the `target` [m], and after a
-    strike `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
-    speed zero), and, if it hit, `hit_time` [s].
+    strike `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty,
+    the speed zero), and, if it hit, `hit_time` [s].
 
     Args:
         render_mode: None, or `rgb_array`: a picture of the last strike.
@@ -156,9 +157,10 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
         figure = Figure(figsize=(6.4, 4.8), dpi=100, layout="constrained")
         canvas, ax = FigureCanvasAgg(figure), figure.add_subplot()
         if self._strike is None:
-            ax.plot(*task.resting.T)
-            ax.add_patch(Circle(tuple(target), task.hit_radius, fill=False))
-            ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+            across, up = task.resting[:, 0], task.resting[:, -1]  # in space from the side
+            ax.plot(across, up)
+            ax.add_patch(Circle((target[0], target[-1]), task.hit_radius, fill=False))
+            ax.set(xlabel="x [m]", ylabel="y [m]" if len(target) == 2 else "z [m]", aspect="equal")
         else:
             path = next(task.rollout.trajectories(self._strike, t_stay=task.t_stay))
             plot_strike(path, task.rollout.model, Target(tuple(target), task.hit_radius), ax=ax)
