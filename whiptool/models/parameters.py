@@ -43,7 +43,7 @@ class Model:
     @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
-        return 3 if isinstance(self.arm, SpatialArm) else 2
+        return self.arm.dimension
 
     @property
     def n(self) -> int:

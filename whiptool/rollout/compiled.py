@@ -309,4 +309,5 @@ def _approach(out: np.ndarray, a: int, dimension: int) -> Approach:
     columns = outcome_columns(a, dimension)
     single = {name: out[:, columns[name]][:, 0] for name in ("distance", "time")}
     several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque")}
-    return Approach(**single, **several, diverged=out[:, columns["diverged"]][:, 0] != 0)
+    positions = np.stack([out[:, columns[name]] for name in ("lowest", "highest")], axis=1)
+    return Approach(**single, **several, diverged=out[:, columns["diverged"]][:, 0] != 0, positions=positions)

@@ -32,6 +32,7 @@ class Approach:
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
         diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
         error: Standard error of the distance [m], (B,), where it was measured; None: it was computed.
+        positions: Lowest and highest position of each arm joint over the strike [rad or m], (B, 2, a); None: not known.
     """
 
     distance: np.ndarray
@@ -42,6 +43,7 @@ class Approach:
     max_torque: np.ndarray
     diverged: np.ndarray
     error: np.ndarray | None = None
+    positions: np.ndarray | None = None
 
     def __repr__(self) -> str:
         if len(self.distance) == 1:
@@ -92,11 +94,14 @@ class Trajectory:
             of_tip = 0.0, *np.full((2, self.tip.shape[1]), np.nan)
         else:
             of_tip = tuple(nearest.between(x) for x in (self.t, self.tip_velocity, self.tip))
+        a = self.tau.shape[1]
+        q = self.q[:, :a]
         return Approach(
             *(np.array([x]) for x in (nearest.distance, *of_tip)),
-            max_joint_speed=np.abs(self.v[:, : self.tau.shape[1]]).max(axis=0)[None],
+            max_joint_speed=np.abs(self.v[:, :a]).max(axis=0)[None],
             max_torque=np.abs(self.tau).max(axis=0)[None],
             diverged=np.array([self.diverged]),
+            positions=np.stack([q.min(axis=0), q.max(axis=0)])[None],
         )
 
     def distance(self, target: Points) -> np.ndarray:
