@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import LARGEST
+from whiptool.models.numbers import LARGEST
 from whiptool.models.strike import default_bounds
 from whiptool.studies.comparison.store import Store
 from whiptool.studies.comparison.units import Scene
