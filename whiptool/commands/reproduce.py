@@ -107,13 +107,11 @@ def _main(args: Sequence[str] | None) -> int:
     )
     from whiptool.studies.comparison.plan import OBSERVATIONS, PAPER_METHODS
 
-    comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
     if options.what == OTHER_PAPER:
-        from whiptool.studies.reproduction import nah2023
-
-        scene = replace(comparison.scene, model=nah2023.NAH2023, controller=nah2023.CONTROLLER)
-        comparison = replace(comparison, scene=scene)
-    further = options.comparison(options.further_methods, options.further_observation)
+        comparison = further = _other_paper(options)
+    else:
+        comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
+        further = options.comparison(options.further_methods, options.further_observation)
     with open_folder("reproduce", options, comparison) as folder:
         return _reproduce(options, comparison, further, folder)
 
@@ -162,6 +160,14 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
             print(_QUICK.strip())
         print(f"report {folder.path / REPORT}")
     return 0
+
+
+def _other_paper(options: ReproduceOptions) -> Comparison:
+    """A comparison that only tells the run folder what model and controller are: this paper trains no learner."""
+    from whiptool.studies.reproduction import nah2023
+
+    comparison = options.comparison(("directl",), ())
+    return replace(comparison, scene=replace(comparison.scene, model=nah2023.NAH2023, controller=nah2023.CONTROLLER))
 
 
 def _head(options: ReproduceOptions, comparison: Comparison) -> tuple[str, str, dict[str, str]]:

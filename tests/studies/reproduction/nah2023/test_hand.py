@@ -8,7 +8,7 @@ from spatial_arms import random_arm
 
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.robots import NAH2023
-from whiptool.models.spatial_arm import SpatialArm, SpatialLink
+from whiptool.models.spatial_arm import IDENTITY, SpatialArm, SpatialLink
 from whiptool.studies.reproduction.nah2023.hand import (
     Plane,
     hand_jacobian,
@@ -44,7 +44,7 @@ def test_shares_of_a_vector_that_turns_with_its_axes():
 def _two_links(l: float) -> SpatialArm:
     """Two links of length l in the x-z plane, hanging along -z, each hinge turning them toward +x."""
     body = (1.0, (0.0, 0.0, -l / 2), (0.01, 0.01, 0.01, 0, 0, 0), (0.0, -1.0, 0.0))
-    links = (SpatialLink(*body, (0, 0, 0), np.eye(3).tolist()), SpatialLink(*body, (0, 0, -l), np.eye(3).tolist()))
+    links = (SpatialLink(*body, (0, 0, 0), IDENTITY), SpatialLink(*body, (0, 0, -l), IDENTITY))
     return SpatialArm(links, ("one", "two"), hand_position=(0, 0, -l))
 
 
@@ -110,7 +110,7 @@ def test_measures_of_a_hand_on_a_quarter_of_a_circle():
     assert found.joint == pytest.approx([1, 0])
     angle = np.linspace(0, np.pi / 2, 2001)
     moves = np.stack([np.cos(angle), np.sin(angle)], axis=-1)  # of the hand, by the elbow
-    elbow, shoulder = 0.3 * moves, 0.3 * (moves + [1, 0])
+    elbow, shoulder = 0.3 * moves, 0.3 * (moves + np.array([1.0, 0.0]))
     C = np.einsum("ti,tj->tij", shoulder, shoulder) / 20 + np.einsum("ti,tj->tij", elbow, elbow) / 10
     softest = np.linalg.eigh(C)[1][:, :, 1]
     along = np.trapezoid(np.einsum("ti,ti->t", moves, softest) ** 2, angle) / (np.pi / 2)

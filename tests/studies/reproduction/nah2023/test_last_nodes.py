@@ -25,7 +25,7 @@ def _nearest(points: np.ndarray) -> tuple[float, int]:
             if min(np.linalg.norm(a - TARGET), np.linalg.norm(b - TARGET)) > best + 0.05:
                 continue
             along = np.clip((TARGET - a) @ (b - a) / max((b - a) @ (b - a), 1e-30), 0, 1)
-            distance = np.linalg.norm(a + along * (b - a) - TARGET)
+            distance = float(np.linalg.norm(a + along * (b - a) - TARGET))
             best, which = (distance, node) if distance < best else (best, which)
     return best, which
 

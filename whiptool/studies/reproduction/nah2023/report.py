@@ -37,14 +37,12 @@ Results = list[dict[str, Any]]
 
 def sections(context: Context) -> list[Section]:
     """Evaluations, how near the tip comes, the claims on the hand's movement and on sensitivity, conventions."""
-    cap = 60 if context.quick else published.CAP
-    quick = {"random": 256, "starts": 8, "kept": 6, "perturbed": 8, "replay": False} if context.quick else {}
+    cap = 45 if context.quick else published.CAP
     by_rule = [DirectUnit(target=i, nodes=published.LAST_NODES, cap=cap) for i in _TARGETS]
     by_tip = [DirectUnit(target=i, nodes=1, cap=cap) for i in _TARGETS]
     gradient = [GradientUnit(target=i, cap=80 if context.quick else GRADIENT_CAP) for i in _TARGETS]
-    sizes = [{"starts": FAR_STARTS} if i >= published.WITHIN_REACH else {} for i in _TARGETS]
-    solutions = [SolutionsUnit(target=i, **(quick or size)) for i, size in enumerate(sizes)]
-    known = PublishedUnit(perturbed=8 if context.quick else published.PERTURBED)
+    solutions = [_solutions(i, quick=context.quick) for i in _TARGETS]
+    known = PublishedUnit(perturbed=4 if context.quick else published.PERTURBED)
     units = [known, *by_rule, *by_tip, *gradient, *solutions]
     results = context.results(units, "nah2023")
     rule, tip, slopes, found = ([results[u.name] for u in some] for some in (by_rule, by_tip, gradient, solutions))
@@ -56,6 +54,13 @@ def sections(context: Context) -> list[Section]:
         _hand(found, theirs),
         _sensitivity(found, theirs),
     ]
+
+
+def _solutions(target: int, *, quick: bool) -> SolutionsUnit:
+    if quick:
+        return SolutionsUnit(target=target, random=128, starts=4, kept=3, perturbed=4, replay=False)
+    far = target >= published.WITHIN_REACH
+    return SolutionsUnit(target=target, starts=FAR_STARTS) if far else SolutionsUnit(target=target)
 
 
 def facts() -> dict[str, str]:
