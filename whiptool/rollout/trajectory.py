@@ -50,6 +50,28 @@ class Approach:
             return f"Approach({self.distance[0]:.4f} m at {self.time[0]:.3f} s, {self.speed[0]:.1f} m/s)"
         return f"Approach({len(self.distance)} strikes, the nearest {np.nanmin(self.distance, initial=np.inf):.4f} m)"
 
+    def of_paths(self, i: int, paths: np.ndarray, target: np.ndarray, h: float) -> Approach:
+        """Return strike i's approach, of the path that comes nearest instead of the tip's (B = 1).
+
+        Args:
+            i: Which strike.
+            paths: Some paths at its steps, (paths, T, d) [m]; NaN from where it diverged.
+            target: (d,) [m].
+            h: Step [s].
+        """
+        nearest = closest_on_segments(paths, target)
+        k = int(nearest.distance.argmin())
+        segment, share = int(nearest.segment[k]), float(nearest.share[k])
+        start, step = paths[k, segment], paths[k, segment + 1] - paths[k, segment]
+        rest = {name: getattr(self, name)[i : i + 1] for name in ("max_joint_speed", "max_torque", "diverged")}
+        return Approach(
+            nearest.distance[k : k + 1],
+            np.array([(segment + share) * h]),
+            step[None] / h,
+            (start + share * step)[None],
+            **rest,
+        )
+
     @property
     def speed(self) -> np.ndarray:
         """Of the tip at the closest approach [m/s], (B,)."""
