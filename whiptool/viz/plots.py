@@ -9,60 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target, as_target
-from whiptool.whole_files import replacing
+from whiptool.viz.plots_space import draw_views, plot_in_space
+from whiptool.viz.posture import at_times
+from whiptool.viz.style import COLORS, CYCLE, JOINT_COLORS, STYLE, TIME, legend_above, length_text, save_figure
 
-# Okabe and Ito's colour-blind safe palette
-COLORS = {
-    "blue": "#0072B2",
-    "vermilion": "#D55E00",
-    "green": "#009E73",
-    "pink": "#CC79A7",
-    "orange": "#E69F00",
-    "sky": "#56B4E9",
-    "black": "#222222",
-    "yellow": "#F0E442",
-}
-_CYCLE = list(COLORS.values())[:7]  # yellow lines are hard to see on white
-STYLE: dict[Any, Any] = {
-    "figure.dpi": 110,
-    "savefig.dpi": 200,
-    "savefig.bbox": "tight",
-    "font.size": 11,
-    "axes.titlesize": 12,
-    "axes.labelsize": 11,
-    "xtick.labelsize": 10,
-    "ytick.labelsize": 10,
-    "legend.fontsize": 10,
-    "legend.frameon": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.8,
-    "lines.linewidth": 1.8,
-    "lines.solid_capstyle": "round",
-    "axes.titlelocation": "left",
-    "axes.prop_cycle": matplotlib.cycler(color=_CYCLE),
-}
-# viridis without its yellow end, which fades into white
-_TIME = LinearSegmentedColormap.from_list("time", matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, 128)))
 _POSTURES = 12  # as in Fig. 10a
 _STRIKE_SIZE, _DISTANCE_SIZE = (7.4, 6.6), (7.6, 4.0)  # [in]; the width of a strike follows its shape
 
@@ -105,7 +70,7 @@ def plot_convergence(
     hits = np.flatnonzero(finite <= hit_radius)
     title = f"first hit in trial {hits[0] + 1}" if len(hits) else f"no hit in {len(miss)} trials"
     if len(miss) and np.isfinite(best[-1]):
-        title += f", best {_length(best[-1])}"
+        title += f", best {length_text(best[-1])}"
     ax.set(yscale="log", xlabel="trial", ylabel="miss distance [m]", title=", ".join(filter(None, (label, title))))
     ax.set_xlim(0.5, max(len(miss), 1) + 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -118,32 +83,42 @@ def plot_strike(
 ) -> Axes:
     """Draw postures of arm and whip at equal intervals, the tip's path, and the posture at the closest approach.
 
+    A strike in space gets four views in a figure of its own: side, top, front and perspective.
+
     Args:
         trajectory: The strike.
         model: The model that it was rolled out with.
-        target: What was to be hit, or (x, y) [m].
+        target: What was to be hit, or (x, y) or (x, y, z) [m].
         ax: Where to draw; None: axes of a new figure of a size that fits. Of a figure with several axes,
-            `layout="constrained"` keeps room for legend and colour bar.
+            `layout="constrained"` keeps room for legend and colour bar. A strike in space is drawn in perspective into
+            3-D axes, and as seen from the side into others.
 
     Returns:
-        The axes.
+        The axes; of four views those in perspective.
+
+    Raises:
+        InputError: The target has other coordinates than the model.
     """
+    if model.dimension == 3:
+        return _plot_strike_in_space(trajectory, model, target, ax)
     if ax is None:
         with matplotlib.rc_context(STYLE):
             return _fit_width(plot_strike(trajectory, model, target, ax=_new_axes(_STRIKE_SIZE)))
-    place, hit_radius = np.array(as_target(target).position), as_target(target).hit_radius
+    goal = as_target(target)
+    goal.check_dimension(model)
+    place, hit_radius = np.array(goal.position), goal.hit_radius
     near, n = trajectory.approach(place), model.arm.n
     t, t_near = trajectory.t, float(near.time[0])
     # What comes after the closest approach would cover what led to it
     until = t_near if t_near > 0.3 * t[-1] else t[-1]
     times = np.linspace(t[0], until, _POSTURES)
-    points = joint_points(model, _at(times, t, trajectory.q))  # (12, n + 1, 2)
+    points = joint_points(model, at_times(times, t, trajectory.q))  # (12, n + 1, 2)
     norm = Normalize(t[0], max(until, t[0] + 1e-3))
     for x, width in ((points[:, : n + 1], 3.2), (points[:, n:], 1.5)):
         ax.add_collection(
             LineCollection(
                 list(x),
-                colors=_TIME(norm(times)),
+                colors=TIME(norm(times)),
                 linewidths=width,
                 alpha=0.75,
                 capstyle="round",
@@ -164,12 +139,12 @@ def plot_strike(
         markersize=9,
         label=f"target, hit radius {hit_radius:g} m",
     )
-    p = joint_points(model, _at(np.array([t_near]), t, trajectory.q))[0]
+    p = joint_points(model, at_times(np.array([t_near]), t, trajectory.q))[0]
     ax.plot(*p[: n + 1].T, color=COLORS["black"], linewidth=5, zorder=4)
     ax.plot(*p[n:].T, color=COLORS["black"], linewidth=2.4, zorder=4, label=f"closest approach, {t_near:.3f} s")
     ax.plot(*p[: n + 1].T, "o", color="white", markeredgecolor=COLORS["black"], markersize=5, zorder=5)
     ax.plot(*p[-1], "o", color=COLORS["vermilion"], markersize=6, zorder=6, label="tip")
-    title = f"closest approach {_length(near.distance[0])} at {near.speed[0]:.1f} m/s"
+    title = f"closest approach {length_text(near.distance[0])} at {near.speed[0]:.1f} m/s"
     if trajectory.diverged:
         title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
     ax.set(xlabel="x, forward [m]", ylabel="y, up [m]", title=title)
@@ -181,12 +156,23 @@ def plot_strike(
     figure = ax.get_figure()
     assert figure is not None
     figure.colorbar(
-        ScalarMappable(norm, _TIME),
+        ScalarMappable(norm, TIME),
         cax=ax.inset_axes((1.03, 0.15, 0.04, 0.7)),  # with ax=ax it would stand beside the legend, where that is wider
         label=f"time [s], a posture every {times[1] - times[0]:.3f} s",
     )
     legend_above(ax, ncols=2)
     return ax
+
+
+def _plot_strike_in_space(
+    trajectory: Trajectory, model: Model, target: Target | Sequence[float], ax: Axes | None
+) -> Axes:
+    if ax is not None:
+        return plot_in_space(trajectory, model, target, ax)
+    from matplotlib import pyplot
+
+    with matplotlib.rc_context(STYLE):
+        return draw_views(pyplot.figure(), trajectory, model, target)
 
 
 def _new_axes(size: tuple[float, float]) -> Axes:
@@ -204,57 +190,85 @@ def _fit_width(ax: Axes) -> Axes:
     return ax
 
 
-def plot_tracking(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str]) -> np.ndarray:
-    """Draw positions [deg] and velocities [deg/s] of the arm's joints beside their references; axes of shape (2,)."""
-    pairs = ((trajectory.q, trajectory.q_d, "position [deg]"), (trajectory.v, trajectory.v_d, "velocity [deg/s]"))
-    for ax, (actual, desired, label) in zip(axes, pairs, strict=True):
+def plot_tracking(
+    axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str], *, slides: Sequence[str] = ()
+) -> np.ndarray:
+    """Draw positions [deg] and velocities [deg/s] of the arm's joints beside their references; axes of shape (2,).
+
+    Joints that slide are named in `slides`, and drawn in mm and mm/s.
+    """
+    pairs = ((trajectory.q, trajectory.q_d, "position", ""), (trajectory.v, trajectory.v_d, "velocity", "/s"))
+    for ax, (actual, desired, quantity, per) in zip(axes, pairs, strict=True):
         for i, name in enumerate(joint_names):
-            color = _CYCLE[i % len(_CYCLE)]
-            error = np.rad2deg(np.abs(desired[:, i] - actual[:, i]).max())
-            unit = label[label.index("[") + 1 : -1]
+            scale, unit = (1e3, f"mm{per}") if name in slides else (180 / np.pi, f"deg{per}")
+            error = scale * np.abs(desired[:, i] - actual[:, i]).max()
             ax.plot(
                 trajectory.t,
-                np.rad2deg(actual[:, i]),
-                color=color,
+                scale * actual[:, i],
+                color=JOINT_COLORS[i % len(JOINT_COLORS)],
                 linewidth=3,
                 alpha=0.75,
                 label=f"{name}, error up to {error:.3g} {unit}",
             )
             ax.plot(
                 trajectory.t,
-                np.rad2deg(desired[:, i]),
+                scale * desired[:, i],
                 color=COLORS["black"],
                 linestyle=(0, (4, 2.5)),
                 linewidth=1.1,
                 label="desired" if i == len(joint_names) - 1 else "",
             )
-        ax.set_ylabel(label)
+        ax.set_ylabel(f"{quantity} [{_units(f'deg{per}', f'mm{per}', joint_names, slides)}]")
         _time_axis(ax, trajectory)
-        legend_above(ax)
+        legend_above(ax, ncols=3 if len(joint_names) < 4 else 2)
     return axes
 
 
+def plot_torque(ax: Axes, trajectory: Trajectory, joint_names: Sequence[str], *, slides: Sequence[str] = ()) -> Axes:
+    """Draw the torques of the arm's joints [N m] over time; of joints that slide, named in `slides`, forces [N]."""
+    largest = np.abs(trajectory.tau).max(axis=0)
+    for i, name in enumerate(joint_names):
+        label = f"{name}, up to {largest[i]:.3g} {'N' if name in slides else 'N m'}"
+        ax.plot(trajectory.t, trajectory.tau[:, i], color=JOINT_COLORS[i % len(JOINT_COLORS)], label=label)
+    ax.set_ylabel(f"torque [{_units('N m', 'N', joint_names, slides)}]")
+    _time_axis(ax, trajectory)
+    legend_above(ax)
+    return ax
+
+
+def _units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
+    """Which units an axis of all joints has."""
+    if not slides:
+        return turning
+    return f"{turning}, {sliding}" if len(slides) < len(joint_names) else sliding
+
+
 def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str]) -> np.ndarray:
-    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,)."""
+    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,).
+
+    Of arms of more than three joints, those that couple joints are thin and have one name.
+    """
     letters = [name[0] for name in joint_names]
     marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
-    a, dash = len(marks), (4, 4)
+    a, few = len(marks), len(marks) <= 3
     for ax, gain, name, unit in ((axes[0], trajectory.K, "K", "N m/rad"), (axes[1], trajectory.B, "B", "N m s/rad")):
         for k, (i, j) in enumerate(np.ndindex(a, a)):
-            ax.plot(
-                trajectory.t,
-                gain[:, i, j],
-                color=_CYCLE[k % len(_CYCLE)],
-                linestyle="-" if i == j else (4 * (i > j), dash),  # equal ones show in turn
-                label=f"${name}_{{{marks[i]}{marks[j]}}}$",
-            )
+            color, label = CYCLE[k % len(CYCLE)], f"${name}_{{{marks[i]}{marks[j]}}}$"
+            style = {"linestyle": "-" if i == j else (4 * (i > j), (4, 4))}  # equal ones show in turn
+            if not few:
+                color = JOINT_COLORS[i % len(JOINT_COLORS)] if i == j else "0.6"
+                style = {} if i == j else {"linewidth": 0.8, "zorder": 1.5}
+                label = label if i == j else ""
+            ax.plot(trajectory.t, gain[:, i, j], color=color, label=label, **style)
+        if not few:
+            ax.plot([], [], color="0.6", linewidth=0.8, label="coupling")
         largest = np.abs(gain).max(axis=(1, 2))
         peak, usual = largest.max(), np.median(largest)
         if usual < peak / 10:  # gains of rank one rise and fall with the error by orders of magnitude
             ax.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(max(usual, peak / 1e3))))
         ax.set_ylabel(f"{'stiffness' if name == 'K' else 'damping'} {name} [{unit}]")
         _time_axis(ax, trajectory)
-        legend_above(ax, ncols=max(a * a, 4))
+        legend_above(ax, ncols=max(a * a, 4) if few else a + 1)
     return axes
 
 
@@ -263,7 +277,7 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
 
     Args:
         trajectory: The strike.
-        target: What was to be hit, or (x, y) [m].
+        target: What was to be hit, or (x, y), in space (x, y, z) [m].
         ax: Where to draw; None: axes of a new figure.
 
     Returns:
@@ -286,7 +300,7 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
             markersize=7,
             zorder=3,
             clip_on=False,
-            label=f"closest approach {_length(near.distance[0])} at {near.time[0]:.3f} s",
+            label=f"closest approach {length_text(near.distance[0])} at {near.time[0]:.3f} s",
         )
     ax.set_ylabel("distance tip to target [m]")
     _time_axis(ax, trajectory)
@@ -303,13 +317,13 @@ def save_strike_figures(
     hit_radius: float,
     controller_label: str,
 ) -> list[Path]:
-    """Write `strike.png`, `distance.png`, `tracking.png` and `gains.png` into a folder, which is made if missing.
+    """Write `strike.png`, `distance.png`, `tracking.png`, `torque.png` and `gains.png` into a folder.
 
     Args:
-        folder: Where to.
+        folder: Where to; it is made if missing.
         trajectory: The strike.
         model: The model that it was rolled out with.
-        target: Position (2,) [m].
+        target: Position (2,), in space (3,) [m].
         hit_radius: The tip hits within this distance [m].
         controller_label: What the figures call the controller.
 
@@ -317,17 +331,36 @@ def save_strike_figures(
         The files.
     """
     goal, joints = Target(tuple(target), hit_radius), model.arm.joints
+    slides = _slides(model)
     with matplotlib.rc_context(STYLE):
-        strike, distance = (Figure(size, layout="constrained") for size in (_STRIKE_SIZE, _DISTANCE_SIZE))
-        tracking, gains = (Figure((7.6, 6.4), layout="constrained") for _ in range(2))
-        _fit_width(plot_strike(trajectory, model, goal, ax=strike.subplots()))
-        plot_distance(trajectory, goal, ax=distance.subplots())
-        plot_tracking(tracking.subplots(2, sharex=True), trajectory, joints)
-        plot_gains(gains.subplots(2, sharex=True), trajectory, joints)
-        figures = {"strike": strike, "distance": distance, "tracking": tracking, "gains": gains}
+        sizes = {"distance": _DISTANCE_SIZE, "tracking": (7.6, 6.4), "torque": _DISTANCE_SIZE, "gains": (7.6, 6.4)}
+        figures = {name: Figure(size, layout="constrained") for name, size in sizes.items()}
+        figures["strike"] = _strike_figure(trajectory, model, goal)
+        plot_distance(trajectory, goal, ax=figures["distance"].subplots())
+        plot_tracking(figures["tracking"].subplots(2, sharex=True), trajectory, joints, slides=slides)
+        plot_torque(figures["torque"].subplots(), trajectory, joints, slides=slides)
+        plot_gains(figures["gains"].subplots(2, sharex=True), trajectory, joints)
         for figure in figures.values():
             figure.suptitle(f"{model.name}, {controller_label}", fontsize=12, fontweight="bold", x=0.02, ha="left")
         return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]
+
+
+def _strike_figure(trajectory: Trajectory, model: Model, target: Target) -> Figure:
+    if model.dimension == 3:
+        figure = Figure()
+        draw_views(figure, trajectory, model, target)
+        return figure
+    figure = Figure(_STRIKE_SIZE, layout="constrained")
+    _fit_width(plot_strike(trajectory, model, target, ax=figure.subplots()))
+    return figure
+
+
+def _slides(model: Model) -> list[str]:
+    """Names of the joints that slide."""
+    if not isinstance(model.arm, SpatialArm):
+        return []
+    links = zip(model.arm.joints, model.arm.links, strict=True)
+    return [name for name, link in links if link.kind == "prismatic"]
 
 
 def save_convergence(
@@ -338,23 +371,6 @@ def save_convergence(
         figure = Figure((7.6, 4.4), layout="constrained")
         plot_convergence(figure.subplots(), miss_distance_per_trial, hit_radius, label=label)
         return save_figure(figure, Path(folder) / "convergence.png")
-
-
-def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as a whole file, into a folder that is made if missing; return the file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as unfinished:
-        figure.savefig(unfinished)
-    return path
-
-
-def _at(times: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Rows of x (T, n) between instants t (T,): (len(times), n)."""
-    return np.stack([np.interp(times, t, column) for column in x.T], axis=1)
-
-
-def _length(meters: float) -> str:
-    return f"{1e3 * meters:.2g} mm" if meters < 0.0995 else f"{meters:.3f} m"
 
 
 def _time_axis(ax: Axes, trajectory: Trajectory) -> None:
@@ -375,18 +391,3 @@ def _time_axis(ax: Axes, trajectory: Trajectory) -> None:
         )
     if ax.get_subplotspec() is None or ax.get_subplotspec().is_last_row():  # type: ignore[union-attr]
         ax.set_xlabel("time [s]")
-
-
-def legend_above(ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None = None) -> None:
-    """Put a legend between title and axes, where it cannot cover data; of these handles, or of all with a label."""
-    legend = ax.legend(
-        handles=ax.get_legend_handles_labels()[0] if handles is None else handles,
-        loc="lower left",
-        bbox_to_anchor=(0, 1),
-        ncols=ncols,
-        borderaxespad=0.3,
-        columnspacing=1.4,
-        handlelength=1.8,
-    )
-    rows = -(-len(legend.get_texts()) // ncols)
-    ax.set_title(ax.get_title(loc="left"), loc="left", pad=8 + 1.6 * rows * float(legend.get_texts()[0].get_fontsize()))
