@@ -33,8 +33,8 @@ COMMANDS = {
     "optimize": "optimize --method cmaes --target 1.25 0.05 --no-stop-at-hit --max-trials 600 --timestep 0.002 "
     "--no-video --preset printed",
     "train": "train --episodes 8 --random-episodes 2 --trials 8 --tests 5 --checkpoint-every 2 --timestep 0.001",
-    "compare": "compare --targets 4 --seeds 1 --cap 8 --episodes 10 --trials 8 --random-episodes 2 --methods ga sac "
-    "--observation goal --tighter 0.03 --workers 2",
+    "compare": "compare --targets 4 --seeds 1 --max-trials 8 --episodes 10 --trials 8 --random-episodes 2 "
+    "--methods ga sac --observation goal --tighter 0.03 --workers 2",
     "adapt": "adapt --target 1.2 0.1 --camera tip --family kin --seed 5 --whip uniform --preset table4 --max-strikes 2 "
     "--starts 1 --no-still",
     "identify": "identify ../strike1.npz ../strike2.npz ../strike3.npz --starts 2 --free k m",

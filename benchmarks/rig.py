@@ -20,7 +20,8 @@ import whiptool as wt
 from whiptool.impedance import OIAC, Controller
 from whiptool.rig.dynamixel import DynamixelBus, Joints, Units
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions
-from whiptool.rig.loop import Clock, LoopOptions, RigLoop, StepClock, WallClock
+from whiptool.rig.loop import Clock, RigLoop, StepClock, WallClock
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards, Safety
 from whiptool.rollout.reference import ReferenceRollout
 

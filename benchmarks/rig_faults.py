@@ -21,7 +21,8 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.rig.cyclelog import Flag
 from whiptool.rig.dynamixel import Joints
 from whiptool.rig.emulator import Emulator, TwinOptions, random_faults
-from whiptool.rig.loop import LoopOptions, RigLoop, StepClock
+from whiptool.rig.loop import RigLoop, StepClock
+from whiptool.rig.loop_options import LoopOptions
 
 PERIOD, CYCLES = 0.002, 85
 STRIKE = wt.Strike((-0.3, 0.2), (0.0, 0.5), 0.15)

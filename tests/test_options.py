@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 
@@ -99,6 +101,107 @@ def test_what_is_missing_is_named_with_its_meaning(words, option, meaning, capsy
     said = capsys.readouterr().err
     assert said.startswith(f"whiptool: {option}: got nothing; allowed: {meaning}")
     assert said.count("\n") == 1
+
+
+def names_of_the_library() -> dict[tuple[str, str], tuple]:
+    """Options whose values are names, and what the library calls by them; `None` and `all` are the options' own."""
+    from whiptool.adaptation.materials import MATERIALS
+    from whiptool.adaptation.prior import WHIPS
+    from whiptool.adaptation.twins import FAMILIES
+    from whiptool.identification.drives import DRIVES
+    from whiptool.identification.predict import NEUTRAL
+    from whiptool.impedance import CONSTANT_PRESETS, OIAC_PRESETS
+    from whiptool.models.motor_limits import LIMITS
+    from whiptool.rig.dynamixel.control_table import BAUD_RATES
+    from whiptool.rl.settings import SETTINGS
+    from whiptool.rl.task import OBSERVATIONS, REWARDS
+    from whiptool.rollout import reference
+    from whiptool.studies.reproduction import PARTS
+    from whiptool.studies.reproduction.unknown_whips import METHODS
+
+    return {
+        ("optimize.OptimizeOptions", "preset"): (*OIAC_PRESETS, *CONSTANT_PRESETS),
+        ("optimize.OptimizeOptions", "integrator"): get_args(reference.Integrator),
+        ("optimize.OptimizeOptions", "limits"): (*LIMITS,),
+        ("adapt.AdaptOptions", "limits"): (*LIMITS,),
+        ("adapt.AdaptOptions", "family"): FAMILIES,
+        ("adapt.AdaptOptions", "material"): (*MATERIALS,),
+        ("adapt.AdaptOptions", "whip"): WHIPS,
+        ("identify.IdentifyOptions", "drive"): DRIVES,
+        ("identify.IdentifyOptions", "per_recording"): (*NEUTRAL, "start"),
+        ("train.TrainOptions", "method"): (*SETTINGS,),
+        ("train.TrainOptions", "observation"): OBSERVATIONS,
+        ("train.TrainOptions", "reward"): (*REWARDS,),
+        ("compare.CompareOptions", "observation"): OBSERVATIONS,
+        ("reproduce.ReproduceOptions", "what"): (*PARTS, "all"),
+        ("reproduce.ReproduceOptions", "rows"): (*METHODS, "chain"),
+        ("dynamixel.ServoOptions", "baud"): (*BAUD_RATES.values(),),
+        ("emulator.EmulatorOptions", "baud"): (*BAUD_RATES.values(),),
+    }
+
+
+def test_choices_are_what_the_library_knows():
+    pytest.importorskip("torch")
+    for (command, name), known in names_of_the_library().items():
+        module, kind = command.split(".")
+        options = getattr(import_module(f"whiptool.commands.{module}"), kind)
+        choices = cli.choices(get_type_hints(options)[name])
+        assert sorted(choices) == sorted(known), f"{command}.{name}"
+
+
+def test_open_ended_choices_list_what_the_library_knows(capsys):
+    """Laws, models and methods are listed though files or names of NLopt may stand in their place."""
+    from whiptool.models import PRESETS
+    from whiptool.optimizers import METHODS
+
+    with pytest.raises(SystemExit):
+        optimize.main(["--help"])
+    said = re.sub(r"[\s│]", "", capsys.readouterr().out)
+    assert "--model{" + ",".join(PRESETS) + "}|FILE.toml" in said
+    assert "--controller{oiac,constant}|FILE.toml" in said
+    (listed,) = re.findall(r"--method\{(.*?)\}", said)
+    assert sorted(listed.split(",")) == sorted([*METHODS, "nlopt:NAME"])
+
+
+def test_a_name_that_is_none_is_told_the_choices_in_their_order(capsys):
+    for words, said in (
+        (["optimize", "--preset", "table5"], "--preset: got 'table5'; allowed: printed, table4"),
+        (["optimize", "--integrator", "RK5"], "--integrator: got 'RK5'; allowed: RK4, Euler, implicit, implicitfast"),
+        (["compare", "--observation", "god"], "--observation: got 'god'; allowed: paper, relative, goal"),
+        (["rig.dynamixel", "--port", "x", "--baud", "3"], "--baud: got '3'; allowed: 9600, 57600"),
+    ):
+        command, *rest = words
+        assert import_module(f"whiptool.commands.{command.removeprefix('rig.')}").main(rest) == 2
+        assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["t_stay", "t stay"])
+def test_errors_of_the_library_name_options_in_commands(name):
+    options = optimize.OptimizeOptions()
+    with pytest.raises(InputError, match=r"^--t-stay: got 1; allowed: less; wait$"), cli.options_named(options):
+        raise InputError(name, 1, "less", "wait")
+    for other in ("whip.k", "t_stayed", "strike"):
+        with pytest.raises(InputError, match=f"^{other}: got 1"), cli.options_named(options):
+            raise InputError(other, 1, "less")
+
+
+def test_what_is_positional_keeps_its_name():
+    from whiptool.commands.identify_options import IdentifyOptions
+
+    with pytest.raises(InputError, match=r"^recordings: "), cli.options_named(IdentifyOptions()):
+        raise InputError("recordings", "none", "one")
+
+
+def test_a_run_keeps_its_options_but_not_those_of_a_call():
+    from whiptool.commands.rig import LearnOptions
+
+    options = LearnOptions(out=Path("x"), resume=Path("y"), json=True, yes=True, seed=3, max_trials=2)
+    assert options.kept() == LearnOptions(seed=3, max_trials=2)
+    assert cli.configuration(options, "rig learn", free=["k"]) == {
+        "command": "rig learn",
+        "options": cli.as_plain(LearnOptions(seed=3, max_trials=2)),
+        "free": ["k"],
+    }
 
 
 @pytest.mark.parametrize("command", ["train", "compare"])

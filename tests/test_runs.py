@@ -11,9 +11,10 @@ from full_disk import full_disk
 from search_words import SEARCH
 
 from whiptool.commands import cli, optimize
-from whiptool.errors import WhiptoolError
+from whiptool.errors import InputError, WhiptoolError
 from whiptool.objective import Trial
 from whiptool.optimizers.trial_log import TRIALS, TrialLog
+from whiptool.options import OutputOptions, ResumableOptions
 from whiptool.rollout import Trajectory
 from whiptool.runs import CONFIG, RESULT, RunFolder
 
@@ -97,13 +98,24 @@ def test_a_search_on_a_full_disk_leaves_whole_files(left: int, file: str, alone:
         assert outcome_of(run) == outcome_of(alone)
 
 
-@pytest.mark.parametrize("resumable", [True, False])
-def test_an_interruption_says_how_to_go_on(resumable, tmp_path, capsys):
+@pytest.mark.parametrize(("kind", "resumable"), [(ResumableOptions, True), (OutputOptions, False)])
+def test_an_interruption_says_how_to_go_on(kind, resumable, tmp_path, capsys):
     def command() -> int:
-        with RunFolder.create(tmp_path / "run", {"command": "x"}, resumable=resumable):
+        with cli.new_folder(kind(out=tmp_path / "run"), "x", {"command": "x"}):
             raise KeyboardInterrupt
 
     assert cli.run(command) == 130
     said = capsys.readouterr().err
     assert said.startswith("whiptool: interrupted")
     assert (f"go on with --resume {tmp_path / 'run'}" in said) == resumable
+
+
+@pytest.mark.parametrize(("kind", "resumable"), [(ResumableOptions, True), (OutputOptions, False)])
+def test_a_taken_folder_is_named_as_it_was_given(kind, resumable, tmp_path):
+    """The library speaks of a run folder, the command of its option, and of `--resume` where it has that."""
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(InputError, match=r"^run folder: got .*; allowed: a folder that is new or empty$"):
+        RunFolder.create(tmp_path, {})
+    with pytest.raises(InputError, match=r"^--out: got .* new or empty") as raised:
+        cli.new_folder(kind(out=tmp_path), "x", {})
+    assert str(raised.value).endswith("to go on with a killed run, give --resume") == resumable

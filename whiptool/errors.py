@@ -34,4 +34,8 @@ class InputError(WhiptoolError, ValueError):
 
     def within(self, place: str) -> InputError:
         """The same error, its name prefixed with where it stands (`whip.` or `model.toml: `)."""
-        return InputError(place + self.name, self.given, self.allowed, self.fix)
+        return self.renamed(place + self.name)
+
+    def renamed(self, name: str, fix: str = "") -> InputError:
+        """The same error under the name that the value has where it was written, and with a fix if it has none."""
+        return InputError(name, self.given, self.allowed, self.fix or fix)

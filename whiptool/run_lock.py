@@ -24,20 +24,21 @@ class RunLock:
 
     Args:
         folder: An existing folder.
-        option: Names the folder in the error.
 
     Raises:
         InputError: Another process holds it; it is named.
         OSError: The file cannot be written.
     """
 
-    def __init__(self, folder: Path, option: str) -> None:
+    def __init__(self, folder: Path) -> None:
         self.path = folder / LOCK
         self._lock = FileLock(self.path, timeout=0, thread_local=False)
         try:
             self._lock.acquire()
         except Timeout:
-            raise InputError(option, str(folder), "a folder that no other command works in", _said(self.path)) from None
+            allowed = "a folder that no other command works in"
+            raise InputError("run folder", str(folder), allowed, _said(self.path)) from None
+
         holder = {
             "process": os.getpid(),
             "host": socket.gethostname(),

@@ -49,32 +49,36 @@ def default_folder(name: str) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise InputError(
-                "run folder", str(path), f"a place that can be written ({error.strerror})", "give --out"
-            ) from None
+            raise InputError("run folder", str(path), f"a place that can be written ({error.strerror})") from None
     raise InputError("run folder", str(first), "fewer than 1000 runs a second")
+
+
+class FolderTaken(InputError):
+    """A folder in which a run is to begin holds something already."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__("run folder", str(path), "a folder that is new or empty")
 
 
 class RunFolder:
     """A folder that holds one run, and is this process's alone until `close`.
 
     As a context manager it is closed in the end; a new one in which an error of whiptool's own left nothing but the
-    configuration is removed, so that the corrected command finds the place free. An interruption gets a note that says
-    how to go on.
+    configuration is removed, so that the corrected command finds the place free.
 
     Args:
         path: An existing folder.
         lock: Held on it.
         new: Whether this process made the run.
-        resumable: Whether the command can go on with it.
+        on_interrupt: Note that an interruption gets, such as how to go on.
     """
 
-    def __init__(self, path: Path, lock: RunLock, *, new: bool, resumable: bool) -> None:
-        self.path, self._lock, self._new, self._resumable = path, lock, new, resumable
+    def __init__(self, path: Path, lock: RunLock, *, new: bool, on_interrupt: str = "") -> None:
+        self.path, self._lock, self._new, self._on_interrupt = path, lock, new, on_interrupt
 
     @classmethod
-    def create(cls, path: Path, config: Mapping, *, resumable: bool = False) -> RunFolder:
-        """A new folder with its configuration, and whether its command can go on with it.
+    def create(cls, path: Path, config: Mapping, *, on_interrupt: str = "") -> RunFolder:
+        """A new folder with its configuration.
 
         Raises:
             InputError: It cannot be written, is not empty, or another process writes in it.
@@ -84,7 +88,7 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
             if not (path / LOCK).exists():
                 _refuse_taken(path)  # before a lock is put into what may be anybody's folder
-            lock = RunLock(path, "--out")
+            lock = RunLock(path)
             try:
                 _refuse_taken(path)
                 write_whole(path / CONFIG, tomli_w.dumps(dict(config)))
@@ -92,11 +96,11 @@ class RunFolder:
                 lock.release()
                 raise
         except OSError as error:
-            raise InputError("--out", str(path), f"a folder that can be written ({error.strerror})") from None
-        return cls(path, lock, new=True, resumable=resumable)
+            raise InputError("run folder", str(path), f"a folder that can be written ({error.strerror})") from None
+        return cls(path, lock, new=True, on_interrupt=on_interrupt)
 
     @classmethod
-    def open(cls, path: Path) -> RunFolder:
+    def open(cls, path: Path, *, on_interrupt: str = "") -> RunFolder:
         """A folder that `create` made; what a killed process had not written to its end is removed from it.
 
         Raises:
@@ -105,11 +109,11 @@ class RunFolder:
         path = Path(path)
         read_config(path)
         try:
-            lock = RunLock(path, "--resume")
+            lock = RunLock(path)
         except OSError as error:
-            raise InputError("--resume", str(path), f"a folder that can be written ({error.strerror})") from None
+            raise InputError("run folder", str(path), f"a folder that can be written ({error.strerror})") from None
         remove_unfinished(path)
-        return cls(path, lock, new=False, resumable=True)
+        return cls(path, lock, new=False, on_interrupt=on_interrupt)
 
     @property
     def config(self) -> dict:
@@ -130,8 +134,8 @@ class RunFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if isinstance(error, KeyboardInterrupt) and self._resumable:
-            error.add_note(f"go on with --resume {self.path}")
+        if isinstance(error, KeyboardInterrupt) and self._on_interrupt:
+            error.add_note(self._on_interrupt)
         refused = self._new and isinstance(error, WhiptoolError)
         if refused and {entry.name for entry in self.path.iterdir()} <= {CONFIG, LOCK}:
             (self.path / CONFIG).unlink()
@@ -148,7 +152,7 @@ def check_new(path: Path) -> None:
         InputError: It is not empty, or another process writes in it.
     """
     if (path / LOCK).exists():
-        RunLock(path, "--out").release()
+        RunLock(path).release()
     if path.is_dir():
         _refuse_taken(path)
 
@@ -156,9 +160,7 @@ def check_new(path: Path) -> None:
 def _refuse_taken(path: Path) -> None:
     """Refuse a folder that holds anything but what a process leaves that was killed before it wrote a configuration."""
     if any(entry.name != LOCK and not is_unfinished(entry) for entry in path.iterdir()):
-        raise InputError(
-            "--out", str(path), "a folder that is new or empty", "to go on with a killed run, give --resume"
-        )
+        raise FolderTaken(path)
 
 
 def read_config(path: Path) -> dict:
@@ -168,5 +170,6 @@ def read_config(path: Path) -> dict:
         InputError: It is not a run folder, or its configuration is damaged.
     """
     if not (path / CONFIG).is_file():
-        raise InputError("--resume", str(path), f"a run folder (it has no {CONFIG})")
+        raise InputError("run folder", str(path), f"a run folder (it has no {CONFIG})")
+
     return read_toml(path / CONFIG)

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from whiptool.adaptation import planner
-from whiptool.adaptation.planner import Effort, Plan, plan
+from whiptool.adaptation.planner import NEXT, Demands, Effort, Plan, plan
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.plant import Plant
@@ -69,13 +69,15 @@ def belief(error: float) -> Belief:
     return Belief(plant, ("whip.l",), np.log([plant.values()["whip.l"]]), np.array([[error**2]]))
 
 
-def planned(error: float = 0.1, target: Target | None = None, seed: int = 0, **options) -> Plan:
-    given = {"bounds": BOUNDS, **options}
-    return plan(belief(error), target or Target(tuple(AT), 0.06), rng=np.random.default_rng(seed), **given)
+def planned(
+    error: float = 0.1, target: Target | None = None, seed: int = 0, effort: Effort = NEXT, past=(), **asked
+) -> Plan:
+    demands, goal = Demands(**{"bounds": BOUNDS, **asked}), target or Target(tuple(AT), 0.06)
+    return plan(belief(error), goal, rng=np.random.default_rng(seed), past=past, demands=demands, effort=effort)
 
 
 def search(error: float = 0.1, limits=None, speed: float = 0.0, radius: float = 0.06):
-    return planner._Search(belief(error), Target(tuple(AT), radius), BOUNDS, limits, speed, 0.3, 5e-4)
+    return planner._Search(belief(error), Target(tuple(AT), radius), Demands(BOUNDS, limits, speed), 5e-4)
 
 
 @pytest.mark.parametrize("error", [0.08, 0.16])

@@ -28,7 +28,7 @@ from whiptool.target import Target
 pytestmark = pytest.mark.slow
 
 TIMES = ("wall_time",)
-SMALL = ("--targets", 6, "--seeds", 1, "--cap", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)
+SMALL = ("--targets", 6, "--seeds", 1, "--max-trials", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)
 FEW = (*SMALL, "--methods", "ga", "sac", "--observation", "goal", "--tighter", 0.03)
 
 

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 def test_quick_form_of_everything(tmp_path):
     """Smaller still than by itself, and also resumed: nothing is worked out again, and the report is the same."""
-    smaller = ["--targets", "6", "--cap", "20", "--episodes", "4", "--random-episodes", "2", "--trials", "16"]
+    smaller = ["--targets", "6", "--max-trials", "20", "--episodes", "4", "--random-episodes", "2", "--trials", "16"]
     words = [sys.executable, "-m", "whiptool.reproduce"]
 
     def run(*more: str) -> subprocess.CompletedProcess:

@@ -69,7 +69,7 @@ def test_double_pendulum_in_closed_form(seed: int):
     np.testing.assert_allclose((q[:, 0] + q[:, 1]) / q[:, 0], second, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", [name for name, model in PRESETS.items() if model.dimension == 2])
 def test_the_free_arm_swings_as_in_mujoco(name: str):
     """MuJoCo's mass matrix, and the finite differences of its forces, at the hanging posture."""
     model = preset(name)
@@ -253,4 +253,4 @@ def test_stiff_whips_get_a_step_that_lets_nothing_grow(k: float, b: float):
 
 
 def test_published_whips_keep_the_usual_step():
-    assert all(steady_timestep(model, TIMESTEP) == TIMESTEP for model in PRESETS.values())
+    assert all(steady_timestep(model, TIMESTEP) == TIMESTEP for model in PRESETS.values() if model.dimension == 2)

@@ -117,30 +117,37 @@ def by_mujoco(model: Model, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np
     return data.qacc.copy()
 
 
-def pinocchio_of(model: Model) -> pin.Model:
-    """Arm and whip in Pinocchio; every joint's frame has its own numbers, the whip's hinges one each."""
-    arm, whip = model.arm, model.whip
+def pinocchio_arm_of(model: Model) -> pin.Model:
+    """The arm in Pinocchio, with what rides on its hand; every joint's frame has its own numbers."""
+    arm = model.arm
     assert isinstance(arm, SpatialArm)
     its = pin.Model()
     its.gravity.linear = np.array([0.0, 0.0, -model.gravity])
-    parent, armature = 0, []
+    parent = 0
     for i, link in enumerate(arm.links):
         kind = pin.JointModelRevoluteUnaligned if link.kind == "revolute" else pin.JointModelPrismaticUnaligned
         place = pin.SE3(np.array(link.rotation), np.array(link.position))
         parent = its.addJoint(parent, kind(np.array(link.axis)), place, f"arm{i}")
-        its.appendBodyToJoint(
-            parent, pin.Inertia(link.mass, np.array(link.com), link.inertia_matrix), pin.SE3.Identity()
-        )
-        armature.append(link.armature)
-    place = pin.SE3(np.array(arm.hand_rotation), np.array(arm.hand_position))
-    its.appendBodyToJoint(parent, pin.Inertia(whip.hinge_mass, place.translation, np.zeros((3, 3))), pin.SE3.Identity())
+        body = pin.Inertia(link.mass, np.array(link.com), link.inertia_matrix)
+        its.appendBodyToJoint(parent, body, pin.SE3.Identity())
+    grip = pin.Inertia(model.whip.hinge_mass, np.array(arm.hand_position), np.zeros((3, 3)))
+    its.appendBodyToJoint(parent, grip, pin.SE3.Identity())
+    its.armature[:] = arm.per_link("armature")
+    return its
+
+
+def pinocchio_of(model: Model) -> pin.Model:
+    """Arm and whip in Pinocchio, each hinge a joint of its own."""
+    arm, whip, its = model.arm, model.whip, pinocchio_arm_of(model)
+    assert isinstance(arm, SpatialArm)
+    parent, place = arm.n, pin.SE3(np.array(arm.hand_rotation), np.array(arm.hand_position))
     for i, (length, mass, I) in enumerate(zip(*(whip.per_node(x) for x in ("l", "m", "node_inertia")), strict=True)):
         first = its.addJoint(parent, pin.JointModelRevoluteUnaligned(X), place, f"x{i}")
         parent = its.addJoint(first, pin.JointModelRevoluteUnaligned(Y), pin.SE3.Identity(), f"y{i}")
         end = np.array([0.0, 0.0, -length])
         its.appendBodyToJoint(parent, pin.Inertia(mass, end, I * np.eye(3)), pin.SE3.Identity())
         place = pin.SE3(np.eye(3), end)
-    its.armature[:] = np.r_[armature, np.zeros(2 * whip.N)]
+    its.armature[:] = np.r_[arm.per_link("armature"), np.zeros(2 * whip.N)]
     return its
 
 

@@ -16,7 +16,7 @@ from whiptool.identification.fit import Options, choose_nodes, fit
 from whiptool.identification.pendulum import Pendulum
 from whiptool.identification.plant import PROFILE, Plant, lumping
 from whiptool.identification.sampling import Readings
-from whiptool.identification.solver import Block, Status, solve
+from whiptool.identification.solver import Block, Loss, Status, solve
 from whiptool.identification.variables import Prior
 from whiptool.impedance import Controller
 from whiptool.models import preset
@@ -78,7 +78,7 @@ def test_solver_against_scipy(loss):
         ]
 
     lower, upper = np.array([0.0, 0.0]), np.array([10.0, 1.0])
-    mine = solve(evaluate, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=lower, upper=upper, loss=loss)
+    mine = solve(evaluate, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=lower, upper=upper, loss=Loss(loss))
     assert mine.status is Status.CONVERGED
 
     def flat(u):

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import least_squares, lsq_linear
 
-from whiptool.identification.solver import Block, Status, huber, reduce, solve, weigh
+from whiptool.identification.solver import Block, Loss, Status, huber, reduce, solve, weigh
 
 RNG = np.random.default_rng(0)
 
@@ -81,7 +81,8 @@ def theirs(upper: float, loss: float | None) -> least_squares:
 @pytest.mark.parametrize("loss", [None, 0.3])
 def test_it_ends_where_scipy_does(upper, loss):
     mine = solve(
-        decay, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.array([10.0, upper]), loss=loss,
+        decay, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.array([10.0, upper]),
+        loss=Loss(loss),
         tolerance=1e-12,
     )  # fmt: skip
     best = theirs(upper, loss)
@@ -126,8 +127,9 @@ def test_only_the_first_residuals_are_robust():
         return total
 
     mine = solve(
-        decay, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.full(2, 10.0), loss=0.3,
-        robust=[15, 15, 15], tolerance=1e-12,
+        decay, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.full(2, 10.0),
+        loss=Loss(0.3, [15, 15, 15]),
+        tolerance=1e-12,
     )  # fmt: skip
     at = np.r_[mine.z, np.concatenate(mine.own)]
     assert mine.cost == pytest.approx(cost(at))

@@ -10,7 +10,7 @@ from whiptool.dynamics.chain import Chain, mass_matrix, potential_energy
 from whiptool.dynamics.lagrangian import lagrangian_dynamics
 from whiptool.impedance.arm import Arm
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
-from whiptool.models.presets import PRESETS, preset
+from whiptool.models.presets import PRESETS
 
 STATES = 20
 
@@ -33,7 +33,8 @@ def random_arm(joints: int) -> Model:
     return Model(whip, ArmParameters(links), gravity=8.0, name=f"{joints} joints")
 
 
-MODELS = [*(preset(name) for name in PRESETS), *(random_arm(joints) for joints in (1, 2, 3, 4))]
+PLANAR = [model for model in PRESETS.values() if model.dimension == 2]
+MODELS = [*PLANAR, *(random_arm(joints) for joints in (1, 2, 3, 4))]
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 two_joints = pytest.mark.parametrize("model", [m for m in MODELS if m.arm.n == 2], ids=lambda model: model.name)
 

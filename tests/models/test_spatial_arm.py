@@ -184,5 +184,5 @@ def test_a_stick_is_a_rigid_rod_at_the_hand():
     np.testing.assert_allclose(about_joint(after), about_joint(before) + rod, atol=1e-14)
     static = before.mass * np.array(before.com) + masses @ points
     np.testing.assert_allclose(after.mass * np.array(after.com), static, atol=1e-15)
-    with pytest.raises(InputError, match="^stick length"):
+    with pytest.raises(InputError, match=r"^stick length"):
         with_stick(arm, length=-1, mass=0.1)

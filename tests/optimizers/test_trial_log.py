@@ -69,3 +69,15 @@ def test_a_first_line_cut_off_is_an_empty_log(tmp_path: Path) -> None:
     (tmp_path / TRIALS).write_bytes(logged(tmp_path / TRIALS, 1)[0][:-5])
     assert TrialLog(tmp_path / TRIALS, ARM).read() == []
     assert (tmp_path / TRIALS).read_bytes() == b""
+
+
+def test_trials_in_space_have_three_coordinates(tmp_path: Path) -> None:
+    arm = preset("ur5e").arm
+    three, six = (0.1, -0.2, 0.3), tuple(float(i) for i in range(6))
+    hit = Trial(1, tuple(0.1 * i for i in range(13)), Outcome(0.01, True, 0.7, three, three, six, six, False))
+    log = TrialLog(tmp_path / TRIALS, arm)
+    log.append(hit)
+    assert TrialLog(tmp_path / TRIALS, arm).read() == [hit]
+    header = (tmp_path / TRIALS).read_text().splitlines()[0].split(",")
+    assert header[17:23] == [f"tip_{x}" for x in "xyz"] + [f"tip_velocity_{x}" for x in "xyz"]
+    assert header[23] == "max_joint_speed_shoulder_pan"

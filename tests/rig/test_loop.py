@@ -15,7 +15,8 @@ from whiptool.rig.caps import CappedLoop
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
 from whiptool.rig.dynamixel import Joints, Units
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
-from whiptool.rig.loop import LoopOptions, RigLoop, StepClock, WallClock, move
+from whiptool.rig.loop import RigLoop, StepClock, WallClock, move
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
 from whiptool.rollout.reference import ReferenceRollout
 

@@ -14,6 +14,7 @@ from whiptool.models.strike import Strike
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.guards import Guards
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import CHATTER, _chatter, _verdict, rehearse
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.trajectory import Trajectory
@@ -37,7 +38,7 @@ def path(**changes) -> Trajectory:
 
 
 def verdict(trajectory: Trajectory, *, usage: float = 0.5, chatter: float = 0.1, margin: float = 0.05) -> str | None:
-    return _verdict(trajectory, usage, chatter, 2, 500.0, MOTOR, GUARDS, margin, MODEL)
+    return _verdict(trajectory, usage, chatter, LoopOptions(margin=margin), MOTOR, GUARDS, MODEL.arm)
 
 
 @pytest.mark.parametrize("w", [0.1, 0.7, np.pi / 2])
@@ -115,7 +116,7 @@ def test_a_rehearsal_is_the_strike_that_the_other_engine_plays():
     assert found.refused is None
     assert found.usage == pytest.approx(XM430.violation(other) + 1, abs=0.05)
     assert found.chatter < 0.4
-    late = rehearse(MODEL, Controller(OIAC()), strike, rate=400.0, t_stay=0.1)
+    late = rehearse(MODEL, Controller(OIAC()), strike, LoopOptions(rate=400.0, delay=0.0, t_stay=0.1))
     assert len(late.trajectory.t) == 511  # 510.4 cycles
 
 
@@ -128,7 +129,7 @@ def test_the_loop_sees_the_posture_in_counts_from_the_middle(monkeypatch):
     monkeypatch.setattr(Physics, "advance_to", lambda self, t: (times.append(t), usual(self, t))[1])
     count = 2 * np.pi / 4096
     strike = Strike((-150 * count, 400 * count), (0.5, 1.0), 1.2)
-    found = rehearse(MODEL, Controller(ConstantImpedance()), strike, t_stay=0.01)
+    found = rehearse(MODEL, Controller(ConstantImpedance()), strike, LoopOptions(delay=0.0, t_stay=0.01))
     (first, second), whip, g = MODEL.arm.links, float(MODEL.whip.mass), MODEL.gravity
     upper = first.mass * first.com + (second.mass + whip) * first.length
     lower = second.mass * second.com + whip * second.length
@@ -154,7 +155,12 @@ def test_what_is_not_finite_is_refused(what, monkeypatch):
     owner, name = (Physics, "advance_to") if what == "physics" else (CappedLoop, "torque")
     usual = getattr(owner, name)
     monkeypatch.setattr(owner, name, broken)
-    found = rehearse(MODEL, Controller(ConstantImpedance()), Strike((-0.6, 0.2), (0.7, 1.2), 1.5), t_stay=0.01)
+    found = rehearse(
+        MODEL,
+        Controller(ConstantImpedance()),
+        Strike((-0.6, 0.2), (0.7, 1.2), 1.5),
+        LoopOptions(delay=0.0, t_stay=0.01),
+    )
     assert found.trajectory.diverged
     assert found.refused is not None
     assert found.refused.startswith("the controller is unstable at 500 Hz")

@@ -20,7 +20,8 @@ from whiptool.rig.caps import CappedLoop, Caps, default_caps
 from whiptool.rig.cyclelog import Flag
 from whiptool.rig.dynamixel import Joints, JointSample
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions, random_faults
-from whiptool.rig.loop import LoopOptions, RigLoop, StepClock
+from whiptool.rig.loop import RigLoop, StepClock
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.safety import Guards, Safety, SafetyError, State, Watch
 
@@ -339,7 +340,8 @@ CLIENT = """
 import sys, whiptool as wt
 from pathlib import Path
 from whiptool.rig.dynamixel import DynamixelBus, Joints
-from whiptool.rig.loop import LoopOptions, RigLoop, StepClock, posture_controller
+from whiptool.rig.loop import RigLoop, StepClock, posture_controller
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Safety
 model = wt.preset("lemon2024")
 options = LoopOptions(settle=30.0, rehearse=False)
@@ -451,7 +453,8 @@ def test_the_tests_strike_hits_and_is_within_the_line():
 
 def test_a_strike_beyond_the_motors_is_refused_with_the_reason():
     papers = wt.Strike.from_vector([-1.36, 0.47, 1.73, 1.41, 0.95])
-    r = rehearse(MODEL, Controller(ConstantImpedance()), papers, caps=default_caps(MODEL, period=PERIOD))
+    caps = default_caps(MODEL, period=PERIOD)
+    r = rehearse(MODEL, Controller(ConstantImpedance()), papers, LoopOptions(delay=0.0, caps=caps))
     assert r.usage > 2
     assert r.refused is not None
     assert "shoulder turns at" in r.refused
@@ -467,9 +470,10 @@ def test_what_is_stable_in_continuous_time_is_refused_or_capped():
     assert r.refused is not None
     assert "unstable at 500 Hz" in r.refused
     caps = default_caps(MODEL, period=PERIOD)
-    assert rehearse(MODEL, controller, STRIKE, caps=caps).refused is None
+    assert rehearse(MODEL, controller, STRIKE, LoopOptions(delay=0.0, caps=caps)).refused is None
     # and the default caps are not idle caution: a few times as much is unstable
-    assert "unstable" in str(rehearse(MODEL, controller, STRIKE, caps=Caps(6 * caps.K, 2.5 * caps.B)).refused)
+    beyond = LoopOptions(delay=0.0, caps=Caps(6 * caps.K, 2.5 * caps.B))
+    assert "unstable" in str(rehearse(MODEL, controller, STRIKE, beyond).refused)
 
 
 def test_the_loop_refuses_a_strike_before_it_arms(bus, twin):
@@ -504,7 +508,7 @@ def test_a_diverging_rehearsal_is_a_refusal_not_a_crash():
 
 def test_a_delay_can_make_a_strike_unstable():
     assert rehearse(MODEL, Controller(OIAC()), STRIKE).refused is None
-    r = rehearse(MODEL, Controller(OIAC()), STRIKE, delay=0.002)
+    r = rehearse(MODEL, Controller(OIAC()), STRIKE, LoopOptions(delay=0.002))
     assert "unstable" in str(r.refused)
 
 

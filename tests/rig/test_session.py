@@ -14,7 +14,7 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.impedance.files import controller_to_table
 from whiptool.objective import Objective
 from whiptool.optimizers import search
-from whiptool.rig.loop import LoopOptions
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
 from whiptool.target import Target
@@ -56,7 +56,7 @@ def test_a_rig_compensates_the_weights_that_its_owner_knows_of() -> None:
     true = struck.truth.approach(np.array([1.2, 0.1]))
     assert true.tip[0] == pytest.approx(rigs.tip[0], abs=0.01)
     assert np.hypot(*(true.tip[0] - own.tip[0])) > 0.03
-    played = rehearse(MODEL, CONTROLLER, STRIKE, delay=0.0, believed=heavy).trajectory
+    played = rehearse(MODEL, CONTROLLER, STRIKE, believed=heavy).trajectory
     q = np.array([np.interp(played.t, struck.truth.t, x) for x in struck.truth.q[:, :2].T])
     np.testing.assert_allclose(played.q[:, :2].T, q, atol=0.005)
     with pytest.raises(InputError, match="XM430-W350 gives"):

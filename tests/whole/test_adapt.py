@@ -14,7 +14,7 @@ from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
 from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
 from whiptool.adaptation.model_error import NONE
-from whiptool.adaptation.planner import Effort, Plan, plan
+from whiptool.adaptation.planner import Demands, Effort, Plan, plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import UNSEEN, Belief, default_prior, read_belief
@@ -238,7 +238,7 @@ def test_limits_are_kept_where_they_can_be(prior):
     """Slow strikes only: the motors are weak."""
     kinder = dataclasses.replace(XM430, stall_torque=12.0, no_load_speed=30.0)
     rng = np.random.default_rng(0)
-    chosen = plan(prior, Target(TARGET), rng=rng, effort=QUICK, limits=kinder)
+    chosen = plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(limits=kinder))
     near = CompiledRollout(MODEL, CONTROLLER).approach(np.array([chosen.strike]), np.array(TARGET), t_stay=0.3)
     assert chosen.usage is not None
     assert chosen.usage <= 1
@@ -261,16 +261,15 @@ def test_where_every_strike_is_refused_more_of_the_motors_is_kept_free(prior):
 
     known = sure()
     plans = [
-        plan(known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, limits=kinder, check=asks)
-        for asks in (None, check)
+        plan(known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, demands=asked)
+        for asked in (Demands(limits=kinder), Demands(limits=kinder, check=check))
     ]
     free, checked = (usage_of(Strike.from_vector(p.strike)) for p in plans)
     assert free > 0.75 > checked
     assert len(asked) > planner.CHECKED
     assert plans[1].probability == pytest.approx(1.0, abs=0.01)
-    refused = plan(
-        known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, limits=kinder, check=lambda s: "never"
-    )
+    never = Demands(limits=kinder, check=lambda s: "never")
+    refused = plan(known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, demands=never)
     assert usage_of(Strike.from_vector(refused.strike)) == pytest.approx(free)  # then the best of all
     assert [p.allowed for p in (*plans, refused)] == [True, True, False]
 
@@ -478,12 +477,12 @@ def test_a_hit_is_judged_from_what_was_seen(prior):
 def test_a_fast_tip_can_be_asked_for(prior):
     rng = np.random.default_rng(0)
     for speed in (5.0, 14.0):
-        chosen = plan(prior, Target(TARGET), rng=rng, effort=QUICK, speed=speed)
+        chosen = plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(speed=speed))
         near = CompiledRollout(prior.at().model, CONTROLLER).approach(
             np.array([chosen.strike]), np.array(TARGET), t_stay=0.3
         )
         assert near.speed[0] >= speed * 0.999
-    assert "no faster one" in plan(prior, Target(TARGET), rng=rng, effort=QUICK, speed=1e3).reason
+    assert "no faster one" in plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(speed=1e3)).reason
 
 
 def test_whips_that_diverge_are_counted_not_averaged(prior, monkeypatch):
@@ -521,7 +520,7 @@ def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypa
         return fits[-1]
 
     monkeypatch.setattr(posterior, "fit", counted)
-    monkeypatch.setattr(posterior, "NEAR", 0.0)
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, near=0.0))
     monkeypatch.setattr(posterior, "UNMODELLED", 1e-5)
     recording = filmed(port_of(5), Strike.from_vector(first.strike))
     sharp = dataclasses.replace(recording, sigma=recording.sigma / 2)
@@ -529,16 +528,17 @@ def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypa
     assert len(fits) == 4  # of all frames; of half of them, of three quarters, of all
     assert learned.rmse
     costs = [f.runs[0].solution.cost for f in fits]
-    assert costs[3] == pytest.approx(costs[0], abs=posterior.SAME)
-    monkeypatch.setattr(posterior, "VALLEY", 1e-3)  # then two near starts prove nothing
+    assert costs[3] == pytest.approx(costs[0], abs=posterior.STARTS.same)
+    # then two near starts prove nothing
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, valley=1e-3))
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10
     del fits[4:]
-    monkeypatch.setattr(posterior, "VALLEY", 1.0)
-    monkeypatch.setattr(posterior, "SAME", -1.0)
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, valley=1.0))
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, same=-1.0))
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10
-    monkeypatch.setattr(posterior, "NEAR", 0.01)
+    monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, near=0.01))
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10 + 1
 

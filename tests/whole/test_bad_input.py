@@ -141,7 +141,7 @@ optimize --stop-at-hit 3 | command line
 optimize --video yes | command line
 optimize stray | command line
 optimize --target 3 0 | reach of
-optimize --hit-radius 100 | hit radius
+optimize --hit-radius 100 | --hit-radius: got 100
 optimize --model lemon2025 | lemon2024, nah2020-n10
 optimize --model "" | model
 optimize --model absent.toml | readable TOML
@@ -182,7 +182,7 @@ simulate --strike 0 0 0 0 -1 | D
 simulate --strike 0 0 0 0 1e9 | timestep
 simulate --strike a b c d e | --strike
 simulate --strike 0 0 0 0 0 0 1 | 5 numbers
-simulate --hit-radius 100 | hit radius
+simulate --hit-radius 100 | --hit-radius: got 100
 simulate --out taken | new or empty
 simulate --video 3 | command line
 train --method a3c | sac, td3, ddpg, ppo
@@ -191,13 +191,13 @@ train --observation pixels | paper, relative, goal
 train --reward mine | paper, log
 train --zone-radius 50 | zone
 train --target 9 9 | target
-train --hit-radius 100 | hit radius
-train --zone absent.npz | absent.npz
-train --zone garbage.npz | garbage.npz
-train --zone good.npz | good.npz
-train --zone taken | taken
-train --zone absent.npz --zone-radius 0.3 | --zone-radius
-train --zone absent.npz --target 1 0 | --target
+train --hit-radius 100 | --hit-radius: got 100
+train --region absent.npz | --region: got 'absent.npz'
+train --region garbage.npz | garbage.npz
+train --region good.npz | good.npz
+train --region taken | taken
+train --region absent.npz --zone-radius 0.3 | --zone-radius
+train --region absent.npz --target 1 0 | --target
 train --episodes 2 --random-episodes 99 | --random-episodes
 train --trials 1000000000000 | --trials
 train --strikes 0 | --strikes
@@ -244,8 +244,9 @@ compare --zone-radius 50 | zone
 compare --target 9 9 | target
 compare --episodes 10 | --random-episodes
 compare --workers 0 | --workers
-compare --cap 0 | --cap
-reproduce fig5 --cap 0 | --cap
+compare --max-trials 0 | --max-trials
+reproduce fig5 --max-trials 0 | --max-trials
+reproduce fig5 --cap 40 | --cap
 compare --resume of-simulate | --resume
 compare --quick 3 | command line
 reproduce fig4 | fig5, fig6
@@ -268,7 +269,7 @@ reproduce fig6 --further-zones --further-methods ga | --further-methods
 reproduce fig6 --workers -2 | --workers
 reproduce fig6 --resume of-simulate | --resume
 adapt --target 5 0 | target
-adapt --hit-radius 100 | hit radius
+adapt --hit-radius 100 | --hit-radius: got 100
 adapt --port /dev/nowhere | --camera
 adapt --port /dev/nowhere --camera realsense --family kin | --family
 adapt --port /dev/nowhere --camera realsense --no-friction | --friction
@@ -370,7 +371,7 @@ strike --port /dev/nowhere --camera none --no-friction | --friction
 strike --port /dev/nowhere --camera none --seed 3 | --seed
 strike --true-model lemon2025 | lemon2024
 strike --true-model "" | model
-strike --hit-radius 100 | hit radius
+strike --hit-radius 100 | --hit-radius: got 100
 strike --target 50 50 | 70.71 m away
 strike --target 5 5 --camera none | target
 strike --simulator reference | --simulator
@@ -629,8 +630,6 @@ def test_what_a_run_was_begun_with_is_kept(tmp_path: Path) -> None:
             command="optimize",
             description="",
             args=["--resume", str(tmp_path / "run"), *words],
-            not_configuration={"out": None, "resume": None, "json": False},
-            changeable=("video",),
         )
 
     assert not resumed().video
@@ -643,7 +642,7 @@ def test_what_a_run_was_begun_with_is_kept(tmp_path: Path) -> None:
 
 def test_quick_leaves_what_is_given() -> None:
     """`--targets 300` is what it says, though 300 is the default that `--quick` replaces."""
-    from whiptool.commands.compare import CHANGEABLE, NOT_CONFIGURATION, QUICK, CompareOptions
+    from whiptool.commands.compare import QUICK, CompareOptions
 
     def given(*words: str) -> CompareOptions:
         return cli.parse_resumable(
@@ -651,8 +650,6 @@ def test_quick_leaves_what_is_given() -> None:
             command="compare",
             description="",
             args=words,
-            not_configuration=NOT_CONFIGURATION,
-            changeable=CHANGEABLE,
             quick=QUICK,
         )
 

@@ -287,7 +287,7 @@ def test_the_tutorial_says_what_its_fits_find(tutorial):
     ("command", "words"),
     [
         ("simulate", ["--strike", "-1.36", "0.47", "1.73", "1.41", "0.95", "--no-video"]),
-        ("compare", ["--quick", "--targets", "2", "--methods", "directl", "--cap", "5", "--workers", "1"]),
+        ("compare", ["--quick", "--targets", "2", "--methods", "directl", "--max-trials", "5", "--workers", "1"]),
     ],
 )
 def test_other_results_have_the_documented_keys(command, words, tmp_path, capsys):

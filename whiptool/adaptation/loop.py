@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.adaptation.first_look import choose_wiggle, hanging
 from whiptool.adaptation.judgement import judge, judge_seen
-from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
+from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
 from whiptool.adaptation.ports import Port, Seen, checked
 from whiptool.adaptation.posterior import AFTER, Learned, update
 from whiptool.adaptation.prior import Belief
@@ -48,7 +48,7 @@ class Options:
         starts: Number of starting points of every identification.
         seed: Seed of candidate strikes, sampled whips and starting points.
         t_stay: A strike is watched so long after the movement ended [s].
-        bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.plan`.
+        bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.Demands`.
         check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
             None if it is.
         first, later: Planning effort before any recording has been learned from, and after.
@@ -75,6 +75,12 @@ class Options:
         parameters.whole("seed", self.seed, low=0)
         for name, value in {"t_stay": self.t_stay, "speed": self.speed, "stop at": self.stop_at or 0.0}.items():
             parameters.number(name, value, low=0)
+
+    def demands(self, believed: Model) -> Demands:
+        """What is asked of a strike, where whip and arm are believed to be these."""
+        check = self.check
+        asked = None if check is None else lambda strike: check(strike, believed)
+        return Demands(self.bounds, self.limits, self.speed, asked, self.t_stay)
 
 
 @dataclass
@@ -182,21 +188,8 @@ class Adaptation:
         return expected_sag(controller.law, [*self.recordings, *(step.outcome.recording for step in steps)])
 
     def _sought(self, belief: Belief, rng: np.random.Generator, past: list, effort: Effort, sag: Sag | None) -> Plan:
-        o, believed = self.options, belief.at().model
-        check = o.check
-        return plan(
-            belief,
-            self.target,
-            rng=rng,
-            past=past,
-            bounds=o.bounds,
-            limits=o.limits,
-            speed=o.speed,
-            check=None if check is None else lambda strike: check(strike, believed),
-            t_stay=o.t_stay,
-            effort=effort,
-            sag=sag,
-        )
+        demands = self.options.demands(belief.at().model)
+        return plan(belief, self.target, rng=rng, past=past, demands=demands, effort=effort, sag=sag)
 
     def _struck(self, number: int, chosen: Plan, belief: Belief) -> Seen:
         stored, folder = self._read(number, OUTCOME), self._place(number)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import arg
 
 from whiptool.errors import InputError
-from whiptool.options import refuse_idle, whole
+from whiptool.options import ResumableOptions, refuse_idle, whole
 from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
@@ -21,33 +23,33 @@ LONGEST, THICKEST = 10.0, 0.2  # [m], of a whip
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptOptions(ArmOptions):
+class AdaptOptions(ResumableOptions, ArmOptions):
     """Strike, film, identify again and plan again, until an unknown whip hits."""
 
-    camera: str = "points"
+    camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
     """With the twin: points (the tip with the error of tracked images), twin or d435-infrared (rendered and tracked
     images), d435-color (the same in colour), tip (60 frames a second, 5 mm noise, no servos); with a real arm:
-    realsense or a RealSense recording (.db3)."""
-    family: str = "strange"
-    """Of the twin's whip: kin (uniform), strange (tapered, a bead, a soft joint and more), stranger (twice that)."""
-    material: str | None = None
-    """What the whip is made of: cotton, leather, nylon, silicone, steel-chain. The prior mean is then that of
-    the material, else that of --model; the prior covariance is that of materials."""
+    realsense or a RealSense recording."""
+    family: Literal["kin", "strange", "stranger"] = "strange"
+    """Of the twin's whip: uniform; tapered, with a bead, a soft joint and more; twice that."""
+    material: Literal["cotton", "leather", "nylon", "silicone", "steel-chain"] | None = None
+    """What the whip is made of. The prior mean is then that of the material, else that of --model; the prior
+    covariance is that of materials."""
     diameter: float | None = None
     """Of a whip of --material, measured; of a chain that of its wire [m]."""
     length: float | None = None
     """Of a whip of --material, measured [m]."""
     max_strikes: int = 6
     """Largest number of strikes; the look before the first strike does not count."""
-    whip: str = "profile"
+    whip: Literal["profile", "uniform"] = "profile"
     """What is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
     prior: str | None = None
     """TOML file of lines such as "profile.length" = {value = 0.9, error = 0.05}, laid over the wide default: what it
     does not name stays as it is."""
     known: tuple[str, ...] = ()
     """Recordings (.npz) of earlier strikes with the same whip."""
-    limits: str | None = None
-    """Plan within a motor's limits: xm430, the default but for --camera tip, which has no motors."""
+    limits: Literal["xm430"] | None = None
+    """Plan within a motor's limits; default: xm430, but none for --camera tip, which has no motors."""
     still: bool = True
     """Film the whip as it hangs, before the first strike: how long it is. Not needed with --wiggle or --known."""
     wiggle: bool = False
@@ -56,18 +58,11 @@ class AdaptOptions(ArmOptions):
     """Starts of every identification."""
     least_speed: float = 0.0
     """Least predicted speed of the tip at the closest approach [m/s]."""
-    out: Path | None = None
-    """Run folder; default: runs/adapt-DATE-TIME."""
     seed: int = 0
-    """Of the twin's whip and of everything random."""
-    resume: Path | None = None
-    """Go on with the run in this folder: its strikes are not struck again."""
+    """Seed of the twin's whip, and of everything random."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.adaptation.prior import WHIPS
-        from whiptool.adaptation.twins import FAMILIES
-        from whiptool.models.motor_limits import limits_preset
         from whiptool.models.parameters import number
 
         super().check()
@@ -81,11 +76,6 @@ class AdaptOptions(ArmOptions):
                 "--no-still", "beside --wiggle", "one of them", "--wiggle is a look before the first strike, too"
             )
         _stock(self)
-        for name, given, known in (("--family", self.family, FAMILIES), ("--whip", self.whip, WHIPS)):
-            if given not in known:
-                raise InputError(name, given, ", ".join(known))
-        if self.limits is not None:
-            limits_preset(self.limits)
         number("--least-speed", self.least_speed, low=0, high=FASTEST_TIP)
         whole("--max-strikes", self.max_strikes)
         whole("--starts", self.starts, high=1000)
@@ -194,20 +184,12 @@ def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str 
 
     The rehearsal leaves out drag and dry friction of the whip, which an arm hardly feels and which take small steps.
     """
-    from whiptool.rig.loop import LoopOptions
     from whiptool.rig.rehearsal import rehearse
 
     smooth = replace(believed, whip=replace(believed.whip, drag=0.0, dry_friction=0.0))
-    return rehearse(
-        model,
-        controller,
-        strike,
-        rate=options.rate,
-        delay=options.latency,
-        t_stay=options.t_stay,
-        margin=LoopOptions.margin + UNFELT,
-        believed=smooth,
-    ).refused
+    loop = loop_options(options)
+    kept_free = replace(loop, margin=loop.margin + UNFELT)
+    return rehearse(model, controller, strike, kept_free, believed=smooth).refused
 
 
 def _port(options: AdaptOptions, model, controller, stock):

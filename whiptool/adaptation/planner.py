@@ -22,11 +22,48 @@ MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; mo
 SURE = 0.25  # of the hit radius: where a strike that misses all whips by no more is worth no better one
 CHECKED = 3  # strikes that are asked about before more is kept free
 JUDGED = 64  # whips over which the probability is stated
-_SQUEEZES, _CHILDREN, _KEPT, _SHRINK = 12, 64, 8, 0.8  # rounds of random steps within limits, strikes in each
-_NEAR, _LAST_STEPS = 0.015, 3  # [m] of miss on the mean that so many steps along derivatives mend: no more random ones
-_BLUR = 0.005  # [m] by which a search smoothes where strikes pass, at least
-_PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits
-_FAR = 0.5  # [m] beyond which a miss is as good as any other
+
+
+@dataclass(frozen=True)
+class Squeeze:
+    """How strikes are brought within limits: by random steps that shrink, for derivatives do not see the limits.
+
+    Args:
+        rounds: Rounds of steps.
+        children: Strikes that are tried in each.
+        kept: Of them and those before, the best.
+        shrink: Factor of the steps from round to round.
+        near: Miss on the mean [m] that steps along derivatives mend: no more random ones.
+        last_steps: Such steps.
+    """
+
+    rounds: int = 12
+    children: int = 64
+    kept: int = 8
+    shrink: float = 0.8
+    near: float = 0.015
+    last_steps: int = 3
+
+
+_SQUEEZE = Squeeze()
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a strike is worth in the search, beside its probability of a hit.
+
+    Args:
+        blur: The search smoothes where strikes pass by this, at least [m].
+        pull: Probability that a metre of expected miss is worth, where nothing hits.
+        far: A miss beyond is as good as any other [m].
+    """
+
+    blur: float = 0.005
+    pull: float = 0.2
+    far: float = 0.5
+
+
+_WORTH = Worth()
 
 
 @dataclass(frozen=True)
@@ -57,6 +94,28 @@ class Effort:
 
 FIRST = Effort(pool=256, polished=16, whips=32, population=12, rounds=6)  # there is time before the first strike
 NEXT = Effort()
+
+
+@dataclass(frozen=True)
+class Demands:
+    """What is asked of a strike beside that it hits.
+
+    Args:
+        bounds: Box of strikes; default: `default_bounds`.
+        limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
+        speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
+            if there is no other.
+        check: Says why a strike must not be struck, None where it may; asked of the best, one after the other. Where it
+            forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins anew; the
+            first search's best is taken where all are forbidden.
+        t_stay: A strike is watched so long after the movement ended [s].
+    """
+
+    bounds: StrikeBounds | None = None
+    limits: MotorLimits | None = None
+    speed: float = 0.0
+    check: Callable[[Strike], str | None] | None = None
+    t_stay: float = T_STAY
 
 
 @dataclass(frozen=True)
@@ -96,11 +155,7 @@ def plan(
     *,
     rng: np.random.Generator,
     past: Sequence[Sequence[float]] = (),
-    bounds: StrikeBounds | None = None,
-    limits: MotorLimits | None = None,
-    speed: float = 0.0,
-    check: Callable[[Strike], str | None] | None = None,
-    t_stay: float = T_STAY,
+    demands: Demands = Demands(),
     effort: Effort = NEXT,
     timestep: float = TIMESTEP,
     sag: Callable[[np.ndarray], np.ndarray] | None = None,
@@ -118,14 +173,7 @@ def plan(
         target: Point and hit radius.
         rng: Generator for candidates and samples.
         past: Strikes that were tried before; they and their neighbours are candidates, too.
-        bounds: Box of strikes; default: `default_bounds`.
-        limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
-        speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
-            if there is no other.
-        check: Says why a strike must not be struck, None where it may; asked of the best, one after the other. Where it
-            forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins anew; the
-            first search's best is taken where all are forbidden.
-        t_stay: A strike is watched so long after the movement ended [s].
+        demands: What is asked of the strike beside.
         effort: How hard to look.
         timestep: Of the integrator [s].
         sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
@@ -134,10 +182,11 @@ def plan(
         InputError: A past strike does not fit this arm, or the arm has no default bounds.
     """
     began = time.perf_counter()
-    search = _Search(belief, target, bounds, limits, speed, t_stay, timestep, sag)
+    search = _Search(belief, target, demands, timestep, sag)
     whips = belief.sample(rng, effort.whips)
     first, tried, allowed = None, 0, True
-    for search.margin in MARGINS if limits is not None else MARGINS[:1]:
+    check = demands.check
+    for search.margin in MARGINS if demands.limits is not None else MARGINS[:1]:
         strikes, scores, number = search.look(rng, past, effort, whips)
         order, tried = np.argsort(-scores), tried + number
         first = strikes[order[0]] if first is None else first
@@ -161,18 +210,15 @@ class _Search:
         self,
         belief: Belief,
         target: Target,
-        bounds: StrikeBounds | None,
-        limits: MotorLimits | None,
-        speed: float,
-        t_stay: float,
+        demands: Demands,
         timestep: float,
         sag: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         plant = belief.at()
         assert plant.controller is not None
-        self.target, self.limits, self.speed, self.t_stay = target, limits, speed, t_stay
+        self.target, self.limits, self.speed, self.t_stay = target, demands.limits, demands.speed, demands.t_stay
         self.margin = MARGINS[0]
-        self.box = (bounds or default_bounds(plant.model.arm)).box
+        self.box = (demands.bounds or default_bounds(plant.model.arm)).box
         self.rollout = CompiledRollout(
             plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief), sag=sag
         )
@@ -194,7 +240,7 @@ class _Search:
         tried = np.vstack([best, self.polish(best, effort.steps)])
         if self.limits is not None or self.speed:  # what is allowed is a thin part of the box
             squeezed = self.squeeze(tried, rng)
-            tried = np.vstack([squeezed, self.polish(squeezed, _LAST_STEPS)])
+            tried = np.vstack([squeezed, self.polish(squeezed, _SQUEEZE.last_steps)])
         scores = self.score(tried, whips)
         found = [(tried, scores)]
         centre, top = tried[int(scores.argmax())], float(scores.max())
@@ -253,16 +299,16 @@ class _Search:
         """Strikes that rank better on the mean, by random steps that shrink; derivatives do not see the limits."""
         lower, upper = self.box
         kept, rank, spread = strikes, self.rank(self.mean(strikes)), 0.1
-        for _ in range(_SQUEEZES):
-            if np.sort(rank)[: _KEPT // 2].max() <= _NEAR:
+        for _ in range(_SQUEEZE.rounds):
+            if np.sort(rank)[: _SQUEEZE.kept // 2].max() <= _SQUEEZE.near:
                 break
-            parents = kept[rng.integers(len(kept), size=_CHILDREN)]
+            parents = kept[rng.integers(len(kept), size=_SQUEEZE.children)]
             children = parents + spread * (upper - lower) * rng.standard_normal(parents.shape)
             children = np.clip(children, lower, upper)
             kept, rank = np.vstack([kept, children]), np.r_[rank, self.rank(self.mean(children))]
-            order = np.argsort(rank)[:_KEPT]
-            kept, rank, spread = kept[order], rank[order], spread * _SHRINK
-        return kept[np.argsort(rank)[:_KEPT]]
+            order = np.argsort(rank)[: _SQUEEZE.kept]
+            kept, rank, spread = kept[order], rank[order], spread * _SQUEEZE.shrink
+        return kept[np.argsort(rank)[: _SQUEEZE.kept]]
 
     def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Miss distance of every strike with every whip, (strikes, whips) [m]; infinite where it diverged."""
@@ -280,12 +326,12 @@ class _Search:
 
     def probability(self, miss: np.ndarray) -> np.ndarray:
         """Of a hit, per strike, from (strikes, whips) miss distances; smoothed for the search."""
-        return self.error.hit_probability(miss, self.target.hit_radius, blur=_BLUR).mean(axis=1)
+        return self.error.hit_probability(miss, self.target.hit_radius, blur=_WORTH.blur).mean(axis=1)
 
     def score(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Probability of a hit less a little of the expected miss; what the motors cannot do is behind all else."""
         miss = self.each(strikes, whips)
-        score = self.probability(miss) - _PULL * np.minimum(miss, _FAR).mean(axis=1)
+        score = self.probability(miss) - _WORTH.pull * np.minimum(miss, _WORTH.far).mean(axis=1)
         if self.limits is None and not self.speed:
             return score
         excess = self.excess(self.mean(strikes))
@@ -294,7 +340,7 @@ class _Search:
     def sure(self, score: float) -> bool:
         """Whether a strike is worth as much as one that misses every whip by little."""
         little = SURE * self.target.hit_radius
-        return score >= float(self.probability(np.array([[little]]))[0]) - _PULL * little
+        return score >= float(self.probability(np.array([[little]]))[0]) - _WORTH.pull * little
 
     def report(
         self,

@@ -23,16 +23,48 @@ AFTER = 0.04  # [s] that a recording is used beyond the closest approach
 ELSEWHERE = 1.5  # the model's error at the next strike, over that of the strikes that were fitted
 SHARE_SEEN = 0.5  # of the frames before that, in which the tip has to be seen
 TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every whip that is believed possible
-EXPLAINED = 1.3  # standard errors, RMSE up to which no other start is tried,
-NEAR = 0.0075  # or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by millimetres
-CLOSE = 3e-3  # fall of the cost per mean squared residual that is not worth another step: 0.08 standard errors
-VALLEY = 0.02  # [m] RMSE from which two starts that agree may both be wrong
-SAME = 0.5  # difference in cost, the logarithm of a likelihood, up to which two fits are one
-IMPLAUSIBLE = 4.0  # standard errors of the prior, root mean square over its numbers: no whip is like this
-OUTLYING = 3.0  # or this many times that of the other recordings, if more than half of `TOO_FAR`
+
+
+@dataclass(frozen=True)
+class Starts:
+    """When a fit of a whip is believed, and when another start is tried.
+
+    Args:
+        explained: Standard errors, RMSE up to which no other start is tried.
+        near: Or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by millimetres.
+        close: Fall of the cost per mean squared residual that is not worth another step: 0.08 standard errors.
+        valley: RMSE from which two starts that agree may both be wrong [m].
+        same: Difference in cost, the logarithm of a likelihood, up to which two fits are one.
+    """
+
+    explained: float = 1.3
+    near: float = 0.0075
+    close: float = 3e-3
+    valley: float = 0.02
+    same: float = 0.5
+
+
+STARTS = Starts()
+
+
+@dataclass(frozen=True)
+class Inconsistent:
+    """When a recording does not belong to the others.
+
+    Args:
+        implausible: Standard errors of the prior, root mean square over its numbers: no whip is like this.
+        outlying: Times the RMSE of the other recordings, if more than half of `TOO_FAR`.
+        unmoved: Of a camera that stood where it should [rad], [m].
+    """
+
+    implausible: float = 4.0
+    outlying: float = 3.0
+    unmoved: float = 0.02
+
+
+_INCONSISTENT = Inconsistent()
 _HORIZONS = (0.5, 0.75)  # of a recording's frames, before all of them
 _POSE = ("rotation", "shift_x", "shift_y")
-_UNMOVED = 0.02  # [rad], [m]: a camera that stood where it should
 _LEAST = 6  # frames
 _OF_MEDIAN = math.sqrt(math.pi / 2)  # its standard error over that of the mean
 _SHARPEST = 1e8  # information over the prior's, at most: rounding errors spoil the covariance beyond
@@ -107,7 +139,7 @@ def update(
             prior=prior.as_prior(),
             timestep=timestep,
             max_iterations=25,
-            tolerance=CLOSE,
+            tolerance=STARTS.close,
         )
         found = _best(prior, guess, used, options, starts, screened, seed)
         if found is None:
@@ -208,10 +240,10 @@ def _again(found: Sequence[Fit | None]) -> bool:
 
     Not where it is centimetres off: starts that are near to each other can end in one wrong valley.
     """
-    if found[-1] is None or max(r.rmse for r in found[-1].recordings) > VALLEY:
+    if found[-1] is None or max(r.rmse for r in found[-1].recordings) > STARTS.valley:
         return False
     costs = [np.inf if f is None else _cost(f) for f in found]
-    return len(costs) > 1 and abs(costs[-1] - min(costs[:-1])) <= SAME
+    return len(costs) > 1 and abs(costs[-1] - min(costs[:-1])) <= STARTS.same
 
 
 def _cost(found: Fit) -> float:
@@ -221,7 +253,7 @@ def _cost(found: Fit) -> float:
 def _explains(prior: Belief, found: Fit | None) -> bool:
     if found is None or not _plausible(prior, found):
         return False
-    return all(r.chi <= EXPLAINED or r.rmse <= NEAR for r in found.recordings)
+    return all(r.chi <= STARTS.explained or r.rmse <= STARTS.near for r in found.recordings)
 
 
 def _grown(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:
@@ -276,14 +308,16 @@ def _inconsistent(prior: Belief, found: Fit, recordings: Sequence[StrikeRecordin
     rmse = np.array([r.rmse for r in found.recordings])
     worst = int(rmse.argmax())
     others = rmse[[i for i, r in enumerate(recordings) if i != worst and not _at_rest(r)]]
-    limit = TOO_FAR if not len(others) else min(TOO_FAR, max(TOO_FAR / 2, OUTLYING * float(np.median(others))))
+    limit = TOO_FAR
+    if len(others):
+        limit = min(TOO_FAR, max(TOO_FAR / 2, _INCONSISTENT.outlying * float(np.median(others))))
     return None if rmse[worst] <= limit and _plausible(prior, found) else worst
 
 
 def _plausible(prior: Belief, found: Fit) -> bool:
     """Whether the prior allows what was fitted."""
     off = found.uncertainty.z - prior.z
-    return bool(off @ np.linalg.solve(prior.covariance, off) <= IMPLAUSIBLE**2 * len(off))
+    return bool(off @ np.linalg.solve(prior.covariance, off) <= _INCONSISTENT.implausible**2 * len(off))
 
 
 def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> str:
@@ -295,7 +329,7 @@ def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> 
     own = posed.recordings[0].own
     if posed.recordings[0].rmse > TOO_FAR / 2 or abs(own["rotation"]) > np.pi / 4 or not _plausible(prior, posed):
         return said + ": is the marker that was tracked the tip?"
-    if abs(own["rotation"]) < _UNMOVED and np.hypot(own["shift_x"], own["shift_y"]) < _UNMOVED:
+    if max(abs(own["rotation"]), np.hypot(own["shift_x"], own["shift_y"])) < _INCONSISTENT.unmoved:
         return said + "; alone it would fit: a whip other than that of the other recordings?"
     turned, x, y = np.degrees(own["rotation"]), own["shift_x"], own["shift_y"]
     return said + f", unless the camera was turned by {turned:+.1f} deg and moved by ({x:+.3f}, {y:+.3f}) m"

@@ -25,12 +25,39 @@ from whiptool.rig.emulator.motor import Motor
 
 # Standard errors. A whip's tip is as thick as its handle, or half or twice as thick two of them off: mass goes with the
 # square of the thickness, bending with its fourth power. A little of each taper is its own.
-_THICKNESS_TAPER, _OWN_TAPER = 0.35, 0.2
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard errors of the prior of a whip, relative where no unit is given.
+
+    Args:
+        thickness_taper: Of the taper of the whip's thickness, whose powers density, stiffness and damping go by.
+        own_taper: Of a quantity's own taper beside, where it goes by the square.
+        rest_curvature: [1/m]: a twentieth of that of a coil of 0.15 m radius, which a stored rope keeps.
+        air_form: The prior's air resists alike along the whip and across, real air mostly across.
+        arm_friction: [N m s/rad]
+        arm_mass: Of the arm's links.
+        gain: Of the controller's gains.
+        clock: Of the camera's clock [s].
+        usual_speed: Of a joint in a strike [rad/s]; no error, but what friction is compared at.
+        inertia: Of a motor's inertia.
+    """
+
+    thickness_taper: float = 0.35
+    own_taper: float = 0.2
+    rest_curvature: float = 0.3
+    air_form: float = 0.5
+    arm_friction: float = 0.01
+    arm_mass: float = 0.1
+    gain: float = 0.1
+    clock: float = 0.006
+    usual_speed: float = 2.0
+    inertia: float = 0.4
+
+
+_SPREAD = Spread()
 _TAPERS = {"profile.density_taper": 2, "profile.stiffness_taper": 4, "profile.damping_taper": 4}
-_REST_CURVATURE = 0.3  # [1/m]: a twentieth of that of a coil of 0.15 m radius, which a stored rope keeps
-_AIR_FORM = 0.5  # relative: the prior's air resists alike along the whip and across, real air mostly across
-_ARM_FRICTION, _ARM_MASS, _GAIN, _CLOCK = 0.01, 0.1, 0.1, 0.006
-_USUAL_SPEED, _INERTIA = 2.0, 0.4  # [rad/s] of a joint in a strike; relative error where there is a motor
 WHIPS = ("profile", "uniform")
 UNSEEN = ModelError(0.01, 1.5)  # before any recording of a moving whip
 
@@ -154,22 +181,22 @@ def default_prior(
     if stock is not None:
         model = stock.owned(model)
     entries: dict[str, tuple[float | None, float]] = {
-        f"arm.friction[{i}]": (_ARM_FRICTION, _ARM_FRICTION) for i in range(model.arm.n)
+        f"arm.friction[{i}]": (_SPREAD.arm_friction, _SPREAD.arm_friction) for i in range(model.arm.n)
     }
     if motor is not None:
         model = driven(model, motor)
         friction = [link.friction for link in model.arm.links]
-        entries = {name: (x, max(x, _ARM_FRICTION)) for name, x in zip(entries, friction, strict=True)}
-        entries |= {f"arm.inertia[{i}]": (None, _INERTIA) for i in range(model.arm.n)}
-    entries["delay"] = (0.0, _CLOCK)
+        entries = {name: (x, max(x, _SPREAD.arm_friction)) for name, x in zip(entries, friction, strict=True)}
+        entries |= {f"arm.inertia[{i}]": (None, _SPREAD.inertia) for i in range(model.arm.n)}
+    entries["delay"] = (0.0, _SPREAD.clock)
     if whip == "uniform":
         return _joined(_uniform(Plant(model, controller), stock or stock_of_model(model)), entries)
     if stock is None:
         stock = stock_of_model(model)
         model = stock.owned(model)  # with drag and friction, where it has none
-    entries |= {f"arm.mass[{i}]": (None, _ARM_MASS) for i in range(model.arm.n)}
+    entries |= {f"arm.mass[{i}]": (None, _SPREAD.arm_mass) for i in range(model.arm.n)}
     if isinstance(controller.law, OIAC):
-        entries["law.a"] = (None, _GAIN)
+        entries["law.a"] = (None, _SPREAD.gain)
     return _joined(_profile(Plant(model, controller, profile_of(model, "")), stock), entries)
 
 
@@ -189,18 +216,17 @@ def _profile(plant: Plant, stock: Stock) -> Belief:
     profile = plant.profile
     assert profile is not None
     half = profile.linear_density * profile.length / plant.model.whip.N / 2  # what point masses have beyond half a hat
-    entries |= {"profile.rest_curvature": (None, _REST_CURVATURE), "profile.tip_mass": (half, half)}
+    entries |= {"profile.rest_curvature": (None, _SPREAD.rest_curvature), "profile.tip_mass": (half, half)}
     belief = _belief(plant, entries)
     covariance = np.array(belief.covariance)
     # a number that has no logarithm moves by its size times what its logarithm would
     size = [1.0 if v.log else x for v, x in zip(belief.variables, belief.z, strict=True)][: len(names)]
     covariance[: len(names), : len(names)] = stock.covariance * np.outer(size, size)
     drag = belief.names.index("profile.drag")
-    covariance[drag, drag] += (_AIR_FORM * belief.z[drag]) ** 2
+    covariance[drag, drag] += (_SPREAD.air_form * belief.z[drag]) ** 2
     powers, tapers = np.array([*_TAPERS.values()]), slice(len(names), len(names) + len(_TAPERS))
-    covariance[tapers, tapers] = _THICKNESS_TAPER**2 * np.outer(powers, powers) + np.diag(
-        (_OWN_TAPER * powers) ** 2 / 4
-    )
+    common = _SPREAD.thickness_taper**2 * np.outer(powers, powers)
+    covariance[tapers, tapers] = common + np.diag((_SPREAD.own_taper * powers) ** 2 / 4)
     return dataclasses.replace(belief, covariance=covariance)
 
 
@@ -215,7 +241,7 @@ def _joined(belief: Belief, entries: Mapping[str, tuple[float | None, float]]) -
 
 def driven(model: Model, motor: Motor) -> Model:
     """The model with motors at its joints: a rotor turns with its link, and friction counts as viscous."""
-    friction = motor.viscous_friction + motor.dry_friction / _USUAL_SPEED
+    friction = motor.viscous_friction + motor.dry_friction / _SPREAD.usual_speed
     links = tuple(
         dataclasses.replace(link, inertia=link.inertia + motor.inertia, friction=link.friction + friction)  # type: ignore[operator]
         for link in model.arm.links

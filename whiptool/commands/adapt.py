@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,9 +18,6 @@ if TYPE_CHECKING:
     from whiptool.adaptation.steps import Step
 
 REPORT = "report.html"
-
-
-_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "yes": False}
 _ABOUT = (
     "Learn an unknown whip, strike by strike, until it hits. "
     "Example: python -m whiptool.adapt --target 1.2 0.1 --port twin --camera points --family strange --seed 3"
@@ -30,16 +26,18 @@ _ABOUT = (
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command line; the exit status is 0 after a hit, 1 without one, 2 for bad input, 130 when interrupted."""
-    return cli.run(lambda: _adapt(list(sys.argv[1:] if args is None else args)))
+    return cli.run(lambda: _main(args))
 
 
-def _adapt(words: list[str]) -> int:
-    options = cli.parse_resumable(
-        AdaptOptions, command="adapt", description=_ABOUT, args=words, not_configuration=_NOT_CONFIGURATION
-    )
+def _main(args: Sequence[str] | None) -> int:
+    options = cli.parse_resumable(AdaptOptions, command="adapt", description=_ABOUT, args=args)
+    with cli.options_named(options):
+        return _adapt(options)
+
+
+def _adapt(options: AdaptOptions) -> int:
     adaptation = prepare(options)
-    config = {"command": "adapt", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
-    with cli.open_folder(options, "adapt", config) as folder:
+    with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
         steps: list[Step] = []
         adaptation.run(lambda step: _tell(steps, step, adaptation.prior))

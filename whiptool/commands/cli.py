@@ -6,16 +6,19 @@ import dataclasses
 import os
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from whiptool.errors import NOTHING, InputError, WhiptoolError
-from whiptool.options import Options
+from whiptool.options import Options, OutputOptions, ResumableOptions, flag, flags
 from whiptool.version import __version__
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from whiptool.impedance import Controller
+    from whiptool.models import Model
     from whiptool.runs import RunFolder
 
 T = TypeVar("T", bound=Options)
@@ -30,7 +33,10 @@ def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] 
         InputError: It does not parse, an option is there twice, or a value breaks a rule of its own; it is named.
         SystemExit: `--help` was printed.
     """
-    return _checked(_parsed(options, prog=prog, description=description, args=args, default=default))
+    parsed = _parsed(options, prog=prog, description=description, args=args, default=default)
+    with options_named(parsed):
+        parsed.check()
+    return parsed
 
 
 def _parsed(
@@ -43,15 +49,16 @@ def _parsed(
     words = list(sys.argv[1:] if args is None else args)
 
     def refuse(event: Any) -> None:
-        argument = getattr(event, "argument", None)
+        argument: Any = getattr(event, "argument", None)
         name = argument.lowered.name_or_flags[0] if argument is not None else "command line"
         if isinstance(event, tyro_errors.UnrecognizedArgs):
-            flag = next((x for x in event.tokens if x.startswith("--")), "command line")
-            raise InputError(flag, " ".join(event.tokens), "the options that --help lists")
+            unknown = next((x for x in event.tokens if x.startswith("--")), "command line")
+            raise InputError(unknown, " ".join(event.tokens), "the options that --help lists")
         if isinstance(event, tyro_errors.MissingArgs):
             raise _missing(event.missing_arguments[0].arg)
         if isinstance(event, tyro_errors.InvalidChoice):
-            raise InputError(name, event.value, ", ".join(event.choices))
+            allowed = choices(get_type_hints(options)[event.argument.field.intern_name])
+            raise InputError(name, event.value, ", ".join(map(str, allowed)))
         if isinstance(event, tyro_errors.BadValue):
             given = NOTHING if event.offending_value is None else event.offending_value
             raise InputError(name, given, "a value (see --help)")
@@ -59,15 +66,22 @@ def _parsed(
             raise InputError(name, _given(name, words), "a value of its type", event.message)
         raise InputError("command line", " ".join(words), "what --help shows")
 
-    flags = _flags(words)
+    given = _given_flags(words)
     with tyro_errors.on_parse_error(refuse):
         extra: dict[str, Any] = {} if default is None else {"default": default}
         parsed = tyro.cli(options, prog=prog, description=description, args=words, **extra)
     for f in dataclasses.fields(parsed):
-        flag, needs = "--" + f.name.replace("_", "-"), f.name not in getattr(options, "may_be_empty", ())
-        if needs and flag in flags and getattr(parsed, f.name) == ():
-            raise InputError(flag, NOTHING, "one value or more")
+        needs = f.name not in options.named("may_be_empty")
+        if needs and flag(f.name) in given and getattr(parsed, f.name) == ():
+            raise InputError(flag(f.name), NOTHING, "one value or more")
     return parsed
+
+
+def choices(kind: Any) -> list[Any]:
+    """Return the values of all `Literal`s in a type, in their order."""
+    if get_origin(kind) is Literal:
+        return list(get_args(kind))
+    return [value for part in get_args(kind) for value in choices(part)]
 
 
 def _missing(argument: Any) -> InputError:
@@ -78,36 +92,46 @@ def _missing(argument: Any) -> InputError:
     return InputError(name, NOTHING, (meaning or "a value").rstrip("."), "--help tells more")
 
 
-def _checked(options: T) -> T:
-    """The same options.
+@contextmanager
+def options_named(options: Options, **others: str) -> Iterator[None]:
+    """Name options in the errors that come from within, where the library names arguments.
+
+    Args:
+        options: Those of the command: the library's `t_stay` or `t stay` is its `--t-stay`.
+        others: Options by names of the library that are not their own.
 
     Raises:
-        InputError: A value breaks a rule of its own; the option is named.
+        InputError: One that came from within; the option is named.
     """
+    with _named({**dict(flags(options)), **others}):
+        yield
+
+
+@contextmanager
+def _named(names: Mapping[str, str], fix: str = "") -> Iterator[None]:
     try:
-        options.check()
+        yield
     except InputError as error:
-        name = error.name.replace(" ", "_")  # what the library calls an argument
-        if name not in {f.name for f in dataclasses.fields(options)}:
+        name = names.get(error.name.replace(" ", "_"))
+        if name is None:
             raise
-        raise InputError("--" + name.replace("_", "-"), error.given, error.allowed, error.fix) from None
-    return options
+        raise error.renamed(name, fix) from None
 
 
-def _flags(words: Sequence[str]) -> list[str]:
+def _given_flags(words: Sequence[str]) -> list[str]:
     """The options on a command line, `--no-video` as `--video`.
 
     Raises:
         InputError: One is there twice; only the last would count.
     """
-    flags: list[str] = []
+    found: list[str] = []
     for word in words:
         if word.startswith("--"):
-            flag = "--" + word.split("=")[0].removeprefix("--").replace("_", "-").removeprefix("no-")
-            if flag in flags:
-                raise InputError(flag, "twice", "an option once")
-            flags.append(flag)
-    return flags
+            given = flag(word.split("=")[0].removeprefix("--").replace("_", "-").removeprefix("no-"))
+            if given in found:
+                raise InputError(given, "twice", "an option once")
+            found.append(given)
+    return found
 
 
 def parse_resumable(
@@ -116,18 +140,16 @@ def parse_resumable(
     command: str,
     description: str,
     args: Sequence[str] | None,
-    not_configuration: dict[str, Any],
-    changeable: Sequence[str] = (),
     quick: Mapping[str, Any] | None = None,
 ) -> T:
     """As `parse`, for a command with `--out` and `--resume`: a resumed run's options come from its folder.
+
+    What of its options is `changeable` is as in the folder, unless it is given anew; the others may not differ.
 
     Args:
         options: Their class, with fields `out` and `resume`.
         command: Its name, as in `python -m whiptool.COMMAND`.
         description, args: As in `parse`.
-        not_configuration: Options of this call alone, which the folder does not hold, and their defaults.
-        changeable: Options that do not make the run another one: they are as in the folder, unless they are given anew.
         quick: Values that `--quick` sets where an option is not given.
 
     Raises:
@@ -138,12 +160,13 @@ def parse_resumable(
     prog, words = f"whiptool {command}", list(sys.argv[1:] if args is None else args)
     parsed: Any = _parsed(options, prog=prog, description=description, args=words)
     if parsed.resume is None:
-        if not quick or not parsed.quick:
-            return _checked(parsed)
-        mine = {f.name for f in dataclasses.fields(parsed)}
-        small: Any = options(**{name: value for name, value in quick.items() if name in mine})
+        small: Any = None
+        if quick and parsed.quick:
+            mine = {f.name for f in dataclasses.fields(parsed)}
+            small = options(**{name: value for name, value in quick.items() if name in mine})
         return parse(options, prog=prog, description=description, args=words, default=small)
-    config = read_config(parsed.resume)
+    with _named({"run_folder": "--resume"}):
+        config = read_config(parsed.resume)
     table = config.get("options")
     if config.get("command") != command or not isinstance(table, dict):
         raise InputError("--resume", str(parsed.resume), f"a folder that `{prog}` made, its config whole")
@@ -152,10 +175,11 @@ def parse_resumable(
     if again.out is not None:
         raise InputError("--out", str(again.out), "nothing beside --resume: a resumed run stays in its folder")
     now, begun = as_plain(again), as_plain(stored)
-    for name in {f.name for f in dataclasses.fields(again)} - {*not_configuration, *changeable}:
+    fixed = {f.name for f in dataclasses.fields(again)} - options.named("of_this_call") - options.named("changeable")
+    for name in sorted(fixed):
         if now.get(name) != begun.get(name):
             raise InputError(
-                f"--{name.replace('_', '-')}",
+                flag(name),
                 now.get(name),
                 f"{begun.get(name)!r}, as the run was begun",
                 "leave it out, or start a new run",
@@ -177,24 +201,94 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
         raise InputError("--resume", str(path), f"a folder of this command and version ({error})") from None
 
 
-def open_folder(options: Any, name: str, config: dict) -> RunFolder:
+def configuration(
+    options: Options, command: str, model: Model | None = None, controller: Controller | None = None, **parts: Any
+) -> dict[str, Any]:
+    """What a run folder holds of how a run was begun, without the version of the code.
+
+    Args:
+        options: Those of this call alone are left out.
+        command: Its name, as in `python -m whiptool.COMMAND`.
+        model, controller: As the options resolve them; None: they stand elsewhere.
+        parts: What else the options resolve to, as plain TOML data.
+    """
+    from whiptool.impedance.files import controller_to_table
+    from whiptool.models.files import model_to_table
+
+    config = {"command": command, "options": as_plain(options.kept()), **parts}
+    if model is not None:
+        config["model"] = model_to_table(model)
+    if controller is not None:
+        config["controller"] = controller_to_table(controller)
+    return config
+
+
+def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> RunFolder:
+    """Make the folder of a new run, as `--out` says, or below `runs`.
+
+    Args:
+        options: Where it goes.
+        name: Of the folder, unless `--out` gives another.
+        config: See `configuration`.
+
+    Raises:
+        InputError: It cannot be made, it holds something, or another process writes in it.
+    """
+    from whiptool.runs import RunFolder, code_version, default_folder
+
+    resumable = hasattr(options, "resume")
+    with _named({"run_folder": "run folder"}, fix="give --out"):
+        path = options.out or default_folder(name)
+    with _out_named(resumable):
+        note = _go_on(path) if resumable else ""
+        return RunFolder.create(path, {"version": code_version(), **config}, on_interrupt=note)
+
+
+def check_out(options: ResumableOptions) -> None:
+    """Refuse an `--out` that `new_folder` would refuse, and leave it as it is.
+
+    Raises:
+        InputError: It is not empty, or another process writes in it.
+    """
+    from whiptool.runs import check_new
+
+    if options.out is not None:
+        with _out_named(resumable=True):
+            check_new(options.out)
+
+
+@contextmanager
+def _out_named(resumable: bool) -> Iterator[None]:
+    from whiptool.runs import FolderTaken
+
+    with _named({"run_folder": "--out"}):
+        try:
+            yield
+        except FolderTaken as error:
+            raise error.renamed(error.name, "to go on with a killed run, give --resume" if resumable else "") from None
+
+
+def _go_on(path: Path) -> str:
+    return f"go on with --resume {path}"
+
+
+def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) -> RunFolder:
     """The folder that a command writes its run in: a new one, or that of the run to resume.
 
     Args:
-        options: With fields `out` and `resume`.
+        options: Where it goes.
         name: Of a new folder, unless `--out` names it.
-        config: The configuration as it is resolved now, without the version of the code.
+        config: The configuration as it is resolved now, see `configuration`.
 
     Raises:
         InputError: It cannot be made, another process writes in it, or it holds a run with another configuration.
     """
-    from whiptool.runs import RunFolder, code_version, default_folder
+    from whiptool.runs import RunFolder
 
     if options.resume is None:
-        return RunFolder.create(
-            options.out or default_folder(name), {"version": code_version(), **config}, resumable=True
-        )
-    folder = RunFolder.open(options.resume)
+        return new_folder(options, name, config)
+    with _named({"run_folder": "--resume"}):
+        folder = RunFolder.open(options.resume, on_interrupt=_go_on(options.resume))
     check_same_run(folder, config)
     return folder
 

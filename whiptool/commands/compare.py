@@ -9,17 +9,21 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
 from whiptool.options import (
     MANY_TARGETS,
+    Learner,
+    Methods,
     ModelOptions,
+    Observation,
+    ResumableOptions,
     SimulatedControllerOptions,
     StepOptions,
-    TargetOptions,
-    check_training,
+    TrainingOptions,
+    ZoneOptions,
     refuse_idle,
     whole,
 )
@@ -32,7 +36,7 @@ if TYPE_CHECKING:
 QUICK: dict[str, Any] = {
     "targets": 12,
     "seeds": 1,
-    "cap": 40,
+    "max_trials": 40,
     "tighter": (0.03,),
     "episodes": 10,
     "trials": 40,
@@ -45,61 +49,49 @@ LEARNING = ("observation", "episodes", "trials", "random_episodes", "further_epi
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComparisonOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, StepOptions):
+class ComparisonOptions(
+    ResumableOptions,
+    TrainingOptions,
+    StepOptions,
+    SimulatedControllerOptions,
+    ModelOptions,
+    ZoneOptions,
+):
     """What `compare` and `reproduce` share; the zone's centre is --target."""
 
-    may_be_empty: ClassVar[tuple[str, ...]] = ("tighter", "further_zones")
+    may_be_empty: ClassVar[tuple[str, ...]] = ("tighter",)
+    changeable: ClassVar[tuple[str, ...]] = ("workers", "cluster")
 
-    zone_radius: float = 0.1
-    """Targets are drawn from what the model can reach of the disc of this radius around --target [m]."""
     targets: int = 300
     """Number of random targets, the same for all methods."""
     target_seed: int = 0
     """They are drawn with this seed."""
     seeds: int = 3
     """Seeds of whatever is random in a method: 0, 1, ..."""
-    cap: int = 600
-    """Trials at most at each target."""
+    max_trials: int = 600
+    """No more trials than these at each target."""
     tighter: tuple[float, ...] = (0.03, 0.01)
     """Further, smaller hit radii [m]; learners are trained with --hit-radius."""
-    episodes: int = 500
-    """Episodes that learners are trained for (Algorithm 1)."""
-    trials: int = 100
-    """Strikes per episode."""
-    random_episodes: int = 50
-    """Episodes at the start with random strikes."""
     further_episodes: int | None = None
     """Episodes under observations other than paper; default: as --episodes."""
-    hindsight: int = 0
-    """Relabelled copies of every strike (sac, td3, ddpg under observation goal)."""
     workers: int | None = None
     """Processes on this machine; default: one per core, at most 8. The results do not depend on it."""
     cluster: str | None = None
     """Work on a Ray cluster: its address, or auto for the one that this machine belongs to."""
     quick: bool = False
     """A taste in a minute or two: few targets, one seed, short training, wherever an option is not given."""
-    out: Path | None = None
-    """Run folder; default: runs/COMMAND-DATE-TIME."""
-    resume: Path | None = None
-    """Go on with the killed run in this folder; its options need not be given again."""
-    json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
-
         super().check()
         for radius in self.tighter:
             if not 0 < radius < self.hit_radius or self.tighter.count(radius) > 1:
                 allowed = f"different hit radii between 0 and --hit-radius, {self.hit_radius:g} m"
                 raise InputError("--tighter", radius, allowed)
-        number("--zone-radius", self.zone_radius, low=0, strict=True)
         whole("--targets", self.targets, high=MANY_TARGETS)
         whole("--target-seed", self.target_seed, low=0)
         whole("--seeds", self.seeds, high=10_000)
-        whole("--cap", self.cap, high=MANY_TARGETS)
-        check_training(self.episodes, self.trials, self.random_episodes, self.hindsight)
+        whole("--max-trials", self.max_trials, high=MANY_TARGETS)
         if self.further_episodes is not None:
             whole("--further-episodes", self.further_episodes)
         if self.workers is not None:
@@ -122,21 +114,16 @@ class ComparisonOptions(TargetOptions, ModelOptions, SimulatedControllerOptions,
             InputError: An option breaks its rule.
         """
         from whiptool.studies.comparison import Comparison, Scene
-        from whiptool.target import Target
-        from whiptool.zone import Disc, disc_within_reach
 
-        model, controller = self.build_model(), self.build_controller()
-        self.build_target().check_reach(model)
-        disc = Disc(self.target, self.zone_radius)  # type: ignore[arg-type]
-        Target((disc.centre[0], disc.centre[1]), self.hit_radius)
+        model = self.build_model()
         scene = Scene(
             model=model,
-            controller=controller,
-            zone=disc_within_reach(disc, model.reach),
+            controller=self.build_controller(),
+            zone=self.build_disc(model),
             targets=self.targets,
             target_seed=self.target_seed,
             radii=(self.hit_radius, *self.tighter),
-            cap=self.cap,
+            cap=self.max_trials,
             t_stay=self.t_stay,
             timestep=self.step_for(model),
         )
@@ -157,37 +144,29 @@ class ComparisonOptions(TargetOptions, ModelOptions, SimulatedControllerOptions,
 class CompareOptions(ComparisonOptions):
     """Trials to the first hit of many random targets, method by method (Fig. 6)."""
 
-    methods: tuple[str, ...] = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
+    methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
     """Methods of whiptool.optimize; random always stands beside them. sac, td3, ddpg, ppo are trained once per seed."""
-    observation: tuple[str, ...] = ("paper", "relative", "goal")
+    observation: tuple[Observation, ...] = ("paper", "relative", "goal")
     """What learners see."""
-    zone: str = "disc"
+    zone: Literal["disc", "fast"] = "disc"
     """Where targets are drawn: disc (of --zone-radius), or fast: wherever the tip of random strikes is fast (3 m/s)."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.optimizers import find_method
-        from whiptool.studies.comparison.plan import LEARNERS, OBSERVATIONS
 
         super().check()
         for method in self.methods:
             find_method(method)
-        for observation in self.observation:
-            if observation not in OBSERVATIONS:
-                raise InputError("--observation", observation, ", ".join(OBSERVATIONS))
         usual = CompareOptions(**{k: v for k, v in QUICK.items() if hasattr(self, k)}) if self.quick else None
-        if not set(LEARNERS) & set(self.methods):
+        if not set(get_args(Learner)) & set(self.methods):
             refuse_idle(self, dict.fromkeys(LEARNING, "nothing without a learner among --methods"), usual)
         if set(self.observation) == {"paper"}:
             refuse_idle(self, {"further_episodes": "nothing with --observation paper alone"}, usual)
-        if self.zone not in ("disc", "fast"):
-            raise InputError("--zone", self.zone, "disc, fast")
         if self.zone == "fast":
-            refuse_idle(self, dict.fromkeys(("target", "zone_radius"), "nothing beside --zone fast"))
+            refuse_idle(self, dict.fromkeys(self.of_disc, "nothing beside --zone fast"))
 
 
-NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
-CHANGEABLE = ("workers", "cluster")
 _EXAMPLE = (
     "Trials to the first hit of many random targets, method by method (Fig. 6). "
     "Example: python -m whiptool.compare --quick --methods directl sac --observation goal"
@@ -200,18 +179,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_resumable(
-        CompareOptions,
-        command="compare",
-        description=_EXAMPLE,
-        args=args,
-        not_configuration=NOT_CONFIGURATION,
-        changeable=CHANGEABLE,
-        quick=QUICK,
-    )
-    comparison = options.comparison(options.methods, options.observation)
-    with open_folder("compare", options, comparison) as folder:
-        return _compare(options, comparison, folder)
+    options = cli.parse_resumable(CompareOptions, command="compare", description=_EXAMPLE, args=args, quick=QUICK)
+    with cli.options_named(options):
+        comparison = options.comparison(options.methods, options.observation)
+        with open_folder("compare", options, comparison) as folder:
+            return _compare(options, comparison, folder)
 
 
 def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder) -> int:
@@ -248,22 +220,14 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
     return 0
 
 
-def open_folder(command: str, options: Any, comparison: Comparison):
+def open_folder(command: str, options: ComparisonOptions, comparison: Comparison) -> RunFolder:
     """The run folder of a command: a new one, or that to resume.
 
     Raises:
         InputError: It cannot be made, or holds a run with another configuration.
     """
-    from whiptool.impedance.files import controller_to_table
-    from whiptool.models.files import model_to_table
-
-    config = {
-        "command": command,
-        "options": cli.as_plain(replace(options, **NOT_CONFIGURATION)),
-        "model": model_to_table(comparison.scene.model),
-        "controller": controller_to_table(comparison.scene.controller),
-    }
-    return cli.open_folder(options, command, config)
+    scene = comparison.scene
+    return cli.open_folder(options, command, cli.configuration(options, command, scene.model, scene.controller))
 
 
 def save(folder: Path, series: Sequence[Series], about: str) -> str:

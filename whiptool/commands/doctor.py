@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from whiptool.commands import cli
-from whiptool.options import Options
+from whiptool.options import JsonOptions
 from whiptool.version import __version__
 
 CORE = ("casadi", "pin", "mujoco", "nlopt", "numpy", "scipy", "matplotlib", "tyro", "pymoo")
@@ -27,11 +27,8 @@ EXTRAS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class DoctorOptions(Options):
+class DoctorOptions(JsonOptions):
     """Check the installation and this machine."""
-
-    json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,16 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from whiptool.commands.cli import parse, run
-from whiptool.options import Options, refuse_idle
+from whiptool.commands.cli import options_named, parse, run
+from whiptool.commands.dynamixel import Baud
+from whiptool.options import ModelOptions, refuse_idle
 
 
 @dataclass(frozen=True, kw_only=True)
-class EmulatorOptions(Options):
+class EmulatorOptions(ModelOptions):
     """Emulated servos on a pseudo-terminal."""
 
-    model: str = "lemon2024"
-    """Preset or the path of a .toml file: what the servos move."""
-    baud: int = 1_000_000
+    baud: Baud = 1_000_000
     """Bits per second that the servos are set to."""
     friction: bool = True
     """Friction and inertia as of real servos."""
@@ -44,19 +43,14 @@ def main(args: Sequence[str] | None = None) -> int:
         return 0
 
     def command() -> int:
-        from whiptool.models.files import find_model
         from whiptool.rig.emulator.motor import HARDWARE, Motor
         from whiptool.rig.emulator.options import TwinOptions
 
         o = parse(EmulatorOptions, prog="python -m whiptool.rig.emulator", description=__doc__ or "", args=words)
-        options = TwinOptions(
-            model=find_model(o.model),
-            motor=HARDWARE if o.friction else Motor(),
-            lockstep=o.lockstep,
-            period=o.period,
-            baud=o.baud,
-        )
-        serve_alone(options, o.link)
+        with options_named(o):
+            motor = HARDWARE if o.friction else Motor()
+            twin = TwinOptions(o.build_model(), motor, lockstep=o.lockstep, period=o.period, baud=o.baud)
+            serve_alone(twin, o.link)
         return 0
 
     return run(command)

@@ -20,6 +20,8 @@ from whiptool.studies.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHO
 from whiptool.studies.comparison.series import collect
 from whiptool.studies.comparison.shipped import Results
 
+_RENAMED = {"cap": "max_trials"}  # of options of older runs
+
 
 def read_run(folder: Path | str) -> Results:
     """The results in the run folder of `whiptool.compare` or `whiptool.reproduce`.
@@ -34,7 +36,8 @@ def read_run(folder: Path | str) -> Results:
     if kind is None:
         raise InputError("run folder", str(folder), "one of whiptool.compare or whiptool.reproduce")
     mine = {f.name for f in fields(kind)}  # older runs hold options that there are no more
-    options = stored_options(kind, {k: v for k, v in config["options"].items() if k in mine}, folder)
+    begun = {_RENAMED.get(name, name): value for name, value in config["options"].items()}
+    options = stored_options(kind, {name: value for name, value in begun.items() if name in mine}, folder)
     methods, observations = PAPER_METHODS, OBSERVATIONS
     if kind is CompareOptions:
         methods, observations = options.methods, options.observation

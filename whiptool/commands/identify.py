@@ -7,12 +7,11 @@ import json
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from whiptool.commands import cli
-from whiptool.commands.identify_options import IDENTIFIED, NOT_CONFIGURATION, RECORDINGS, REPORT, IdentifyOptions
+from whiptool.commands.identify_options import IDENTIFIED, RECORDINGS, REPORT, IdentifyOptions
 from whiptool.commands.identify_pendulum import identify_pendulum
 from whiptool.errors import InputError
 from whiptool.options import refuse_idle
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from whiptool.identification.plant import Plant
     from whiptool.identification.results import Fit
     from whiptool.impedance import Controller
+    from whiptool.models import WhipProfile
     from whiptool.runs import RunFolder
 
 _EXAMPLE = (
@@ -36,15 +36,13 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    from whiptool.runs import check_new
+    options = cli.parse_resumable(IdentifyOptions, command="identify", description=_EXAMPLE, args=args)
+    with cli.options_named(options):
+        cli.check_out(options)  # before hours of film are tracked
+        return identify_pendulum(options) if options.drive == "free" else _identify(options)
 
-    options = cli.parse_resumable(
-        IdentifyOptions, command="identify", description=_EXAMPLE, args=args, not_configuration=NOT_CONFIGURATION
-    )
-    if options.out is not None:
-        check_new(options.out)  # before hours of film are tracked
-    if options.drive == "free":
-        return identify_pendulum(options)
+
+def _identify(options: IdentifyOptions) -> int:
     run = _Run(options)
     with run.open_folder() as folder:
         run.write_recordings(folder)
@@ -77,17 +75,16 @@ class _Run:
     """One identification: everything is checked before anything is written."""
 
     def __init__(self, options: IdentifyOptions) -> None:
-        from whiptool.identification.inputs import profile_of, read_prior, split
+        from whiptool.identification.inputs import read_prior, split
         from whiptool.identification.plant import Plant
         from whiptool.identification.problem import HUBER, Options
-        from whiptool.models.files import find_model
         from whiptool.runs import code_version
 
         self.options = options
-        self.model = find_model(options.model)
+        self.model = options.build_model()
         fallback = options.build_controller()
         names, held_out = split(options.recordings, options.held_out)
-        profile = profile_of(self.model, options.model) if options.profile else None
+        profile = self._profile() if options.profile else None
         if not options.free:
             raise InputError("--free", "none", "one or more names", "such as k")
         # a slip is found before hours of film are tracked
@@ -109,6 +106,14 @@ class _Run:
         )
         self._check_fit()
         self.version = code_version()
+
+    def _profile(self) -> WhipProfile:
+        from whiptool.identification.inputs import profile_of
+
+        try:
+            return profile_of(self.model, self.options.model)
+        except InputError as error:
+            raise error.within("--profile: ") from None
 
     def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
         """Read or track all recordings, and find their plane; the controller that they hold."""
@@ -150,23 +155,20 @@ class _Run:
 
     def open_folder(self) -> RunFolder:
         """The run folder, with its configuration."""
-        from whiptool.impedance.files import controller_to_table
-        from whiptool.models.files import model_to_table
-
-        assert self.plant.controller is not None
         pairs = [(r, False) for r in self.recordings] + [(r, True) for r in self.held_out]
         files = _file_names([r.source for r, _ in pairs])
-        config = {
-            "command": "identify",
-            "options": cli.as_plain(replace(self.options, **NOT_CONFIGURATION)),
-            "free": list(self.free),
-            "recordings": [
-                {"source": r.source, "sha256": r.sha256, "held_out": out, "file": f"{RECORDINGS}/{file}"}
-                for (r, out), file in zip(pairs, files, strict=True)
-            ],
-            "model": model_to_table(self.plant.model),
-            "controller": controller_to_table(self.plant.controller),
-        }
+        recordings = [
+            {"source": r.source, "sha256": r.sha256, "held_out": out, "file": f"{RECORDINGS}/{file}"}
+            for (r, out), file in zip(pairs, files, strict=True)
+        ]
+        config = cli.configuration(
+            self.options,
+            "identify",
+            self.plant.model,
+            self.plant.controller,
+            free=list(self.free),
+            recordings=recordings,
+        )
         return cli.open_folder(self.options, "identify", config)
 
     def write_recordings(self, folder: RunFolder) -> None:

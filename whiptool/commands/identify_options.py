@@ -3,85 +3,75 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Literal
 
 import tyro
 
 from whiptool.errors import InputError
-from whiptool.options import LawOptions, refuse_idle, whole
+from whiptool.options import LawOptions, ModelOptions, Preset, ResumableOptions, SeedOptions, refuse_idle, whole
+from whiptool.options.controller import CONTROLLERS
+from whiptool.options.scene import MODELS
+
+Drive = Literal["command", "joints", "handle", "passive", "free"]
+Own = Literal["delay", "scale", "rotation", "shift_x", "shift_y", "start"]
 
 OF_WHIPS = ("per_recording", "nodes", "profile", "prior", "tip")  # options that speak of whips and cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
 
 
 @dataclass(frozen=True, kw_only=True)
-class IdentifyOptions(LawOptions):
+class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Fit a whip's parameters to recorded strikes."""
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
     """Tracks (CSV, DeepLabCut, NPZ, MAT, C3D, LeRobot folders) or videos (files, ROS bags), which are tracked first."""
     free: tuple[str, ...] = ("k", "b", "m")
     """What to fit: names such as k (for whip.k), whip.k[3], arm.mass[0], gravity, law.a, bending_stiffness, delay."""
-    drive: str = "command"
+    drive: Drive = "command"
     """What drives the whip: command (the strike, controller in the loop), joints (measured), handle (tracked), passive
     (nothing: held still and released by hand; the first state is free); free: a pendulum of links by its angles."""
     clamp: float | None = None
     """With passive: the whip is clamped, and the clamp points there, 0 straight down [rad]; a first guess if clamp is
     among --free. Default: a free hinge."""
-    model: str = "lemon2024"
-    """Where the fit starts: a preset (lemon2024, nah2020-fitted, ...) or the path of a .toml file."""
-    controller: str = "oiac"
-    """Used only where the recordings do not hold it: oiac or constant (Eq. 22)."""
-    preset: str | None = None
-    """Likewise, OIAC parameters: printed or table4; default: table4."""
+    model: Annotated[str, tyro.conf.arg(metavar=MODELS)] = "lemon2024"
+    """Where the fit starts: a published whip and arm, or those of a file; with free, the pendulum's file."""
+    controller: Annotated[str, tyro.conf.arg(metavar=CONTROLLERS)] = "oiac"
+    """Used only where the recordings do not hold it."""
+    preset: Preset | None = None
+    """Likewise, parameters of the law; default: table4 of oiac, nah2020 (Eq. 22) of constant."""
     held_out: tuple[str, ...] | None = None
     """Recordings to predict and not to fit: how many, from the end, or their paths; default: of three or more, one."""
-    per_recording: tuple[str, ...] = ()
-    """What each recording has its own value of: of delay, scale, rotation, shift_x, shift_y, start."""
+    per_recording: tuple[Own, ...] = ()
+    """What each recording has its own value of."""
     nodes: tuple[int, ...] = ()
     """Numbers of nodes to try; the one with the smallest held-out error is taken."""
     profile: bool = False
     """Fit the whip as a profile: length, linear_density, bending_stiffness, bending_damping, drag, tapers."""
     pieces: tuple[float, ...] = ()
     """With free: lengths of the pieces that long swings are cut into for a first fit [s], such as 0.3."""
-    loss: str = "huber"
-    """huber, or none for least squares."""
+    loss: Literal["huber", "none"] = "huber"
+    """Huber's loss; none: least squares."""
     starts: int = 3
     """From how many places to begin; the first is the model as given."""
     prior: str | None = None
     """TOML file of what is known beforehand: "whip.m" = {value = 0.012, error = 0.1}; see the file formats."""
     tip: str | None = None
     """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
-    seed: int = 0
-    """Seed of the starts."""
-    out: Path | None = None
-    """Run folder; default: runs/identify-DATE-TIME."""
-    resume: Path | None = None
-    """Go on with the killed run in this folder: the fit is made anew, to the same end."""
-    json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.identification.drives import DRIVES
         from whiptool.identification.inputs import read_marker
         from whiptool.models.parameters import number
 
         super().check()
         if not self.recordings:
             raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
-        if self.drive not in DRIVES:
-            raise InputError("--drive", self.drive, ", ".join(DRIVES))
         if self.drive != "free":
             refuse_idle(self, {"pieces": "nothing but with --drive free"})
         if self.drive != "passive":
             refuse_idle(self, {"clamp": "nothing but with --drive passive: the model's k speaks of the hinge"})
         if self.drive != "command":
             refuse_idle(self, dict.fromkeys(("controller", "preset"), "nothing but with --drive command"))
-        if self.loss not in ("huber", "none"):
-            raise InputError("--loss", self.loss, "huber, none")
-        whole("--seed", self.seed, low=0)
         whole("--starts", self.starts, high=1000)
         if self.clamp is not None:
             number("--clamp", self.clamp)
@@ -92,6 +82,3 @@ class IdentifyOptions(LawOptions):
         if self.drive == "free":
             refuse_idle(self, dict.fromkeys(OF_WHIPS, "nothing with --drive free"))
         read_marker(self.tip)
-
-
-NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import sys
 from typing import TYPE_CHECKING, Any
 
 from whiptool.commands import cli
-from whiptool.commands.identify_options import IDENTIFIED, NOT_CONFIGURATION, REPORT, IdentifyOptions
+from whiptool.commands.identify_options import IDENTIFIED, REPORT, IdentifyOptions
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.whole_files import write_whole
@@ -76,12 +75,8 @@ def full_names(names: tuple[str, ...], pendulum: Pendulum) -> tuple[str, ...]:
 
 
 def _folder(options: IdentifyOptions, free: tuple[str, ...], fitted: list[str], held_out: list[str]) -> Any:
-    config = {
-        "command": "identify",
-        "options": cli.as_plain(dataclasses.replace(options, **NOT_CONFIGURATION)),
-        "free": list(free),
-        "recordings": [{"source": x, "held_out": x in held_out} for x in (*fitted, *held_out)],
-    }
+    recordings = [{"source": x, "held_out": x in held_out} for x in (*fitted, *held_out)]
+    config = cli.configuration(options, "identify", free=list(free), recordings=recordings)
     return cli.open_folder(options, "identify", config)
 
 

@@ -5,52 +5,55 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, ClassVar, Literal
+
+from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import ModelOptions, SimulatedControllerOptions, SimulatorOptions, TargetOptions, whole
-
-if TYPE_CHECKING:
-    from whiptool.models.strike import StrikeBounds
+from whiptool.options import (
+    METHODS,
+    ModelOptions,
+    ResumableOptions,
+    SearchOptions,
+    SeedOptions,
+    SimulatedControllerOptions,
+    SimulatorOptions,
+    TargetOptions,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
-class OptimizeOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, SimulatorOptions):
+class OptimizeOptions(
+    ResumableOptions,
+    SeedOptions,
+    SearchOptions,
+    SimulatorOptions,
+    SimulatedControllerOptions,
+    ModelOptions,
+    TargetOptions,
+):
     """Find a strike with which the tip of the whip hits a target."""
 
-    method: str = "directl"
-    """directl, gradient, cmaes, ga, random; the learners sac, td3, ddpg, ppo; or nlopt:NAME of any of NLopt's global
-    algorithms, such as nlopt:GN_CRS2_LM."""
-    lower: tuple[float, ...] | None = None
-    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
-    upper: tuple[float, ...] | None = None
-    """Upper bounds, likewise."""
-    max_trials: int = 600
-    """No more trials than these."""
+    changeable: ClassVar[tuple[str, ...]] = ("video",)
+    in_space: ClassVar[bool] = True
+
+    method: Annotated[str, arg(metavar=METHODS)] = "directl"
+    """How strikes are searched; nlopt:NAME is any of NLopt's global algorithms, such as nlopt:GN_CRS2_LM."""
     max_time: float | None = None
     """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
-    limits: str | None = None
-    """Strikes beyond this motor's speed-torque line are refused, and count as misses: xm430."""
+    limits: Literal["xm430"] | None = None
+    """Strikes beyond this motor's speed-torque line are refused, and count as misses."""
     stop_at_hit: bool = True
     """End with the first hit, or the batch that holds it; otherwise go on to come closer."""
-    seed: int = 0
-    """Seed of what is random in the method."""
-    out: Path | None = None
-    """Run folder; default: runs/METHOD-DATE-TIME."""
-    resume: Path | None = None
-    """Go on with the killed run in this folder; its options need not be given again."""
-    json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
     video: bool = True
     """Render the strike as a video."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.motor_limits import limits_preset
         from whiptool.models.parameters import number
         from whiptool.optimizers import find_method
 
@@ -58,15 +61,10 @@ class OptimizeOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, S
         find_method(self.method)
         if self.method == "gradient" and self.simulator == "reference":
             raise InputError("--method", self.method, "one without derivatives, beside --simulator reference")
-        if self.limits is not None:
-            limits_preset(self.limits)
         if self.max_time is not None:
             number("--max-time", self.max_time, low=0, strict=True)
-        whole("--max-trials", self.max_trials)
-        whole("--seed", self.seed, low=0)
 
 
-_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
 
 
@@ -76,25 +74,17 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_resumable(
-        OptimizeOptions,
-        command="optimize",
-        description=_EXAMPLE,
-        args=args,
-        not_configuration=_NOT_CONFIGURATION,
-        changeable=("video",),
-    )
-    run = _Run(options)
-    with run.folder:
-        return run.report(run.search())
+    options = cli.parse_resumable(OptimizeOptions, command="optimize", description=_EXAMPLE, args=args)
+    with cli.options_named(options):
+        run = _Run(options)
+        with run.folder:
+            return run.report(run.search())
 
 
 class _Run:
     """One search: everything is checked before anything is written."""
 
     def __init__(self, options: OptimizeOptions) -> None:
-        from whiptool.impedance.files import controller_to_table
-        from whiptool.models.files import model_to_table
         from whiptool.models.motor_limits import limits_preset
         from whiptool.objective import Objective
         from whiptool.optimizers.trial_log import TRIALS, TrialLog
@@ -106,26 +96,20 @@ class _Run:
         self.target = options.build_target()
         self.target.check_reach(self.model)
         self.controller.check_fits(self.model.arm)
-        bounds = bounds_within(options.lower, options.upper, self.model)
         self.rollout = options.build_rollout(self.model, self.controller)
         self.objective = Objective(
             self.rollout,
             self.target,
             t_stay=options.t_stay,
-            bounds=bounds,
+            bounds=options.build_bounds(self.model),
             max_trials=options.max_trials,
             max_time=options.max_time,
             stop_at_hit=options.stop_at_hit,
             limits=limits,
         )
         self.version = code_version()
-        config = {
-            "command": "optimize",
-            "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION)),
-            "bounds": {k: list(v) for k, v in asdict(self.objective.bounds).items()},
-            "model": model_to_table(self.model),
-            "controller": controller_to_table(self.controller),
-        }
+        bounds = {name: list(values) for name, values in asdict(self.objective.bounds).items()}
+        config = cli.configuration(options, "optimize", self.model, self.controller, bounds=bounds)
         self.folder = cli.open_folder(options, options.method.replace(":", "-"), config)
         self.log = TrialLog(self.folder.path / TRIALS, self.model.arm)
         self.recorded = self.log.read() if options.resume else []
@@ -296,24 +280,6 @@ class _Run:
         return "\n".join(lines)
 
 
-def bounds_within(lower: tuple[float, ...] | None, upper: tuple[float, ...] | None, model) -> StrikeBounds:
-    """The box of strikes that `--lower` and `--upper` give; the usual bounds where they are not given.
-
-    Raises:
-        InputError: They are not of this arm, or cross.
-    """
-    from whiptool.models.strike import StrikeBounds, default_bounds
-
-    numbers = 2 * model.arm.n + 1
-    for name, given in (("--lower", lower), ("--upper", upper)):
-        if given is not None and len(given) != numbers:
-            raise InputError(name, given, f"{numbers} numbers, for an arm of {model.arm.n} joints")
-    if lower is not None and upper is not None:
-        return StrikeBounds(lower, upper)
-    usual = default_bounds(model.arm)
-    return StrikeBounds(lower or usual.lower, upper or usual.upper)
-
-
 def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
     """A strike for people, with the bounds in which it was searched if given."""
     lines = []
@@ -359,6 +325,6 @@ def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float
     if video:
         from whiptool.viz.video import render_video
 
-        render_video(folder / "strike.mp4", trajectory, model, target.position, target.hit_radius)
+        render_video(folder / "strike.mp4", trajectory, model, target)
         kinds.append("video")
     return kinds

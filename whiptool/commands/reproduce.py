@@ -7,14 +7,15 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
+from tyro.conf import arg
 
 from whiptool.commands import cli
-from whiptool.commands.compare import CHANGEABLE, NOT_CONFIGURATION, QUICK, ComparisonOptions, open_folder
+from whiptool.commands.compare import QUICK, ComparisonOptions, open_folder
 from whiptool.errors import InputError
-from whiptool.options import MANY_TARGETS, refuse_idle, whole
+from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, whole
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -22,53 +23,52 @@ if TYPE_CHECKING:
     from whiptool.studies.comparison import Comparison
 
 REPORT = "report.html"
+Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "all"]
+Row = Literal["nominal", "robust", "correction", "sac", "told", "uniform", "adapt", "still", "wiggle", "chain"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReproduceOptions(ComparisonOptions):
     """The paper's figures and tables beside ours, in one HTML file."""
 
-    what: tyro.conf.Positional[str] = "all"
-    """fig5, fig6, fig7, table4 (with Fig. 8), hard (1 cm, everywhere), sim2real (Figs. 9, 10), adapt (unknown whips;
-    hours of its own), or all but adapt."""
+    may_be_empty: ClassVar[tuple[str, ...]] = ("further_zones",)
+
+    what: tyro.conf.Positional[Part] = "all"
+    """Which of them: table4 goes with Fig. 8, hard is 1 cm everywhere, sim2real Figs. 9 and 10, adapt unknown whips
+    (hours of its own), and all is all but adapt."""
     whips: int = 100
     """Unknown whips of each family, in adapt."""
     whip_targets: int = 3
     """Targets of each of them."""
-    rows: tuple[str, ...] = ()
-    """Of adapt, the ways to strike that are tried (nominal, robust, correction, sac, told, uniform, adapt, still,
-    wiggle), and chain: through servos, images and tracker; default: all."""
+    rows: tuple[Row, ...] = ()
+    """Of adapt, the ways to strike that are tried, and chain: through servos, images and tracker; default: all."""
     further_episodes: int | None = 100
     """Episodes under observations other than paper, which show what they can much earlier."""
-    further_zones: tuple[str, ...] = ("0.3", "fast")
+    further_zones: Annotated[tuple[str, ...], arg(metavar="[RADIUS|fast ...]")] = ("0.3", "fast")
     """Fig. 6 again where one strike does not do: targets from discs of these radii [m] around --target, and fast:
     wherever the tip of random strikes is fast (3 m/s)."""
-    further_methods: tuple[str, ...] = ("directl", "ga", "sac", "td3", "ddpg", "ppo")
+    further_methods: Methods = ("directl", "ga", "sac", "td3", "ddpg", "ppo")
     """What is compared there; random always stands beside them."""
-    further_observation: tuple[str, ...] = ("goal",)
+    further_observation: tuple[Observation, ...] = ("goal",)
     """What learners see there."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.optimizers import find_method
-        from whiptool.studies.comparison.plan import OBSERVATIONS
         from whiptool.studies.comparison.zones import check_zone
-        from whiptool.studies.reproduction import PARTS
 
         super().check()
-        if self.what not in (*PARTS, "all"):
-            raise InputError("what to reproduce", self.what, ", ".join((*PARTS, "all")))
         whole("--whips", self.whips, high=MANY_TARGETS)
         whole("--whip-targets", self.whip_targets, high=MANY_TARGETS)
         _check_rows(self.rows)
         for method in self.further_methods:
             find_method(method)
-        for observation in self.further_observation:
-            if observation not in OBSERVATIONS:
-                raise InputError("--further-observation", observation, ", ".join(OBSERVATIONS))
         reach = self.build_model().reach
         for zone in self.further_zones:
-            check_zone(zone, "--further-zones", self.target, reach)
+            try:
+                check_zone(zone, self.target, reach)
+            except InputError as error:
+                raise error.renamed("--further-zones") from None
         if self.what != "adapt":
             refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows"), "nothing but with adapt"))
         usual = ReproduceOptions(**QUICK) if self.quick else None
@@ -91,21 +91,14 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_resumable(
-        ReproduceOptions,
-        command="reproduce",
-        description=_EXAMPLE,
-        args=args,
-        not_configuration=NOT_CONFIGURATION,
-        changeable=CHANGEABLE,
-        quick=QUICK,
-    )
+    options = cli.parse_resumable(ReproduceOptions, command="reproduce", description=_EXAMPLE, args=args, quick=QUICK)
     from whiptool.studies.comparison.plan import OBSERVATIONS, PAPER_METHODS
 
-    comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
-    further = options.comparison(options.further_methods, options.further_observation)
-    with open_folder("reproduce", options, comparison) as folder:
-        return _reproduce(options, comparison, further, folder)
+    with cli.options_named(options):
+        comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
+        further = options.comparison(options.further_methods, options.further_observation)
+        with open_folder("reproduce", options, comparison) as folder:
+            return _reproduce(options, comparison, further, folder)
 
 
 def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Comparison, folder: RunFolder) -> int:
@@ -191,11 +184,7 @@ def _facts(options: ReproduceOptions, comparison) -> dict[str, str]:
 
 
 def _check_rows(rows: Sequence[str]) -> None:
-    from whiptool.studies.reproduction.unknown_whips import LEARNING, METHODS
+    from whiptool.studies.reproduction.unknown_whips import LEARNING
 
-    known = (*METHODS, "chain")
-    for row in rows:
-        if row not in known:
-            raise InputError("--rows", row, ", ".join(known))
     if rows and not set(rows) & set(LEARNING):
         raise InputError("--rows", " ".join(rows), "one of " + ", ".join(LEARNING) + " among them")

@@ -8,11 +8,13 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import LONGEST_STAY, refuse_idle, whole
+from whiptool.options import LONGEST_STAY, MODELS, WITHOUT_DERIVATIVES, ResumableOptions, SearchOptions, refuse_idle
 from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
@@ -35,8 +37,8 @@ class RigOptions(ArmOptions):
 
     cap: bool = False
     """Cap stiffness and damping at what the sampled loop can carry, instead of refusing what it cannot."""
-    true_model: str | None = None
-    """Of the twin: what is really there, a preset or .toml; default: --model."""
+    true_model: Annotated[str | None, arg(metavar=MODELS)] = None
+    """Of the twin: what is really there; default: --model."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -70,19 +72,16 @@ class StrikeOptions(RigOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LearnOptions(RigOptions):
+class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     """Search for a hit on the rig itself, strike by strike."""
 
-    method: str = "cmaes"
+    method: Annotated[str, arg(metavar="{" + ",".join(WITHOUT_DERIVATIVES) + "}")] = "cmaes"
     """Any method of whiptool optimize that needs no derivatives."""
-    lower: tuple[float, ...] | None = None
-    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
-    upper: tuple[float, ...] | None = None
-    """Upper bounds, likewise."""
     max_trials: int = 20
     """No more strikes than these."""
-    resume: Path | None = None
-    """Go on with the run in this folder: its strikes are not struck again."""
+    camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense}|FILE.db3")] = "twin"
+    """With a real arm: realsense or a RealSense recording; with the twin: the others (d435-infrared is twin; points is
+    the tip's position with the error of tracked images, without the images)."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -94,10 +93,8 @@ class LearnOptions(RigOptions):
             raise InputError("--method", self.method, "one without derivatives: a rig has none")
         if self.camera == "none":
             raise InputError("--camera", self.camera, "one that sees the tip: a search needs the miss")
-        whole("--max-trials", self.max_trials)
 
 
-_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False, "yes": False}
 _STRIKE = (
     "Run a strike on a rig and leave its recording. "
     "Example: python -m whiptool.rig strike --strike -0.622 0.221 0.705 2.122 1.176 --target 1.2 0.1 --port twin"
@@ -153,11 +150,16 @@ def _check_camera(name: str) -> None:
 
 
 def _strike(words: list[str]) -> int:
+    options = cli.parse(StrikeOptions, prog="whiptool rig strike", description=_STRIKE, args=words)
+    with cli.options_named(options):
+        return _strike_once(options)
+
+
+def _strike_once(options: StrikeOptions) -> int:
+    """Strike, write everything, tell people or programs."""
     from whiptool.models.strike import Strike
     from whiptool.rig.session import CYCLES, RECORDING
-    from whiptool.runs import RunFolder, code_version, default_folder
 
-    options = cli.parse(StrikeOptions, prog="whiptool rig strike", description=_STRIKE, args=words)
     model, controller = options.build_model(), options.build_controller()
     strike, target = Strike.from_vector(options.strike), options.build_target()
     target.check_reach(model)
@@ -166,8 +168,7 @@ def _strike(words: list[str]) -> int:
             "--strike", options.strike, f"{2 * model.arm.n + 1} numbers, for an arm of {model.arm.n} joints"
         )
     rig = _make_rig(options, model, controller)
-    config = {"command": "rig strike", "version": code_version(), "options": cli.as_plain(replace(options, out=None))}
-    with RunFolder.create(options.out or default_folder("rig"), config) as folder:
+    with cli.new_folder(options, "rig", cli.configuration(options, "rig strike")) as folder:
         struck = rig.strike(strike, folder=folder.path)
         summary = _summary(struck, target) | {"report": str(folder.path / REPORT)}
         folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
@@ -249,16 +250,17 @@ def _lines(struck, summary: dict, target) -> list[str]:
 
 def _learn(words: list[str]) -> int:
     """A search whose objective is the rig."""
-    from whiptool.commands.optimize import bounds_within
+    options = cli.parse_resumable(LearnOptions, command="rig learn", description=_LEARN, args=words)
+    with cli.options_named(options):
+        return _learn_strikes(options)
 
-    options = cli.parse_resumable(
-        LearnOptions, command="rig learn", description=_LEARN, args=words, not_configuration=_NOT_CONFIGURATION
-    )
+
+def _learn_strikes(options: LearnOptions) -> int:
+    """Search on the rig, and say what came of it."""
     model, controller = options.build_model(), options.build_controller()
-    bounds = bounds_within(options.lower, options.upper, model)
+    bounds = options.build_bounds(model)
     options.build_target().check_reach(model)
     rig = _make_rig(options, model, controller)
-    config = {"command": "rig learn", "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION))}
 
     def make(number: int) -> Rig:
         """The rig of a strike's number: a twin's noise is that strike's own, lest a resumed run see another."""
@@ -266,6 +268,7 @@ def _learn(words: list[str]) -> int:
             return rig
         return _make_rig(replace(options, seed=1000 * options.seed + number), model, controller)
 
+    config = cli.configuration(options, "rig learn")
     with cli.open_folder(options, "rig-" + options.method, config) as folder:
         return _search(options, make, model, bounds, folder)
 

@@ -5,29 +5,36 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from whiptool.commands import cli
 from whiptool.errors import NOTHING, InputError
-from whiptool.options import ModelOptions, SimulatedControllerOptions, SimulatorOptions, TargetOptions, refuse_idle
+from whiptool.options import (
+    ModelOptions,
+    OutputOptions,
+    SimulatedControllerOptions,
+    SimulatorOptions,
+    TargetOptions,
+    refuse_idle,
+)
 from whiptool.whole_files import write_whole
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, SimulatorOptions):
+class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOptions, ModelOptions, TargetOptions):
     """Play one strike and save its trajectory, figures and video."""
+
+    of_this_call: ClassVar[tuple[str, ...]] = ("export", "video")
+    in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None
     """q_si q_ei q_sf q_ef [rad] and D [s]."""
     export: Path | None = None
     """Write the model as MJCF for MuJoCo's own viewer."""
-    out: Path | None = None
-    """Run folder; default: runs/simulate-DATE-TIME."""
-    json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
     video: bool = True
     """Render the strike as a video."""
 
@@ -55,12 +62,13 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _main(args: Sequence[str] | None) -> int:
     options = cli.parse(SimulateOptions, prog="whiptool simulate", description=_EXAMPLE, args=args)
-    model = options.build_model()
-    strike = None if options.strike is None else _strike(options, model.arm.n)
-    if options.export is not None:
-        _export(options, model)
-    if strike is not None:
-        _play(options, model, strike)
+    with cli.options_named(options):
+        model = options.build_model()
+        strike = None if options.strike is None else _strike(options, model.arm.n)
+        if options.export is not None:
+            _export(options, model)
+        if strike is not None:
+            _play(options, model, strike)
     return 0
 
 
@@ -78,6 +86,7 @@ def _export(options: SimulateOptions, model) -> None:
 
     assert options.export is not None
     target = options.build_target()
+    target.check_dimension(model)
     xml, missing = export_xml(model, target=np.array(target.position))
     try:
         write_whole(options.export, xml)
@@ -89,26 +98,19 @@ def _export(options: SimulateOptions, model) -> None:
 def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.commands.optimize import outcome_lines, save_strike, strike_lines
     from whiptool.impedance.files import controller_to_table
-    from whiptool.models.files import model_to_table
     from whiptool.models.strike import StrikeBounds, named_strike
     from whiptool.objective import Objective
     from whiptool.rollout.refinement import refine
-    from whiptool.runs import RunFolder, code_version, default_folder
+    from whiptool.runs import code_version
 
     controller, target = options.build_controller(), options.build_target()
+    target.check_dimension(model)
     target.check_radius(model)
     rollout = options.build_rollout(model, controller)
     n = len(strike.vector)
     anywhere = StrikeBounds((-1.0,) * (n - 1) + (0.1,), (1.0,) * n)  # one strike needs no box
     objective = Objective(rollout, target, t_stay=options.t_stay, bounds=anywhere, check_reach=False)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
-    config = {
-        "version": code_version(),
-        "command": "simulate",
-        "options": cli.as_plain(replace(options, out=None, export=None, json=False, video=True)),
-        "model": model_to_table(model),
-        "controller": controller_to_table(controller),
-    }
     outcome = objective.judge(trajectory)
     place = np.array(target.position)
     warning = refine(
@@ -137,7 +139,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "version": code_version(),
     }
     label = options.controller_label()
-    with RunFolder.create(options.out or default_folder("simulate"), config) as folder:
+    with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model, controller)) as folder:
         folder.write_result(summary)
         files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
     if options.json:

@@ -8,19 +8,24 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 from whiptool.commands import cli
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.options import (
     MANY_TARGETS,
+    Learner,
     ModelOptions,
+    Observation,
+    ResumableOptions,
+    SeedOptions,
     SimulatedControllerOptions,
     StepOptions,
-    TargetOptions,
-    check_training,
+    TrainingOptions,
+    ZoneOptions,
+    flag,
     refuse_idle,
     whole,
 )
@@ -47,29 +52,29 @@ _HYPERPARAMETERS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, StepOptions):
+class TrainOptions(
+    ResumableOptions,
+    SeedOptions,
+    TrainingOptions,
+    StepOptions,
+    SimulatedControllerOptions,
+    ModelOptions,
+    ZoneOptions,
+):
     """Train a policy that strikes at any target of a zone; the zone's centre is --target."""
 
-    method: str = "sac"
-    """sac, td3, ddpg or ppo."""
-    zone_radius: float = 0.1
-    """Targets are drawn from what the model can reach of the disc of this radius around --target [m]."""
-    zone: Path | None = None
+    changeable: ClassVar[tuple[str, ...]] = ("checkpoint_every",)
+
+    method: Learner = "sac"
+    """Which learner."""
+    region: Path | None = None
     """Draw targets from the region in this file instead (see whiptool.zone.Region)."""
-    observation: str = "goal"
-    """What the policy sees: paper, relative or goal."""
-    reward: str = "paper"
-    """paper (Eq. 17) or log (minus the logarithm of the miss distance in hit radii)."""
-    episodes: int = 500
-    """Number of episodes."""
-    trials: int = 100
-    """Strikes per episode."""
-    random_episodes: int = 50
-    """Episodes at the start with random strikes."""
+    observation: Observation = "goal"
+    """What the policy sees."""
+    reward: Literal["paper", "log"] = "paper"
+    """Eq. 17, or minus the logarithm of the miss distance in hit radii."""
     strikes: int = 100
     """Strikes at one target before it is given up."""
-    hindsight: int = 0
-    """Relabelled copies of every strike (sac, td3, ddpg with observation goal)."""
     hidden: tuple[int, ...] | None = None
     """Sizes of the hidden layers; this and the options down to --spread: default by method, see the documentation."""
     learning_rate: float | None = None
@@ -102,41 +107,22 @@ class TrainOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, Step
     """Transitions per step (ppo)."""
     spread: float | None = None
     """First standard deviation of the actions (ppo)."""
-    seed: int = 0
-    """Seed of everything random."""
     checkpoint_every: int = 10
     """Episodes between checkpoints."""
     tests: int = 300
     """Targets struck at with the trained policy at the end (Eq. 21)."""
-    out: Path | None = None
-    """Run folder; default: runs/METHOD-DATE-TIME."""
-    resume: Path | None = None
-    """Go on with the killed run in this folder; its options need not be given again."""
-    json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
         from whiptool.rl.settings import settings_for
-        from whiptool.rl.task import OBSERVATIONS, REWARDS
 
         super().check()
         settings_for(self.method, **self.hyperparameters())
-        for name, given, known in (
-            ("--observation", self.observation, OBSERVATIONS),
-            ("--reward", self.reward, tuple(REWARDS)),
-        ):
-            if given not in known:
-                raise InputError(name, given, ", ".join(known))
-        if self.zone is not None:
-            refuse_idle(self, dict.fromkeys(("target", "zone_radius"), "nothing beside --zone"))
-        number("--zone-radius", self.zone_radius, low=0, strict=True)
-        whole("--seed", self.seed, low=0)
+        if self.region is not None:
+            refuse_idle(self, dict.fromkeys(self.of_disc, "nothing beside --region"))
         whole("--tests", self.tests, high=MANY_TARGETS)
         for name in ("checkpoint_every", "strikes"):
-            whole("--" + name.replace("_", "-"), getattr(self, name))
-        check_training(self.episodes, self.trials, self.random_episodes, self.hindsight)
+            whole(flag(name), getattr(self, name))
         if self.hindsight and (self.method == "ppo" or self.observation != "goal"):
             allowed = "0, unless the learner has a replay buffer (sac, td3, ddpg) and the observation is goal"
             raise InputError("--hindsight", self.hindsight, allowed)
@@ -147,7 +133,6 @@ class TrainOptions(TargetOptions, ModelOptions, SimulatedControllerOptions, Step
         return {name: value for name, value in given.items() if value is not None}
 
 
-_NOT_CONFIGURATION: dict[str, Any] = {"out": None, "resume": None, "json": False}
 _EXAMPLE = (
     "Train a policy that strikes at any target of a zone. "
     "Example: python -m whiptool.train --method sac --episodes 20 --random-episodes 4"
@@ -160,17 +145,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_resumable(
-        TrainOptions,
-        command="train",
-        description=_EXAMPLE,
-        args=args,
-        not_configuration=_NOT_CONFIGURATION,
-        changeable=("checkpoint_every",),
-    )
-    run = _Run(options)
-    with run.folder:
-        return run.train()
+    options = cli.parse_resumable(TrainOptions, command="train", description=_EXAMPLE, args=args)
+    with cli.options_named(options):
+        run = _Run(options)
+        with run.folder:
+            return run.train()
 
 
 class _Run:
@@ -185,8 +164,6 @@ class _Run:
             ) from None
         torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
 
-        from whiptool.impedance.files import controller_to_table
-        from whiptool.models.files import model_to_table
         from whiptool.rl.settings import settings_for
         from whiptool.rl.task import StrikeTask
         from whiptool.rl.training import Plan, Training, make_learner
@@ -214,13 +191,7 @@ class _Run:
         generator = torch.Generator().manual_seed(options.seed)
         learner = make_learner(options.method, settings, task(), generator)
         self.training = Training(learner, task(), plan)
-        config = {
-            "command": "train",
-            "options": cli.as_plain(replace(options, **_NOT_CONFIGURATION)),
-            "settings": cli.as_plain(settings),
-            "model": model_to_table(model),
-            "controller": controller_to_table(controller),
-        }
+        config = cli.configuration(options, "train", model, controller, settings=cli.as_plain(settings))
         self.folder = cli.open_folder(options, options.method, config)
         self.checkpoint, self.table = self.folder.path / CHECKPOINT, self.folder.path / EPISODES
         if options.resume is not None and self.checkpoint.exists():
@@ -228,13 +199,9 @@ class _Run:
         self._cut_table()
 
     def _zone(self, model):
-        from whiptool.zone import Disc, Region, disc_within_reach
+        from whiptool.zone import Region
 
-        if self.options.zone is not None:
-            return Region.load(self.options.zone)
-        self.options.build_target().check_reach(model)
-        disc = Disc(self.options.target, self.options.zone_radius)  # type: ignore[arg-type]
-        return disc_within_reach(disc, model.reach)
+        return self.options.build_disc(model) if self.options.region is None else Region.load(self.options.region)
 
     def _cut_table(self) -> None:
         """Leave those episodes in the table that the checkpoint holds; what came after it will be made again."""

@@ -18,7 +18,7 @@ import tyro
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import ControllerOptions, Options, TargetOptions
+from whiptool.options import ControllerOptions, JsonOptions, TargetOptions
 
 if TYPE_CHECKING:
     from whiptool.models import Model
@@ -33,15 +33,13 @@ SPACE = 32  # GLFW's code of the key
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewOptions(Options):
+class ViewOptions(JsonOptions):
     """Look at a run."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
     """Run folder: of optimize or simulate (a strike), of identify, adapt, reproduce or rig strike (a report)."""
     page: bool = False
     """Write the interactive page anew and open it in the browser, in place of MuJoCo's viewer."""
-    json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _main(args: Sequence[str] | None) -> int:
     options = cli.parse(ViewOptions, prog="whiptool view", description=_ABOUT, args=args)
-    shown = _look(options)
+    with cli.options_named(options):
+        shown = _look(options)
     if options.json:
         print(json.dumps(shown))
         return 0
@@ -177,12 +176,9 @@ def _write_page(folder: Path, strike: StrikeRun) -> None:
 
 
 def _write_video(folder: Path, strike: StrikeRun) -> None:
-    import numpy as np
-
     from whiptool.viz.video import render_video
 
-    target = np.array(strike.target.position)
-    render_video(folder / VIDEO, strike.trajectory, strike.model, target, strike.target.hit_radius)
+    render_video(folder / VIDEO, strike.trajectory, strike.model, strike.target)
 
 
 def play(strike: StrikeRun) -> bool:
@@ -197,10 +193,11 @@ def play(strike: StrikeRun) -> bool:
     import numpy as np
 
     from whiptool.rollout.mujoco_model import build_spec, set_posture
-    from whiptool.viz.video import _add_bar, _film
+    from whiptool.viz.film import film_of
+    from whiptool.viz.opengl import add_bar, add_rod
 
     target, radius = np.array(strike.target.position), strike.target.hit_radius
-    film = _film(strike.trajectory, strike.model, target, radius, FPS, 1.0, (960, 540))
+    film = film_of(strike.trajectory, strike.model, strike.target, fps=FPS, speed=1.0)
     mj = build_spec(strike.model, target=target, target_radius=radius).compile()
     data, paused = mujoco.MjData(mj), False
 
@@ -214,7 +211,9 @@ def play(strike: StrikeRun) -> bool:
         print(f"whiptool: no viewer: {error}", file=sys.stderr)
         return False
     with viewer:
-        viewer.cam.type, viewer.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, mj.cam("side").id
+        flat, reach = strike.model.dimension == 2, strike.model.reach
+        if flat:  # in space the view can be turned
+            viewer.cam.type, viewer.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, mj.cam("side").id
         scene = viewer.user_scn
         assert scene is not None
         t, before = 0.0, time.monotonic()
@@ -227,7 +226,10 @@ def play(strike: StrikeRun) -> bool:
                 data.time = frame / FPS
                 scene.ngeom = 0
                 for ends, rgb in zip(film.trail[: film.shown[frame]], film.trail_rgb, strict=False):
-                    _add_bar(scene, ends, 0.03 * strike.model.reach, 0.01 * strike.model.reach, rgb)
+                    if flat:
+                        add_bar(scene, ends, 0.03 * reach, 0.01 * reach, rgb)
+                    else:
+                        add_rod(scene, ends, 0.004 * reach, rgb)
             viewer.sync()
             time.sleep(max(0.0, now + 1 / FPS - time.monotonic()))
     return True

@@ -7,9 +7,8 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 
-from whiptool.dynamics import spatial
-from whiptool.dynamics.chain import passive_torque
 from whiptool.dynamics.integrator import GAMMA
+from whiptool.dynamics.rods import RodFrame, bend
 from whiptool.dynamics.serial_arm import ArmMotion, Body, SerialArm, solve
 from whiptool.dynamics.spatial import SpatialAcceleration, SpatialCarried, SpatialFrame
 from whiptool.dynamics.structure import Structure
@@ -25,7 +24,7 @@ _LINK = {  # quantities of a link: what they are called in a whip
     "dry_friction": "dry_friction", "drag": "drag", "cubic_stiffness": "cubic_stiffness", "drag_ratio": "drag_ratio",
     "friction_velocity": "friction_velocity", "inertia": "node_inertia",
 }  # fmt: skip
-_HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS)}
+_HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS), "rod": ()}
 
 
 class ClosedLoop(System):
@@ -167,13 +166,15 @@ class ClosedLoop(System):
     # -----------------------------------------------------------------------------------------------------------------
     # What drives the whip
 
-    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
         """Return where the arm's hand is, its links' ends, and how it moves."""
         arm, posture = self.arm, self.arm.posture(q)
         motion = arm.motion(q, v, self.parameters["gravity"], [] if self.held else self._compensated[0])
         moves = ca.mtimes(motion.jacobian, v)
         turned = posture.hand_turned if len(self.hinges) == 1 else posture.hand_turned.settled
         frame = SpatialFrame(turned, moves[:3], moves[3:], posture.hand)
+        if not self.hinges:
+            frame = RodFrame.at_hand(frame, motion.drift[:3] + ca.mtimes(motion.jacobian[:3, :], before))
         ends = ca.horzcat(*posture.places[1:], posture.hand).T
         return Hand(frame, ends, ca.vertcat(*(turned.angle for turned in posture.turned)), motion)
 
@@ -213,22 +214,23 @@ class ClosedLoop(System):
     @cached_property
     def whip_balance(self) -> ca.Function:
         """Balance of the resting whip at q (n,): `whip_balance(q, p, dq, dp)` gives the slopes of its potential energy
-        by its own joints (n - a,), and their change along dq (n,) and dp."""
-        a, K = self.n_drive, len(self.hinges)
+        by its own joints (n - a,), and their change along dq (n,) and dp. Of a rod, by its turning: three torques."""
+        a, K = self.n_drive, self.link_size
         q, dq, dp = ca.SX.sym("q", self.n), ca.SX.sym("dq", self.n), ca.SX.sym("dp", self.p.numel())
-        still, gravity = ca.SX.zeros(K), self.parameters["gravity"]
-        frame = self.hand(q[:a], ca.SX.zeros(a), ca.SX.zeros(self.n_inputs)).frame
+        still, gravity, none = ca.SX.zeros(K), self.parameters["gravity"], ca.SX.zeros(a)
+        frame = self.hand(q[:a], none, ca.SX.zeros(self.n_inputs), none).frame
         links = []
         for i in range(self.n_links):
             w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
-            own, (link, joint) = q[a + K * i : a + K * (i + 1)], self.link(w)
-            frame, moving = spatial.outward(frame, own, still, link, self.hinges)
-            links.append((moving, link.mass * gravity, passive_torque(joint, own, still)))
-        slopes, weight, moment = [], ca.SX(0), ca.SX.zeros(3)
+            frame, moving, springs, _ = self.move_link(frame, q[a + K * i : a + K * (i + 1)], still, w, ca.SX(0), None)
+            links.append((moving, self.link(w)[0].mass * gravity, springs))
+        slopes, weight, moment, beyond = [], ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3)
         for moving, own_weight, springs in reversed(links):
             weight = weight + own_weight
-            moment = moment + ca.cross(moving.r, ca.vertcat(0, 0, weight))
-            slopes.append(ca.mtimes(moving.axes.T, moment) - springs)
+            turned = ca.cross(moving.r, ca.vertcat(0, 0, weight))
+            moment = moment + turned
+            slopes.append(ca.mtimes(moving.axes.T, moment) - springs if self.hinges else turned - springs + beyond)
+            beyond = springs
         slope = ca.vertcat(*reversed(slopes))
         change = ca.jtimes(slope, q, dq) + ca.jtimes(slope, self.p, dp)
         return ca.Function("whip_balance", [q, self.p, dq, dp], [slope, change], {"cse": True})
@@ -240,25 +242,29 @@ class ClosedLoop(System):
     def energies(self) -> ca.Function:
         """Kinetic energy, and potential energy of weight and springs, of `energies(q, v, p)` [J]; weight is counted
         from the base's height."""
-        a, K = self.n_drive, len(self.hinges)
+        a, K = self.n_drive, self.link_size
         q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
         at, gravity = self.arm.posture(q[:a]), self.parameters["gravity"]
-        frame = self.hand(q[:a], v[:a], ca.SX.zeros(self.n_inputs)).frame
+        frame = self.hand(q[:a], v[:a], ca.SX.zeros(self.n_inputs), ca.SX.zeros(a)).frame
         T, V = self.arm.kinetic(q[:a], v[:a]), self.arm.potential(at, gravity)
         for i in range(self.n_links):
             w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
             own, (link, joint) = slice(a + K * i, a + K * (i + 1)), self.link(w)
-            frame, _ = spatial.outward(frame, q[own], v[own], link, self.hinges)
-            T += (link.mass * ca.sumsqr(frame.velocity) + link.inertia * ca.sumsqr(frame.speed)) / 2
-            bent = q[own] - joint.rest_angle
-            V += link.mass * gravity * frame.place[2]
-            V += ca.sum1(joint.stiffness * bent**2 / 2 + joint.cubic_stiffness * bent**4 / 4)
+            end = self.move_link(frame, q[own], v[own], w, ca.SX(0), None)[0]
+            T += (link.mass * ca.sumsqr(end.velocity) + link.inertia * ca.sumsqr(end.speed)) / 2
+            V += link.mass * gravity * end.place[2]
+            if self.hinges:
+                bent = q[own] - joint.rest_angle
+                V += ca.sum1(joint.stiffness * bent**2 / 2 + joint.cubic_stiffness * bent**4 / 4)
+            else:
+                V += bend(joint, frame.direction, q[own])[1]
+            frame = end
         return ca.Function("energies", [q, v, self.p], [T, V], {"cse": True})
 
     @cached_property
     def mass_matrix(self) -> ca.Function:
-        """Joint-space inertia (n, n) of `mass_matrix(q, p)` [kg m^2]: the kinetic energy's second derivatives by speeds,
-        with the rotors'."""
+        """Joint-space inertia (n, n) of `mass_matrix(q, p)` [kg m^2], the rotors' included: the kinetic energy's second
+        derivatives by speeds."""
         q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
         T, _ = self.energies(q, v, self.p)
         return ca.Function("mass_matrix", [q, self.p], [ca.hessian(T, v)[0]], {"cse": True})

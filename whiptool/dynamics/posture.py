@@ -26,15 +26,19 @@ def hinge_is_free(model: Model) -> bool:
 
 
 def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
-    """Joint positions at the start [rad], shape (B, n), for arm postures q_i of shape (B, a).
+    """Joint positions at the start [rad], shape (B, n), for arm postures q_i of shape (B, a); of rods, behind the arm's
+    the directions, (B, a + 3 N).
 
     A whip that does not hang straight starts where weight and springs balance, found by Newton's method from straight
     down.
     """
-    a, n = model.arm.n, model.n
+    a, rods = model.arm.n, model.whip.joints == "rod"
+    n = a + 3 * model.whip.N if rods else model.n
     q = np.zeros((len(q_i), n))
     q[:, :a] = q_i
-    if isinstance(model.arm, SpatialArm):
+    if rods:
+        q[:, a + 2 :: 3] = -1
+    elif isinstance(model.arm, SpatialArm):
         q[:, a : a + 2] = hanging_angles(model.arm, q_i)
     else:
         q[:, a] = -q_i.sum(axis=1)
@@ -53,18 +57,23 @@ def _settle(model: Model, q: np.ndarray) -> None:
     """Moves the whip's joints to where weight and springs balance, in place."""
     from whiptool.impedance.controller import Controller
 
-    a, n = model.arm.n, model.n
+    a = model.arm.n
     controller = Controller()  # any: only the whip's potential energy is used
     structure = Structure.of(model, controller)
     p = structure.pack(model, controller, np.zeros((1, 2 * a + 1)))
     for row in q:
         for _ in range(100):
             slope, hessian = _slopes(structure, row[None], p)
-            # a negative curvature would lead uphill: damp until the Hessian is positive
-            shift = max(0.0, 1e-9 - np.linalg.eigvalsh(hessian[0])[0])
-            step = np.linalg.solve(hessian[0] + shift * np.eye(n - a), slope[0])
+            if structure.joints == "rod":
+                step = _solve_across(hessian, slope, row[None, a:])[0]
+            else:  # a negative curvature would lead uphill: damp until the Hessian is positive
+                shift = max(0.0, 1e-9 - np.linalg.eigvalsh(hessian[0])[0])
+                step = np.linalg.solve(hessian[0] + shift * np.eye(len(row) - a), slope[0])
             largest = np.abs(step).max()
             row[a:] -= step if largest < 0.5 else step * (0.5 / largest)
+            if structure.joints == "rod":
+                directions = row[a:].reshape(-1, 3)
+                directions /= np.linalg.norm(directions, axis=1, keepdims=True)
             if largest < 1e-12:
                 break
 
@@ -82,16 +91,31 @@ def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.nd
     springs = ["whip.k", *(["whip.cubic_stiffness"] if "cubic_stiffness" in structure.optional else [])]
     hinge = [structure.columns(name).start for name in springs]  # a spring at the hinge would bend the whip
     if hangs_straight(model) and "rest_angle" not in structure.optional and not dp[:, hinge].any():
-        if isinstance(model.arm, SpatialArm):
+        if structure.joints == "universal":
+            assert isinstance(model.arm, SpatialArm)
             dq[:, a : a + 2] = _hanging_change(model.arm, q[:, :a], dq[:, :a])
-        else:
+        elif structure.joints == "hinge":
             dq[:, a] = -dp[:, :a].sum(axis=1)
-        return dq
+        return dq  # rods hang down whatever the arm does
     change = _along(structure, q, p, dq, dp)[1]
     starts, which = np.unique(np.hstack([q, p]), axis=0, return_inverse=True)  # strikes come once for each direction
-    hessians = _slopes(structure, *np.split(starts, [q.shape[1]], axis=1))[1]
-    dq[:, a:] = -np.linalg.solve(hessians[which.ravel()], change[..., None])[..., 0]
+    hessians = _slopes(structure, *np.split(starts, [q.shape[1]], axis=1))[1][which.ravel()]
+    if structure.joints == "rod":
+        dq[:, a:] = -_solve_across(hessians, change, q[:, a:])
+    else:
+        dq[:, a:] = -np.linalg.solve(hessians, change[..., None])[..., 0]
     return dq
+
+
+def _solve_across(A: np.ndarray, b: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Solve `A x = b` for changes x (B, 3 N) of rods' directions, all across them; A (B, 3 N, 3 N) has rank 2 N."""
+    B, m = directions.shape
+    along = np.zeros((B, m // 3, m))
+    for i in range(m // 3):
+        own = slice(3 * i, 3 * i + 3)
+        along[:, i, own] = directions[:, own]
+    rows, right = np.concatenate([A, along], axis=1), np.concatenate([b, np.zeros((B, m // 3))], axis=1)
+    return (np.linalg.pinv(rows) @ right[..., None])[..., 0]
 
 
 def _hanging_change(arm: SpatialArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -111,8 +135,9 @@ def _slopes(structure: Structure, q: np.ndarray, p: np.ndarray) -> tuple[np.ndar
     B, n = q.shape
     a = structure.n_arm
     units = np.tile(np.eye(n)[a:], (B, 1))
-    slope, change = _along(structure, *(np.repeat(x, n - a, axis=0) for x in (q, p)), units, np.zeros((1, p.shape[1])))
-    return slope[:: n - a], change.reshape(B, n - a, n - a)
+    many_q, many_p = (np.repeat(x, n - a, axis=0) for x in (q, p))
+    slope, change = _along(structure, many_q, many_p, units, np.zeros((1, p.shape[1])))
+    return slope[:: n - a], change.reshape(B, n - a, n - a).transpose(0, 2, 1)
 
 
 def _along(structure: Structure, q: np.ndarray, p: np.ndarray, dq: np.ndarray, dp: np.ndarray) -> list[np.ndarray]:

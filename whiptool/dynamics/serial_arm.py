@@ -19,7 +19,7 @@ Rotation = tuple[tuple[float, ...], ...]
 
 
 class Body(NamedTuple):
-    """A rigid body on one of the arm's links; mass [kg], centre of mass (3, 1) [m], inertia about it (3, 3) [kg m^2]."""
+    """A rigid body on a link: mass [kg], centre of mass (3, 1) [m], inertia about it (3, 3) [kg m^2]."""
 
     link: int
     mass: ca.SX
@@ -28,7 +28,7 @@ class Body(NamedTuple):
 
 
 class ArmPosture(NamedTuple):
-    """Where an arm is: each joint's motion per unit of its speed (6, 1), each link's orientation and place, the hand."""
+    """An arm's posture: each joint's motion per unit of its speed (6, 1), each link's orientation and place, the hand."""
 
     motions: list[ca.SX]
     turned: list[Turned]
@@ -195,7 +195,7 @@ class SerialArm:
 
 
 class _World(NamedTuple):
-    """A body, or several together, in the world: link, mass, first moment (3, 1) and inertia (3, 3) about the origin."""
+    """Bodies together in the world: link, mass, first moment (3, 1) and inertia (3, 3) about the origin."""
 
     link: int
     mass: ca.SX

@@ -1,9 +1,9 @@
 """The articulated-body algorithm in space, one link at a time, in CasADi.
 
-Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 7, in axes that stay parallel to the world's, with moments about
-each link's own joint, and accelerations of material points, so that a link's only velocity term is centripetal. A link
-moves behind one or more hinges at one point; these are eliminated together, last to first, and so the velocity terms
-between them are counted once.
+Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 7: axes stay parallel to the world's, moments are taken about
+each link's own joint, and accelerations are those of material points, so that a link's only velocity term is
+centripetal. A link moves behind one or more hinges at one point; these are eliminated together, last to first, and so
+the velocity terms between them are counted once.
 
 What is structurally zero stays the number 0 and generates no term; so does what is 1. Angles of successive parallel
 hinges are summed before sine and cosine, so that a chain of parallel axes generates a planar chain's terms alone.
@@ -102,6 +102,10 @@ class SpatialFrame(NamedTuple):
     velocity: ca.SX
     place: ca.SX
 
+    ANGLE = 9  # where it is among the entries
+    VELOCITY = 13  # where it begins
+    PLACE = 16
+
     def entries(self) -> list[ca.SX]:
         """All numbers that change along a whip; velocity and place last."""
         parts = (self.turned.before, self.turned.angle, self.speed, self.velocity, self.place)
@@ -134,8 +138,9 @@ class SpatialMoving(NamedTuple):
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialMoving:
         """Return a link of such numbers."""
-        parts = (ca.vertcat(*entries[i : i + 3]) for i in range(0, 21, 3))
-        return SpatialMoving(*parts, ca.reshape(ca.vertcat(*entries[21:]), 3, self.axes.shape[1]))
+        parts = [ca.vertcat(*entries[i : i + 3]) for i in range(0, 21, 3)]
+        parts.append(ca.reshape(ca.vertcat(*entries[21:]), 3, self.axes.shape[1]))
+        return SpatialMoving(*parts)
 
 
 class SpatialCarried(NamedTuple):
@@ -149,12 +154,12 @@ class SpatialCarried(NamedTuple):
 
     def entries(self) -> list[ca.SX]:
         """All its numbers, of symmetric matrices those on and above the diagonal."""
-        parts = (_upper(self.J), scalars(self.H), _upper(self.M), scalars(self.moment), scalars(self.force))
+        parts = (upper(self.J), scalars(self.H), upper(self.M), scalars(self.moment), scalars(self.force))
         return [x for part in parts for x in part]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialCarried:
         """Return what is carried, of such numbers."""
-        J, H, M = _symmetric(entries[:6]), ca.reshape(ca.vertcat(*entries[6:15]), 3, 3), _symmetric(entries[15:21])
+        J, H, M = symmetric(entries[:6]), ca.reshape(ca.vertcat(*entries[6:15]), 3, 3), symmetric(entries[15:21])
         return SpatialCarried(J, H, M, ca.vertcat(*entries[21:24]), ca.vertcat(*entries[24:27]))
 
 
@@ -334,11 +339,13 @@ def _across(r: ca.SX) -> ca.SX:
     return ca.densify(ca.skew(r))
 
 
-def _upper(A: ca.SX) -> list[ca.SX]:
+def upper(A: ca.SX) -> list[ca.SX]:
+    """Return a symmetric matrix's entries on and above the diagonal."""
     return [A[i, j] for i, j in _UPPER]
 
 
-def _symmetric(entries: Sequence[ca.SX]) -> ca.SX:
+def symmetric(entries: Sequence[ca.SX]) -> ca.SX:
+    """Return the symmetric matrix (3, 3) of its entries on and above the diagonal."""
     A = ca.SX.zeros(3, 3)
     for (i, j), x in zip(_UPPER, entries, strict=True):
         A[i, j] = A[j, i] = x
@@ -347,12 +354,12 @@ def _symmetric(entries: Sequence[ca.SX]) -> ca.SX:
 
 def _mirrored(A: ca.SX, B: ca.SX) -> ca.SX:
     """Return the symmetric `A + B^T`."""
-    return _symmetric([A[i, j] + B[j, i] for i, j in _UPPER])
+    return symmetric([A[i, j] + B[j, i] for i, j in _UPPER])
 
 
 def _added(A: ca.SX, x: ca.SX, y: ca.SX) -> ca.SX:
     """Return the symmetric `A + x y^T`."""
-    return _symmetric([A[i, j] + x[i] * y[j] for i, j in _UPPER])
+    return symmetric([A[i, j] + x[i] * y[j] for i, j in _UPPER])
 
 
 def _world_axis(s: ca.SX) -> int | None:

@@ -13,6 +13,7 @@ from whiptool.dynamics.columns import Columns
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.law import LAWS
 from whiptool.models.parameters import ArmParameters, Model, SpatialArm
+from whiptool.models.spatial_arm import MOMENTS, XYZ
 
 PER_NODE = ("rest_angle", "dry_friction", "drag", "cubic_stiffness")  # generated only where used
 _ONE = ("drag_ratio", "hinge_mass")  # numbers of a whip, likewise
@@ -40,13 +41,9 @@ class ArmShape:
         """The shape of a model's arm, with the terms of parameters named in `free`."""
         arm = model.arm
         assert isinstance(arm, SpatialArm)
-        used = _numbers_of(arm)
-        for name in free:  # what a parameter changes is part of it
-            if name in model.parameters():
-                moved = model.with_parameters({name: model.parameters()[name] + 1}).arm
-                assert isinstance(moved, SpatialArm)
-                changed = _numbers_of(moved)
-                used = {key: np.abs(x) + np.abs(changed[key] - x) for key, x in used.items()}
+        used = {name: x != 0 for name, x in _numbers_of(arm).items()}
+        for quantity, i in (arm_column(name) for name in free if name in model.parameters() and name[:4] == "arm."):
+            used[quantity][i] = True
         return cls(
             kinds=tuple(link.kind for link in arm.links),
             axes=tuple(link.axis for link in arm.links),
@@ -59,6 +56,13 @@ class ArmShape:
         """Whether every term of the other arm is one of this."""
         mine, its = dict(self.present), dict(other.present)
         return replace(other, present=self.present) == self and all(set(its[name]) <= set(mine[name]) for name in its)
+
+
+def arm_column(name: str) -> tuple[str, int]:
+    """Return the quantity of a parameter of an arm in space, `arm.com[1].x`, and its place among its numbers."""
+    quantity, index, part = re.fullmatch(r"arm\.(\w+)(?:\[(\d+)\])?(?:\.(\w+))?", name).groups()  # type: ignore[union-attr]
+    parts = MOMENTS if quantity == "inertia" else XYZ
+    return quantity, _ARM.get(quantity, 3) * int(index or 0) + (parts.index(part) if part else 0)
 
 
 def _numbers_of(arm: SpatialArm) -> dict[str, np.ndarray]:
@@ -120,8 +124,8 @@ class Structure:
 
     @property
     def n(self) -> int:
-        """Number of joints, those of the arm and of the whip."""
-        return self.n_arm + self.n_whip * (1 if self.joints == "hinge" else 2)
+        """Number of coordinates: the arm's joints, then the whip's hinges, or three of each rod's direction."""
+        return self.n_arm + self.n_whip * {"hinge": 1, "universal": 2, "rod": 3}[self.joints]
 
     @property
     def layout(self) -> dict[str, int]:

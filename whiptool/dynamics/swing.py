@@ -87,7 +87,7 @@ class Swing(System):
     def _base(self, u: ca.SX) -> Base:
         return Base(*ca.vertsplit(u)) if self.n_inputs else Base()
 
-    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
         """Return the base's frame; places are counted from the base."""
         base, zero = self._base(u), ca.SX(0)
         turned = Turned(ca.densify(ca.SX.eye(3)), ca.SX(base.angle))

@@ -10,15 +10,17 @@ The plane is the case of parallel axes: what is zero there, or never asked for, 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from whiptool.dynamics import spatial
+from whiptool.dynamics import rods, spatial
 from whiptool.dynamics.chain import Chain, passive_torque
 from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicted
 from whiptool.dynamics.records import Record, Stored
+from whiptool.dynamics.rods import RodFrame, RodJoint
 from whiptool.dynamics.spatial import (
     Axis,
     Link,
@@ -29,8 +31,7 @@ from whiptool.dynamics.spatial import (
     SpatialMoving,
 )
 
-SPEED, VELOCITY, PLACE = 10, 13, 16  # where these begin among the entries of a frame
-ANGLE = 9
+Frame = SpatialFrame | RodFrame
 
 
 class Instant(NamedTuple):
@@ -47,7 +48,7 @@ class Hand(NamedTuple):
     """Where the whip begins; far ends (a, 3) [m] and, in the plane, absolute angles (a, 1) of the drive's links, and
     what the drive keeps for its reaction."""
 
-    frame: SpatialFrame
+    frame: Frame
     ends: ca.SX
     angles: ca.SX
     motion: Record
@@ -64,11 +65,11 @@ class Reaction(NamedTuple):
 class _Columns(NamedTuple):
     """What of each record stands in columns."""
 
-    frame: Stored[SpatialFrame]
+    frame: Stored[Any]
     motion: Stored[Any]
     moving: Stored[SpatialMoving]
     carried: Stored[SpatialCarried]
-    joint: Stored[SpatialJoint]
+    joint: Stored[Any]
     acceleration: Stored[SpatialAcceleration]
 
 
@@ -80,7 +81,8 @@ class System(ABC):
         n_inputs: Numbers that drive it from outside at each instant: a held torque, or a base's motion.
         held: The input is a torque that `control` gives and that is held.
         dimension: 2 in the plane, 3 in space.
-        hinges: Axes of each link's hinges, in the axes of the link before, each turned by those before it.
+        hinges: Axes of each link's hinges, in the axes of the link before, each turned by those before it; none where
+            the links are rods, each of which is a unit vector.
         p: Parameters, (P, 1).
         link_columns: Where the whip's quantities stand in p: (first, stride from link to link) by quantity.
     """
@@ -100,8 +102,11 @@ class System(ABC):
     link_columns: dict[str, tuple[int, int]]
 
     @abstractmethod
-    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX) -> Hand:
-        """Return where the whip begins, for the drive's joints (a, 1) and the input."""
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
+        """Return where the whip begins, for the drive's joints (a, 1) and the input.
+
+        `before` is what the drive's joints accelerated with in the first stage (a, 1), in the second.
+        """
 
     @abstractmethod
     def react(self, now: Instant, before: ca.SX | None, motion: Any, carried: SpatialCarried) -> Reaction:
@@ -116,8 +121,13 @@ class System(ABC):
 
     @property
     def n(self) -> int:
-        """Number of all joints."""
-        return self.n_drive + self.n_links * len(self.hinges)
+        """Number of all coordinates: the drive's joints, and those of the links."""
+        return self.n_drive + self.n_links * self.link_size
+
+    @property
+    def link_size(self) -> int:
+        """Number of a link's coordinates: one for each hinge, or a rod's direction."""
+        return len(self.hinges) or 3
 
     @property
     def n_parameters(self) -> int:
@@ -145,10 +155,14 @@ class System(ABC):
     # One link
 
     def move_link(
-        self, frame: SpatialFrame, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
-    ) -> tuple[SpatialFrame, SpatialMoving, ca.SX, ca.SX]:
-        """Return the frame at a link's end, how it moves, its hinges' torques and armatures (K, 1) in this stage."""
+        self, frame: Any, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
+    ) -> tuple[Frame, SpatialMoving, ca.SX, ca.SX]:
+        """Return the frame at a link's end, how it moves, its joint's torques and what the integrator adds to its
+        inertia, in this stage: of K hinges (K, 1) both, of a rod (3, 1) and (1, 1)."""
         link, joint = self.link(w)
+        if not self.hinges:
+            end, moving = rods.outward(frame, q, v, link, before)
+            return end, moving, *rods.torque_and_gain(joint, frame, end, h, again=before is not None)
         end, moving = spatial.outward(frame, q, v, link, self.hinges)
         armature = GAMMA * h * damping_gain(joint, v)
         torque = passive_torque(joint, q, v)
@@ -158,17 +172,41 @@ class System(ABC):
 
     def carry_link(
         self, carried: SpatialCarried, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX
-    ) -> tuple[SpatialCarried, SpatialJoint]:
-        """Return what the link before carries of this one, and what its hinges keep."""
+    ) -> tuple[SpatialCarried, SpatialJoint | RodJoint]:
+        """Return what the link before carries of this one, and what its joint keeps."""
         carried = spatial.inward(carried, moving, self.link(w)[0])
+        if not self.hinges:
+            return rods.give_way(carried, moving.axes[:, 0], torque, armature)
         return spatial.give_way(carried, moving.axes, torque, armature)
+
+    def accelerate_link(
+        self, at: SpatialAcceleration, joint: Any, moving: SpatialMoving
+    ) -> tuple[ca.SX, SpatialAcceleration]:
+        """Return the accelerations of a link's coordinates (K, 1), and that at its far end."""
+        return (spatial if self.hinges else rods).accelerate(at, joint, moving)
+
+    def predict_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return a link's coordinates and speeds (K, 1) at which the second stage is taken."""
+        later = predicted(q, v, k1, h)
+        return later if self.hinges else rods.unit(*later)
+
+    def advance_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, w: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return a link's coordinates and speeds (K, 1) a step later."""
+        later = advanced(q, v, k1, w, h)
+        return later if self.hinges else rods.unit(*later)
+
+    def _all(self, of_link: Callable[..., tuple[ca.SX, ca.SX]], h: ca.SX, *columns: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """All links' coordinates and speeds (N K, 1), by a function of each link's columns (K, 1) and the step."""
+        K = self.link_size
+        each = [of_link(*(x[K * i : K * (i + 1)] for x in columns), h) for i in range(self.n_links)]
+        return ca.vertcat(*(q for q, _ in each)), ca.vertcat(*(v for _, v in each))
 
     # -----------------------------------------------------------------------------------------------------------------
     # Composed
 
     def _stage(
         self, at: Instant, q: ca.SX, v: ca.SX, before: ca.SX | None
-    ) -> tuple[ca.SX, Reaction, Hand, list[SpatialFrame]]:
+    ) -> tuple[ca.SX, Reaction, Hand, list[Frame]]:
         """Accelerations (n, 1) of one stage, the drive's reaction, the hand, and the links' ends.
 
         Args:
@@ -176,9 +214,9 @@ class System(ABC):
             q, v: State of the whip's joints.
             before: Accelerations of the first stage (n, 1), in the second.
         """
-        a, N, K = self.n_drive, self.n_links, len(self.hinges)
+        a, N, K = self.n_drive, self.n_links, self.link_size
         numbers = [ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values())) for i in range(N)]
-        hand = self.hand(at.q, at.v, at.u)
+        hand = self.hand(at.q, at.v, at.u, ca.SX.zeros(a) if before is None else before[:a])
         frame, frames, links = hand.frame, [], []
         for i, w in enumerate(numbers):
             own = slice(K * i, K * (i + 1))
@@ -194,7 +232,7 @@ class System(ABC):
         reaction = self.react(at, None if before is None else before[:a], hand.motion, carried)
         acceleration, accelerations = reaction.acceleration, [reaction.qdd]
         for joint, (moving, *_) in zip(joints, links, strict=True):
-            qdd, acceleration = spatial.accelerate(acceleration, joint, moving)
+            qdd, acceleration = self.accelerate_link(acceleration, joint, moving)
             accelerations.append(qdd)
         return ca.vertcat(*accelerations), reaction, hand, frames
 
@@ -210,11 +248,14 @@ class System(ABC):
         u, u_end = ca.SX.sym("u", self.n_inputs), ca.SX.sym("u_end", self.n_inputs)
         q, v = x[:n], x[n:]
         k1, reaction, hand, frames = self._stage(Instant(t, h, q[:a], v[:a], u), q[a:], v[a:], None)
-        later = predicted(q, v, k1, h)
-        at_end = Instant(t + h, h, *(y[:a] for y in later), u_end)
-        w, *_ = self._stage(at_end, *(y[a:] for y in later), k1)
+        later_q, later_v = predicted(q[:a], v[:a], k1[:a], h)
+        links_q, links_v = self._all(self.predict_link, h, q[a:], v[a:], k1[a:])
+        w, *_ = self._stage(Instant(t + h, h, later_q, later_v, u_end), links_q, links_v, k1)
+        later_q, later_v = advanced(q[:a], v[:a], k1[:a], w[:a], h)
+        links_q, links_v = self._all(self.advance_link, h, q[a:], v[a:], k1[a:], w[a:])
+        following = ca.vertcat(later_q, links_q, later_v, links_v)
         tip = ca.vertcat(frames[-1].place[self._places], frames[-1].velocity[self._places])
-        outputs = [ca.vertcat(*advanced(q, v, k1, w, h)), tip, reaction.torque, self._observed(hand, frames)]
+        outputs = [following, tip, reaction.torque, self._observed(hand, frames)]
         names = ["x", "t", "h", "p", "u", "u_end"], ["x_next", "tip", "tau", "observed"]
         return ca.Function("step", [x, t, h, self.p, u, u_end], outputs, *names, {"cse": True})
 
@@ -231,7 +272,7 @@ class System(ABC):
     def _places(self) -> list[int]:
         return list(self.coordinates)
 
-    def _observed(self, hand: Hand, frames: list[SpatialFrame]) -> ca.SX:
+    def _observed(self, hand: Hand, frames: list[Any]) -> ca.SX:
         """All links' far ends (coordinates of each in turn) and in the plane their absolute angles, (observed, 1)."""
         ends = [ca.vec(hand.ends[:, self._places].T), *(frame.place[self._places] for frame in frames)]
         angles = [hand.angles, *(frame.turned.angle for frame in frames)] if self.dimension == 2 else []
@@ -267,8 +308,9 @@ class System(ABC):
     @cached_property
     def _symbols(self) -> dict[str, ca.SX]:
         """Inputs of the functions of one link and of the drive."""
-        a, K = self.n_drive, len(self.hinges)
-        sizes = {"q": K, "v": K, "before": K, "torque": K, "armature": K, "w": len(self.link_columns)}
+        a, K = self.n_drive, self.link_size
+        sizes = {"q": K, "v": K, "before": K, "torque": K, "armature": len(self.hinges) or 1}
+        sizes |= {"k1": K, "k2": K, "w": len(self.link_columns)}
         sizes |= {"qa": a, "va": a, "before_a": a, "u": self.n_inputs, "t": 1, "h": 1}
         return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
 
@@ -276,18 +318,18 @@ class System(ABC):
     def columns(self) -> _Columns:
         """What of the records stands in columns, found by following them along the whip until nothing is new."""
         s = self._symbols
-        hand = self.hand(s["qa"], s["va"], s["u"])
+        hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"])
 
-        def out(frame: SpatialFrame) -> SpatialFrame:
+        def out(frame: Any) -> Any:
             return self.move_link(frame, s["q"], s["v"], s["w"], s["h"], None)[0]
 
-        seen = [first + i for first in (VELOCITY, PLACE) for i in self.coordinates]
-        seen += [ANGLE] if self.dimension == 2 else []
+        seen = [first + i for first in (hand.frame.VELOCITY, hand.frame.PLACE) for i in self.coordinates]
+        seen += [SpatialFrame.ANGLE] if self.dimension == 2 else []
         frame = Stored.along(hand.frame, "frame", out, always=seen)
         motion = Stored.of(hand.motion, "motion")
         moving = Stored.of(self.move_link(frame.record, s["q"], s["v"], s["w"], s["h"], None)[1], "moving")
 
-        def carry(carried: SpatialCarried) -> tuple[SpatialCarried, SpatialJoint]:
+        def carry(carried: SpatialCarried) -> tuple[SpatialCarried, Any]:
             return self.carry_link(carried, moving.record, s["w"], s["torque"], s["armature"])
 
         def uses(carried: SpatialCarried) -> ca.SX:
@@ -301,7 +343,7 @@ class System(ABC):
         at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
         start = self.react(at, s["before_a"], motion.record, carried.record).acceleration
         acceleration = Stored.along(
-            start, "acceleration", lambda x: spatial.accelerate(x, joint.record, moving.record)[1]
+            start, "acceleration", lambda x: self.accelerate_link(x, joint.record, moving.record)[1]
         )
         return _Columns(frame, motion, moving, carried, joint, acceleration)
 
@@ -310,22 +352,23 @@ class System(ABC):
         """What a compiled engine is made of, by name; each takes and gives columns."""
         s, c = self._symbols, self.columns
         q, v, w, h, before = (s[name] for name in ("q", "v", "w", "h", "before"))
-        hand = self.hand(s["qa"], s["va"], s["u"])
+        hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"])
         end, moves, *first_torque = self.move_link(c.frame.record, q, v, w, h, None)
-        again = self.move_link(c.frame.record, q, v, w, h, before)[2:]
-        going_on = VELOCITY if self.link(w)[0].drag.is_zero() else PLACE  # all that the second stage needs of a frame
-        turns = c.frame.column(end)[: len({i for i in c.frame.where[:going_on] if i is not None})]
+        end_again, _, *again = self.move_link(c.frame.record, q, v, w, h, before)
+        # all that the second stage needs of a frame
+        going_on = end.VELOCITY if self.link(w)[0].drag.is_zero() else end.PLACE
+        turns = c.frame.column(end_again)[: len({i for i in c.frame.where[:going_on] if i is not None})]
         carries, keeps = self.carry_link(c.carried.record, c.moving.record, w, s["torque"], s["armature"])
-        qdd, ahead = spatial.accelerate(c.acceleration.record, c.joint.record, c.moving.record)
+        qdd, ahead = self.accelerate_link(c.acceleration.record, c.joint.record, c.moving.record)
         at = Instant(s["t"], h, s["qa"], s["va"], s["u"])
         reaction = self.react(at, s["before_a"], c.motion.record, c.carried.record)
         frame, moving, carried = c.frame.symbols, c.moving.symbols, c.carried.symbols
         k1, k2, x, y = (ca.SX.sym(name) for name in ("k1", "k2", "q", "v"))
+        hand_ends = ca.vec(hand.ends[:, self._places].T)
         table = {
             "hand": (
-                [s["qa"], s["va"], self.p, s["u"]],
-                [c.frame.column(hand.frame), ca.vec(hand.ends[:, self._places].T), hand.angles]
-                + [c.motion.column(hand.motion)],
+                [s["qa"], s["va"], self.p, s["u"], s["before_a"]],
+                [c.frame.column(hand.frame), hand_ends, hand.angles, c.motion.column(hand.motion)],
             ),
             "outward": ([frame, q, v, w, h], [c.frame.column(end), c.moving.column(moves), *first_torque]),
             "outward_again": ([frame, q, v, w, h, before], [turns, c.moving.column(moves), *again]),
@@ -340,6 +383,8 @@ class System(ABC):
             "accelerate": ([c.acceleration.symbols, c.joint.symbols, moving], [c.acceleration.column(ahead), qdd]),
             "predict": ([x, y, k1, h], [*predicted(x, y, k1, h)]),
             "advance": ([x, y, k1, k2, h], [*advanced(x, y, k1, k2, h)]),
+            "predict_link": ([q, v, s["k1"], h], [*self.predict_link(q, v, s["k1"], h)]),
+            "advance_link": ([q, v, s["k1"], s["k2"], h], [*self.advance_link(q, v, s["k1"], s["k2"], h)]),
         }
         found = {name: ca.Function(name, *sides, {"cse": True}) for name, sides in table.items()}
         return found | {"control": self.control} if self.held else found
@@ -347,8 +392,9 @@ class System(ABC):
     @property
     def frame_columns(self) -> dict[str, int]:
         """First column of a frame's place, velocity and, in the plane, angle."""
-        where = self.columns.frame.where
-        found = {"place": where[PLACE], "velocity": where[VELOCITY], "angle": where[ANGLE]}
+        where, kind = self.columns.frame.where, self.columns.frame.record
+        found = {"place": where[kind.PLACE], "velocity": where[kind.VELOCITY]}
+        found["angle"] = where[SpatialFrame.ANGLE] if self.dimension == 2 else None
         return {name: 0 if i is None else i for name, i in found.items()}
 
 

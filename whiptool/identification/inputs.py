@@ -44,7 +44,7 @@ def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tupl
     else:
         fitted, others = [name for name in recordings if name not in held_out], list(dict.fromkeys(held_out))
     if not fitted:
-        raise InputError("--held-out", " ".join(held_out), "fewer than all recordings: one at least is to be fitted")
+        raise InputError("held out", " ".join(held_out), "fewer than all recordings: one at least is to be fitted")
     return fitted, others
 
 
@@ -98,7 +98,7 @@ def profile_of(model: Model, name: str) -> WhipProfile:
     for key in ("l", "m", "k", "b", "rest_angle", "drag"):
         value = getattr(model.whip, key)
         if isinstance(value, tuple):
-            raise InputError(f"--profile: whip.{key}", "a value per node", "one number for all", "or a [whip.profile]")
+            raise InputError(f"whip.{key}", "a value per node", "one number for all", "or a [whip.profile]")
         whip[key] = value
     return WhipProfile(
         length=model.whip.length,

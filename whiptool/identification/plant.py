@@ -63,6 +63,8 @@ class Plant:
     clamp: float | None = None
 
     def __post_init__(self) -> None:
+        if self.model.dimension == 3:
+            raise InputError("model", self.model.name, "a model in the plane, to be identified")
         if self.profile is not None:
             kept = {name: getattr(self.model.whip, name) for name in _BESIDE_PROFILE}
             whip = dataclasses.replace(self.profile.lump(self.model.whip.N), **kept)

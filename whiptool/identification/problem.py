@@ -12,7 +12,7 @@ from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.plant import Identifiable
 from whiptool.identification.predict import NUISANCE, Predictor, Recording
 from whiptool.identification.results import RecordingFit
-from whiptool.identification.solver import TOLERANCE, Block, Solution, huber, solve
+from whiptool.identification.solver import TOLERANCE, Block, Loss, Solution, huber, solve
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
 from whiptool.models.parameters import number, whole
@@ -172,8 +172,7 @@ class Problem:
             own,
             lower=lower,
             upper=upper,
-            loss=self._limit,
-            robust=[len(x) for x in stage.measured] + ([0] if self._prior else []),
+            loss=Loss(self._limit, [len(x) for x in stage.measured] + ([0] if self._prior else [])),
             max_iterations=self.options.max_iterations,
             tolerance=self.options.tolerance,
         )

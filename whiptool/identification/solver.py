@@ -16,7 +16,24 @@ from scipy.linalg import solve_triangular
 
 MAX_ITERATIONS = 60
 TOLERANCE = 1e-5  # foreseen fall of the cost per mean squared residual: a step of 0.004 standard errors
-_START_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e12  # the least keeps flat directions still
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Marquardt's damping.
+
+    Args:
+        start: Where it begins.
+        least: Keeps flat directions still.
+        most: No step lowers the cost beyond.
+    """
+
+    start: float = 1e-3
+    least: float = 1e-9
+    most: float = 1e12
+
+
+_DAMPING = Damping()
 _LARGEST = 1e50  # of a derivative: beyond, the path has become unpredictable
 
 
@@ -72,6 +89,31 @@ def huber(r: np.ndarray, limit: float | None) -> tuple[float, np.ndarray]:
     return float(cost), np.where(inside, 1.0, limit / np.maximum(size, limit))
 
 
+@dataclass(frozen=True)
+class Loss:
+    """What is minimised, of the residuals of all blocks.
+
+    Args:
+        limit: Where Huber's loss turns linear, in standard errors; None: least squares.
+        robust: How many residuals of each block it is for, the first ones; default: all.
+    """
+
+    limit: float | None = None
+    robust: Sequence[int] | None = None
+
+    def of(self, blocks: Sequence[Block]) -> tuple[float, list[np.ndarray]]:
+        """Return the cost, infinite where it or a derivative is beyond all bounds, and the weights of each block."""
+        total, weights = 0.0, []
+        for i, block in enumerate(blocks):
+            count = len(block.r) if self.robust is None or i >= len(self.robust) else self.robust[i]
+            part, w = huber(block.r[:count], self.limit)
+            rest = block.r[count:]
+            total += part + float(rest @ rest) / 2
+            weights.append(np.concatenate([w, np.ones(len(rest))]))
+        usable = np.isfinite(total) and all(np.abs(x).max(initial=0) < _LARGEST for b in blocks for x in (b.A, b.B))
+        return total if usable else np.inf, weights
+
+
 def reduce(block: Block, damping: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The block's rows [B A r] in triangular form: the first L rows, for its own unknowns, and the rest without them.
 
@@ -99,8 +141,7 @@ def solve(
     *,
     lower: np.ndarray,
     upper: np.ndarray,
-    loss: float | None = None,
-    robust: Sequence[int] | None = None,
+    loss: Loss = Loss(),
     max_iterations: int = MAX_ITERATIONS,
     tolerance: float = TOLERANCE,
 ) -> Solution:
@@ -113,30 +154,17 @@ def solve(
         evaluate: Blocks at (z, own), with derivatives or without (A and B are then ignored).
         z, own: Start.
         lower, upper: Bounds of z, (G,).
-        loss: Where Huber's loss turns linear, in standard errors; None: least squares.
-        robust: How many residuals of each block the loss is for, the first ones; default: all.
+        loss: What is minimised.
         max_iterations: At most.
         tolerance: It ends where the cost would fall by no more than this, per mean squared residual.
     """
     z, own = np.clip(z, lower, upper), [np.array(x, float) for x in own]
     evaluations = 1
-
-    def cost_and_weights(blocks: Sequence[Block]) -> tuple[float, list[np.ndarray]]:
-        total, weights = 0.0, []
-        for i, block in enumerate(blocks):
-            count = len(block.r) if robust is None or i >= len(robust) else robust[i]
-            part, w = huber(block.r[:count], loss)
-            rest = block.r[count:]
-            total += part + float(rest @ rest) / 2
-            weights.append(np.concatenate([w, np.ones(len(rest))]))
-        usable = np.isfinite(total) and all(np.abs(x).max(initial=0) < _LARGEST for b in blocks for x in (b.A, b.B))
-        return total if usable else np.inf, weights
-
     blocks = evaluate(z, own, True)
-    cost, weights = cost_and_weights(blocks)
+    cost, weights = loss.of(blocks)
     if not np.isfinite(cost):
         return Solution(z, own, np.inf, Status.DIVERGED, evaluations=evaluations)
-    damping, growth, history = _START_DAMPING, 2.0, [(cost, _START_DAMPING, 0.0)]
+    damping, growth, history = _DAMPING.start, 2.0, [(cost, _DAMPING.start, 0.0)]
     scale = np.zeros(len(z))
     own_scale = [np.zeros(len(x)) for x in own]
     for _ in range(max_iterations):
@@ -148,7 +176,7 @@ def solve(
         negligible = tolerance * 2 * cost / sum(len(b.r) for b in blocks)
         accepted, ready, attempt = False, False, 0
         trial, trial_own, new_blocks, new_cost, new_weights = z, own, blocks, cost, weights
-        while damping < _MOST_DAMPING:
+        while damping < _DAMPING.most:
             room = np.where(held, z, lower) - z, np.where(held, z, upper) - z
             try:
                 step, own_step = _step(weighted, damping, scale, own_scale, *room)
@@ -163,11 +191,11 @@ def solve(
             evaluations += 1
             ready = attempt == 0  # a first attempt mostly succeeds: take its derivatives at once
             new_blocks = evaluate(trial, trial_own, ready)
-            new_cost, new_weights = cost_and_weights(new_blocks)
+            new_cost, new_weights = loss.of(new_blocks)
             attempt += 1
             gain = (cost - new_cost) / foreseen
             if gain > 1e-4:
-                damping = max(damping * max(0.1, 1 - (2 * gain - 1) ** 3), _LEAST_DAMPING)
+                damping = max(damping * max(0.1, 1 - (2 * gain - 1) ** 3), _DAMPING.least)
                 growth, accepted = 2.0, True
                 break
             damping, growth = damping * growth, growth * 2
@@ -178,7 +206,7 @@ def solve(
         if not ready:
             evaluations += 1
             new_blocks = evaluate(z, own, True)
-            new_cost, new_weights = cost_and_weights(new_blocks)
+            new_cost, new_weights = loss.of(new_blocks)
         blocks, cost, weights = new_blocks, new_cost, new_weights
     return Solution(z, own, cost, Status.STEPS, history, evaluations)
 

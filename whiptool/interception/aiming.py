@@ -14,14 +14,38 @@ from whiptool.models.strike import Strike, strike_names
 from whiptool.rollout.closest import closest_on_segments
 
 FINE = 1000.0  # [1/s] of the paths that plans are judged on
-_AHEAD = 100.0  # [1/s] of the instants of the track that are looked at
-_NEAR = 0.04  # [m] between a path of the library and the track
-_WINDOW = 0.1  # [s] before and after the contact in which the tip may hit
-_START, _CONTACT = 0.3, 0.1  # [s] of t0 and of the contact that weigh as much as a strike number's whole range
-_STEP = 0.15  # of a strike number's range, per Gauss-Newton step
-_BIN = 0.1  # [s] of starts that see the target equally well
-_PULL, _FAR = 0.2, 0.5  # a metre of expected miss, up to half a metre, costs this much probability
-_STATED = 512  # tracks, at least, that a plan's probability is stated from: its standard error is 0.02 at most
+
+
+@dataclass(frozen=True)
+class Aiming:
+    """How crossings of a track are found, mended and judged.
+
+    Args:
+        ahead: Instants of the track that are looked at, a second [1/s].
+        near: Distance of a path of the library from the track [m].
+        window: Before and after the contact, in which the tip may hit [s].
+        start: Of t0, what weighs as much as a strike number's whole range [s].
+        contact: Likewise of the contact [s].
+        step: Of a strike number's range, per Gauss-Newton step.
+        bin: Starts that see the target equally well lie as near [s].
+        pull: Probability that a metre of expected miss costs.
+        far: A miss beyond costs no more [m].
+        stated: Tracks, at least, that a plan's probability is stated from: its standard error is 0.02 at most.
+    """
+
+    ahead: float = 100.0
+    near: float = 0.04
+    window: float = 0.1
+    start: float = 0.3
+    contact: float = 0.1
+    step: float = 0.15
+    bin: float = 0.1
+    pull: float = 0.2
+    far: float = 0.5
+    stated: int = 512
+
+
+_AIMING = Aiming()
 
 
 @dataclass(frozen=True)
@@ -97,19 +121,19 @@ class Aim:
         """The track as certain as it will be when a strike starts."""
         if self.camera is None or not self.track.covariance.any():
             return self.track
-        bin = int((start - self.earliest) / _BIN + 1e-9)
+        bin = int((start - self.earliest) / _AIMING.bin + 1e-9)
         if bin not in self._seen:
             period = 1 / self.camera.rate
-            frames = np.arange(self.now + period, self.now + bin * _BIN + 1e-9, period)
+            frames = np.arange(self.now + period, self.now + bin * _AIMING.bin + 1e-9, period)
             self._seen[bin] = self.track.after(frames, self.camera.sigma) if len(frames) else self.track
         return self._seen[bin]
 
     def crossings(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Strike, t0 and time of contact of the most promising crossings, of a different strike each."""
         lib = self.library
-        t = np.arange(self.earliest, self.latest, 1 / _AHEAD)
+        t = np.arange(self.earliest, self.latest, 1 / _AIMING.ahead)
         y, w = self.track.position(t), self.track.velocity(t)
-        near = lib.tree.query_ball_point(y, _NEAR)
+        near = lib.tree.query_ball_point(y, _AIMING.near)
         at = np.repeat(np.arange(len(t)), [len(x) for x in near])
         point = np.concatenate([np.asarray(x, int) for x in near]) if len(near) else np.zeros(0, int)
         start = t[at] - lib.tau[point]
@@ -118,10 +142,10 @@ class Aim:
         relative = lib.velocities[point] - w[at]
         across = np.stack([-relative[:, 1], relative[:, 0]], axis=1)
         across /= np.maximum(np.hypot(*across.T), 1e-9)[:, None]
-        bins = ((start - self.earliest) / _BIN + 1e-9).astype(int)
+        bins = ((start - self.earliest) / _AIMING.bin + 1e-9).astype(int)
         doubt = np.empty((len(at), 2, 2))
         for bin in np.unique(bins):
-            doubt[bins == bin] = self.at_start(self.earliest + bin * _BIN).covariance_at(t)[at[bins == bin]]
+            doubt[bins == bin] = self.at_start(self.earliest + bin * _AIMING.bin).covariance_at(t)[at[bins == bin]]
         miss = np.einsum("ni,ni->n", across, lib.points[point] - y[at])
         doubt = np.einsum("ni,nij,nj->n", across, doubt, across)
         cost = miss**2 + doubt + 1e-8 * t[at]  # rather sooner, all else equal
@@ -145,14 +169,14 @@ class Aim:
             tip, v, J = _between(path, slope, tau)
             w = self.track.velocity(start + tau)
             gap = self.track.position(start + tau) - tip
-            A = np.concatenate([J * width, -_START * w[..., None], _CONTACT * (v - w)[..., None]], axis=2)
+            A = np.concatenate([J * width, -_AIMING.start * w[..., None], _AIMING.contact * (v - w)[..., None]], axis=2)
             move = _smallest(A, gap)
-            held = start + _START * move[:, -2] < self.earliest  # t0 cannot go there: without it
+            held = start + _AIMING.start * move[:, -2] < self.earliest  # t0 cannot go there: without it
             A[held, :, -2] = 0
             move[held] = _smallest(A[held], gap[held])
             x[:, free] = np.clip(x[:, free] + width * move[:, :-2], lower[free], upper[free])
-            start = np.maximum(start + _START * move[:, -2], self.earliest)
-            tau = tau + _CONTACT * move[:, -1]
+            start = np.maximum(start + _AIMING.start * move[:, -2], self.earliest)
+            tau = tau + _AIMING.contact * move[:, -1]
             start = np.minimum(start, np.maximum(self.latest - tau, self.earliest))
         return x, start, np.clip(tau, 2 / FINE, x[:, -1] + lib.t_stay - 2 / FINE)
 
@@ -166,13 +190,14 @@ class Aim:
         seed = int(rng.integers(2**63))  # the same tracks for every strike
 
         def outlook(i: int, rng: np.random.Generator, samples: int) -> _Outlook:
-            window = np.abs(t - tau[i]) <= _WINDOW
+            window = np.abs(t - tau[i]) <= _AIMING.window
             return self.outlook(path[i, window], start[i] + t[window], self.at_start(start[i]), rng, samples)
 
         seen = [outlook(i, np.random.default_rng(seed), samples) for i in range(len(x))]
-        score = [o.probability - _PULL * o.expected_miss - (0 if a else 10) for o, a in zip(seen, allowed, strict=True)]
+        worth = [o.probability - _AIMING.pull * o.expected_miss for o in seen]
+        score = [x - (0 if a else 10) for x, a in zip(worth, allowed, strict=True)]
         i = int(np.argmax(score))
-        chosen = outlook(i, rng, max(samples, _STATED))
+        chosen = outlook(i, rng, max(samples, _AIMING.stated))
         tip, v, _ = _between(path[i : i + 1], np.empty((1, path.shape[1], 2, 0)), tau[i : i + 1])
         return Interception(
             strike=Strike.from_vector(x[i]),
@@ -193,7 +218,7 @@ class Aim:
         """What a path of the tip (T, 2) [m] at times (T,) [s] does to tracks that are still possible."""
         numbers = np.vstack([track.numbers, track.sample(rng, samples)])
         miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(2)).distance
-        hit, expected = np.mean(miss[1:] <= self.hit_radius), np.minimum(miss[1:], _FAR).mean()
+        hit, expected = np.mean(miss[1:] <= self.hit_radius), np.minimum(miss[1:], _AIMING.far).mean()
         return _Outlook(float(hit), float(expected), float(miss[0]))
 
 
@@ -212,7 +237,7 @@ def _smallest(A: np.ndarray, gap: np.ndarray) -> np.ndarray:
     A, gap = np.where(known[:, None, None], A, 0.0), np.where(known[:, None], gap, 0.0)
     move = np.einsum("bmi,bi->bm", np.linalg.pinv(A, rcond=1e-3), gap)
     length = np.linalg.norm(move, axis=1, keepdims=True)
-    return move * np.minimum(1.0, _STEP / np.maximum(length, 1e-12))
+    return move * np.minimum(1.0, _AIMING.step / np.maximum(length, 1e-12))
 
 
 def _between(path: np.ndarray, slope: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

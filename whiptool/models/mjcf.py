@@ -182,7 +182,7 @@ class _Robot:
         com = axes.T @ (body.com - self.data.xanchor[joint]) if body.mass else np.zeros(3)
         return SpatialLink(
             mass=body.mass,
-            com=tuple(com.tolist()),
+            com=tuple(com.tolist()),  # type: ignore[arg-type]
             inertia=tuple(I[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist()),
             axis=tuple((axes.T @ self.data.xaxis[joint]).tolist()),
             position=tuple(position.tolist()),

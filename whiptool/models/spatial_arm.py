@@ -240,7 +240,7 @@ class SpatialArm:
 
     def with_parameters(self, changes: Mapping[str, float]) -> SpatialArm:
         """Return a copy with some of `parameters()` changed."""
-        known = self.parameters() | changes
+        known = self.parameters() | dict(changes)
 
         def row(name: str, parts: tuple[str, ...]) -> tuple[float, ...]:
             return tuple(known[f"{name}.{part}"] for part in parts)

@@ -20,7 +20,7 @@ def random_search(objective: Objective, *, seed: int) -> None:
             "max trials",
             None,
             "a number of trials or seconds, for a method that never ends by itself",
-            "give --max-trials or --max-time",
+            "give max_trials or max_time",
         )
     rng = np.random.default_rng(seed)
     while True:

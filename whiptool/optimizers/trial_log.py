@@ -13,6 +13,7 @@ from pathlib import Path
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import ArmParameters
+from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import strike_names
 from whiptool.objective import Outcome, Trial
 from whiptool.whole_files import append_whole, write_whole
@@ -30,8 +31,10 @@ class TrialLog:
         measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
     """
 
-    def __init__(self, path: Path, arm: ArmParameters, *, measured: bool = False) -> None:
+    def __init__(self, path: Path, arm: ArmParameters | SpatialArm, *, measured: bool = False) -> None:
         self.path, self.n, self.measured = path, arm.n, measured
+        axes = "xyz" if isinstance(arm, SpatialArm) else "xy"
+        self._dimension = len(axes)
         self._names = strike_names(arm)
         self._header = [
             "trial",
@@ -39,10 +42,8 @@ class TrialLog:
             "miss_distance",
             "hit",
             "time",
-            "tip_x",
-            "tip_y",
-            "tip_velocity_x",
-            "tip_velocity_y",
+            *(f"tip_{axis}" for axis in axes),
+            *(f"tip_velocity_{axis}" for axis in axes),
             *(f"max_joint_speed_{joint}" for joint in arm.joints),
             *(f"max_torque_{joint}" for joint in arm.joints),
             "diverged",
@@ -115,7 +116,7 @@ class TrialLog:
         row = line.decode("utf-8", "replace").split(",")
         if len(row) != len(self._header):
             return None
-        n, start = self.n, 1 + len(self._names)
+        n, d, start = self.n, self._dimension, 1 + len(self._names)
         try:
             number, numbers = int(row[0]), [float(x) for x in row]
         except ValueError:
@@ -123,9 +124,9 @@ class TrialLog:
         distance, hit, time = numbers[start : start + 3]
         tip, velocity, speeds, torques = (
             tuple(numbers[start + first : start + first + count])
-            for first, count in ((3, 2), (5, 2), (7, n), (7 + n, n))
+            for first, count in ((3, d), (3 + d, d), (3 + 2 * d, n), (3 + 2 * d + n, n))
         )
-        diverged, *error = numbers[start + 7 + 2 * n :]
+        diverged, *error = numbers[start + 3 + 2 * d + 2 * n :]
         error = error[0] if error and not math.isnan(error[0]) else None
         outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, bool(diverged), error)
         return Trial(number, tuple(numbers[1:start]), outcome)

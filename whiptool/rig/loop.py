@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,61 +14,16 @@ from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import Model, number
-from whiptool.models.strike import T_STAY, Strike
-from whiptool.rig.caps import CappedLoop, Caps
+from whiptool.models.parameters import Model
+from whiptool.models.strike import Strike
+from whiptool.rig.caps import CappedLoop
 from whiptool.rig.clock import Clock, StepClock, WallClock
 from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
 from whiptool.rig.dynamixel.bus import NoReply, Refused, Unplugged
 from whiptool.rig.dynamixel.joints import Joints, JointSample
 from whiptool.rig.guards import Guards, SafetyError, Watch
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Safety, State, StopSignals
-
-LONGEST_DELAY = 0.1  # [s]
-SLOWEST, FASTEST = 0.01, 2.0  # [rad/s] of an approach: it ends some time, and is no strike itself
-
-
-@dataclass(frozen=True)
-class LoopOptions:
-    """How a strike is run.
-
-    Args:
-        rate: Cycles per second [Hz].
-        t_stay: The controller stays on after the movement ended [s].
-        approach_speed: Largest speed of the reference on the way to the start posture and back [rad/s], 0.01 to 2.
-        settle: Wait at the start posture [s]. The whip's hinge has no damping, so that no waiting ends a swing: what
-            keeps the whip still is an approach that lasts several of its periods (1.6 s for `lemon2024`; see
-            `whiptool.dynamics.modes`).
-        go_back: Return to where the arm was armed, before torque goes off.
-        caps: Largest stiffness and damping of the strike's controller; `default_caps` gives some.
-        rehearse: Play every strike through in simulation before the arm is armed, and refuse what is beyond the motors
-            or unstable at this rate.
-        delay: From a sample to the torque that it leads to [s], as the rehearsal has it: the line's and the adapter's.
-        margin: Part of the motors' speed-torque line that is kept free.
-        stiffness, damping: Natural frequency [rad/s] and damping ratio of the posture controller that moves the arm
-            before and after the strike; its matrices are the arm's inertia times these.
-    """
-
-    rate: float = 500.0
-    t_stay: float = T_STAY
-    approach_speed: float = 0.2
-    settle: float = 2.0
-    go_back: bool = True
-    caps: Caps | None = None
-    rehearse: bool = True
-    delay: float = 0.001
-    margin: float = 0.05
-    stiffness: float = 25.0
-    damping: float = 0.7
-
-    def __post_init__(self) -> None:
-        number("rate", self.rate, low=10, high=10_000)
-        number("approach_speed", self.approach_speed, low=SLOWEST, high=FASTEST)
-        number("delay", self.delay, low=0, high=LONGEST_DELAY)
-        for name in ("t_stay", "settle"):
-            number(name, getattr(self, name), low=0, high=600)
-        for name in ("stiffness", "damping"):
-            number(name, getattr(self, name), low=0, strict=True)
 
 
 @dataclass(frozen=True)
@@ -87,6 +42,30 @@ class Run:
     torque_off: bool
     missed: int
     overruns: int
+
+
+class Cycle(NamedTuple):
+    """What goes on record of one control cycle; None: there is none.
+
+    Args:
+        t: Since the start, as planned [s].
+        stamp: When the sample was there, by the clock [s].
+        late: By how much the cycle began too late [s].
+        counts: Goal currents that were sent, in the servos' units.
+        flags: What was wrong with it.
+        sample: As the servos gave it.
+        tau: Torque that the controller asked for [N m].
+        q_d: Reference [rad].
+    """
+
+    t: float
+    stamp: float
+    late: float
+    counts: np.ndarray
+    flags: int
+    sample: JointSample | None = None
+    tau: np.ndarray | None = None
+    q_d: np.ndarray | None = None
 
 
 def posture_controller(model: Model, options: LoopOptions) -> Controller:
@@ -193,7 +172,7 @@ class RigLoop:
             if self.safety.state == State.FAULT and not self._logged_fault:
                 zero = np.zeros(n, int)
                 flags = Flag.FAULT | Flag.OUTSIDE
-                self._log(log, self._k / self.options.rate, self.clock.now(), 0.0, None, zero, None, None, flags)
+                log.append(self._row(Cycle(self._k / self.options.rate, self.clock.now(), 0.0, zero, flags)))
             log.close()
         return Run(
             cycles=log.cycles(),
@@ -211,19 +190,7 @@ class RigLoop:
         """
         from whiptool.rig.rehearsal import rehearse
 
-        o = self.options
-        rehearsal = rehearse(
-            self.model,
-            self.controller,
-            strike,
-            rate=o.rate,
-            delay=o.delay,
-            t_stay=o.t_stay,
-            caps=o.caps,
-            guards=self.guards,
-            margin=o.margin,
-            believed=believed,
-        )
+        rehearsal = rehearse(self.model, self.controller, strike, self.options, guards=self.guards, believed=believed)
         if rehearsal.refused is not None:
             raise InputError(
                 "strike", strike.vector.tolist(), "what the motors and the loop can carry", rehearsal.refused
@@ -319,41 +286,28 @@ class RigLoop:
             reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
             safety.fault(reason)
             self._logged_fault = True
-        self._log(log, t, stamp, started - deadline, sample, counts, tau, q_d, flags)
+        log.append(self._row(Cycle(t, stamp, started - deadline, counts, flags, sample, tau, q_d)))
         if error is not None:
             raise error
 
-    def _log(
-        self,
-        log: CycleLog,
-        t: float,
-        stamp: float,
-        late: float,
-        s: JointSample | None,
-        counts: np.ndarray,
-        tau: np.ndarray | None,
-        q_d: np.ndarray | None,
-        flags: int,
-    ) -> None:
-        """Write a row of the record, NaN for what was not measured."""
-        nan = [math.nan] * self.joints.n
-        log.append(
-            (
-                t,
-                stamp,
-                late,
-                *(nan if s is None else s.q.tolist()),
-                *(nan if s is None else s.v.tolist()),
-                *(nan if s is None else s.current.tolist()),
-                *(counts * self.joints.units.current).tolist(),
-                *(nan if tau is None else tau.tolist()),
-                *(nan if q_d is None else q_d.tolist()),
-                *(nan if s is None else s.voltage.tolist()),
-                *(nan if s is None else s.temperature.tolist()),
-                flags,
-                self._phase,
-                self.safety.state,
-            )
+    def _row(self, c: Cycle) -> tuple:
+        """Return a cycle as a row of the record; what there is not is not a number."""
+        s, nan = c.sample, [math.nan] * self.joints.n
+        return (
+            c.t,
+            c.stamp,
+            c.late,
+            *(nan if s is None else s.q.tolist()),
+            *(nan if s is None else s.v.tolist()),
+            *(nan if s is None else s.current.tolist()),
+            *(c.counts * self.joints.units.current).tolist(),
+            *(nan if c.tau is None else c.tau.tolist()),
+            *(nan if c.q_d is None else c.q_d.tolist()),
+            *(nan if s is None else s.voltage.tolist()),
+            *(nan if s is None else s.temperature.tolist()),
+            c.flags,
+            self._phase,
+            self.safety.state,
         )
 
 

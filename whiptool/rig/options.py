@@ -5,29 +5,41 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from tyro.conf import arg
 
 from whiptool.errors import InputError
-from whiptool.options import ControllerOptions, ModelOptions, TargetOptions, refuse_idle, whole
+from whiptool.options import (
+    ControllerOptions,
+    ModelOptions,
+    OutputOptions,
+    Preset,
+    SeedOptions,
+    TargetOptions,
+    refuse_idle,
+)
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
-    from whiptool.rig.loop import LoopOptions
+    from whiptool.rig.loop_options import LoopOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmOptions(TargetOptions, ModelOptions, ControllerOptions):
+class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, TargetOptions):
     """Options of the arm that strikes: a rig or its twin."""
 
-    usual_preset: ClassVar[str] = "printed"
+    of_this_call: ClassVar[tuple[str, ...]] = ("yes",)
+    usual_preset: ClassVar[Preset] = "printed"
 
-    preset: str | None = None
-    """OIAC parameters: printed or table4, which is stable only at rates far above 500; default: printed."""
+    preset: Preset | None = None
+    """OIAC parameters: printed or table4, which is stable only at rates far above 500; default: printed. Constant
+    impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
     port: str = "twin"
     """Serial device such as /dev/ttyUSB0, or twin: the emulator behind the same protocol."""
-    camera: str = "twin"
-    """realsense, none, a RealSense recording (.db3); with the twin: d435-color, d435-infrared (= twin), points
-    (the tip's position with the error of tracked images, no images), none."""
+    camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
+    """With a real arm: realsense, a RealSense recording, none; with the twin: the others (d435-infrared is twin; points
+    is the tip's position with the error of tracked images, without the images), none."""
     rate: float = 500.0
     """Control cycles per second."""
     approach_speed: float = 0.2
@@ -40,22 +52,15 @@ class ArmOptions(TargetOptions, ModelOptions, ControllerOptions):
     """Of the line, there and back [s]: the twin's, and as rehearsals have it."""
     yes: bool = False
     """Do not ask before a real arm moves."""
-    seed: int = 0
-    """Of the virtual camera's noise, and of what is random in a search."""
-    out: Path | None = None
-    """Run folder; default: runs/rig-DATE-TIME."""
-    json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.parameters import number
-        from whiptool.rig.loop import LONGEST_DELAY
+        from whiptool.rig.loop_options import LONGEST_DELAY
 
         super().check()
         number("--latency", self.latency, low=0, high=LONGEST_DELAY)
         loop_options(self)
-        whole("--seed", self.seed, low=0)
         if self.port != "twin":
             refuse_idle(self, {"friction": "nothing, unless --port twin is given"})
 
@@ -70,7 +75,7 @@ class ArmOptions(TargetOptions, ModelOptions, ControllerOptions):
 
 def loop_options(options: ArmOptions) -> LoopOptions:
     """Return the settings of the control loop that the options describe."""
-    from whiptool.rig.loop import LoopOptions
+    from whiptool.rig.loop_options import LoopOptions
 
     return LoopOptions(
         rate=options.rate,
@@ -83,12 +88,12 @@ def loop_options(options: ArmOptions) -> LoopOptions:
 
 def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions):
     """The real arm and camera that the options name."""
-    from whiptool.rig.session import HardwareRig
+    from whiptool.rig.session import HardwareRig, Line
 
     return HardwareRig(
         model,
         controller,
-        port=options.port,
+        Line(options.port),
         camera=_camera(options.camera),
         target=options.build_target().position,
         options=loop,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,12 +11,14 @@ from whiptool.dynamics.stepping import FASTEST
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
 from whiptool.models.motor_limits import XM430, MotorLimits
-from whiptool.models.parameters import Model, number
-from whiptool.models.strike import T_STAY, Strike
-from whiptool.rig.caps import CappedLoop, Caps
+from whiptool.models.parameters import ArmParameters, Model
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.strike import Strike
+from whiptool.rig.caps import CappedLoop
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE
 from whiptool.rig.emulator.motor import Motor
 from whiptool.rig.emulator.options import TwinOptions
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
 from whiptool.rollout.trajectory import Trajectory, complete_trajectory
 
@@ -44,18 +47,14 @@ def rehearse(
     model: Model,
     controller: Controller,
     strike: Strike,
+    options: LoopOptions | None = None,
     *,
-    rate: float = 500.0,
-    delay: float = 0.0,
-    t_stay: float = T_STAY,
-    caps: Caps | None = None,
     limits: MotorLimits = XM430,
     guards: Guards | None = None,
     motor: Motor | None = None,
-    margin: float = 0.05,
     believed: Model | None = None,
 ) -> Rehearsal:
-    """Play a strike at `rate` cycles per second on the twin's physics, and judge it.
+    """Play a strike at the loop's cycles per second on the twin's physics, and judge it.
 
     A controller that is stable in continuous time may be unstable when its torques are held for a whole period, since
     OIAC's gains grow with the square of the error. If so, cap the gains or choose another strike.
@@ -64,41 +63,39 @@ def rehearse(
         model: Whip, arm, gravity.
         controller: The controller of the strike.
         strike: The strike; it starts at rest with the whip hanging.
-        rate: Cycles per second [Hz].
-        delay: From a sample to the torque that it leads to [s], beyond the cycle itself.
-        t_stay: As in the loop [s].
-        caps: Of stiffness and damping.
+        options: Of the loop: `rate`, `delay`, `t_stay`, `caps`, `margin`; default: the usual ones, without a delay.
         limits: Of the motors.
         guards: Of the run; its speed and tracking error must not be reached.
         motor: The twin's; default: one without friction.
-        margin: Part of the motors' line that is kept free.
         believed: The posterior mean of whip and arm, which the strike is played on; default: the model. The loop's
             gravity compensation is that of the model in any case.
 
     Raises:
-        InputError: A value is out of range, or the strike is of another arm.
+        InputError: The strike is of another arm.
     """
     controller.check_fits(model.arm)
-    number("delay", delay, low=0, high=0.1)
-    guards = guards or Guards()
-    period = 1.0 / number("rate", rate, low=10, high=10_000)
-    options = TwinOptions(
-        model=believed or model,
-        motor=motor or Motor(),
-        start=strike.q_i,
-        period=period,
-        command_delay=delay,
-        fineness=1,
-    )
-    servos = options.make_servos()
-    physics = options.make_physics(servos)
+    options, guards = options or LoopOptions(delay=0.0), guards or Guards()
+    loop = CappedLoop(controller, Arm(model), strike, options.caps)
+    played = _play(loop, believed or model, motor or Motor(), options)
+    trajectory = complete_trajectory(believed or model, controller, strike, **played)
+    usage = limits.violation(trajectory) + 1.0
+    chatter = _chatter(trajectory.tau)
+    refused = _verdict(trajectory, usage, chatter, options, limits, guards, model.arm)
+    return Rehearsal(trajectory, usage, chatter, refused)
+
+
+def _play(loop: CappedLoop, truth: Model, motor: Motor, options: LoopOptions) -> dict[str, Any]:
+    """Return times, states and torques of every cycle of a loop on the twin's physics, and whether they diverged."""
+    strike, period = loop.strike, 1.0 / options.rate
+    twin = TwinOptions(truth, motor, start=strike.q_i, period=period, command_delay=options.delay, fineness=1)
+    servos = twin.make_servos()
+    physics = twin.make_physics(servos)
     for servo in servos:
         servo.set("operating_mode", CURRENT_MODE)
         servo.set("torque_enable", 1)
-    loop = CappedLoop(controller, Arm(model), strike, caps)
-    units, a = servos[0].units, model.arm.n
-    scale, most = options.motor.torque_constant * units.current, servos[0].get("current_limit")
-    cycles = int(np.ceil((strike.D + t_stay) / period - 1e-9))
+    units = servos[0].units
+    scale, most = motor.torque_constant * units.current, servos[0].get("current_limit")
+    cycles = int(np.ceil((strike.D + options.t_stay) / period - 1e-9))
     t, rows_q, rows_v, rows_tau = [], [], [], []
     diverged = False
     for k in range(cycles):
@@ -120,21 +117,8 @@ def rehearse(
         except (ValueError, OverflowError):  # not a number, or none that a register could be rounded to
             diverged = True
             break
-    trajectory = complete_trajectory(
-        believed or model,
-        controller,
-        strike,
-        t=np.array(t),
-        q=np.array(rows_q),
-        v=np.array(rows_v),
-        tau=np.array(rows_tau),
-        diverged=diverged,
-    )
-    usage = limits.violation(trajectory) + 1.0
-    chatter = _chatter(trajectory.tau)
-    return Rehearsal(
-        trajectory, usage, chatter, _verdict(trajectory, usage, chatter, a, rate, limits, guards, margin, model)
-    )
+    rows = {"q": rows_q, "v": rows_v, "tau": rows_tau}
+    return {"t": np.array(t), **{name: np.array(x) for name, x in rows.items()}, "diverged": diverged}
 
 
 def _chatter(tau: np.ndarray) -> float:
@@ -149,20 +133,17 @@ def _verdict(
     path: Trajectory,
     usage: float,
     chatter: float,
-    a: int,
-    rate: float,
+    options: LoopOptions,
     limits: MotorLimits,
     guards: Guards,
-    margin: float,
-    model: Model,
+    arm: ArmParameters | SpatialArm,
 ) -> str | None:
-    cure = "cap K and B, raise the rate, or take a slower strike"
+    a, cure = arm.n, "cap K and B, raise the rate, or take a slower strike"
     if path.diverged or chatter > CHATTER:
-        return f"the controller is unstable at {rate:g} Hz (its torque alternates from cycle to cycle); {cure}"
-    if usage > 1.0 - margin:
-        worst = limits.explain(path, model.arm.joints)
-        cure = "lengthen D or shorten the movement"
-        return f"it asks more than the motors give, with {margin:.0%} kept free: {worst}; {cure}"
+        return f"the controller is unstable at {options.rate:g} Hz (its torque alternates from cycle to cycle); {cure}"
+    if usage > 1.0 - options.margin:
+        kept, worst = f"{options.margin:.0%} kept free", limits.explain(path, arm.joints)
+        return f"it asks more than the motors give, with {kept}: {worst}; lengthen D or shorten the movement"
     speed = np.abs(path.v[:, :a]).max()
     if speed > guards.speed:
         return f"a joint reaches {speed:.2f} rad/s, and at most {guards.speed:.2f} rad/s are allowed; lengthen D"

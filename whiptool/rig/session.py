@@ -19,7 +19,8 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
-from whiptool.rig.loop import LoopOptions, RigLoop, Run, StepClock, WallClock
+from whiptool.rig.loop import RigLoop, Run, StepClock, WallClock
+from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.record import build_recording
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, strike_vectors, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
@@ -268,15 +269,28 @@ class TwinRig:
         return dataclasses.replace(found, t=found.t + late, t_points=found.t_points + late)
 
 
+@dataclass(frozen=True)
+class Line:
+    """A serial line with servos.
+
+    Args:
+        port: Serial device.
+        ids: Of the servos, shoulder first; default: 1, 2, ..
+        baud: Bits per second.
+    """
+
+    port: str
+    ids: tuple[int, ...] = ()
+    baud: int = 1_000_000
+
+
 class HardwareRig:
     """Dynamixel servos on a serial port, and a camera.
 
     Args:
         model, controller, target, options: As for the twin.
-        port: Serial device.
+        line: To the servos.
         camera: A `whiptool.vision.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
-        ids: Of the servos, shoulder first.
-        baud: Bits per second.
         confirm: Asked before every strike; False ends it.
     """
 
@@ -284,19 +298,16 @@ class HardwareRig:
         self,
         model: Model,
         controller: Controller,
+        line: Line,
         *,
-        port: str,
         camera: Any = None,
         target: tuple[float, ...] | None = None,
         options: LoopOptions | None = None,
-        ids: tuple[int, ...] = (),
-        baud: int = 1_000_000,
         confirm: Callable[[Strike], bool] | None = None,
     ) -> None:
         self.model, self.controller, self.target = model, controller, target
-        self.options, self.port, self.baud = options or LoopOptions(), port, baud
+        self.options, self.line = options or LoopOptions(), line
         self.camera, self.confirm = camera, confirm
-        self.ids = ids or tuple(range(1, model.arm.n + 1))
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """Strike once, and return what it left; see `Rig.strike`."""
@@ -306,7 +317,8 @@ class HardwareRig:
         if self.confirm is not None and not self.confirm(strike):
             raise InputError("strike", strike.vector.tolist(), "one that was confirmed")
         filming = None if self.camera is None else Filming(self.camera)
-        with DynamixelBus(self.port, list(self.ids), baud=self.baud) as bus:
+        ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
+        with DynamixelBus(self.line.port, list(ids), baud=self.line.baud) as bus:
             bus.check(self.options.rate)
             loop = RigLoop(Joints(bus), self.model, self.controller, options=self.options, clock=WallClock())
 
@@ -336,7 +348,7 @@ class HardwareRig:
             controller=controller_to_table(self.controller.reckoning_with(self.model)),
             target=self.target,
             t_stay=self.options.t_stay,
-            source=self.port,
+            source=self.line.port,
         )
         if folder is not None:
             recording.save(folder / RECORDING)

@@ -9,7 +9,8 @@ import dataclasses
 from dataclasses import dataclass
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import LARGEST, number, whole
+from whiptool.models.numbers import LARGEST
+from whiptool.models.parameters import number, whole
 
 _WIDEST, _MOST = 10_000, 1_000_000  # layer; any other whole number. What is beyond is a slip, and fills memory
 

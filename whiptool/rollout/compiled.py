@@ -11,7 +11,7 @@ from tqdm import tqdm
 from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
-from whiptool.dynamics.structure import Structure
+from whiptool.dynamics.structure import Structure, arm_column
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model, number
@@ -189,7 +189,7 @@ class CompiledRollout(Rollout):
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
         """The whole of many strikes, one after the other; only a few are in memory at a time."""
-        strikes, n, a = strike_vectors(strikes, self.model.arm.n), self.model.n, self.model.arm.n
+        strikes, n, a = strike_vectors(strikes, self.model.arm.n), self.structure.n, self.model.arm.n
         d = self.model.dimension
         columns, outcome = row_columns(n, a, d), outcome_columns(a, d)
         for first in range(0, len(strikes), _TRAJECTORIES_AT_ONCE):
@@ -231,6 +231,10 @@ class CompiledRollout(Rollout):
             elif name in of_controller:
                 row[self.structure.columns(block).start + int(index or 0)] = 1
             elif name in of_model and Structure.of(self.model, self.controller, free=[name]) in self.structure:
+                if self.structure.arm is not None and name.startswith("arm."):
+                    quantity, column = arm_column(name)
+                    row[self.structure.columns(f"arm.{quantity}").start + column] = 1
+                    continue
                 moved = self.model.with_parameters({name: of_model[name] + 1})
                 row[:] = self.structure.pack(moved, self.controller, np.zeros((1, len(of_strike))))[0] - base
             else:
@@ -251,7 +255,7 @@ class CompiledRollout(Rollout):
         models: Sequence[Model] | None = None,
         controllers: Sequence[Controller] | None = None,
     ) -> Batch:
-        n, B = self.model.n, len(strikes)
+        n, B = self.structure.n, len(strikes)
         period = self.controller.control_period
         h, h_last, steps, hold = time_grid(strikes[:, -1] + t_stay, timestep=self.timestep, control_period=period)
         x0 = np.zeros((B, 2 * n))
@@ -287,7 +291,7 @@ class CompiledRollout(Rollout):
 
     def _forward_batch(self, strikes: np.ndarray, targets: np.ndarray, t_stay: float, directions: np.ndarray) -> Batch:
         """Every strike once per direction: strike 0 along all of them, then strike 1, ..."""
-        m, n, a = len(directions), self.model.n, self.model.arm.n
+        m, n, a = len(directions), self.structure.n, self.model.arm.n
         batch = self._batch(strikes, targets, t_stay).take(np.repeat(np.arange(len(strikes)), m))
         batch.dp = np.tile(directions, (len(strikes), 1))
         batch.dx0 = np.zeros_like(batch.x0)

@@ -47,7 +47,7 @@ inline real fmin(const real& a, const real& b) { return select(a < b, a, b); }
 
 namespace {
 
-constexpr int NQ = N_DRIVE + HINGES * N_LINKS, NX = 2 * NQ;  // HINGES: of each link
+constexpr int NQ = N_DRIVE + LINK_SIZE * N_LINKS, NX = 2 * NQ;
 constexpr int TIP = 2 * DIMENSION;                            // a place, and its velocity behind it
 
 // Numbers of all lanes, and how they change along the lane's direction.
@@ -123,11 +123,12 @@ struct Stage {
             const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before) {
     Numbers<MOVING> moving[N_LINKS];
     Numbers<JOINT> joint[N_LINKS];
-    Numbers<HINGES> torque[N_LINKS], armature[N_LINKS];
+    Numbers<LINK_SIZE> torque[N_LINKS];
+    Numbers<ARMATURE> armature[N_LINKS];
     Numbers<DRIVE_MOVING> drive_moving;
-    call<hand>({In(x, 0), In(x, NQ), p, u}, {frame[0], ends, angles, drive_moving});
+    call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0)}, {frame[0], ends, angles, drive_moving});
     for (int i = 0; i < N_LINKS; ++i) {
-      const int j = N_DRIVE + HINGES * i;
+      const int j = N_DRIVE + LINK_SIZE * i;
       if constexpr (FIRST)
         call<outward>({frame[i], In(x, j), In(x, NQ + j), w[i], h}, {frame[i + 1], moving[i], torque[i], armature[i]});
       else  // of the frames only what is needed to go on
@@ -142,7 +143,7 @@ struct Stage {
     call<react>({t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), drive_moving, carried[0]},
                 {Out(qdd, 0), at[0], tau});
     for (int i = 0; i < N_LINKS; ++i)
-      call<accelerate>({at[i], joint[i], moving[i]}, {at[i + 1], Out(qdd, N_DRIVE + HINGES * i)});
+      call<accelerate>({at[i], joint[i], moving[i]}, {at[i + 1], Out(qdd, N_DRIVE + LINK_SIZE * i)});
   }
 
   // Tip: position and velocity.
@@ -439,10 +440,15 @@ struct Roll {
 #if FORWARD
       later.d[0] = now.d[0] + dt.d[0];
 #endif
-      for (int j = 0; j < NQ; ++j)
+      for (int j = 0; j < N_DRIVE; ++j)
         call<predict>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
+      for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
+        call<predict_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
       two.take<false>(ahead, later, dt, p, w, u_end, one.qdd);
-      for (int j = 0; j < NQ; ++j)
+      for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
+        call<advance_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt},
+                           {Out(next, j), Out(next, NQ + j)});
+      for (int j = 0; j < N_DRIVE; ++j)
         call<advance>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt}, {Out(next, j), Out(next, NQ + j)});
       move_to(next);
     }

@@ -8,6 +8,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Trajectory, joint_points
 
 
@@ -66,6 +67,8 @@ def energies(model: Model, trajectory: Trajectory) -> Energies:
     """
     arm, whip, a, n = model.arm, model.whip, model.arm.n, model.n
     t, q, v = trajectory.t, trajectory.q, trajectory.v
+    if isinstance(arm, SpatialArm):
+        raise InputError("model", model.name, "a model in the plane, for energies")
     if q.shape[1] != n:
         raise InputError("trajectory", f"of {q.shape[1]} joints", f"one of the model's {n}")
     points, velocities = joint_points(model, q), joint_velocities(model, q, v)

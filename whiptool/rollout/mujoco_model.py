@@ -179,7 +179,7 @@ def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -
         body = place.add_body(f"whip{i + 1}", mass=m, com=(0, 0, -l), inertia=(own,) * 3 + (0.0,) * 3, least=least)
         add_capsule(body, (0, 0, -l), (0.011 - 0.005 * i / whip.N) * reach, "whip")
         place = _Place(body).carried((0, 0, -l))
-    add_ball(place.body, 0.02 * reach, "tip", place.position)
+    add_ball(place.body, 0.02 * reach, "tip", place.position.tolist())
     place.body.add_site(name="tip", pos=place.position, size=[0.005, 0, 0])
 
 

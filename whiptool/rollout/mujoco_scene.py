@@ -9,8 +9,11 @@ import numpy as np
 from whiptool.models.parameters import Model
 from whiptool.rollout.mujoco_import import mujoco
 
+FLOOR = 1.12  # how far the floor is below the base, in reaches
+
 # Colour-blind safe (Okabe-Ito)
 _BLUE, _ORANGE, _VERMILION = (0.0, 0.45, 0.70, 1), (0.90, 0.62, 0.0, 1), (0.84, 0.37, 0.0, 1)
+
 _PALE_ORANGE, _GREY, _DARK = (0.88, 0.70, 0.36, 1), (0.35, 0.35, 0.4, 1), (0.13, 0.13, 0.16, 1)
 
 
@@ -89,11 +92,11 @@ def add_scene(spec: mujoco.MjSpec, model: Model) -> None:
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         diffuse=[0.45] * 3,
     )
-    floor, board = -1.12 * reach, 0.06 * reach
+    floor, board = -FLOOR * reach, 0.06 * reach
     spec.worldbody.add_geom(
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[4 * reach, 4 * reach, 0.1],
+        size=[4 * reach, 4 * reach, 0.1] if model.dimension == 2 else [0, 0, 0.1],  # 0: without end
         pos=[0, 0, floor],
         material="floor",
         **_VISUAL,
@@ -129,7 +132,7 @@ def _add_cameras(spec: mujoco.MjSpec, reach: float) -> None:
         name="view",
         pos=[1.8 * reach, -2.2 * reach, 1.1 * reach],
         xyaxes=[0.774, 0.633, 0, -0.228, 0.279, 0.933],
-        fovy=45,
+        fovy=34,
     )
 
 

@@ -32,9 +32,10 @@ def _constants(system: System) -> str:
     """Sizes and columns as C++ constants."""
     a, n, stored = system.n_drive, system.n, system.columns
     numbers = {"N_DRIVE": a, "N_LINKS": system.n_links, "NP": system.n_parameters, "N_INPUTS": system.n_inputs}
-    numbers |= {"DIMENSION": system.dimension, "HINGES": len(system.hinges), "LINK": len(system.link_columns)}
+    numbers |= {"DIMENSION": system.dimension, "LINK_SIZE": system.link_size, "LINK": len(system.link_columns)}
     numbers |= {"FRAME": stored.frame.size, "DRIVE_MOVING": stored.motion.size, "MOVING": stored.moving.size}
     numbers |= {"CARRIED": stored.carried.size, "JOINT": stored.joint.size, "ACCELERATION": stored.acceleration.size}
+    numbers |= {"ARMATURE": system.functions["outward"].numel_out(3)}
     numbers |= {"ANGLES": system.functions["hand"].numel_out(2)}
     numbers |= {f"FRAME_{name}": column for name, column in system.frame_columns.items()}
     numbers |= outcome_columns(a, system.dimension).constants("OUT")

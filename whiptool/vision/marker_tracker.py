@@ -20,11 +20,28 @@ from whiptool.vision.markers import Blob, Marker, find_blobs, noise_of
 from whiptool.vision.source import Frame
 
 SURE = 0.5  # confidence from which a position is reported
-_LIGHT_TOLERANCE = 0.15  # relative deviation of a blob's light that makes it doubtful
-_USUAL = 0.06  # what shading and noise make of it
-_MAX_SIZE_ERROR = 1.7  # of a first blob's area against the marker's own, either way
-_SLOW = 2.0  # speed below which the marker's light is learned [m/s]
-_SLOWLY = 0.05  # weight of a new blob in what the marker's light is known to be
+
+
+@dataclass(frozen=True)
+class Light:
+    """What is known of a marker's light and size, and how it is learned.
+
+    Args:
+        tolerance: Relative deviation of a blob's light that makes it doubtful.
+        usual: What shading and noise make of it.
+        most_size_error: Of a first blob's area against the marker's own, either way.
+        slow: Speed below which the marker's light is learned [m/s].
+        weight: Of a new blob in what the marker's light is known to be.
+    """
+
+    tolerance: float = 0.15
+    usual: float = 0.06
+    most_size_error: float = 1.7
+    slow: float = 2.0
+    weight: float = 0.05
+
+
+_LIGHT = Light()
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +146,7 @@ class MarkerTracker:
     def _could_be_first(self, blob: Blob) -> bool:
         size = np.pi * (self.marker.radius * self._pixels_per_metre(blob.pixel)) ** 2
         low, high = self.marker.value
-        right_size = 1 / _MAX_SIZE_ERROR < blob.mass / blob.peak / size < _MAX_SIZE_ERROR
+        right_size = 1 / _LIGHT.most_size_error < blob.mass / blob.peak / size < _LIGHT.most_size_error
         return right_size and not blob.cut and (self.marker.hue is not None or low <= blob.peak <= high)
 
     def _gated(self, frame: Frame) -> tuple[Blob | None, float]:
@@ -172,7 +189,7 @@ class MarkerTracker:
 
     def _likeness(self, frame: Frame, blob: Blob) -> float:
         """How much a blob's light is that of the whole marker, in [0, 1]."""
-        off = self._missing(frame, blob) / _LIGHT_TOLERANCE
+        off = self._missing(frame, blob) / _LIGHT.tolerance
         return float(np.exp(-0.5 * off**2)) * (0.3 if blob.cut else 1.0)
 
     def _stretch(self, frame: Frame, blob: Blob) -> float:
@@ -187,11 +204,11 @@ class MarkerTracker:
         assert self._motion is not None
         per_metre, stretch = self._pixels_per_metre(blob.pixel), self._stretch(frame, blob)
         # Light that is missing at one end moves the centroid by half its share of the blob's length
-        doubt = max(0.0, self._missing(frame, blob) - _USUAL) * max(blob.box[2:]) / 2  # [pixels]
+        doubt = max(0.0, self._missing(frame, blob) - _LIGHT.usual) * max(blob.box[2:]) / 2  # [pixels]
         self._motion.update(self._time_of(frame, blob.pixel[1]), blob.pixel)
         speed = float(np.hypot(*self._motion.velocity)) / per_metre
-        if speed < _SLOW:
-            self._mass += _SLOWLY * (blob.mass / stretch - self._mass)
+        if speed < _LIGHT.slow:
+            self._mass += _LIGHT.weight * (blob.mass / stretch - self._mass)
         return Sighting(
             self._time_of(frame, blob.pixel[1]),
             blob.pixel,

@@ -12,12 +12,29 @@ from whiptool.errors import InputError
 from whiptool.vision.opencv import opencv
 
 _SMOOTHING = 1.0  # standard deviation of the Gaussian filter [pixels]
-_FLOOR = 0.02  # least strength that can be part of a blob, of a whole marker's 1 or so
-_DIM = 0.12  # likewise in infrared, where everything reflects some light
-_DEVIATIONS = 6.0  # of the filtered noise, that a blob stands out by
+
+
+@dataclass(frozen=True)
+class Blobs:
+    """How blobs of a marker's light are told from noise.
+
+    Args:
+        floor: Least strength that can be part of a blob, of a whole marker's 1 or so.
+        dim: Likewise in infrared, where everything reflects some light.
+        deviations: Of the filtered noise, that a blob stands out by.
+        margin: Pixels around a blob that may hold some of its light.
+        faint: Share of a known marker's light below which a blob is not worth looking at.
+    """
+
+    floor: float = 0.02
+    dim: float = 0.12
+    deviations: float = 6.0
+    margin: int = 2
+    faint: float = 0.35
+
+
+_BLOBS = Blobs()
 _FILTERED = 1 / (2 * np.sqrt(np.pi) * _SMOOTHING)  # what the filter leaves of white noise
-_MARGIN = 2  # pixels around a blob that may hold some of its light
-_FAINT = 0.35  # share of a known marker's light below which a blob is not worth looking at
 
 
 @dataclass(frozen=True)
@@ -134,7 +151,7 @@ def find_blobs(
         background: Strength (H, W) of the scene without the marker, or None for none.
         noise: Of the strength, from `noise_of`.
         region: Left, top, right, bottom [pixels].
-        least_mass: Light of the whole marker [pixels]; blobs with less than a share `_FAINT` of it are left out.
+        least_mass: Light of the whole marker [pixels]; blobs with less than a share `_BLOBS.faint` of it are left out.
         least_strength: Of any part of a blob.
         near: Where the marker is expected (2,) [pixels]: then mean-shift climbs from there, and the blob at the top
             is the first of the list.
@@ -146,7 +163,7 @@ def find_blobs(
     if background is not None:
         strength -= background[top:bottom, left:right]
     smooth = cv2.GaussianBlur(strength, (0, 0), _SMOOTHING)
-    threshold = max(_FLOOR if marker.hue else _DIM, _DEVIATIONS * noise * _FILTERED, least_strength)
+    threshold = max(_BLOBS.floor if marker.hue else _BLOBS.dim, _BLOBS.deviations * noise * _FILTERED, least_strength)
     mask = (smooth > threshold).view(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     if count == 1:
@@ -159,10 +176,10 @@ def find_blobs(
     blobs = []
     for i in order:
         x, y, w, h, area = (int(v) for v in stats[i])
-        if area * smooth.max() < _FAINT * least_mass:
+        if area * smooth.max() < _BLOBS.faint * least_mass:
             continue  # cannot weigh enough
-        x0, y0 = max(x - _MARGIN, 0), max(y - _MARGIN, 0)
-        window = np.s_[y0 : y + h + _MARGIN, x0 : x + w + _MARGIN]
+        x0, y0 = max(x - _BLOBS.margin, 0), max(y - _BLOBS.margin, 0)
+        window = np.s_[y0 : y + h + _BLOBS.margin, x0 : x + w + _BLOBS.margin]
         own = (labels[window] == i).view(np.uint8)
         own_smooth = np.where(own, smooth[window], 0)
         row, column = divmod(int(own_smooth.argmax()), own.shape[1])
@@ -170,13 +187,13 @@ def find_blobs(
         if marker.hue is not None and not marker.is_of_color(patch.reshape(-1, 3).mean(axis=0)):
             continue
         # Light spills over the threshold's edge, but not into a neighbouring blob
-        wide = cv2.dilate(own, np.ones((2 * _MARGIN + 1, 2 * _MARGIN + 1), np.uint8)).astype(bool)
+        wide = cv2.dilate(own, np.ones((2 * _BLOBS.margin + 1, 2 * _BLOBS.margin + 1), np.uint8)).astype(bool)
         wide &= (labels[window] == i) | (labels[window] == 0)
         # What is darker than the background (arm and whip before it) is no light, nor negative light, which would push
         # the centroid away from the whip; noise around zero stays
         light = np.where(strength[window] < -3 * noise, 0, strength[window]) * wide
         mass = float(light.sum())
-        if mass < _FAINT * least_mass:
+        if mass < _BLOBS.faint * least_mass:
             continue
         xs, ys = np.arange(light.shape[1]), np.arange(light.shape[0])
         u, v = float(light.sum(axis=0) @ xs) / mass, float(light.sum(axis=1) @ ys) / mass

@@ -19,12 +19,29 @@ from whiptool.vision.camera_model import CameraSettings, Exposed, expose
 from whiptool.vision.scene import Scene
 from whiptool.vision.source import Frame
 
-_FINE = 4  # samples per pixel and direction where the tip is
-_TIP_STEP = 1.0  # pixels that the tip moves from one sub-frame to the next, at most
-_WHIP_STEP = 2.0  # likewise for arm and whip
-_SHARES = 4  # sub-frames per exposure at least, each shifted by a part of a pixel against jagged edges
-_SHIFTS = ((-0.375, 0.125), (0.125, 0.375), (0.375, -0.125), (-0.125, -0.375))
-_STILL = 0.02  # pixels that still count as rest
+
+@dataclass(frozen=True)
+class Sampling:
+    """How finely a moving picture is sampled.
+
+    Args:
+        fine: Samples per pixel and direction where the tip is.
+        tip_step: Pixels that the tip moves from one sub-frame to the next, at most.
+        whip_step: Likewise for arm and whip.
+        shares: Sub-frames per exposure at least, each shifted by a part of a pixel against jagged edges.
+        shifts: Those parts.
+        still: Pixels that still count as rest.
+    """
+
+    fine: int = 4
+    tip_step: float = 1.0
+    whip_step: float = 2.0
+    shares: int = 4
+    shifts: tuple[tuple[float, float], ...] = ((-0.375, 0.125), (0.125, 0.375), (0.375, -0.125), (-0.125, -0.375))
+    still: float = 0.02
+
+
+_SAMPLING = Sampling()
 _BOARD = 0.16  # brightness of an occluding board
 
 
@@ -141,7 +158,7 @@ class VirtualCamera:
             marker_radius=self.marker_radius,
             target_radius=self.target_radius,
         )
-        pictures = [self._scene.draw(None, (dx, dy, s.width, s.height)) for dx, dy in _SHIFTS]
+        pictures = [self._scene.draw(None, (dx, dy, s.width, s.height)) for dx, dy in _SAMPLING.shifts]
         self._background = np.stack(pictures).mean(axis=0, dtype=np.float32)
         self.truths = []
 
@@ -207,7 +224,8 @@ class VirtualCamera:
         moving = np.stack([np.interp(window, t, x) for x in self._points.reshape(len(t), -1).T], axis=1)
         box = self._box(moving.reshape(len(window), -1, 2), 0.05 * self.model.reach)
         if box is not None:
-            self._expose(box, start, 1, s.exposure / int(np.clip(np.ceil(blur / _WHIP_STEP), _SHARES, 16)), light, None)
+            frames = int(np.clip(np.ceil(blur / _SAMPLING.whip_step), _SAMPLING.shares, 16))
+            self._expose(box, start, 1, s.exposure / frames, light, None)
         # The tip, finely
         reach = self.marker_radius * 1.1 + 3 / scale
         rows = s.project(moving.reshape(len(window), -1, 2)[:, -1])[:, 1]
@@ -218,8 +236,8 @@ class VirtualCamera:
         tips = np.concatenate([tips, self._exposed.points[k][None, None]])
         box = self._box(tips, reach)
         if box is not None:
-            steps = max(_SHARES, int(np.ceil(blur / _TIP_STEP)))
-            self._expose(box, start, _FINE, s.exposure / steps, light, marker)
+            steps = max(_SAMPLING.shares, int(np.ceil(blur / _SAMPLING.tip_step)))
+            self._expose(box, start, _SAMPLING.fine, s.exposure / steps, light, marker)
         return light, marker
 
     def _expose(
@@ -242,9 +260,9 @@ class VirtualCamera:
         edges = np.linspace(first, last, n + 1)
         middle = (edges[1:] + edges[:-1]) / 2
         q = self._q(middle)  # (n, joints)
-        still = self._span(q) < _STILL
+        still = self._span(q) < _SAMPLING.still
         if still:  # one picture of all rows at once
-            n, edges = _SHARES, None
+            n, edges = _SAMPLING.shares, None
         weights = np.full((height, n), 1 / n, np.float32)
         if edges is not None:
             overlap = np.minimum(edges[1:], opens[:, None] + s.exposure) - np.maximum(edges[:-1], opens[:, None])
@@ -255,7 +273,7 @@ class VirtualCamera:
             if not len(rows):
                 continue
             part = slice(rows[0], rows[-1] + 1)
-            dx, dy = _SHIFTS[i % len(_SHIFTS)] if scale == 1 else (0.0, 0.0)
+            dx, dy = _SAMPLING.shifts[i % len(_SAMPLING.shifts)] if scale == 1 else (0.0, 0.0)
             drawn = scene.draw(
                 q[min(i, len(q) - 1)], (left + dx, top + rows[0] + dy, width, rows[-1] + 1 - rows[0]), scale
             )

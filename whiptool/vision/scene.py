@@ -9,7 +9,7 @@ from whiptool.models.parameters import Model
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.vision.camera_model import CameraSettings
-from whiptool.viz.video import _gl_context
+from whiptool.viz.opengl import gl_context
 
 # Red, green, blue of the markers, as bright tape shows them; the tip's hue is a quarter turn from the target's and from
 # the arm's, so that neither shows in the strength of the tip's colour. And the brightness of everything in infrared,
@@ -71,7 +71,7 @@ class Scene:
         self._dress()
         self._data = mujoco.MjData(self._mj)
         try:
-            self._context = _gl_context(_LARGEST, _LARGEST)
+            self._context = gl_context(_LARGEST, _LARGEST)
             self._context.make_current()
             self._gl = mujoco.MjrContext(self._mj, 50)
         except Exception as error:  # drivers and MuJoCo fail in many ways

@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model
-from whiptool.rollout.trajectory import Approach, Trajectory
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.rollout.trajectory import Approach, Trajectory, joint_points
 from whiptool.viz.plots import COLORS, planned_end
 from whiptool.viz.templating import filled
 
@@ -20,7 +22,7 @@ def strike_page(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
 
     Args:
         model, trajectory: The strike, and the model that it was rolled out with.
-        target, hit_radius: Position (2,) [m], and how near [m] the tip must come to hit.
+        target, hit_radius: Position (2,) or (3,) [m], and how near [m] the tip must come to hit.
         label: The controller, in words.
     """
     target = np.asarray(target, float)
@@ -39,17 +41,18 @@ def strike_page(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
 def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_radius: float) -> dict[str, Any]:
     """What the page draws, as plain data: instants of the trajectory, and the closest approach between two of them.
 
-    Numbers have six digits, and are None where they are not finite; rows of a matrix follow one another.
+    Numbers have six digits, and are None where they are not finite.
     """
     near, a, whole = trajectory.approach(target), model.arm.n, trajectory
     parts = {
-        "q": whole.q,
+        **_in_space(model, whole),
+        "q": whole.q[:, : a if model.dimension == 3 else None],
         "q_d": whole.q_d,
         "tip": whole.tip,
         "tip_velocity": whole.tip_velocity,
         "tau": whole.tau,
-        "K": whole.K.reshape(len(whole.t), -1),
-        "B": whole.B.reshape(len(whole.t), -1),
+        "K": _gains(whole.K),
+        "B": _gains(whole.B),
     }
     most = MOST // sum(x.shape[1] for x in parts.values())
     step = max(1 / RATE, float(whole.t[-1] - whole.t[0]) / most)
@@ -66,9 +69,9 @@ def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
     return {
         "t": _plain(t, digits=8),
         **{name: [_plain(column) for column in x.T] for name, x in shown.items() if name != "tip_velocity"},
-        "speed": _plain(np.hypot(*shown["tip_velocity"].T)),
-        "distance": _plain(np.hypot(*(shown["tip"] - target).T)),
-        "lengths": [float(x) for x in (*model.arm.per_link("length"), *model.whip.per_node("l"))],
+        "speed": _plain(np.linalg.norm(shown["tip_velocity"], axis=1)),
+        "distance": _plain(np.linalg.norm(shown["tip"] - target, axis=1)),
+        "lengths": _lengths(model),
         "arm": a,
         "joints": list(model.arm.joints),
         "marks": letters if len(set(letters)) == a else [str(i + 1) for i in range(a)],
@@ -83,6 +86,28 @@ def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
         else None,
         "D": planned_end(whole),
     }
+
+
+def _gains(gain: np.ndarray) -> np.ndarray:
+    """All entries of a gain (T, a, a), row by row; of more than three joints those on the diagonal."""
+    few = gain.shape[1] <= 3
+    return gain.reshape(len(gain), -1) if few else np.diagonal(gain, axis1=1, axis2=2)
+
+
+def _in_space(model: Model, trajectory: Trajectory) -> dict[str, np.ndarray]:
+    """Where the joints, the hand and the nodes are, and where the arm is to be: coordinates one after the other."""
+    if not isinstance(model.arm, SpatialArm):
+        return {}  # the page works that out from the angles
+    frames = arm_frames(model.arm, trajectory.q_d)
+    points = {"points": joint_points(model, trajectory.q), "desired": np.stack([f.origin for f in frames], axis=1)}
+    return {name: x.reshape(len(trajectory.t), -1) for name, x in points.items()}
+
+
+def _lengths(model: Model) -> list[float]:
+    """Of the links of a chain in the plane [m]."""
+    if isinstance(model.arm, SpatialArm):
+        return []
+    return [float(x) for x in (*model.arm.per_link("length"), *model.whip.per_node("l"))]
 
 
 def _plain(values: np.ndarray, digits: int = 6) -> list[float | None]:

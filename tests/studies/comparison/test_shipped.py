@@ -20,7 +20,7 @@ def run(tmp_path):
     """A run folder as `whiptool.compare` leaves it, its results made up."""
     pytest.importorskip("torch", reason="learners are part of the comparison")
     options = CompareOptions(
-        methods=("ga", "sac"), observation=("goal",), targets=3, seeds=2, cap=9, tighter=(), episodes=4, trials=8
+        methods=("ga", "sac"), observation=("goal",), targets=3, seeds=2, max_trials=9, tighter=(), episodes=4, trials=8
     )
     units = options.comparison(options.methods, options.observation).units()
     folder = RunFolder.create(

@@ -6,6 +6,7 @@ import errno
 import os
 import select
 import time
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -58,15 +59,44 @@ class Peer(Protocol):
 
 
 def make_port(device: str, baud: int) -> Any:
-    """An open port that differs from the SDK's `PortHandler` in four things.
-
-    It waits in the kernel instead of spinning, and takes all bytes that are there at once; times come from the
-    monotonic clock (the SDK's are of the day, which a time server may set); an end of file is an error, not silence.
-    With a `peer`, a reply is missing only if the peer has not sent it: how long that takes does not matter.
-    Nobody else can open the device meanwhile.
+    """Return an open port, see `port_class`; nobody else can open the device meanwhile.
 
     Raises:
         InputError: The device cannot be opened, or does not do the baud rate.
+    """
+    port = port_class()(device)
+    try:
+        port.baudrate = baud
+        if not port.openPort() or not port.setBaudRate(baud):
+            raise InputError("baud", baud, "a rate that dynamixel-sdk knows (9600 to 4000000)")
+        port.ser.exclusive = True
+    except InputError:
+        raise
+    except Exception as error:  # pyserial, termios and the OS each raise their own
+        raise InputError("port", device, "a serial device that can be opened", _cure(device, error)) from error
+    return port
+
+
+def _cure(device: str, error: Exception) -> str:
+    """What to do about a device that does not open."""
+    if not Path(device).exists():
+        there = sorted(str(p) for kind in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(kind))
+        return f"there are {', '.join(there)}" if there else "no serial adapter is plugged in"
+    if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
+        return "another program holds it: end that one"
+    return f"{error} (for permission: sudo usermod -aG dialout $USER, and log in anew)"
+
+
+@cache
+def port_class() -> type[Any]:
+    """Return a class of ports that differ from the SDK's `PortHandler` in four things.
+
+    They wait in the kernel instead of spinning, and take all bytes that are there at once; times come from the
+    monotonic clock (the SDK's are of the day, which a time server may set); an end of file is an error, not silence.
+    With a `peer`, a reply is missing only if the peer has not sent it: how long that takes does not matter.
+
+    Raises:
+        InputError: The SDK is not installed.
     """
 
     class Port(sdk().PortHandler):
@@ -130,24 +160,7 @@ def make_port(device: str, baud: int) -> Any:
                 raise OSError("end of file")
             self.received += len(self.held)
 
-    port = Port(device)
-    try:
-        port.baudrate = baud
-        if not port.openPort() or not port.setBaudRate(baud):
-            raise InputError("baud", baud, "a rate that dynamixel-sdk knows (9600 to 4000000)")
-        port.ser.exclusive = True
-    except InputError:
-        raise
-    except Exception as error:  # pyserial, termios and the OS each raise their own
-        if not Path(device).exists():
-            there = sorted(str(p) for kind in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(kind))
-            fix = f"there are {', '.join(there)}" if there else "no serial adapter is plugged in"
-        elif getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
-            fix = "another program holds it: end that one"
-        else:
-            fix = f"{error} (for permission: sudo usermod -aG dialout $USER, and log in anew)"
-        raise InputError("port", device, "a serial device that can be opened", fix) from error
-    return port
+    return Port
 
 
 def make_handler() -> Any:

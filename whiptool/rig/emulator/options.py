@@ -10,7 +10,7 @@ from whiptool.models.parameters import Model, number
 from whiptool.models.presets import preset
 from whiptool.rig.dynamixel.control_table import BAUD_RATES, Units
 from whiptool.rig.emulator.motor import Motor
-from whiptool.rig.emulator.physics import Physics
+from whiptool.rig.emulator.physics import Delays, Physics, Stepping
 from whiptool.rig.emulator.servo import Protection, Servo
 
 
@@ -83,11 +83,8 @@ class TwinOptions:
             self.model,
             servos,
             start=self.start,
-            timestep=self.timestep,
-            integrator=self.integrator,
-            period=self.period,
-            command_delay=self.command_delay,
-            sample_delay=self.sample_delay,
+            stepping=Stepping(self.timestep, self.integrator, self.period),
+            delays=Delays(self.command_delay, self.sample_delay),
             rests=not self.lockstep,
             record=record,
         )

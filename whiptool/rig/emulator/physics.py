@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,32 @@ from whiptool.whole_files import write_npz
 STILL = (1e-4, 1e-3)  # speed [rad/s] and acceleration [rad/s2] of every joint; an encoder counts 1.5e-3 rad
 
 
+@dataclass(frozen=True)
+class Stepping:
+    """How MuJoCo steps.
+
+    Args:
+        timestep: [s]; default: the reference rollout's.
+        integrator: One of MuJoCo's; default: the reference rollout's.
+        period: Control period [s]; the step is made a whole part of it, as the reference rollout does.
+    """
+
+    timestep: float | None = None
+    integrator: str | None = None
+    period: float | None = None
+
+
+@dataclass(frozen=True)
+class Delays:
+    """Of the line to the servos: a goal acts so long after it was written, the registers show the state of so long ago.
+
+    Both in seconds.
+    """
+
+    command: float = 0.0
+    sample: float = 0.0
+
+
 class Physics:
     """Arm and whip, driven by servos' motors.
 
@@ -31,11 +58,8 @@ class Physics:
         model: Whip, arm, gravity.
         servos: One per arm joint.
         start: Arm posture [rad] at the start, the whip hanging; default: straight down.
-        timestep: MuJoCo's step [s]; default: the reference rollout's.
-        integrator: One of MuJoCo's; default: the reference rollout's.
-        period: Control period [s]; the step is made a whole part of it, as the reference rollout does.
-        command_delay: A goal acts this long after it was written [s].
-        sample_delay: The registers show the state of this long ago [s].
+        stepping: How MuJoCo steps.
+        delays: Of the line.
         record_period: A sample of the trajectory every so often [s].
         record: Keep the trajectory.
         rests: Time passes without integration while torque is off and nothing moves.
@@ -47,11 +71,8 @@ class Physics:
         servos: Sequence[Servo],
         *,
         start: Sequence[float] | None = None,
-        timestep: float | None = None,
-        integrator: str | None = None,
-        period: float | None = None,
-        command_delay: float = 0.0,
-        sample_delay: float = 0.0,
+        stepping: Stepping = Stepping(),
+        delays: Delays = Delays(),
         record_period: float = 1e-3,
         record: bool = True,
         rests: bool = False,
@@ -59,15 +80,17 @@ class Physics:
         if len(servos) != model.arm.n:
             raise InputError("servos", len(servos), f"{model.arm.n}, one per arm joint")
         self.model, self.servos = model, list(servos)
-        self._rollout = ReferenceRollout(model, Controller(), timestep=timestep, integrator=integrator)
-        self.timestep = self._rollout.timestep
+        self._rollout = ReferenceRollout(
+            model, Controller(), timestep=stepping.timestep, integrator=stepping.integrator
+        )
+        self.timestep, period = self._rollout.timestep, stepping.period
         if period is not None:
             self.timestep = period / math.ceil(period / self.timestep - 1e-9)
         self._mj, self.data = self._rollout._mj, self._rollout._data
         self._mj.opt.timestep = self.timestep
         for i, servo in enumerate(self.servos):
             self._mj.dof_armature[i] = servo.motor.inertia
-        self._command_delay, self._sample_delay = command_delay, sample_delay
+        self._delays = delays
         self._record_steps = max(1, round(record_period / self.timestep))
         self._rests, self._kept = rests, None if record else 0
         self.reset(start)
@@ -86,7 +109,7 @@ class Physics:
         self._acting = [0.0] * a
         self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
         self._rows: deque[tuple] = deque(maxlen=self._kept)
-        self._currents, self._torques = [0.0] * a, [0.0] * a
+        self.currents, self.torques = [0.0] * a, [0.0] * a
         self._record()
         self.show()
 
@@ -98,7 +121,7 @@ class Physics:
     @property
     def at_rest(self) -> bool:
         """Whether time passes without integration; slower than `STILL` is stiction, not movement."""
-        if not self._rests or any(self._currents) or any(servo.torque_on for servo in self.servos):
+        if not self._rests or any(self.currents) or any(servo.torque_on for servo in self.servos):
             return False  # the acceleration of a step with current says nothing of the next one without
         speed, acceleration = STILL
         return bool(np.abs(self.data.qvel).max() < speed and np.abs(self.data.qacc).max() < acceleration)
@@ -126,7 +149,7 @@ class Physics:
         mj, data, servos, h = self._mj, self.data, self.servos, self.timestep
         a = len(servos)
         motors = [servo.motor for servo in servos]
-        delayed = self._sample_delay > 0
+        delayed = self._delays.sample > 0
         has_forces = self._rollout.has_forces
         fixed_mode = all(servo.memory[11] == 0 for servo in servos)
         goals, aged = self._wanted(), self.steps
@@ -137,13 +160,13 @@ class Physics:
                 for i, servo in enumerate(servos):
                     servo.q, servo.v = (servo.q, servo.v) if servo.stuck else (q[i], v[i])
                 goals = self._wanted()
-            acting = self._delay(goals) if self._command_delay else goals
+            acting = self._delay(goals) if self._delays.command else goals
             for i, motor in enumerate(motors):
                 # with torque off the bridge is open: no current, whatever the speed
                 current = motor.current(acting[i], v[i]) if servos[i].torque_on else 0.0
-                self._currents[i] = current
-                self._torques[i] = motor.torque(current, v[i])
-            data.ctrl[:] = self._torques
+                self.currents[i] = current
+                self.torques[i] = motor.torque(current, v[i])
+            data.ctrl[:] = self.torques
             if has_forces:
                 self._rollout.apply_forces(data)
             mujoco.mj_step(mj, data)
@@ -155,7 +178,7 @@ class Physics:
             if self.steps - aged == 10 or self.steps == end:  # servos look after themselves every millisecond or so
                 dt, aged = (self.steps - aged) * h, self.steps
                 for i, servo in enumerate(servos):
-                    servo.current = self._currents[i]
+                    servo.current = self.currents[i]
                     servo.age(dt)
                 goals = self._wanted()  # a watchdog or a shutdown may have ended them
             if any(acting):
@@ -168,7 +191,7 @@ class Physics:
         """The goals of `command_delay` ago."""
         queue = self._goals
         if not queue or queue[-1][1] != goals:
-            queue.append((self.t + self._command_delay, goals))
+            queue.append((self.t + self._delays.command, goals))
         while queue and queue[0][0] <= self.t + 1e-12:
             self._acting = queue[0][1]
             if len(queue) == 1:
@@ -180,16 +203,16 @@ class Physics:
         """Bring the servos' registers up to date."""
         a = len(self.servos)
         q, v, t = self.data.qpos[:a], self.data.qvel[:a], self.t
-        if self._sample_delay and self._past:
-            while len(self._past) > 1 and self._past[1][0] <= t - self._sample_delay + 1e-12:
+        if self._delays.sample and self._past:
+            while len(self._past) > 1 and self._past[1][0] <= t - self._delays.sample + 1e-12:
                 self._past.popleft()
             _, q, v = self._past[0]
         for i, servo in enumerate(self.servos):
-            servo.feel(float(q[i]), float(v[i]), self._currents[i], t)
+            servo.feel(float(q[i]), float(v[i]), self.currents[i], t)
 
     def _record(self) -> None:
         data = self.data
-        self._rows.append((self.t, data.qpos.copy(), data.qvel.copy(), tuple(self._currents), tuple(self._torques)))
+        self._rows.append((self.t, data.qpos.copy(), data.qvel.copy(), tuple(self.currents), tuple(self.torques)))
 
     def trajectory(self) -> dict[str, np.ndarray]:
         """What happened so far: t (T,) [s], q, v (T, n), current [A] and torque [N m] of the arm (T, a), tip (T, 2)."""

@@ -13,6 +13,7 @@ import tty
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 from whiptool.rig.dynamixel.control_table import BAUD_RATES
@@ -22,11 +23,28 @@ from whiptool.rig.emulator.options import TwinOptions
 from whiptool.rig.emulator.packets import Packet, Parser
 
 # With the wall clock [s]:
-SILENCE = 0.02  # a packet that stops for longer is given up (the servo's 1.5 ms, with room for a busy host)
-AT_ONCE = 0.001  # of simulated time that is caught up with before the next answer
-LAG = 0.1  # simulated time that falls further behind is lost
-PAUSE = 0.001  # how long bytes are waited for before time goes on
-PAUSE_AT_REST = 0.05  # likewise while nothing moves: registers are brought up to date when bytes come
+
+
+@dataclass(frozen=True)
+class Waits:
+    """How time passes while the servos are asked [s].
+
+    Args:
+        silence: A packet that stops for longer is given up (the servo's 1.5 ms, with room for a busy host).
+        at_once: Simulated time that is caught up with before the next answer.
+        lag: Simulated time that falls further behind is lost.
+        pause: How long bytes are waited for before time goes on.
+        pause_at_rest: Likewise while nothing moves: registers are brought up to date when bytes come.
+    """
+
+    silence: float = 0.02
+    at_once: float = 0.001
+    lag: float = 0.1
+    pause: float = 0.001
+    pause_at_rest: float = 0.05
+
+
+WAITS = Waits()
 _TCGETS2 = 0x802C542A  # of Linux; tells any rate, where termios.tcgetattr knows the classical ones only
 
 
@@ -112,8 +130,8 @@ class Server:
             return
         behind = self._behind
         if not self.physics.at_rest:
-            self._lose(behind - LAG)
-            behind = min(behind, AT_ONCE)
+            self._lose(behind - WAITS.lag)
+            behind = min(behind, WAITS.at_once)
         self.physics.advance_to(self.t + behind)
         self._happen()
 
@@ -163,7 +181,7 @@ class Server:
         if self._master in ready:
             self._take()
         else:
-            if begun - self._heard > SILENCE and not self.options.lockstep:
+            if begun - self._heard > WAITS.silence and not self.options.lockstep:
                 self.parser.reset()  # silence is what was seen: a busy machine may keep us from bytes that came in time
             self._keep_up()
         if self.control is None or self.control not in ready:
@@ -180,8 +198,8 @@ class Server:
         if self.options.lockstep:
             return None
         if self.physics.at_rest and not self.parser.pending:
-            return PAUSE_AT_REST
-        return 0.0 if self._behind > AT_ONCE else PAUSE
+            return WAITS.pause_at_rest
+        return 0.0 if self._behind > WAITS.at_once else WAITS.pause
 
     def _hear(self, sent: int) -> None:
         """Handle every byte that a client has sent so far, before what it wants on the control connection."""
@@ -299,8 +317,8 @@ class Server:
             "t": self.t,
             "q": physics.data.qpos.copy(),
             "v": physics.data.qvel.copy(),
-            "current": list(physics._currents),
-            "torque": list(physics._torques),
+            "current": list(physics.currents),
+            "torque": list(physics.torques),
             "torque_on": [servo.torque_on for servo in self.servos],
             "watchdog": [servo.get("bus_watchdog") for servo in self.servos],
             "goal_current": [servo.get("goal_current") for servo in self.servos],

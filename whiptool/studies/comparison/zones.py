@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import LARGEST
+from whiptool.models.numbers import LARGEST
 from whiptool.models.strike import default_bounds
 from whiptool.studies.comparison.store import Store
 from whiptool.studies.comparison.units import Scene
@@ -52,22 +52,22 @@ def fast_region(scene: Scene, store: Store, *, quick: bool = False) -> Region:
     return Region(np.array(known["corners"]), known["cell"])
 
 
-def check_zone(name: str, option: str, centre: tuple[float, ...] = TARGET, reach: float = LARGEST) -> None:
-    """Whether a zone's name is `fast`, or the radius [m] of a disc around a centre of which the reach leaves a part.
+def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LARGEST) -> None:
+    """Refuse a zone's name but `fast` and the radius [m] of a disc around a centre of which the reach leaves a part.
 
     Raises:
-        InputError: It is neither.
+        InputError: It is neither of them.
     """
     if name == FAST:
         return
     try:
         disc = Disc(centre, float(name))  # type: ignore[arg-type]
     except ValueError:
-        raise InputError(option, name, f"radii > 0 in m, or {FAST}") from None
+        raise InputError("zone", name, f"radii > 0 in m, or {FAST}") from None
     try:
         disc_within_reach(disc, reach)
     except InputError as error:
-        raise InputError(option, name, error.allowed) from None
+        raise InputError("zone", name, error.allowed) from None
 
 
 def zone_named(name: str, scene: Scene, store: Store, *, quick: bool = False) -> Zone:

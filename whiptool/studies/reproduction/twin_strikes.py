@@ -76,17 +76,17 @@ class PlanUnit:
     def _best(self, rollout: CompiledRollout, tried: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Of strikes (B, 2 n + 1) the one that comes closest and that the motors can make."""
         from whiptool.models.motor_limits import XM430
+        from whiptool.rig.loop_options import LoopOptions
         from whiptool.rig.rehearsal import rehearse
 
+        loop = LoopOptions(rate=RATE, delay=LATENCY, t_stay=self.scene.t_stay)
         near = rollout.approach(tried, target, t_stay=self.scene.t_stay)
         within = XM430.violation_of_peaks(near, margin=MARGIN) <= 0
         for i in np.argsort(near.distance):
             if not within[i]:
                 continue
             strike = Strike.from_vector(tried[i])
-            rehearsal = rehearse(
-                rollout.model, rollout.controller, strike, rate=RATE, delay=LATENCY, t_stay=self.scene.t_stay
-            )
+            rehearsal = rehearse(rollout.model, rollout.controller, strike, loop)
             if rehearsal.refused is None:
                 return tried[i]
         raise WhiptoolError(f"of {len(tried)} strikes at {tuple(target)} the motors can make none")
@@ -113,7 +113,7 @@ class TwinUnit:
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike; what camera and servos saw of it, and the visual miss distance [m]."""
         from whiptool.rig.emulator.motor import HARDWARE
-        from whiptool.rig.loop import LoopOptions
+        from whiptool.rig.loop_options import LoopOptions
         from whiptool.rig.session import TwinRig, TwinTruth
 
         rig = TwinRig(

@@ -17,7 +17,7 @@ from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import choose_wiggle
 from whiptool.adaptation.loop import Adaptation, Options
 from whiptool.adaptation.materials import MATERIALS, stock_of_material
-from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan, plan
+from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief, default_prior, knowing
@@ -132,9 +132,8 @@ class OpeningUnit:
         s, known = self.study, {"nominal": certain, "robust": Study.prior, "uniform": Study.uniform}
         belief = known[self.kind](s, self.material)
         rng = np.random.default_rng([s.scene.target_seed, self.target])
-        found = plan(
-            belief, s.target(self.target), rng=rng, t_stay=s.scene.t_stay, effort=FIRST if s.thorough else BRIEF
-        )
+        demands, effort = Demands(t_stay=s.scene.t_stay), FIRST if s.thorough else BRIEF
+        found = plan(belief, s.target(self.target), rng=rng, demands=demands, effort=effort)
         return asdict(found)
 
 
@@ -270,7 +269,8 @@ class WhipUnit:
         """One strike at another target."""
         s, rng = self.study, np.random.default_rng([self.seed, number])
         effort = NEXT if s.thorough else BRIEF
-        chosen = plan(belief, s.target(number), rng=rng, t_stay=s.scene.t_stay, effort=effort)
+        demands = Demands(t_stay=s.scene.t_stay)
+        chosen = plan(belief, s.target(number), rng=rng, demands=demands, effort=effort)
         seen = self._port(number).strike(Strike.from_vector(chosen.strike), 1, None)
         return {
             "target": number,

@@ -11,7 +11,7 @@ import numpy as np
 
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.materials import stock_of_material
-from whiptool.adaptation.planner import plan
+from whiptool.adaptation.planner import Demands, plan
 from whiptool.adaptation.prior import Belief, driven
 from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.plant import Plant
@@ -30,12 +30,11 @@ def prepared(study: Study, family: str, seed: int, number: int, **changes: Any) 
         target=study.target(number).position,
         port="twin",
         camera="twin",
-        family=family,
         seed=seed,
-        material=study.material(seed),
         max_strikes=study.strikes,
     )
-    adaptation = prepare(replace(options, **changes))
+    unknown = {"family": family, "material": study.material(seed)}
+    adaptation = prepare(replace(options, **{**unknown, **changes}))
     efforts = {name: replace(effort, pool=_SLOW_POOL) for name, effort in study.efforts.items()}
     adaptation.options = replace(adaptation.options, stop_at=FINEST, **efforts)
     return adaptation
@@ -52,7 +51,7 @@ def motors_reach(study: Study, family: str, seed: int, number: int) -> bool:
     known = Belief(truth, ("delay",), np.zeros(1), 1e-8 * np.eye(1))
     effort = replace(usual.later, whips=1, **({} if study.thorough else {"polished": 4, "rounds": 0}))
     rng, target = np.random.default_rng([seed, number]), study.target(number)
-    found = plan(known, target, rng=rng, bounds=usual.bounds, limits=usual.limits, effort=effort)
+    found = plan(known, target, rng=rng, demands=Demands(usual.bounds, usual.limits), effort=effort)
     return found.usage is not None and found.usage <= 1 and (found.mean_miss or 0.0) <= target.hit_radius
 
 

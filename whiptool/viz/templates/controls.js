@@ -1,6 +1,7 @@
 // Readings, controls, keys, and the address; here everything begins.
 
-const readings = Object.fromEntries(["Tip speed", "Distance", "Tip at (x, y)", "Target"].map((name) => {
+const tipName = inSpace ? "Tip at (x, y, z)" : "Tip at (x, y)";
+const readings = Object.fromEntries(["Tip speed", "Distance", tipName, "Target"].map((name) => {
   const group = byId("readings").appendChild(document.createElement("div"));
   group.append(Object.assign(document.createElement("dt"), { textContent: name }));
   return [name, group.appendChild(document.createElement("dd"))];
@@ -14,7 +15,7 @@ function draw() {
   const [speed, away] = [`${fixed(here(strike.speed), 1)} m/s`, length(here(strike.distance))];
   readings["Tip speed"].textContent = speed;
   readings.Distance.textContent = away;
-  readings["Tip at (x, y)"].textContent = `(${fixed(here(tip[0]), 3)}, ${fixed(here(tip[1]), 3)}) m`;
+  readings[tipName].textContent = `(${tipAt(state.at).map((x) => fixed(x, 3)).join(", ")}) m`;
   readings.Target.textContent = state.t >= hitTime ? "hit" : "not hit so far";
   byId("now").textContent = `${fixed(state.t, 4)} s`;
   byId("time").value = state.t;

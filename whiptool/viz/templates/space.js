@@ -5,26 +5,45 @@ const GHOST = 0.04, GHOSTS = 6; // [s] between earlier postures shown, and how m
 const stage = {
   canvas: byId("stage"),
 
-  /** What moves ever, and the target: left, right, bottom, top [m]. */
-  box: (() => {
-    const x = [0, target[0] - radius, target[0] + radius], y = [0, target[1] - radius, target[1] + radius];
+  /** What moves ever, and the target: lowest and highest of each coordinate [m]. */
+  extent: target.map((x, c) => {
+    let [low, high] = [Math.min(0, x - radius), Math.max(0, x + radius)];
     for (let i = 0; i < t.length; i++) {
-      for (const p of joints(q.map((angles) => angles[i]))) if (Number.isFinite(p[0])) { x.push(p[0]); y.push(p[1]); }
+      for (const p of posture({ i, f: 0 })) {
+        if (Number.isFinite(p[c])) { low = Math.min(low, p[c]); high = Math.max(high, p[c]); }
+      }
     }
-    return [Math.min(...x), Math.max(...x), Math.min(...y), Math.max(...y)];
-  })(),
+    return [low, high];
+  }),
+
+  /** Left, right, bottom, top [m] of what is seen: in space the same from everywhere. */
+  get box() {
+    if (!inSpace) return [...this.extent[0], ...this.extent[1]];
+    const half = Math.hypot(...this.extent.map(([low, high]) => (high - low) / 2));
+    const [x, y] = orbit.seen(this.extent.map(([low, high]) => (low + high) / 2));
+    return [x - 0.8 * half, x + 0.8 * half, y - 0.8 * half, y + 0.8 * half];
+  },
 
   resize() {
     [this.width, this.height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     this.context = surface(this.canvas, this.width, this.height);
+    this.look();
+  },
+
+  /** Set scale and grid by what is seen from here. */
+  look() {
     const [left, right, bottom, top] = this.box;
     const [room, above, below] = [52, 24, 44];
     this.scale = Math.min((this.width - 2 * room) / (right - left), (this.height - above - below) / (top - bottom));
     const x0 = this.width / 2 - (this.scale * (left + right)) / 2;
     const y0 = (above + this.height - below) / 2 + (this.scale * (bottom + top)) / 2;
-    this.place = ([x, y]) => [x0 + this.scale * x, y0 - this.scale * y];
+    this.place = (point) => {
+      const [x, y] = inSpace ? orbit.seen(point) : point;
+      return [x0 + this.scale * x, y0 - this.scale * y];
+    };
     this.grid = document.createElement("canvas");
-    this.drawGrid(surface(this.grid, this.width, this.height), x0, y0);
+    const grid = surface(this.grid, this.width, this.height);
+    if (inSpace) this.drawFloor(grid); else this.drawGrid(grid, x0, y0);
   },
 
   drawGrid(c, x0, y0) {
@@ -50,6 +69,21 @@ const stage = {
     write(c, "x, forward [m]", width - 8, height - 8, colors.panel);
   },
 
+  /** A grid below all that moves, and where the axes point. */
+  drawFloor(c) {
+    const [xs, ys, [floor]] = this.extent, step = roundStep(90 / this.scale);
+    const [left, right, near, far] = [...xs, ...ys].map((x, k) => (k % 2 ? Math.ceil : Math.floor)(x / step) * step);
+    const style = { strokeStyle: colors.line };
+    for (const x of multiples(left, right, step)) stroke(c, [[x, near, floor], [x, far, floor]].map(this.place), style);
+    for (const y of multiples(near, far, step)) stroke(c, [[left, y, floor], [right, y, floor]].map(this.place), style);
+    [["x, forward", [1, 0, 0]], ["y, left", [0, 1, 0]], ["z, up", [0, 0, 1]]].forEach(([name, way]) => {
+      const ends = [[0, 0, 0], way.map((x) => x * step)].map(this.place);
+      stroke(c, ends, { strokeStyle: colors.faint, lineWidth: 1.4 });
+      if (Math.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]) > 12) write(c, name, ...ends[1], colors.panel);
+    });
+    write(c, `grid ${tickText(step, step)} m`, 8, this.height - 8, colors.panel);
+  },
+
   draw() {
     const { context: c, place } = this;
     const { i, f } = state.at;
@@ -67,9 +101,9 @@ const stage = {
     disc(c, place(target), 2.5, mark);
 
     // The tip's path: what is to come dotted, what was the redder the faster
-    const path = t.map((_, k) => place([tip[0][k], tip[1][k]]));
-    const now = joints(q.map((angles) => value(angles, state.at))).map(place);
-    const end = place([value(tip[0], state.at), value(tip[1], state.at)]);
+    const path = t.map((_, k) => place(tip.map((series) => series[k])));
+    const now = posture(state.at).map(place);
+    const end = place(tipAt(state.at));
     stroke(c, [end, ...path.slice(i + 1)], { strokeStyle: colors.slow, dash: [1, 5], lineWidth: 1.8 });
     const past = [...path.slice(0, i + 1), end], fastest = Math.max(...strike.speed);
     stroke(c, past, { strokeStyle: colors.slow, lineWidth: 2.6 });
@@ -82,10 +116,10 @@ const stage = {
     for (let k = 1; k <= GHOSTS; k++) {
       const before = (Math.ceil(state.t / GHOST - 1e-9) - k) * GHOST;
       if (before < start) break;
-      const posture = joints(q.map((angles) => value(angles, locate(before)))).map(place);
+      const then = posture(locate(before)).map(place);
       const age = (state.t - before) / (GHOST * (GHOSTS + 1));
-      stroke(c, posture.slice(arm), { strokeStyle: colors.whip, lineWidth: 1.6, globalAlpha: 0.3 * (1 - age) });
-      stroke(c, posture.slice(0, arm + 1), { strokeStyle: colors.blue, lineWidth: 3, globalAlpha: 0.3 * (1 - age) });
+      stroke(c, then.slice(arm), { strokeStyle: colors.whip, lineWidth: 1.6, globalAlpha: 0.3 * (1 - age) });
+      stroke(c, then.slice(0, arm + 1), { strokeStyle: colors.blue, lineWidth: 3, globalAlpha: 0.3 * (1 - age) });
     }
 
     // Whip and arm, the desired arm upon it
@@ -96,7 +130,7 @@ const stage = {
     }
     whip.slice(1, -1).forEach((p) => disc(c, p, 2.6, colors.whip));
     stroke(c, now.slice(0, arm + 1), { strokeStyle: colors.blue, lineWidth: 8 });
-    const desired = joints(q_d.map((angles) => value(angles, state.at))).map(place);
+    const desired = desiredArm(state.at).map(place);
     stroke(c, desired, { strokeStyle: colors.ink, lineWidth: 1.4, dash: [4, 4] });
     c.lineWidth = 2;
     now.slice(0, arm + 1).forEach((p) => disc(c, p, 4.5, colors.paper, colors.whip));

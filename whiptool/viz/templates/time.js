@@ -158,7 +158,7 @@ const degrees = (angles) => angles.map((x) => (x === null ? null : (180 / Math.P
 const cycle = (k) => CYCLE[k % CYCLE.length];
 const perJoint = (rows) => rows.map((values, k) => ({ name: strike.joints[k], values, color: cycle(k) }));
 const gains = (name, rows) => rows.map((values, k) => {
-  const [i, j] = [Math.floor(k / arm), k % arm];
+  const [i, j] = rows.length === arm ? [k, k] : [Math.floor(k / arm), k % arm]; // the diagonal, or all row by row
   const dash = i === j ? null : [5, 5], shift = i > j ? 5 : 0; // equal entries show in turn
   return { name, sub: strike.marks[i] + strike.marks[j], values, color: cycle(k), dash, shift };
 });

@@ -40,6 +40,19 @@ function joints(angles) {
   return points;
 }
 
+/** Points (x, y, z) from their coordinates over time, one series after the other. */
+function pointsOf(series, at) {
+  const points = [];
+  for (let k = 0; k < series.length; k += 3) points.push([0, 1, 2].map((c) => value(series[k + c], at)));
+  return points;
+}
+
+const inSpace = target.length === 3;
+/** Where the joints, the hand, the nodes and the tip are, and where the arm's joints are to be. */
+const posture = (at) => (inSpace ? pointsOf(strike.points, at) : joints(q.map((angles) => value(angles, at))));
+const desiredArm = (at) => (inSpace ? pointsOf(strike.desired, at) : joints(q_d.map((angles) => value(angles, at))));
+const tipAt = (at) => tip.map((series) => value(series, at));
+
 const hitSample = strike.distance.findIndex((x) => x !== null && x <= radius);
 const hitTime = hitSample < 0 ? Infinity : t[hitSample];
 const fixed = (x, digits) => {

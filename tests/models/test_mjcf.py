@@ -1,0 +1,101 @@
+"""Arms from MJCF: what only MuJoCo's files have; test_urdf.py compares a whole robot."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from robot_files import MJCF
+
+from whiptool.errors import InputError
+from whiptool.models.arm_choice import ArmChoice
+from whiptool.models.kinematics import arm_frames
+from whiptool.models.mjcf import read_mjcf
+from whiptool.models.presets import preset
+from whiptool.rollout.mujoco_model import build_spec, export_xml
+
+TIP = ArmChoice(tip="tool")
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text: str, choice: ArmChoice | None = TIP):
+        path = tmp_path / "small.xml"
+        path.write_text(text)
+        return read_mjcf(path, choice)
+
+    return read
+
+
+SHOULDER = """<mujoco><worldbody><body name="upper" pos="0.1 0 0.5" euler="0 20 0">
+  <joint name="x" axis="1 0 0" pos="0 0.1 0"/><joint name="y" axis="0 1 0"/>
+  <joint name="z" axis="0 0 1" armature="0.3"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03"/>
+  <body name="fore" pos="0 0 -0.3"><joint name="elbow" axis="0 1 0" ref="30"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02"/><site name="hand" pos="0 0 -0.25" euler="0 90 0"/></body>
+</body></worldbody></mujoco>"""
+
+
+def test_several_hinges_on_one_body_have_massless_links_and_the_hand_may_be_a_site(read):
+    arm = read(SHOULDER, ArmChoice(tip="hand"))
+    assert arm.joints == ("x", "y", "z", "elbow")
+    assert (arm.per_link("mass")[:3] > 0).tolist() == [False, False, True]
+    assert arm.links[2].armature == 0.3
+    model = mujoco.MjModel.from_xml_string(SHOULDER)
+    data = mujoco.MjData(model)
+    for q in np.random.default_rng(0).uniform(-1, 1, (5, 4)):
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        hand, site = arm_frames(arm, q)[-1], data.site("hand")
+        np.testing.assert_allclose(hand.origin, site.xpos, atol=1e-15)
+        np.testing.assert_allclose(-hand.rotation[:, 2], site.xmat.reshape(3, 3)[:, 2], atol=1e-14)
+
+
+def test_an_exported_model_is_read_back(read):
+    """To the six digits that MuJoCo writes."""
+    panda = preset("panda")
+    arm = read(export_xml(panda)[0], ArmChoice(tip="whip1", moving=panda.arm.joints))
+    assert arm.joints == panda.arm.joints
+    for ours, theirs in zip(panda.arm.links[:6], arm.links, strict=False):  # the whip counts with the seventh
+        for name in ("mass", "com", "inertia", "position", "rotation"):
+            np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=1e-5, atol=1e-6, err_msg=name)
+        assert theirs.limits.position == pytest.approx(ours.limits.position)
+    np.testing.assert_allclose(arm.hand_position, panda.arm.hand_position, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["nah2023", "ur5e", "panda"])
+def test_presets_weigh_the_same_in_mujoco(name):
+    model = preset(name)
+    mj = build_spec(model).compile()
+    assert mj.body_mass.sum() == pytest.approx(model.arm.per_link("mass").sum() + model.whip.mass)
+
+
+@pytest.mark.parametrize(
+    ("text", "choice", "message"),
+    [
+        ("", TIP, "file: got 'no model'; allowed: an MJCF file that MuJoCo compiles"),
+        (MJCF, None, "tip: got 'none'; .*as the robot branches: tool, finger"),
+        (MJCF, ArmChoice(tip="flange"), "tip: got 'flange'; allowed: one of base, cart"),
+        (MJCF, ArmChoice(tip="tool", moving=("wrist",)), "moving: got 'wrist'; allowed: one of the joints rail,"),
+        (MJCF, ArmChoice(tip="tool", locked={"wrist": 1}), "locked: got 'wrist'"),
+        (MJCF.replace('name="shoulder-joint" axis="0 0.6 0.8"', 'name="shoulder-joint" type="ball"').replace(
+            '<motor joint="shoulder-joint" gear="2" forcerange="-10 10"/>', ""),
+         TIP, "joint shoulder-joint: got 'ball'; allowed: hinge or slide"),
+        (MJCF.replace('<joint joint1="finger_joint"/>', '<connect body1="tool" body2="base" anchor="0 0 0"/>'), TIP,
+         "equality .*: got 'a connection of two bodies'; allowed: a chain without loops"),
+        (MJCF.replace('<inertial pos="0 0 0.15" mass="1.2" diaginertia="0.01 0.012 0.004"/>', ""), TIP,
+         "got 'no model'.*mass and inertia of moving bodies"),
+        (MJCF.replace('<inertial pos="0.01 0.02 0.03" euler="0.3 0 0" mass="2" diaginertia="0.02 0.03 0.025"/>', ""),
+         TIP,
+         "body cart: got 'none'; allowed: an <inertial> of each body whose shape is a mesh"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_file_is_said_in_one_line(read, text, choice, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read(text, choice)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_not_there(tmp_path):
+    with pytest.raises(InputError, match="readable MJCF file"):
+        read_mjcf(tmp_path / "none.xml")

@@ -1,0 +1,163 @@
+"""Arms from URDF: against Pinocchio's own whole model, and against the same robot in MJCF that MuJoCo reads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from robot_files import MJCF, URDF
+
+from whiptool.errors import InputError
+from whiptool.impedance.arm import Arm
+from whiptool.models import Model, SpatialArm, WhipParameters
+from whiptool.models.arm_choice import ArmChoice
+from whiptool.models.kinematics import arm_frames
+from whiptool.models.mjcf import read_mjcf
+from whiptool.models.robots import PANDA_ARM
+from whiptool.models.urdf import read_urdf
+
+WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="universal")
+TIP = ArmChoice(tip="tool")
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(choice: ArmChoice | None = TIP, text: str = URDF) -> SpatialArm:
+        path = tmp_path / "small.urdf"
+        path.write_text(text)
+        return read_urdf(path, choice)
+
+    return read
+
+
+def test_the_arm_moves_as_pinocchio_s_whole_robot(read):
+    """Forward kinematics and inertia matrix of the robot with its finger where it is locked."""
+    arm = read(ArmChoice(tip="tool", locked={"finger_joint": 0.03}))
+    whole = pin.buildModelFromXML(URDF)
+    data = whole.createData()
+    ours = Arm(Model(WHIP, arm))
+    for rail, shoulder, elbow in np.random.default_rng(0).uniform(-1, 1, (10, 3)):
+        q = np.array([rail, np.cos(shoulder), np.sin(shoulder), elbow, 0.03])  # continuous: a point of a circle
+        pin.framesForwardKinematics(whole, data, q)
+        at = data.oMf[whole.getFrameId("tool")]
+        hand = arm_frames(arm, np.array([rail, shoulder, elbow]))[-1]
+        np.testing.assert_allclose(hand.origin, at.translation, atol=1e-14)
+        np.testing.assert_allclose(-hand.rotation[:, 2], at.rotation[:, 2], atol=1e-14)  # the whip goes on along z
+        M = pin.crba(whole, data, q)
+        M = np.triu(M) + np.triu(M, 1).T
+        np.testing.assert_allclose(ours.inertia([rail, shoulder, elbow]), M[:3, :3], atol=1e-13)
+
+
+def test_limits_and_friction_are_the_file_s(read):
+    rail, shoulder, elbow = read().links
+    assert read().joints == ("rail", "shoulder_joint", "elbow")
+    assert (rail.kind, rail.friction, rail.limits.position, rail.limits.velocity) == ("prismatic", 0.5, (-0.3, 0.4), 2)
+    assert (rail.limits.torque, shoulder.limits.position, shoulder.limits.torque) == (80, (-np.inf, np.inf), 20)
+    assert (elbow.limits.velocity, elbow.limits.torque) == (np.inf, np.inf)  # 0 says that there is none
+    assert shoulder.axis == (0.0, 0.6, 0.8)
+
+
+def test_the_same_robot_in_mjcf_is_the_same_arm(read, tmp_path):
+    path = tmp_path / "small.xml"
+    path.write_text(MJCF)
+    choice = ArmChoice(tip="tool", locked={"finger_joint": 0.02})
+    a, b = read(choice), read_mjcf(path, choice)
+    assert a.joints == b.joints
+    for ours, theirs in zip(a.links, b.links, strict=True):
+        for name in ("mass", "com", "inertia", "axis", "position", "rotation", "friction"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-14, err_msg=name)
+        assert ours.kind == theirs.kind
+    np.testing.assert_allclose(a.hand_position, b.hand_position, atol=1e-14)
+    np.testing.assert_allclose(a.hand_rotation, b.hand_rotation, atol=1e-14)
+    assert [link.limits.torque for link in b.links] == [80, 20, np.inf]  # of the joint; of gear and force; none
+
+
+def test_locked_joints_become_rigid(read):
+    whole = read()
+    locked = read(ArmChoice(tip="tool", locked={"shoulder-joint": 0.7}))
+    moving = read(ArmChoice(tip="tool", moving=("rail", "elbow"), locked={"shoulder-joint": 0.7}))
+    assert locked == moving
+    assert locked.joints == ("rail", "elbow")
+    for rail, elbow in np.random.default_rng(1).uniform(-1, 1, (5, 2)):
+        whole_hand, hand = (
+            arm_frames(whole, np.array([rail, 0.7, elbow]))[-1],
+            arm_frames(locked, np.array([rail, elbow]))[-1],
+        )
+        np.testing.assert_allclose(hand.origin, whole_hand.origin, atol=1e-14)
+        M = Arm(Model(WHIP, whole)).inertia([rail, 0.7, elbow])
+        np.testing.assert_allclose(Arm(Model(WHIP, locked)).inertia([rail, elbow]), M[::2, ::2], atol=1e-13)
+
+
+def test_the_whip_goes_on_outward(read):
+    for outward in ((0, 0, 1), (1, 0, 0), (0, -2, 0), (1, 2, 3)):
+        choice = ArmChoice(tip="tool", outward=outward)
+        arm, plain = read(choice), read()
+        turned = np.array(plain.hand_rotation) @ np.diag([1, -1, -1])  # the tip's own frame
+        np.testing.assert_allclose(
+            -np.array(arm.hand_rotation)[:, 2], turned @ np.array(outward) / np.linalg.norm(outward), atol=1e-15
+        )
+
+
+@pytest.mark.parametrize(
+    ("text", "choice", "message"),
+    [
+        ("", TIP, "file: got 'no XML'"),
+        ("<mujoco/>", TIP, "file: got '<mujoco>'.*expand xacro"),
+        (URDF, None, "tip: got 'none'; allowed: the name of one end, as the robot branches: tool, finger"),
+        (URDF, ArmChoice(tip="flange"), "tip: got 'flange'; allowed: one of base, cart"),
+        (URDF, ArmChoice(tip="base"), r"moving: got \[\]"),
+        (URDF, ArmChoice(tip="tool", moving=("wrist",)), "moving: got 'wrist'; allowed: one of the joints rail,"),
+        (URDF, ArmChoice(tip="tool", moving=("finger_joint",)), "moving: got 'finger_joint'"),
+        (URDF, ArmChoice(tip="tool", locked={"wrist": 0}), "locked: got 'wrist'; allowed: one of the joints rail,"),
+        (URDF.replace("continuous", "ball"), TIP, "got 'type ball'; allowed: revolute, continuous"),
+        (URDF.replace("continuous", "floating"), TIP, "joint shoulder-joint: got 'type floating'"),
+        (URDF.replace('<child link="finger"/>', '<child link="tool"/>'), TIP, "link tool: .*without loops"),
+        (URDF.replace('<child link="finger"/>', '<child link="base"/>'), TIP, "links: got 'tool'; .*without loops"),
+        (URDF.replace('<child link="finger"/>', '<child link="thumb"/>'), TIP, "joint finger_joint: got 'child thumb'"),
+        (URDF.replace('<mass value="1.2"/>', '<mass value="0"/>'), TIP, "joint shoulder-joint: got 'mass 0 kg'"),
+        (URDF.replace('<parent link="upper"/>', ""), TIP, "joint elbow: got 'parent '"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_file_is_said_in_one_line(read, capfd, text, choice, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read(choice, text)
+    assert "\n" not in str(caught.value)
+    assert "small.urdf: " in str(caught.value)
+    assert capfd.readouterr() == ("", "")  # nor does Pinocchio say anything
+
+
+def test_files_that_are_not_there(tmp_path):
+    with pytest.raises(InputError, match="readable URDF file"):
+        read_urdf(tmp_path / "none.urdf")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"tip": 3}, "tip"), ({"moving": "elbow"}, "moving"), ({"moving": (1,)}, "moving"),
+        ({"locked": ("elbow",)}, "locked"),
+        ({"locked": {"elbow": "up"}}, "locked.elbow"), ({"outward": (0, 0, 0)}, "outward"),
+        ({"outward": (1, 0)}, "outward"),
+        ({"moving": ("elbow",), "locked": {"elbow": 0}}, "locked: got 'elbow'"),
+    ],
+)  # fmt: skip
+def test_choices_are_checked(wrong, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        ArmChoice(**wrong)
+
+
+def test_the_panda_of_example_robot_data_is_the_preset():
+    data = pytest.importorskip("example_robot_data", reason="example-robot-data is not installed")
+    from pathlib import Path
+
+    from example_robot_data.path import EXAMPLE_ROBOT_DATA_MODEL_DIR
+
+    assert data
+    file = Path(EXAMPLE_ROBOT_DATA_MODEL_DIR) / "panda_description/urdf/panda.urdf"
+    arm = read_urdf(file, ArmChoice(tip="panda_link8"))
+    for ours, theirs in zip(PANDA_ARM.links[:6], arm.links, strict=False):  # the seventh carries a gripper there
+        for name in ("mass", "com", "inertia", "axis", "position", "rotation"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-15, err_msg=name)
+        assert ours.limits.position == theirs.limits.position
+        assert (ours.limits.velocity, ours.limits.torque) == (theirs.limits.velocity, theirs.limits.torque)
+    np.testing.assert_allclose(PANDA_ARM.hand_position, arm.hand_position, atol=1e-15)

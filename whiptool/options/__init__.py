@@ -1,0 +1,59 @@
+"""Groups of options, of which every command is composed: it has those groups whose options it uses, and no others."""
+
+from whiptool.options.base import (
+    MANY_TARGETS,
+    JsonOptions,
+    Options,
+    OutputOptions,
+    ResumableOptions,
+    SeedOptions,
+    flag,
+    flags,
+    refuse_idle,
+    whole,
+)
+from whiptool.options.budget import (
+    METHODS,
+    WITHOUT_DERIVATIVES,
+    Learner,
+    Methods,
+    Observation,
+    SearchOptions,
+    TrainingOptions,
+)
+from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
+from whiptool.options.scene import LONGEST_STAY, MODELS, ModelOptions, TargetOptions, ZoneOptions
+from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
+
+__all__ = [
+    "LONGEST_STAY",
+    "MANY_TARGETS",
+    "METHODS",
+    "MODELS",
+    "WITHOUT_DERIVATIVES",
+    "ControllerOptions",
+    "Integrator",
+    "JsonOptions",
+    "LawOptions",
+    "Learner",
+    "Methods",
+    "ModelOptions",
+    "Observation",
+    "Options",
+    "OutputOptions",
+    "Preset",
+    "ResumableOptions",
+    "SearchOptions",
+    "SeedOptions",
+    "SimulatedControllerOptions",
+    "Simulator",
+    "SimulatorOptions",
+    "StepOptions",
+    "TargetOptions",
+    "TrainingOptions",
+    "ZoneOptions",
+    "flag",
+    "flags",
+    "refuse_idle",
+    "whole",
+]

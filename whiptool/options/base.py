@@ -1,0 +1,126 @@
+"""What all options have in common: they check themselves, and say what of them belongs to a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from whiptool.errors import InputError
+
+MANY, MANY_TARGETS = 2**31 - 1, 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of a command, which it composes from groups such as `TargetOptions`; they check themselves.
+
+    A group may name some of its fields in class variables, and a command has what all its groups name:
+    `of_this_call`, what is not kept with a run; `changeable`, what may be given anew where a run is resumed;
+    `may_be_empty`, options of several values that may be given without one.
+    """
+
+    of_this_call: ClassVar[tuple[str, ...]] = ()
+    changeable: ClassVar[tuple[str, ...]] = ()
+    may_be_empty: ClassVar[tuple[str, ...]] = ()
+
+    def check(self) -> None:
+        """Refuse values that break a rule of their own.
+
+        Raises:
+            InputError: One does; it is named.
+        """
+
+    @classmethod
+    def named(cls, which: str) -> set[str]:
+        """Return what all groups name in a class variable, such as `changeable`."""
+        return {name for group in cls.__mro__ for name in group.__dict__.get(which, ())}
+
+    def kept(self) -> Self:
+        """Return the options of the run: those of this call alone are as if they had not been given."""
+        passing = self.named("of_this_call")
+        return replace(self, **{f.name: f.default for f in fields(self) if f.name in passing})
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeedOptions(Options):
+    """Seed of what is random."""
+
+    seed: int = 0
+    """Seed of everything random."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        whole("--seed", self.seed, low=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonOptions(Options):
+    """How the result is told."""
+
+    of_this_call: ClassVar[tuple[str, ...]] = ("json",)
+
+    json: bool = False
+    """Print one JSON object on stdout, and nothing else there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions(JsonOptions):
+    """Where the result goes."""
+
+    of_this_call: ClassVar[tuple[str, ...]] = ("out",)
+
+    out: Path | None = None
+    """Run folder; default: a new one in runs/, named after the command or method, the date and the time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResumableOptions(OutputOptions):
+    """Where the result of a run goes that can be resumed."""
+
+    of_this_call: ClassVar[tuple[str, ...]] = ("resume",)
+
+    resume: Path | None = None
+    """Go on with the killed run in this folder; its options need not be given again."""
+
+
+def whole(name: str, value: int, *, low: int = 1, high: int = MANY) -> int:
+    """Return a whole number of a range.
+
+    Raises:
+        InputError: It is out of the range.
+    """
+    if not low <= value <= high:
+        raise InputError(name, value, f"a whole number from {low} to {high}")
+    return value
+
+
+def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> None:
+    """Refuse options that would change nothing, lest they are taken for ones that did.
+
+    Args:
+        options: As parsed.
+        idle: Names of fields that say nothing here, and what is allowed instead of them.
+        usual: The same options where none is given; default: the class's defaults.
+
+    Raises:
+        InputError: One of them is not at its default.
+    """
+    defaults = {f.name: f.default if usual is None else getattr(usual, f.name) for f in fields(options)}
+    for name, allowed in idle.items():
+        if getattr(options, name) != defaults[name]:
+            raise InputError(flag(name), getattr(options, name), allowed)
+
+
+def flag(name: str) -> str:
+    """Return how a field is given on the command line: `--t-stay` of `t_stay`."""
+    return "--" + name.replace("_", "-")
+
+
+def flags(options: Options) -> Iterator[tuple[str, str]]:
+    """Yield the name of each field that is given by a flag, and the flag."""
+    for f in fields(options):
+        if "Positional" not in str(f.type):
+            yield f.name, flag(f.name)

@@ -1,0 +1,84 @@
+"""Options of how much is tried: methods and bounds of a search, lengths of a training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import arg
+
+from whiptool.errors import InputError
+from whiptool.options.base import MANY_TARGETS, Options, whole
+
+if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
+    from whiptool.models.strike import StrikeBounds
+
+Learner = Literal["sac", "td3", "ddpg", "ppo"]
+Observation = Literal["paper", "relative", "goal"]
+WITHOUT_DERIVATIVES = ("directl", "cmaes", "ga", "sac", "td3", "ddpg", "ppo", "random", "nlopt:NAME")
+METHODS = "{gradient," + ",".join(WITHOUT_DERIVATIVES) + "}"
+Methods = Annotated[tuple[str, ...], arg(metavar=f"[{METHODS} ...]")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions(Options):
+    """Within which bounds strikes are searched, and how many are tried."""
+
+    lower: tuple[float, ...] | None = None
+    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
+    upper: tuple[float, ...] | None = None
+    """Upper bounds, likewise."""
+    max_trials: int = 600
+    """No more trials than these."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        whole("--max-trials", self.max_trials)
+
+    def build_bounds(self, model: Model) -> StrikeBounds:
+        """Return the box of strikes that `--lower` and `--upper` give; the usual bounds where they are not given.
+
+        Raises:
+            InputError: They are not of this arm, or cross.
+        """
+        from whiptool.models.strike import StrikeBounds, default_bounds
+
+        numbers = 2 * model.arm.n + 1
+        for name, given in (("--lower", self.lower), ("--upper", self.upper)):
+            if given is not None and len(given) != numbers:
+                raise InputError(name, given, f"{numbers} numbers, for an arm of {model.arm.n} joints")
+        if self.lower is not None and self.upper is not None:
+            return StrikeBounds(self.lower, self.upper)
+        try:
+            usual = default_bounds(model.arm)
+        except InputError as error:  # of two joints alone there are usual ones
+            raise InputError(error.name, error.given, error.allowed, "give --lower and --upper") from None
+        return StrikeBounds(self.lower or usual.lower, self.upper or usual.upper)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions(Options):
+    """How long learners are trained (Algorithm 1)."""
+
+    episodes: int = 500
+    """Episodes that learners are trained for."""
+    trials: int = 100
+    """Strikes per episode."""
+    random_episodes: int = 50
+    """Episodes at the start with random strikes."""
+    hindsight: int = 0
+    """Relabelled copies of every strike (sac, td3, ddpg under observation goal)."""
+
+    def check(self) -> None:
+        """Refuse lengths of a training in which nothing is learned, or that no machine holds."""
+        super().check()
+        whole("--episodes", self.episodes)
+        whole("--trials", self.trials, low=2, high=MANY_TARGETS)
+        whole("--hindsight", self.hindsight, low=0, high=1000)
+        if not 0 <= self.random_episodes < self.episodes:
+            fewer = f"a whole number from 0 to {self.episodes - 1}, fewer than --episodes {self.episodes}"
+            allowed = f"{fewer}: random episodes come first, and nothing is learned in them"
+            fix = f"give --random-episodes {self.episodes // 5}; it is 50 unless given"
+            raise InputError("--random-episodes", self.random_episodes, allowed, fix)

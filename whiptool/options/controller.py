@@ -1,0 +1,144 @@
+"""Options of the controller: its law, and what a real motor adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from tyro.conf import arg
+
+from whiptool.errors import InputError
+from whiptool.options.base import Options
+
+if TYPE_CHECKING:
+    from whiptool.impedance import Controller
+    from whiptool.impedance.law import Law
+
+Preset = Literal["printed", "table4", "nah2020", "nah2023", "ur5e", "panda"]
+LAWS = ("oiac", "constant")
+CONTROLLERS = "{oiac,constant}|FILE.toml"
+LONGEST_PERIOD = 0.1  # [s]; an arm that is looked at more rarely is not controlled
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawOptions(Options):
+    """Options that choose the impedance law."""
+
+    usual_preset: ClassVar[Preset] = "table4"
+
+    controller: Annotated[str, arg(metavar=CONTROLLERS)] = "oiac"
+    """Control law, or a file with a table [controller] (a run has one)."""
+    preset: Preset | None = None
+    """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4.
+    Constant impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        self.build_controller()
+
+    @property
+    def in_file(self) -> bool:
+        """Whether the controller, with all its options, stands in a file."""
+        return self.controller.endswith(".toml")
+
+    def build_controller(self) -> Controller:
+        """The controller of that law, or that of the file.
+
+        Raises:
+            InputError: There is none of that name, the file holds none, or an option is given that the file has.
+        """
+        from whiptool.impedance import Controller
+        from whiptool.impedance.files import read_controller
+
+        if not self.in_file:
+            return Controller(law=self._named_law())
+        self.refuse_beside_file("--preset", self.preset)
+        if not Path(self.controller).is_file():
+            raise InputError(
+                "--controller", self.controller, "a TOML file with a table [controller]", "there is no such file"
+            )
+        return read_controller(Path(self.controller))
+
+    def refuse_beside_file(self, option: str, value: object) -> None:
+        """Refuse an option whose value belongs in the controller's file.
+
+        Raises:
+            InputError: It has a value, and the controller stands in a file.
+        """
+        if self.in_file and value not in (None, False):
+            raise InputError(option, value, f"nothing beside --controller {self.controller}", "write it into the file")
+
+    def _named_law(self) -> Law:
+        from whiptool.impedance import constant_preset, oiac_preset
+
+        if self.controller not in LAWS:
+            raise InputError("--controller", self.controller, ", ".join(LAWS) + ", or a .toml file")
+        try:
+            if self.controller == "oiac":
+                return oiac_preset(self.usual_preset if self.preset is None else self.preset)
+            return constant_preset(self._constant)
+        except InputError as error:  # a preset of the other law
+            raise error.renamed("--preset") from None
+
+    @property
+    def _constant(self) -> str:
+        """The preset of the constant law: as given, or that of the model's arm, or the paper's."""
+        from whiptool.impedance import CONSTANT_PRESETS
+
+        model = getattr(self, "model", "")  # of commands that have one
+        return self.preset or (model if model in CONSTANT_PRESETS else "nah2020")
+
+    def law_label(self) -> str:
+        """The law in words, for people."""
+        if self.in_file:
+            return f"the controller of {Path(self.controller).name}"
+        if self.controller == "constant":
+            return "constant impedance" + (f" {self._constant}" if self._constant != "nah2020" else "")
+        return f"OIAC {self.usual_preset if self.preset is None else self.preset}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerOptions(LawOptions):
+    """The law, and what a real motor adds."""
+
+    feedforward: bool = False
+    """Add the torque that the bare arm needs to follow the reference."""
+    torque_limit: float | None = None
+    """Largest joint torque [N m]."""
+
+    def build_controller(self) -> Controller:
+        """The controller that the options describe, or that of the file."""
+        controller = super().build_controller()
+        self.refuse_beside_file("--feedforward", self.feedforward)
+        self.refuse_beside_file("--torque-limit", self.torque_limit)
+        if self.in_file:
+            return controller
+        return replace(controller, feedforward=self.feedforward, torque_limit=self.torque_limit)
+
+    def controller_label(self) -> str:
+        """The controller in words, for people."""
+        return self.law_label() + (" with feedforward" if self.feedforward else "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedControllerOptions(ControllerOptions):
+    """The controller of a simulated arm; a rig's holds its torque for a cycle in any case."""
+
+    control_period: float | None = None
+    """Hold the torque for this long [s], as a rig does."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.parameters import number
+
+        super().check()
+        if self.control_period is not None:
+            number("--control-period", self.control_period, low=0, high=LONGEST_PERIOD, strict=True)
+
+    def build_controller(self) -> Controller:
+        """The controller that the options describe, or that of the file."""
+        controller = super().build_controller()
+        self.refuse_beside_file("--control-period", self.control_period)
+        return controller if self.in_file else replace(controller, control_period=self.control_period)

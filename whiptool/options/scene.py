@@ -1,0 +1,96 @@
+"""Options of what is struck at, and with what: target, zone of targets, model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from tyro.conf import arg
+
+from whiptool.errors import InputError
+from whiptool.models.strike import T_STAY
+from whiptool.options.base import Options
+
+if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
+    from whiptool.target import Target
+
+LONGEST_STAY = 60.0  # [s]
+MODELS = (
+    "{lemon2024,nah2020-n10,nah2020-n15,nah2020-n20,nah2020-fitted,nah2023,ur5e,panda}|FILE.toml|FILE.urdf|FILE.xml"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetOptions(Options):
+    """What is struck at, and for how long the tip is watched."""
+
+    target: tuple[float, ...] = (1.3, 0.0)
+    """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up."""
+    hit_radius: float = 0.06
+    """The target is hit when the tip comes this close [m]."""
+    t_stay: float = T_STAY
+    """The strike is watched this long after the movement ended [s]."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.parameters import number
+
+        super().check()
+        self.build_target()
+        number("--t-stay", self.t_stay, low=0, high=LONGEST_STAY)
+
+    def build_target(self) -> Target:
+        """Target position and hit radius."""
+        from whiptool.target import Target
+
+        return Target(self.target, self.hit_radius)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZoneOptions(TargetOptions):
+    """Where targets are drawn; the middle of a disc is --target."""
+
+    of_disc: ClassVar[tuple[str, ...]] = ("target", "zone_radius")
+
+    zone_radius: float = 0.1
+    """Targets are drawn from what the model can reach of the disc of this radius around --target [m]."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.parameters import number
+
+        super().check()
+        number("--zone-radius", self.zone_radius, low=0, strict=True)
+
+    def build_disc(self, model: Model):
+        """Return what the model can reach of the disc.
+
+        Raises:
+            InputError: The model reaches nothing of it, or not the target.
+        """
+        from whiptool.zone import Disc, disc_within_reach
+
+        self.build_target().check_reach(model)
+        disc = Disc(self.target, self.zone_radius)  # type: ignore[arg-type]
+        return disc_within_reach(disc, model.reach)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions(Options):
+    """Which whip and arm."""
+
+    in_space: ClassVar[bool] = False  # whether the command takes models in space
+
+    model: Annotated[str, arg(metavar=MODELS)] = "lemon2024"
+    """Published whip and arm (nah2023, ur5e and panda: in space), or those of a file; a robot in URDF or MJCF gets the
+    rope of ur5e."""
+
+    def build_model(self) -> Model:
+        """The model that `--model` names."""
+        from whiptool.models.files import find_model
+
+        model = find_model(self.model)
+        if model.dimension == 3 and not self.in_space:
+            raise InputError("--model", self.model, "a model in the plane, for this command")
+        return model

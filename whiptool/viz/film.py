@@ -1,0 +1,92 @@
+"""What is to be seen in the film of a strike, frame by frame, whoever draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.models.parameters import Model
+from whiptool.rollout.trajectory import Trajectory
+from whiptool.target import Target
+
+MAX_SEGMENTS = 800  # of the tip's path
+_SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path where the tip rests and is fastest
+
+
+@dataclass(frozen=True)
+class Film:
+    """What is to be seen in F frames, whoever draws it."""
+
+    q: np.ndarray  # joint positions [rad], (F, n)
+    trail: np.ndarray  # the tip's path in short segments, their ends [m], (S, 2, d)
+    trail_rgb: np.ndarray  # (S, 3)
+    shown: np.ndarray  # how many segments each frame shows, (F,)
+    hit: np.ndarray  # whether the target has been hit, (F,)
+    readings: dict[str, list[str]]  # numbers to show in each frame, under their names
+    note: str
+    grid: float  # distance of the grid's lines [m]
+    size: tuple[int, int]  # width and height [pixels]
+
+    @property
+    def type_size(self) -> float:
+        """Height [pixels] that type and lines go by."""
+        return min(self.size[1], 0.8 * self.size[0])
+
+    def text(self, frame: int) -> Iterator[tuple[float, float, str]]:
+        """Words and where they start, as shares of width and height from the lower left."""
+        yield 0.02, 0.03, self.note
+        for row, (name, values) in enumerate(self.readings.items()):
+            y = 0.94 - row * max(0.05 * self.type_size, 17) / self.size[1]
+            yield 0.02, y, name
+            yield 0.02 + max(0.21 * self.type_size, 85) / self.size[0], y, values[frame]
+
+
+def film_of(
+    trajectory: Trajectory,
+    model: Model,
+    target: Target,
+    *,
+    fps: float,
+    speed: float,
+    size: tuple[int, int] = (960, 540),
+) -> Film:
+    """Return the film of a strike.
+
+    Args:
+        trajectory, model: The strike, and the model that it was rolled out with.
+        target: What was to be hit.
+        fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
+        size: Width and height [pixels].
+    """
+    place = np.array(target.position)
+    t, tip = trajectory.t, trajectory.tip
+    at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)
+    near = trajectory.approach(place)
+    tip_speed, distance = np.linalg.norm(trajectory.tip_velocity, axis=1), trajectory.distance(place)
+    closest = np.interp(at, t, np.minimum.accumulate(distance))
+    closest[at >= near.time[0]] = min(near.distance[0], distance.min())  # between two instants, nearer than at either
+
+    path = np.r_[0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1))]  # (T,)
+    segments = int(np.clip(path[-1] / (0.016 * model.reach), 1, MAX_SEGMENTS))
+    along = np.linspace(0, path[-1], segments + 1)
+    trail = np.stack([np.interp(along, path, x) for x in tip.T], axis=1)  # (S + 1, d)
+    share = np.interp((along[1:] + along[:-1]) / 2, path, tip_speed) / max(tip_speed.max(), 1e-9)
+    grid = min((0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0), key=lambda spacing: abs(spacing - model.reach / 3))
+    return Film(
+        q=np.stack([np.interp(at, t, x) for x in trajectory.q.T], axis=1),
+        trail=np.stack([trail[:-1], trail[1:]], axis=1),
+        trail_rgb=np.array(_SLOW) + share[:, None] * (np.array(_FAST) - np.array(_SLOW)),
+        shown=np.searchsorted(along, np.interp(at, t, path), side="right") - 1,
+        hit=closest <= target.hit_radius,
+        readings={
+            "time": [f"{x:.3f} s" for x in at],
+            "tip speed": [f"{x:.1f} m/s" for x in np.interp(at, t, tip_speed)],
+            "distance": [f"{x:.3f} m" for x in np.interp(at, t, distance)],
+            "closest": [f"{x:.3f} m" for x in closest],
+        },
+        note=f"{speed:g} x real time, grid {grid:g} m",
+        grid=grid,
+        size=(int(size[0]), int(size[1])),
+    )

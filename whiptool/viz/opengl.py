@@ -1,0 +1,68 @@
+"""Drawing with MuJoCo: where OpenGL draws, and what is added to a scene."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from whiptool.rollout.mujoco_import import mujoco
+
+
+def gl_context(width: int, height: int):
+    """Return an off-screen OpenGL context, chosen by MUJOCO_GL, or EGL where there is no display.
+
+    MuJoCo itself reads that variable only once, when it is imported, and without it insists on a display.
+    """
+    backend = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if backend in ("disable", "disabled", "off", "false", "0"):
+        raise RuntimeError(f"MUJOCO_GL={backend}")
+    if not backend and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        backend = "egl"
+    module = f"mujoco.{backend}" if backend in ("egl", "osmesa", "glfw", "cgl") else "mujoco.gl_context"
+    return importlib.import_module(module).GLContext(width, height)
+
+
+def add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: float, rgb: Sequence[float]) -> None:
+    """Add a flat bar to a scene: far cheaper to render than a capsule.
+
+    Args:
+        scene: Has room for it.
+        ends: [m], (2, 2), in the strike plane.
+        y: How far behind that plane [m].
+        thickness: [m]
+        rgb: Its colour.
+    """
+    along = ends[1] - ends[0]
+    length = np.hypot(*along)
+    dx, dz = along / length if length else (1.0, 0.0)
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(
+        geom,
+        mujoco.mjtGeom.mjGEOM_BOX,
+        np.array([length + thickness, 2e-4, thickness]) / 2,
+        np.insert(ends.mean(axis=0), 1, y),
+        np.array([dx, 0, -dz, 0, 1, 0, dz, 0, dx]),
+        np.array([*rgb, 1], np.float32),
+    )
+    geom.specular = 0
+    scene.ngeom += 1
+
+
+def add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequence[float]) -> None:
+    """Add a round rod to a scene.
+
+    Args:
+        scene: Has room for it.
+        ends: [m], (2, 3), in space.
+        radius: [m]
+        rgb: Its colour.
+    """
+    geom = scene.geoms[scene.ngeom]
+    kind = mujoco.mjtGeom.mjGEOM_CAPSULE
+    mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), np.array([*rgb, 1], np.float32))
+    mujoco.mjv_connector(geom, kind, radius, ends[0], ends[1])
+    scene.ngeom += 1
