@@ -123,6 +123,7 @@ def read_strike(folder: Path) -> StrikeRun:
         InputError: A file is missing or damaged, or they do not belong together.
     """
     from whiptool.models.files import model_from_table
+    from whiptool.models.kinematics import coordinates
     from whiptool.models.tables import read_toml
     from whiptool.rollout import Trajectory
     from whiptool.runs import CONFIG
@@ -142,8 +143,9 @@ def read_strike(folder: Path) -> StrikeRun:
         trajectory = Trajectory.load(folder / TRAJECTORY)
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
         raise InputError(str(folder / TRAJECTORY), "a damaged file", "a trajectory as whiptool writes it") from None
-    if trajectory.q.shape[1:] != (model.n,):
-        raise InputError(str(folder / TRAJECTORY), f"{trajectory.q.shape[1]} joints", f"the model's {model.n}")
+    if trajectory.q.shape[1:] != (coordinates(model),):
+        rule = f"the model's {coordinates(model)}"
+        raise InputError(str(folder / TRAJECTORY), f"{trajectory.q.shape[1]} joints", rule)
     return StrikeRun(trajectory, model, target, label)
 
 
@@ -198,7 +200,7 @@ def play(strike: StrikeRun) -> bool:
 
     target, radius = np.array(strike.target.position), strike.target.hit_radius
     film = film_of(strike.trajectory, strike.model, strike.target, fps=FPS, speed=1.0)
-    mj = build_spec(strike.model, target=target, target_radius=radius).compile()
+    mj = build_spec(film.model, target=target, target_radius=radius).compile()
     data, paused = mujoco.MjData(mj), False
 
     def on_key(key: int) -> None:

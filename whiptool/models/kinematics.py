@@ -79,22 +79,30 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
     return [*frames, frame.carried(arm.hand_position).turned(arm.hand_rotation)]
 
 
+def coordinates(model: Model) -> int:
+    """Return how many coordinates a trajectory has: of the arm's joints and the whip's, three of each rod."""
+    return model.arm.n + 3 * model.whip.N if model.whip.joints == "rod" else model.n
+
+
 def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return where the arm's joints, the hand and the whip's nodes are, and how fast.
 
     Args:
-        model: With an arm in space of a joints, and a whip of N nodes on universal joints.
-        q: Joint positions, (..., n): x1, y1, x2, y2, ... of the whip behind the arm's.
-        v: Their speeds, (..., n); default: at rest.
+        model: With an arm in space of a joints, and a whip of N nodes on universal joints or of N rods.
+        q: Joint positions: behind the arm's x1, y1, x2, y2, ... of universal joints, (..., a + 2 N), or the directions
+            of rods in the base's axes, (..., a + 3 N).
+        v: Their speeds; default: at rest.
 
     Returns:
         Positions [m] and velocities [m/s], (..., a + 1 + N, 3): those of the joints, the hand, the nodes; last the tip.
     """
     assert isinstance(model.arm, SpatialArm)
-    assert model.whip.joints == "universal"
     a = model.arm.n
     v = np.zeros_like(q) if v is None else v
     frames = arm_frames(model.arm, q[..., :a], v[..., :a])
+    if model.whip.joints == "rod":
+        places = _with_rods([frame.origin for frame in frames], q[..., a:], model.whip.per_node("l"))
+        return places, _with_rods([frame.velocity for frame in frames], v[..., a:], model.whip.per_node("l"))
     frame = frames[-1]
     for i, length in enumerate(model.whip.per_node("l")):
         for j, axis in enumerate(UNIVERSAL, start=a + 2 * i):
@@ -102,6 +110,31 @@ def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tu
         frame = frame.carried((0.0, 0.0, -length))
         frames.append(frame)
     return np.stack([f.origin for f in frames], axis=-2), np.stack([f.velocity for f in frames], axis=-2)
+
+
+def _with_rods(arm: list[np.ndarray], directions: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Stack places of an arm (..., 3), and behind the last the ends of rods along directions (..., 3 N); or rates."""
+    steps = length[:, None] * directions.reshape(*directions.shape[:-1], -1, 3)  # (..., N, 3)
+    return np.concatenate([np.stack(arm, axis=-2), arm[-1][..., None, :] + np.cumsum(steps, axis=-2)], axis=-2)
+
+
+def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
+    """Return the positions of joints and universal nodes (..., a + 2 N) where rods (..., a + 3 N) point as they do.
+
+    Args:
+        arm: Of a joints.
+        q: The arm's joint positions, then the directions of N rods in the base's axes; of any length.
+    """
+    a, frame = arm.n, arm_frames(arm, q[..., : arm.n])[-1]
+    angles, rest = [q[..., :a]], np.zeros(q.shape[:-1])
+    for d in np.moveaxis(q[..., a:].reshape(*q.shape[:-1], -1, 3), -2, 0):  # N times (..., 3)
+        # behind both hinges a node points along (sin y, sin x cos y, -cos x cos y)
+        p = np.einsum("...ji,...j->...i", frame.rotation, d / np.linalg.norm(d, axis=-1, keepdims=True))
+        pair = np.stack([np.arctan2(p[..., 1], -p[..., 2]), np.arcsin(np.clip(p[..., 0], -1, 1))], axis=-1)
+        for j, axis in enumerate(UNIVERSAL):
+            frame = frame.hinged(axis, pair[..., j], rest)
+        angles.append(pair)
+    return np.concatenate(angles, axis=-1)
 
 
 def hanging_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:

@@ -68,12 +68,8 @@ class Drawn:
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner of what is shown [m], (3,) each; no side is much shorter than the widest."""
-        place, radius = np.array(self.target.position), self.target.hit_radius
         moved = [self.arms.reshape(-1, 3), self.whips.reshape(-1, 3), self.path]
-        every = np.concatenate([*moved, [place - radius, place + radius]])
-        low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-        side = np.maximum(high - low, _NARROWEST * (high - low).max()) * 1.1
-        return (low + high - side) / 2, (low + high + side) / 2
+        return box_around(np.concatenate(moved), self.target)
 
     @property
     def norm(self) -> Normalize:
@@ -150,12 +146,12 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
     """Draw a strike in perspective, with the shadows of the path and of the last posture on the floor."""
     ax.computed_zorder = False  # what was drawn later lies above
     low, high = strike.box
-    place, radius = np.array(strike.target.position), strike.target.hit_radius
+    place = np.array(strike.target.position)
     floor = {"color": "0.78", "zorder": 1}
     for places, width in ((strike.before[0], 0.9), (strike.arms[-1], 3.0), (strike.whips[-1], 1.8)):
         ax.plot(places[:, 0], places[:, 1], low[2], linewidth=width, **floor)
     ax.plot(*np.transpose([place, [place[0], place[1], low[2]]]), color=COLORS["orange"], linewidth=0.9, linestyle=":")
-    ax.plot_wireframe(*_sphere(place, radius), color=COLORS["orange"], linewidth=0.5, alpha=0.55, zorder=2)
+    plot_ball(ax, strike.target)
     for posture, style in _posture_styles(strike):
         ax.plot(*posture.T, **style)
     before = _segments(strike.before[0])
@@ -165,6 +161,26 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_major_locator(MultipleLocator(2 * _tick(strike)))
     return ax
+
+
+def box_around(places: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest corner (3,) [m] of what shows all places (..., 3) and a target.
+
+    There is some room around them, and no side is much shorter than the widest.
+    """
+    place, radius = np.array(target.position), target.hit_radius
+    every = np.concatenate([places, [place - radius, place + radius]])
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    side = np.maximum(high - low, _NARROWEST * (high - low).max()) * 1.1
+    return (low + high - side) / 2, (low + high + side) / 2
+
+
+def plot_ball(ax: Axes3D, target: Target) -> Line3DCollection:
+    """Draw what counts as a hit."""
+    around, up = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
+    unit = np.stack([np.cos(around) * np.sin(up), np.sin(around) * np.sin(up), np.cos(up)])
+    ball = np.array(target.position)[:, None, None] + target.hit_radius * unit
+    return ax.plot_wireframe(*ball, color=COLORS["orange"], linewidth=0.5, alpha=0.55, zorder=2)
 
 
 def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray) -> None:
@@ -279,13 +295,6 @@ def _path_style(strike: Drawn) -> dict[str, Any]:
 def _segments(path: np.ndarray) -> np.ndarray:
     """Pairs of neighbours of a path (S, d): (S - 1, 2, d)."""
     return np.stack([path[:-1], path[1:]], axis=1)
-
-
-def _sphere(centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A grid of places on a sphere, as three arrays."""
-    around, up = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
-    x, y, z = np.cos(around) * np.sin(up), np.sin(around) * np.sin(up), np.cos(up)
-    return centre[0] + radius * x, centre[1] + radius * y, centre[2] + radius * z
 
 
 def _tick(strike: Drawn) -> float:

@@ -25,9 +25,10 @@ COLORS = {
     "sky": "#56B4E9",
     "black": "#222222",
     "yellow": "#F0E442",
+    "brown": "#8A6D3B",  # ours
 }
 CYCLE = list(COLORS.values())[:7]  # yellow lines are hard to see on white
-JOINT_COLORS = [*CYCLE[:6], "#8A6D3B"]  # none is the black of what is desired
+JOINT_COLORS = [*CYCLE[:6], COLORS["brown"]]  # none is the black of what is desired
 STYLE: dict[Any, Any] = {
     "figure.dpi": 110,
     "savefig.dpi": 200,
