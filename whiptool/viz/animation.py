@@ -79,7 +79,9 @@ def animate(
     goal.check_dimension(model)
     t = trajectory.t
     times = np.append(np.arange(t[0], t[-1], speed / FPS), t[-1])  # (F,)
-    q, tip_velocity, path = (at_times(times, t, x) for x in (trajectory.q, trajectory.tip_velocity, trajectory.tip))
+    q, tip_velocity = (at_times(times, t, x) for x in (trajectory.q, trajectory.tip_velocity))
+    path_times = times if model.dimension == 2 else np.union1d(times, t)
+    path = at_times(path_times, t, trajectory.tip)
     arms, whips = arm_and_whip(model, q)
     near = trajectory.approach(goal)
     hit = bool(near.distance[0] <= hit_radius)
@@ -101,7 +103,7 @@ def animate(
             now = times[frame]
             for line, places in ((arm, arms[frame]), (whip, whips[frame]), (tip, whips[frame, -1:])):
                 _put(line, places)
-            _put(trail, path[: frame + 1])
+            _put(trail, path[path_times <= now])
             zone.set_color(COLORS["green"] if hit and now >= near.time[0] else COLORS["orange"])
             fast = np.linalg.norm(tip_velocity[frame])
             title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time)")
@@ -138,9 +140,10 @@ def _in_plane(every: np.ndarray, target: Target, width: float, dpi: float) -> tu
 
 def _in_space(every: np.ndarray, target: Target, width: float, dpi: float) -> tuple[Figure, Axes, Any]:
     """Figure and axes in perspective that hold all places (..., 3), and the target in them."""
-    figure = _figure(width, 0.9 * width, dpi)
-    ax = figure.add_subplot(projection="3d", computed_zorder=False)
-    set_up_perspective(ax, *box_around(every, target))
+    figure = _figure(width, width, dpi)
+    figure.set_layout_engine("none")
+    ax = figure.add_axes((-0.05, 0.07, 0.97, 0.85), projection="3d", computed_zorder=False)
+    set_up_perspective(ax, *box_around(every, target), zoom=0.93)
     ax.locator_params(nbins=5)
     return figure, ax, plot_ball(ax, target)
 

@@ -183,12 +183,12 @@ def plot_ball(ax: Axes3D, target: Target) -> Line3DCollection:
     return ax.plot_wireframe(*ball, color=COLORS["orange"], linewidth=0.5, alpha=0.55, zorder=2)
 
 
-def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray) -> None:
-    """Show a box between two corners (3,) [m] in perspective, every axis to the same scale."""
+def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray, *, zoom: float = 1.12) -> None:
+    """Show a box between two corners (3,) [m] in perspective, every axis to the same scale; zoom is matplotlib's."""
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set_proj_type("persp", focal_length=0.8)
     ax.view_init(elev=ELEVATION, azim=AZIMUTH)
-    ax.set_box_aspect(tuple(high - low), zoom=1.12)
+    ax.set_box_aspect(tuple(high - low), zoom=zoom)
     ax.set(xlabel=AXES[0], ylabel=AXES[1], zlabel=AXES[2])
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_pane_color((0.97, 0.97, 0.98, 1.0))
