@@ -18,7 +18,7 @@ import tyro
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import ControllerOptions, JsonOptions, TargetOptions
+from whiptool.options import ControllerOptions, ModelOptions, JsonOptions, TargetOptions
 
 if TYPE_CHECKING:
     from whiptool.models import Model
@@ -40,6 +40,11 @@ class ViewOptions(JsonOptions):
     """Run folder: of optimize or simulate (a strike), of identify, adapt, reproduce or rig strike (a report)."""
     page: bool = False
     """Write the interactive page anew and open it in the browser, in place of MuJoCo's viewer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Controlled(ControllerOptions, ModelOptions):
+    """A controller, which may be that of the model's arm."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +140,7 @@ def read_strike(folder: Path) -> StrikeRun:
             k: tuple(v) if isinstance(v, list) else v for k, v in config.get("options", {}).items()
         }
         struck = _part(TargetOptions, table)
-        label = _part(ControllerOptions, table).controller_label()
+        label = _part(_Controlled, table).controller_label()
         target = struck.build_target()
     except InputError as error:
         raise error.within(f"{folder / CONFIG}: ") from None

@@ -21,7 +21,7 @@ from whiptool.identification.motion import HandleMotion, JointMotion, Motion, St
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Identifiable, Plant, Quantities
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import Model
+from whiptool.models.parameters import ArmParameters, Model
 from whiptool.recording.strike_recording import StrikeRecording
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
@@ -222,6 +222,7 @@ class SwingDrive(Drive):
             )
         self.start = float(recording.joints_t[0])
         instants = self._instants(recording, h)
+        assert isinstance(plant.model.arm, ArmParameters)  # a plant is in the plane
         return JointMotion(recording.joints_t, recording.joints_q, plant.model.arm, instants, **options)
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:

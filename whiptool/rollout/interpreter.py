@@ -221,7 +221,7 @@ def several(step: ca.Function, L: int, count: int, *, forward: bool, observed: b
         results = together.call(arguments)
         state = [results[4 * side] for side in range(sides)]
         for column, result in zip(written, results, strict=True):
-            column.append(result)
+            column.append(ca.MX(result))
     if not observed:
         for side in range(sides):
             written[4 * side + 3] = [ca.MX(0, count * L)]
@@ -233,10 +233,10 @@ def _call(function: ca.Function, inputs: Sequence[np.ndarray], outputs: Sequence
     buffer, evaluate = function.buffer()
     for i, array in enumerate(inputs):
         if function.numel_in(i):
-            buffer.set_arg(i, memoryview(array))  # pyright: ignore[reportCallIssue]
+            buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
     for i, array in enumerate(outputs):
         if function.numel_out(i):
-            buffer.set_res(i, memoryview(array))  # pyright: ignore[reportCallIssue]
+            buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
     evaluate()
 
 

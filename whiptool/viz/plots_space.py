@@ -249,9 +249,9 @@ def draw_views(figure: Figure, trajectory: Trajectory, model: Model, target: Tar
     views["yz"].set(ylabel="")
     views["yz"].tick_params(labelleft=False)
     legend_above(views["xz"], ncols=4)
-    rest = (left + wide + 0.1, 0.1, beside + deep + right - 0.2, bottom + deep + 0.15)  # [in]
+    rest = (left + wide + 0.1, 0.1, beside + deep + right - 0.2, bottom + deep + 0.05)  # [in]
     sides = np.array([width, height, width, height])
-    perspective = figure.add_axes(tuple(rest / sides), projection="3d", facecolor="none")
+    perspective = figure.add_axes(tuple(rest / sides), projection="3d", facecolor="none", zorder=-1)
     figure.colorbar(
         ScalarMappable(strike.norm, SPEED),
         cax=views["yz"].inset_axes((1.05, 0.12, 0.045, 0.76)),
