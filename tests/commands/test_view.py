@@ -52,6 +52,30 @@ def test_simulate_writes_the_page(run):
     assert "Hits the target" in (run / "strike.html").read_text()
 
 
+def test_a_strike_in_space_is_written_and_looked_at(tmp_path, capsys):
+    folder, strike = tmp_path / "run", ["-1.36", "0", "-1.05", "1.41", "1.73", "0", "-0.35", "1.41", "0.95"]
+    model = ["--model", "nah2023", "--controller", "constant", "--target", "1.995", "0", "0"]
+    assert simulate.main([*model, "--strike", *strike, "--t-stay", "0.1", "--no-video", "--out", str(folder)]) == 0
+    page = (folder / "strike.html").read_text()
+    assert "target at (1.995, 0.000, 0.000) m" in page
+    assert {f"{x}.png" for x in ("strike", "distance", "tracking", "torque", "gains")} <= {
+        file.name for file in folder.iterdir()
+    }
+    capsys.readouterr()
+    assert view.main([str(folder)]) == 0
+    assert f"video          {folder / 'strike.mp4'}" in capsys.readouterr().out
+    assert (folder / "strike.mp4").read_bytes()[4:8] == b"ftyp"
+    assert view.main([str(folder), "--page"]) == 0
+    assert (folder / "strike.html").read_text() == page
+
+    with np.load(folder / "trajectory.npz") as data:
+        arrays = dict(data)
+    np.savez(folder / "trajectory.npz", **{**arrays, "q": arrays["q"][:, :-1]})
+    capsys.readouterr()
+    assert view.main([str(folder)]) == 2
+    assert "53 joints" in capsys.readouterr().err
+
+
 def test_without_a_display_files_are_written_and_named(run, tmp_path, capsys, monkeypatch):
     folder = tmp_path / "run"
     shutil.copytree(run, folder)

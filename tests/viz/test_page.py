@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import re
-import shutil
-import subprocess
 import sys
-from html import unescape
-from html.parser import HTMLParser
 from pathlib import Path
 
-import matplotlib.image
 import numpy as np
 import pytest
-from processes import HANG
+from browser_pages import Elements, browser, chromium, count, picture, root_data
 
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
@@ -29,8 +23,6 @@ pytestmark = pytest.mark.slow
 
 LEMON, TARGET, RADIUS = preset("lemon2024"), np.array([1.3, 0.0]), 0.06
 STRIKE = [-1.361356816555577, 0.471238898038469, 1.7278759594743862, 1.413716694115407, 0.95]  # hits
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-browser = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 
 
 @pytest.fixture(scope="module")
@@ -49,28 +41,6 @@ def _no_display(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
-
-
-class Elements(HTMLParser):
-    """Tags with their attributes, and the text of scripts."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.found: list[tuple[str, dict]] = []
-        self.scripts: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.found.append((tag, dict(attrs)))
-        if tag == "script":
-            self.scripts.append("")
-
-    def handle_data(self, data):
-        if self.found[-1:] and self.found[-1][0] == "script":
-            self.scripts[-1] += data
-
-    def handle_endtag(self, tag):
-        self.found.append(("/" + tag, {}))
 
 
 def test_data_are_the_trajectory(trajectory):
@@ -145,43 +115,6 @@ def test_a_diverged_strike_has_a_page():
     assert "The simulation diverged at" in page
     data = json.loads(Elements(page).scripts[0], parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert [x[-1] for x in data["tau"]] == [None, None]
-
-
-def chromium(folder: Path, text: str, *flags: str, at: str = "") -> str:
-    """What chromium prints for a page; `at` is the address behind `#`."""
-    assert CHROMIUM is not None
-    (folder / "page.html").write_text(text, encoding="utf-8")
-    command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
-               "--hide-scrollbars", f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=3000"]  # fmt: skip
-    address = (folder / "page.html").as_uri() + (f"#{at}" if at else "")
-    done = subprocess.run(
-        [*command, *flags, address],
-        capture_output=True,
-        text=True,
-        timeout=HANG,
-        check=False,
-        env={**os.environ, "HOME": str(folder)},
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def root_data(dom: str) -> dict[str, str]:
-    """Attributes of `<html>`, in which the page says what it did."""
-    return {k: unescape(v or "") for k, v in next(a for tag, a in Elements(dom).found if tag == "html").items()}
-
-
-def picture(folder: Path, text: str, name: str, *flags: str, at: str = "", size: str = "1200,900") -> np.ndarray:
-    """A screenshot (height, width, 3), values 0 to 1."""
-    file = folder / f"{name}.png"
-    chromium(folder, text, f"--window-size={size}", f"--screenshot={file}", *flags, at=at)
-    return matplotlib.image.imread(file)[..., :3]
-
-
-def count(image: np.ndarray, color: str) -> int:
-    """Pixels of nearly a colour such as #0072B2."""
-    rgb = [int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    return int((np.abs(image - rgb).max(axis=2) < 0.03).sum())
 
 
 @browser

@@ -46,7 +46,7 @@ def test_a_diverged_strike_is_drawn_too(tmp_path):
     path = CompiledRollout(LEMON, WILD).trajectory(STRIKE, t_stay=0.3)
     assert path.diverged
     written = plots.save_strike_figures(tmp_path, path, LEMON, TARGET, 0.06, "wild")
-    assert len(written) == 4
+    assert len(written) == 5
     assert all(file.stat().st_size > 5000 for file in written)
 
 

@@ -9,6 +9,7 @@ import pytest
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from scipy.special import j0, jn_zeros
+from space_swing import swing
 
 from whiptool.dynamics import hanging_modes
 from whiptool.errors import InputError
@@ -16,6 +17,7 @@ from whiptool.models import WhipProfile, preset
 from whiptool.rollout import Trajectory
 from whiptool.rollout.energy import Energies, energies
 from whiptool.viz import plots_dynamics
+from whiptool.viz.posture import arm_and_whip
 
 LEMON = preset("lemon2024")
 CHAIN = WhipProfile(length=0.9, linear_density=0.17, bending_stiffness=1e-9, bending_damping=0.0)
@@ -44,6 +46,23 @@ def test_speeds_of_a_rigid_rod_grow_with_the_distance_from_the_shoulder():
     np.testing.assert_allclose(speed, 2.0 * (LEMON.arm.length + s), rtol=1e-12)
     assert s[-1] == pytest.approx(LEMON.whip.length)
     assert ax.get_ylim()[1] > 6.0 * LEMON.reach
+
+
+def test_speeds_in_space_are_those_of_the_places():
+    model = preset("nah2023")
+    path = swing(model, instants=3001)
+    places = np.stack(arm_and_whip(model, path.q)[1], axis=0)  # (T, N + 1, 3)
+    speed = np.linalg.norm(np.gradient(places, path.t, axis=0, edge_order=2), axis=-1).max(axis=0)
+    ax = plots_dynamics.plot_speed_along_whip(Figure().subplots(), path, model)
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), speed, rtol=1e-4)
+
+
+def test_what_is_for_the_plane_says_so():
+    model, e = preset("nah2023"), energies(LEMON, turning())
+    with pytest.raises(InputError, match="in the plane, for an image of energies"):
+        plots_dynamics.plot_energy_flow(Figure().subplots(), e, model)
+    with pytest.raises(InputError, match="in the plane, for mode shapes"):
+        plots_dynamics.plot_mode_shapes(Figure().subplots(), hanging_modes(LEMON), model)
 
 
 def test_the_image_shows_each_node_where_it_is():

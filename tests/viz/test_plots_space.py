@@ -1,76 +1,153 @@
-"""Pictures, page and film of a strike in space: what they show is where the chain is."""
+"""Figures of a strike in space: what is drawn is where MuJoCo has the bodies, in every view."""
 
 from __future__ import annotations
 
-import json
-import re
+import io
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import proj3d
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from space_swing import places, swing
 
-from whiptool.impedance import Controller, constant_preset
-from whiptool.models import Strike, preset
-from whiptool.models.kinematics import arm_frames
-from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import joint_points
-from whiptool.viz.page import strike_page
-from whiptool.viz.plots import plot_strike, save_strike_figures, strike_drawing
-from whiptool.viz.plots_space import plot_strike_views
-from whiptool.viz.video import render_video
+from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.rollout import Trajectory
+from whiptool.viz import plots, plots_space
+from whiptool.viz.report import Picture
 
-MODEL, TARGET = preset("nah2023"), np.array([1.995, 0.0, 0.0])
-STRIKE = Strike((-1.36, 0.0, -1.05, 1.41), (1.73, 0.0, -0.35, 1.41), 0.95)  # hits
+NAH = preset("nah2023")
 
 
-@pytest.fixture(scope="module")
-def trajectory():
-    rollout = CompiledRollout(MODEL, Controller(constant_preset("nah2023")), timestep=5e-4)
-    return rollout.trajectory(STRIKE, t_stay=0.3)
+@pytest.fixture(scope="module", params=["nah2023", "ur5e", "panda"])
+def model(request):
+    return preset(request.param)
 
 
-def test_every_view_shows_the_closest_approach(trajectory):
-    drawing = strike_drawing(trajectory, MODEL, TARGET)
-    near = trajectory.approach(TARGET)
-    np.testing.assert_allclose(drawing.near[-1], near.tip[0], atol=2e-3)
-    assert drawing.arm.shape[1:] == (5, 3)
-    assert drawing.whip.shape[1:] == (26, 3)
-    figure = Figure((11, 9.6), layout="constrained")
-    plot_strike_views(figure, trajectory, MODEL, TARGET)
-    side, front, top, perspective, _ = figure.axes
-    for ax, pair in ((side, [0, 2]), (front, [1, 2]), (top, [0, 1])):
-        whip = next(line for line in ax.lines if str(line.get_label()).startswith("closest approach"))
-        np.testing.assert_allclose(whip.get_xydata(), drawing.near_whip[:, pair])
-        assert "[m]" in ax.get_xlabel()
-    assert perspective.name == "3d"
-    assert plot_strike(trajectory, MODEL, TARGET, ax=Figure().subplots(), view="top").get_ylabel() == "y, left [m]"
+def struck(model) -> tuple[Trajectory, plots.Target]:
+    """A swing, and a target that its tip passes at 0.4 s, 2 cm away."""
+    path = swing(model)
+    at = int(np.searchsorted(path.t, 0.4))
+    away = np.cross(path.tip_velocity[at], [0.3, 0.5, 0.8])
+    return path, plots.Target(tuple(path.tip[at] + 0.02 * away / np.linalg.norm(away)), 0.05)
 
 
-def test_figures_are_written(trajectory, tmp_path):
-    files = save_strike_figures(tmp_path, trajectory, MODEL, TARGET, 0.06, "constant")
-    assert {file.name for file in files} == {"strike.png", "distance.png", "tracking.png", "gains.png"}
+def nearest_posture(path, model, target):
+    when = path.approach(target).time[0]
+    return places(model, np.array([np.interp(when, path.t, x) for x in path.q.T]))
 
 
-def test_the_page_holds_points_and_desired_arm(trajectory):
-    page = strike_page(MODEL, trajectory, TARGET, 0.06)
-    data = json.loads(re.search(r"id=strike>(.*?)</script>", page, re.S).group(1))  # type: ignore[union-attr]
-    t = np.array(data["t"])
-    q = np.stack([np.interp(t, trajectory.t, x) for x in trajectory.q.T], axis=1)
-    points = np.array(data["points"], float).T.reshape(len(t), -1, 3)
-    np.testing.assert_allclose(points, joint_points(MODEL, q), atol=2e-3)  # the page's are between instants
-    q_d = np.stack([np.interp(t, trajectory.t, x) for x in trajectory.q_d.T], axis=1)
-    desired = np.stack([frame.origin for frame in arm_frames(MODEL.arm, q_d)], axis=1)  # type: ignore[arg-type]
-    np.testing.assert_allclose(np.array(data["desired"]).T.reshape(len(t), -1, 3), desired, atol=1e-4)
-    assert len(data["q"]) == len(data["K"]) == len(data["tau"]) == 4
-    assert len(data["tip"]) == len(data["target"]) == 3
-    assert min(data["distance"]) == pytest.approx(trajectory.approach(TARGET).distance[0], abs=1e-4)
-    assert "<select id=view>" in page
+def lines_of(ax) -> dict[str, np.ndarray]:
+    """What is drawn under a label, (points, 2 or 3)."""
+    get = "get_data_3d" if hasattr(ax, "zaxis") else "get_data"
+    return {line.get_label().split(" at ")[0]: np.transpose(getattr(line, get)()) for line in ax.lines}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("gl", ["egl", "disabled"])
-def test_films_are_written(trajectory, tmp_path, monkeypatch, gl):
-    monkeypatch.setenv("MUJOCO_GL", gl)
-    used = render_video(tmp_path / "strike.mp4", trajectory, MODEL, TARGET, 0.06, fps=5, size=(320, 180), speed=1.0)
-    assert used in ("mujoco", "matplotlib")
-    assert (tmp_path / "strike.mp4").stat().st_size > 1000
+def test_four_views_show_the_posture_at_the_closest_approach(model):
+    path, target = struck(model)
+    ax = plots.plot_strike(path, model, target)
+    arm, whip = nearest_posture(path, model, target)
+    columns = {"side": [0, 2], "top": [0, 1], "front": [1, 2]}
+    views = {view.texts[0].get_text(): view for view in ax.figure.axes[:3]}
+    assert set(views) == set(columns)
+    for name, view in views.items():
+        drawn = lines_of(view)
+        np.testing.assert_allclose(drawn["arm, then"], arm[:, columns[name]], atol=1e-9)
+        np.testing.assert_allclose(drawn["whip"], whip[:, columns[name]], atol=1e-9)
+        np.testing.assert_allclose(drawn["tip"], whip[-1:, columns[name]], atol=1e-9)
+        circle = view.patches[-1]
+        np.testing.assert_allclose(circle.center, np.array(target.position)[columns[name]])
+        assert circle.radius == target.hit_radius
+        assert view.get_aspect() == 1
+    drawn = lines_of(ax)
+    np.testing.assert_allclose(drawn["arm, then"], arm, atol=1e-9)
+    np.testing.assert_allclose(drawn["whip"], whip, atol=1e-9)
+    plt.close(ax.figure)
+
+
+def pixels(ax, point) -> np.ndarray:
+    """Where a point in space is in the picture; pinhole camera, written out."""
+    low, high = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+    azimuth, elevation = np.deg2rad([ax.azim, ax.elev])
+    back = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0])
+    from_centre = np.asarray(point) - (low + high) / 2
+    return np.array([from_centre @ right, from_centre @ np.cross(back, right)]), from_centre @ back
+
+
+def test_the_perspective_has_one_scale_and_nearer_is_larger():
+    path, target = struck(NAH)
+    ax = plots.plot_strike(path, NAH, target, ax=Figure().add_subplot(projection="3d"))
+    shown = np.array([proj3d.proj_transform(*p, ax.get_proj())[:2] for p in path.tip[::30]])
+    flat = [pixels(ax, p) for p in path.tip[::30]]
+    # x' = f x / (d - depth): two unknowns, the same for all points and both directions
+    rows = [[x, shown[k, i] * depth] for k, (xy, depth) in enumerate(flat) for i, x in enumerate(xy)]
+    rights = shown.ravel()
+    (f, per_distance), residual, *_ = np.linalg.lstsq(np.array(rows), rights, rcond=None)
+    assert np.sqrt(residual[0]) < 1e-9
+    assert f > 0
+    assert per_distance > 0
+
+
+def test_the_path_is_coloured_by_the_speed_up_to_the_closest_approach(model):
+    path, target = struck(model)
+    ax = plots_space.plot_in_space(path, model, target, Figure().subplots())
+    (drawn,) = [c for c in ax.collections if isinstance(c, LineCollection)]
+    near = path.approach(target)
+    ends = np.array(drawn.get_segments())
+    np.testing.assert_allclose(ends[0, 0], path.tip[0, [0, 2]])
+    np.testing.assert_allclose(ends[-1, 1], near.tip[0, [0, 2]], atol=1e-6)
+    middles = ends.mean(axis=1)
+    k = [int(np.abs(path.tip[:, [0, 2]] - m).sum(axis=1).argmin()) for m in middles]
+    speed = np.linalg.norm(path.tip_velocity[k], axis=1)
+    np.testing.assert_allclose(drawn.get_array(), speed, rtol=0.06, atol=0.05)
+    assert drawn.norm.vmin == 0
+    bar = ax.child_axes[0]
+    assert bar.get_ylabel() == "speed of the tip [m/s]"
+    assert [ax.get_xlabel(), ax.get_ylabel()] == ["x, forward [m]", "z, up [m]"]
+    three = plots_space.plot_in_space(path, model, target, Figure().add_subplot(projection="3d"))
+    (drawn,) = [c for c in three.collections if isinstance(c, Line3DCollection) and c.get_array() is not None]
+    assert three.get_zlabel() == "z, up [m]"
+
+
+def test_a_figure_of_views_has_no_blank_third(model):
+    path, target = struck(model)
+    ax = plots.plot_strike(path, model, target)
+    ax.figure.savefig(data := io.BytesIO(), dpi=50, bbox_inches=None)
+    image = plt.imread(io.BytesIO(data.getvalue()))[..., :3]
+    inked = (image < 0.9).any(axis=2)
+    for rows in np.array_split(inked, 3):
+        for part in np.array_split(rows, 3, axis=1):
+            assert part.mean() > 0.005
+    plt.close(ax.figure)
+
+
+def test_a_planar_target_is_refused_in_space_and_the_other_way_round():
+    path, _ = struck(NAH)
+    with pytest.raises(InputError, match="three coordinates x y z"):
+        plots.plot_strike(path, NAH, (1.3, 0.0))
+    with pytest.raises(InputError, match="two coordinates x y"):
+        plots.plot_strike(path, preset("lemon2024"), (1.3, 0.0, 0.2))
+    with pytest.raises(InputError, match="in space"):
+        plots.plot_distance(path, (1.3, 0.0))
+
+
+def test_all_figures_of_a_run_and_a_reports_picture(model, tmp_path):
+    path, target = struck(model)
+    place = np.array(target.position)
+    files = plots.save_strike_figures(tmp_path, path, model, place, target.hit_radius, "by hand")
+    assert {file.name for file in files} == {f"{x}.png" for x in ("strike", "distance", "tracking", "torque", "gains")}
+    figure = Figure()
+    plots_space.draw_views(figure, path, model, target)
+    assert Picture(figure, "strike").source().startswith("data:image/svg+xml")
+
+
+def test_a_strike_that_diverged_is_drawn():
+    path, target = struck(NAH)
+    cut = {x: getattr(path, x)[:40] for x in path.__dataclass_fields__ if x != "diverged"}
+    ax = plots.plot_strike(Trajectory(**cut, diverged=True), NAH, target)
+    assert ax.figure.axes[0].get_title(loc="left").startswith("diverged at 0.0780 s")
+    plt.close(ax.figure)

@@ -18,7 +18,7 @@ import tyro
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import ControllerOptions, JsonOptions, TargetOptions
+from whiptool.options import ControllerOptions, JsonOptions, ModelOptions, TargetOptions
 
 if TYPE_CHECKING:
     from whiptool.models import Model
@@ -40,6 +40,11 @@ class ViewOptions(JsonOptions):
     """Run folder: of optimize or simulate (a strike), of identify, adapt, reproduce or rig strike (a report)."""
     page: bool = False
     """Write the interactive page anew and open it in the browser, in place of MuJoCo's viewer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Controlled(ControllerOptions, ModelOptions):
+    """A controller, which may be that of the model's arm."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +139,7 @@ def read_strike(folder: Path) -> StrikeRun:
             k: tuple(v) if isinstance(v, list) else v for k, v in config.get("options", {}).items()
         }
         struck = _part(TargetOptions, table)
-        label = _part(ControllerOptions, table).controller_label()
+        label = _part(_Controlled, table).controller_label()
         target = struck.build_target()
     except InputError as error:
         raise error.within(f"{folder / CONFIG}: ") from None
@@ -199,7 +204,7 @@ def play(strike: StrikeRun) -> bool:
 
     target, radius = np.array(strike.target.position), strike.target.hit_radius
     film = film_of(strike.trajectory, strike.model, strike.target, fps=FPS, speed=1.0)
-    mj = build_spec(strike.model, target=target, target_radius=radius).compile()
+    mj = build_spec(film.model, target=target, target_radius=radius).compile()
     data, paused = mujoco.MjData(mj), False
 
     def on_key(key: int) -> None:

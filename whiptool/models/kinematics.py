@@ -119,6 +119,25 @@ def _rods(hand: Frame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tup
     return hand.origin[..., None, :] + along, hand.velocity[..., None, :] + change
 
 
+def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
+    """Return the positions of joints and universal nodes (..., a + 2 N) where rods (..., a + 3 N) point as they do.
+
+    Args:
+        arm: Of a joints.
+        q: The arm's joint positions, then the directions of N rods in the base's axes; of any length.
+    """
+    a, frame = arm.n, arm_frames(arm, q[..., : arm.n])[-1]
+    angles, rest = [q[..., :a]], np.zeros(q.shape[:-1])
+    for d in np.moveaxis(q[..., a:].reshape(*q.shape[:-1], -1, 3), -2, 0):  # N times (..., 3)
+        # behind both hinges a node points along (sin y, sin x cos y, -cos x cos y)
+        p = np.einsum("...ji,...j->...i", frame.rotation, d / np.linalg.norm(d, axis=-1, keepdims=True))
+        pair = np.stack([np.arctan2(p[..., 1], -p[..., 2]), np.arcsin(np.clip(p[..., 0], -1, 1))], axis=-1)
+        for j, axis in enumerate(UNIVERSAL):
+            frame = frame.hinged(axis, pair[..., j], rest)
+        angles.append(pair)
+    return np.concatenate(angles, axis=-1)
+
+
 def hanging_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
     """Return the angles (..., 2) [rad] of the first universal node at which the whip hangs straight down in the world.
 

@@ -84,7 +84,8 @@ def add_scene(spec: mujoco.MjSpec, model: Model) -> None:
     ):
         spec.add_material(name=name, rgba=rgba, specular=0.3, shininess=0.4)
     # Plain colours: a texture over the whole picture would triple the time that software rendering takes.
-    for name, rgba in (("board", (0.87, 0.885, 0.91, 1)), ("floor", (0.62, 0.66, 0.72, 1))):
+    pale = (0.87, 0.885, 0.91, 1)
+    for name, rgba in (("board", pale), ("floor", pale if model.dimension == 3 else (0.62, 0.66, 0.72, 1))):
         spec.add_material(name=name, rgba=rgba, specular=0, shininess=0)
     spec.worldbody.add_light(
         pos=[0, -reach, 2 * reach],

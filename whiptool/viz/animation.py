@@ -9,13 +9,17 @@ import matplotlib
 import numpy as np
 from matplotlib.animation import FuncAnimation
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
-from whiptool.rollout.trajectory import Trajectory, joint_points
-from whiptool.viz.plots import COLORS, STYLE
+from whiptool.rollout.trajectory import Trajectory
+from whiptool.target import Target
+from whiptool.viz.plots_space import box_around, plot_ball, set_up_perspective
+from whiptool.viz.posture import arm_and_whip, at_times
+from whiptool.viz.style import COLORS, STYLE
 
 FPS = 25.0
 
@@ -55,57 +59,95 @@ def animate(
 ) -> StrikeAnimation:
     """A strike in slow motion: arm, whip, the tip's path so far, the target, which turns green once it is hit.
 
+    A strike in space is seen in perspective.
+
     As the last expression of a notebook's cell it shows as a film; `.save("strike.gif")` writes a file.
 
     Args:
         trajectory, model: The strike, and the model that it was rolled out with.
-        target, hit_radius: Position (2,) [m], and how near [m] the tip must come to hit.
+        target, hit_radius: Position (2,), in space (3,) [m], and how near [m] the tip must come to hit.
         speed: 1 is real time, 0.25 four times slower.
         width, dpi: Of the frames [inches], [pixels per inch].
 
     Raises:
-        InputError: speed, width or dpi is not a positive number.
+        InputError: speed, width or dpi is not a positive number, or the target has other coordinates than the model.
     """
     for name, value in (("speed", speed), ("width", width), ("dpi", dpi)):
         if not 0 < value < np.inf:
             raise InputError(name, value, "a finite number > 0")
-    t, n, target = trajectory.t, model.arm.n, np.asarray(target, float)
+    goal = Target(tuple(float(x) for x in target), hit_radius)
+    goal.check_dimension(model)
+    t = trajectory.t
     times = np.append(np.arange(t[0], t[-1], speed / FPS), t[-1])  # (F,)
-
-    def at(x: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(times, t, column) for column in x.T], axis=1)
-
-    points, tip_velocity = joint_points(model, at(trajectory.q)), at(trajectory.tip_velocity)
-    path = at(trajectory.tip)  # (F, 2)
-    near = trajectory.approach(target)
+    q, tip_velocity = (at_times(times, t, x) for x in (trajectory.q, trajectory.tip_velocity))
+    path_times = times if model.dimension == 2 else np.union1d(times, t)
+    path = at_times(path_times, t, trajectory.tip)
+    arms, whips = arm_and_whip(model, q)
+    near = trajectory.approach(goal)
     hit = bool(near.distance[0] <= hit_radius)
-    every = np.concatenate([points.reshape(-1, 2), trajectory.tip, target + hit_radius * np.array([[-1, -1], [1, 1]])])
-    low, high = every.min(axis=0) - 0.08, every.max(axis=0) + 0.08
-    height = width * (high[1] - low[1]) / (high[0] - low[0]) + 0.6
-    size = [(2 * round(x * dpi / 2) + 0.01) / dpi for x in (width, height)]  # H.264 wants even numbers of pixels
+    every = np.concatenate([arms.reshape(-1, model.dimension), whips.reshape(-1, model.dimension), trajectory.tip])
 
     with matplotlib.rc_context(STYLE):
-        figure = Figure((size[0], size[1]), dpi=dpi, layout="constrained")
-        ax = figure.subplots()
-        ax.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, up [m]")
-        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-        zone = ax.add_patch(Circle((target[0], target[1]), hit_radius, color=COLORS["orange"], alpha=0.5, linewidth=0))
-        (trail,) = ax.plot([], [], color=COLORS["vermilion"], linewidth=1)
-        (whip,) = ax.plot([], [], color=COLORS["black"], linewidth=2.2, solid_joinstyle="round")
-        (arm,) = ax.plot([], [], "o-", color=COLORS["blue"], linewidth=5, markersize=7, markerfacecolor="white")
-        (tip,) = ax.plot([], [], "o", color=COLORS["vermilion"], markersize=6)
+        figure, ax, zone = (_in_space if model.dimension == 3 else _in_plane)(every, goal, width, dpi)
+        (trail,) = ax.plot([], [], *_nothing(model), color=COLORS["vermilion"], linewidth=1)
+        (whip,) = ax.plot([], [], *_nothing(model), color=COLORS["black"], linewidth=2.2, solid_joinstyle="round")
+        (arm,) = ax.plot(
+            [], [], *_nothing(model), "o-", color=COLORS["blue"], linewidth=5, markersize=7, markerfacecolor="white"
+        )
+        (tip,) = ax.plot([], [], *_nothing(model), "o", color=COLORS["vermilion"], markersize=6)
         title = ax.set_title(" ", fontsize=11)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # laid out once, not in every frame
 
         def draw(frame: Any) -> tuple[Artist, ...]:
-            p, now = points[frame], times[frame]
-            arm.set_data(*p[: n + 1].T)
-            whip.set_data(*p[n:].T)
-            tip.set_data(*p[-1:].T)
-            trail.set_data(*path[: frame + 1].T)
+            now = times[frame]
+            for line, places in ((arm, arms[frame]), (whip, whips[frame]), (tip, whips[frame, -1:])):
+                _put(line, places)
+            _put(trail, path[path_times <= now])
             zone.set_color(COLORS["green"] if hit and now >= near.time[0] else COLORS["orange"])
-            title.set_text(f"{now:.2f} s, tip at {np.hypot(*tip_velocity[frame]):.1f} m/s ({speed:g} x real time)")
+            fast = np.linalg.norm(tip_velocity[frame])
+            title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time)")
             return arm, whip, tip, trail, zone, title
 
         return StrikeAnimation(figure, draw, frames=len(times), init_func=lambda: (), interval=1e3 / FPS, blit=False)
+
+
+def _nothing(model: Model) -> list[list[float]]:
+    """What a line of a model in space is given more than one in the plane: its z."""
+    return [[]] if model.dimension == 3 else []
+
+
+def _put(line: Any, places: np.ndarray) -> None:
+    """Move a line to places (..., 2) or (..., 3)."""
+    (line.set_data_3d if places.shape[-1] == 3 else line.set_data)(*places.T)
+
+
+def _in_plane(every: np.ndarray, target: Target, width: float, dpi: float) -> tuple[Figure, Axes, Any]:
+    """Figure and axes that hold all places (..., 2), and the target in them."""
+    place, radius = np.array(target.position), target.hit_radius
+    every = np.concatenate([every, [place - radius, place + radius]])
+    low, high = every.min(axis=0) - 0.08, every.max(axis=0) + 0.08
+    figure = _figure(width, width * (high[1] - low[1]) / (high[0] - low[0]) + 0.6, dpi)
+    ax = figure.subplots()
+    ax.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, up [m]")
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    return (
+        figure,
+        ax,
+        ax.add_patch(Circle((place[0], place[1]), radius, color=COLORS["orange"], alpha=0.5, linewidth=0)),
+    )
+
+
+def _in_space(every: np.ndarray, target: Target, width: float, dpi: float) -> tuple[Figure, Axes, Any]:
+    """Figure and axes in perspective that hold all places (..., 3), and the target in them."""
+    figure = _figure(width, width, dpi)
+    figure.set_layout_engine("none")
+    ax = figure.add_axes((-0.05, 0.07, 0.97, 0.85), projection="3d", computed_zorder=False)
+    set_up_perspective(ax, *box_around(every, target), zoom=0.93)
+    ax.locator_params(nbins=5)
+    return figure, ax, plot_ball(ax, target)
+
+
+def _figure(width: float, height: float, dpi: float) -> Figure:
+    size = [(2 * round(x * dpi / 2) + 0.01) / dpi for x in (width, height)]  # H.264 wants even numbers of pixels
+    return Figure((size[0], size[1]), dpi=dpi, layout="constrained")

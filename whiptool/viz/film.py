@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.models.parameters import Model
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target
+from whiptool.viz.posture import as_mujoco_shows, at_times
 
 MAX_SEGMENTS = 800  # of the tip's path
 _SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path where the tip rests and is fastest
@@ -19,7 +20,8 @@ _SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path wher
 class Film:
     """What is to be seen in F frames, whoever draws it."""
 
-    q: np.ndarray  # joint positions [rad], (F, n)
+    model: Model  # as MuJoCo shows it: its rods are universal joints
+    q: np.ndarray  # its joint positions [rad or m], (F, n)
     trail: np.ndarray  # the tip's path in short segments, their ends [m], (S, 2, d)
     trail_rgb: np.ndarray  # (S, 3)
     shown: np.ndarray  # how many segments each frame shows, (F,)
@@ -28,6 +30,14 @@ class Film:
     note: str
     grid: float  # distance of the grid's lines [m]
     size: tuple[int, int]  # width and height [pixels]
+
+    def box(self, target: Target) -> np.ndarray:
+        """Corners of a box in space that holds the base, arm and whip in all frames, and the target [m], (8, 3)."""
+        points, place = joint_points(self.model, self.q).reshape(-1, 3), np.array(target.position)
+        radius = target.hit_radius
+        every = np.concatenate([points, self.trail.reshape(-1, 3), [place - radius, place + radius, np.zeros(3)]])
+        ends = np.array([np.nanmin(every, axis=0), np.nanmax(every, axis=0)])  # (2, 3)
+        return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
 
     @property
     def type_size(self) -> float:
@@ -59,7 +69,11 @@ def film_of(
         target: What was to be hit.
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels].
+
+    Raises:
+        InputError: The target has other coordinates than the model.
     """
+    target.check_dimension(model)
     place = np.array(target.position)
     t, tip = trajectory.t, trajectory.tip
     at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)
@@ -74,8 +88,10 @@ def film_of(
     trail = np.stack([np.interp(along, path, x) for x in tip.T], axis=1)  # (S + 1, d)
     share = np.interp((along[1:] + along[:-1]) / 2, path, tip_speed) / max(tip_speed.max(), 1e-9)
     grid = min((0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0), key=lambda spacing: abs(spacing - model.reach / 3))
+    shown, q = as_mujoco_shows(model, at_times(at, t, trajectory.q))
     return Film(
-        q=np.stack([np.interp(at, t, x) for x in trajectory.q.T], axis=1),
+        model=shown,
+        q=q,
         trail=np.stack([trail[:-1], trail[1:]], axis=1),
         trail_rgb=np.array(_SLOW) + share[:, None] * (np.array(_FAST) - np.array(_SLOW)),
         shown=np.searchsorted(along, np.interp(at, t, path), side="right") - 1,

@@ -1,67 +1,304 @@
-"""Figures of a strike in space: three projections, and in perspective."""
+"""Figures of a strike in space: in three projections and in perspective, drawn with matplotlib's objects.
+
+`whiptool.viz.plots.plot_strike` draws them; as there, every function draws into axes that it is given.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+from matplotlib.patches import Circle
+from matplotlib.ticker import MultipleLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from whiptool.models.parameters import Model
 from whiptool.rollout.trajectory import Trajectory
-from whiptool.target import Target
-from whiptool.viz.plots import COLORS, StrikeDrawing, add_time_bar, draw_projection, strike_drawing
+from whiptool.target import Target, as_target
+from whiptool.viz.posture import arm_and_whip, at_times
+from whiptool.viz.style import COLORS, SPEED, legend_above, length_text
 
-_TITLES = {"side": "from the right", "top": "from above", "front": "from the front"}
+Plane: TypeAlias = Literal["xz", "xy", "yz"]
+
+AXES = ("x, forward [m]", "y, left [m]", "z, up [m]")
+PLANES: dict[Plane, tuple[int, int]] = {"xz": (0, 2), "xy": (0, 1), "yz": (1, 2)}  # to the right, up
+AZIMUTH, ELEVATION = -55.0, 20.0  # from where a strike is seen in perspective, as matplotlib counts them [deg]
+_NAMES: dict[Plane, str] = {"xz": "side", "xy": "top", "yz": "front"}
+_POSTURES = 10
+_SEGMENTS = 600  # of the tip's path
+_NARROWEST = 0.6  # share of the widest side of what is shown that every side has
+_LONGEST = 4.3  # [in], the widest side of what is shown, in a figure of its own
 
 
-def plot_strike_views(
-    figure: Figure | SubFigure, trajectory: Trajectory, model: Model, target: Target | Sequence[float]
-) -> None:
-    """Fill a figure with a strike in space: seen from the right, from above, from the front, and in perspective.
+@dataclass(frozen=True)
+class Drawn:
+    """What of a strike in space is drawn, in numbers; places are (x, y, z) [m] in the base's axes.
 
     Args:
-        figure: Of constrained layout, some 11 by 9.6 inches.
-        trajectory: The strike.
-        model: The model that it was rolled out with.
-        target: What was to be hit, or (x, y, z) [m].
+        arms, whips: Postures at equal intervals up to the closest approach, the last is the one there: the arm from
+            the base to the hand, (P, a + 2, 3), the whip from the hand to the tip, (P, N + 1, 3).
+        path: Of the tip, (S, 3).
+        path_times: [s], (S,).
+        speed: Of the tip [m/s], (S,).
+        until: When the closest approach is, or the end where that is at the start [s].
+        target: What was to be hit.
+        title: How near the tip came.
+        when: The time of the closest approach [s].
     """
-    drawing = strike_drawing(trajectory, model, target)
-    grid = figure.add_gridspec(2, 3, width_ratios=(1, 1, 0.04))
-    places = {"side": (0, 0), "front": (0, 1), "top": (1, 0)}
-    axes = {view: figure.add_subplot(grid[place]) for view, place in places.items()}
-    for view, ax in axes.items():
-        draw_projection(ax, drawing, view)  # type: ignore[arg-type]
-        ax.set_title(_TITLES[view])
-    _draw_perspective(figure.add_subplot(grid[1, 1], projection="3d"), drawing)
-    add_time_bar(figure, figure.add_subplot(grid[:, 2]), drawing)
-    handles, labels = axes["side"].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), title=drawing.title)
+
+    arms: np.ndarray
+    whips: np.ndarray
+    path: np.ndarray
+    path_times: np.ndarray
+    speed: np.ndarray
+    until: float
+    target: Target
+    title: str
+    when: float
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner of what is shown [m], (3,) each; no side is much shorter than the widest."""
+        moved = [self.arms.reshape(-1, 3), self.whips.reshape(-1, 3), self.path]
+        return box_around(np.concatenate(moved), self.target)
+
+    @property
+    def norm(self) -> Normalize:
+        """Speeds of the tip as shares of the colours, up to the fastest that is shown in colour."""
+        return Normalize(0, max(float(np.nanmax(self.before[1])), 1e-3))
+
+    @property
+    def before(self) -> tuple[np.ndarray, np.ndarray]:
+        """Path of the tip up to the closest approach [m], (S', 3), and its speed there [m/s], (S',)."""
+        seen = self.path_times <= self.until
+        return self.path[seen], self.speed[seen]
+
+    @property
+    def after(self) -> np.ndarray:
+        """Path of the tip from the closest approach on [m], (S'', 3)."""
+        return self.path[self.path_times >= self.until]
 
 
-def _draw_perspective(ax: Any, drawing: StrikeDrawing) -> None:
-    """Draw a strike in perspective, from the right, in front and above."""
-    for x, width in ((drawing.arm, 2.6), (drawing.whip, 1.2)):
-        ax.add_collection3d(Line3DCollection(list(x), colors=drawing.colors, linewidths=width, alpha=0.75))
-    ax.plot(*drawing.before.T, color="0.45", linewidth=0.9)
-    ax.plot(*drawing.near_arm.T, color=COLORS["black"], linewidth=4)
-    ax.plot(*drawing.near_whip.T, color=COLORS["black"], linewidth=2)
-    ax.plot(*drawing.near[-1:].T, "o", color=COLORS["vermilion"], markersize=5)
-    ax.plot_surface(*_ball(drawing.place, drawing.hit_radius), color=COLORS["orange"], alpha=0.4, linewidth=0)
-    every = np.concatenate([drawing.arm.reshape(-1, 3), drawing.whip.reshape(-1, 3), drawing.place[None]])
-    middle, half = (every.max(axis=0) + every.min(axis=0)) / 2, np.ptp(every, axis=0).max() / 2
-    for name, centre in zip("xyz", middle, strict=True):
-        ax.set(**{f"{name}lim": (centre - half, centre + half), f"{name}label": f"{name} [m]"})
-    ax.locator_params(nbins=5)
-    ax.set_box_aspect((1, 1, 1))
-    ax.view_init(elev=20, azim=-50)
-    ax.set_title("in perspective")
+def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]) -> Drawn:
+    """Return what is drawn of a strike in space.
+
+    Args:
+        trajectory: The strike.
+        model: The model in space that it was rolled out with.
+        target: What was to be hit, or (x, y, z) [m].
+
+    Raises:
+        InputError: The target is not in space.
+    """
+    goal = as_target(target, 3)
+    goal.check_dimension(model)
+    near, t = trajectory.approach(goal), trajectory.t
+    when = float(near.time[0])
+    until = when if when > 0.3 * t[-1] else float(t[-1])  # what comes after would cover what led to it
+    arms, whips = arm_and_whip(model, at_times(np.r_[np.linspace(t[0], until, _POSTURES), when], t, trajectory.q))
+    path_times = np.unique(np.r_[np.linspace(t[0], t[-1], _SEGMENTS), until])
+    title = f"closest approach {length_text(near.distance[0])} at {near.speed[0]:.1f} m/s"
+    if trajectory.diverged:
+        title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
+    return Drawn(
+        arms=arms,
+        whips=whips,
+        path=at_times(path_times, t, trajectory.tip),
+        path_times=path_times,
+        speed=np.interp(path_times, t, np.linalg.norm(trajectory.tip_velocity, axis=1)),
+        until=until,
+        target=goal,
+        title=title,
+        when=when,
+    )
 
 
-def _ball(centre: np.ndarray, radius: float) -> np.ndarray:
-    """Grid of points of a sphere, (3, 13, 25)."""
-    polar, around = np.meshgrid(np.linspace(0, np.pi, 13), np.linspace(0, 2 * np.pi, 25), indexing="ij")
-    unit = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)])
-    return centre[:, None, None] + radius * unit
+def plot_projection(ax: Axes, strike: Drawn, plane: Plane) -> Axes:
+    """Draw a strike as seen along the axis that is not in the plane: `xz` the side, `xy` the top, `yz` the front."""
+    i, j = PLANES[plane]
+    shown, place, radius = [i, j], np.array(strike.target.position), strike.target.hit_radius
+    for posture, style in _posture_styles(strike):
+        ax.plot(*posture[:, shown].T, **style)
+    before = _segments(strike.before[0])[..., shown]
+    ax.add_collection(LineCollection(list(before), **_path_style(strike)), autolim=False)
+    ax.plot(*strike.after[:, shown].T, color="0.55", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
+    centre = (place[i], place[j])
+    ax.add_patch(Circle(centre, radius, facecolor=COLORS["orange"], alpha=0.3, edgecolor="none", zorder=1))
+    ax.add_patch(Circle(centre, radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
+    low, high = strike.box
+    ax.set(xlabel=AXES[i], ylabel=AXES[j], xlim=(low[i], high[i]), ylim=(low[j], high[j]))
+    ax.set_aspect("equal", adjustable="box")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MultipleLocator(_tick(strike)))
+    return ax
+
+
+def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
+    """Draw a strike in perspective, with the shadows of the path and of the last posture on the floor."""
+    ax.computed_zorder = False  # what was drawn later lies above
+    low, high = strike.box
+    place = np.array(strike.target.position)
+    floor = {"color": "0.78", "zorder": 1}
+    for places, width in ((strike.before[0], 0.9), (strike.arms[-1], 3.0), (strike.whips[-1], 1.8)):
+        ax.plot(places[:, 0], places[:, 1], low[2], linewidth=width, **floor)
+    ax.plot(*np.transpose([place, [place[0], place[1], low[2]]]), color=COLORS["orange"], linewidth=0.9, linestyle=":")
+    plot_ball(ax, strike.target)
+    for posture, style in _posture_styles(strike):
+        ax.plot(*posture.T, **style)
+    before = _segments(strike.before[0])
+    ax.add_collection3d(Line3DCollection(list(before), **_path_style(strike)), autolim=False)
+    ax.plot(*strike.after.T, color="0.55", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
+    set_up_perspective(ax, low, high)
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_major_locator(MultipleLocator(2 * _tick(strike)))
+    return ax
+
+
+def box_around(places: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest corner (3,) [m] of what shows all places (..., 3) and a target.
+
+    There is some room around them, and no side is much shorter than the widest.
+    """
+    place, radius = np.array(target.position), target.hit_radius
+    every = np.concatenate([places, [place - radius, place + radius]])
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    side = np.maximum(high - low, _NARROWEST * (high - low).max()) * 1.1
+    return (low + high - side) / 2, (low + high + side) / 2
+
+
+def plot_ball(ax: Axes3D, target: Target) -> Line3DCollection:
+    """Draw what counts as a hit."""
+    around, up = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
+    unit = np.stack([np.cos(around) * np.sin(up), np.sin(around) * np.sin(up), np.cos(up)])
+    ball = np.array(target.position)[:, None, None] + target.hit_radius * unit
+    return ax.plot_wireframe(*ball, color=COLORS["orange"], linewidth=0.5, alpha=0.55, zorder=2)
+
+
+def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray, *, zoom: float = 1.12) -> None:
+    """Show a box between two corners (3,) [m] in perspective, every axis to the same scale; zoom is matplotlib's."""
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    ax.set_proj_type("persp", focal_length=0.8)
+    ax.view_init(elev=ELEVATION, azim=AZIMUTH)
+    ax.set_box_aspect(tuple(high - low), zoom=zoom)
+    ax.set(xlabel=AXES[0], ylabel=AXES[1], zlabel=AXES[2])
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_pane_color((0.97, 0.97, 0.98, 1.0))
+
+
+def plot_in_space(trajectory: Trajectory, model: Model, target: Target | Sequence[float], ax: Axes) -> Axes:
+    """Draw a strike in space into axes: in perspective if they are 3-D, else seen from the side."""
+    strike = drawn(trajectory, model, target)
+    if isinstance(ax, Axes3D):
+        plot_perspective(ax, strike)
+        bar = {"ax": ax, "shrink": 0.6, "pad": 0.1}
+    else:
+        plot_projection(ax, strike, "xz")
+        bar = {"cax": ax.inset_axes((1.03, 0.15, 0.04, 0.7))}
+    figure = ax.get_figure()
+    assert figure is not None
+    figure.colorbar(ScalarMappable(strike.norm, SPEED), label="speed of the tip [m/s]", **bar)
+    ax.set_title(strike.title)
+    legend_above(ax, ncols=2)
+    return ax
+
+
+def draw_views(figure: Figure, trajectory: Trajectory, model: Model, target: Target | Sequence[float]) -> Axes3D:
+    """Draw a strike from the side, from above, from the front and in perspective, to one scale.
+
+    Args:
+        figure: Without axes; its size is set to what the strike asks for.
+        trajectory, model, target: As in `drawn`.
+
+    Returns:
+        The axes in perspective; the others are `figure.axes[:3]`: side, top, front.
+    """
+    strike = drawn(trajectory, model, target)
+    low, high = strike.box
+    wide, deep, tall = (high - low) * _LONGEST / (high - low).max()  # [in]
+    left, right, top, bottom, beside, below = 0.75, 1.0, 1.0, 0.65, 0.3, 0.6  # [in]
+    width, height = left + wide + beside + deep + right, top + tall + below + deep + bottom
+    figure.set_size_inches(width, height)
+    grid = GridSpec(
+        2,
+        2,
+        figure,
+        left=left / width,
+        right=1 - right / width,
+        top=1 - top / height,
+        bottom=bottom / height,
+        wspace=2 * beside / (wide + deep),
+        hspace=2 * below / (tall + deep),
+        width_ratios=[wide, deep],
+        height_ratios=[tall, deep],
+    )
+    cells: dict[Plane, Any] = {"xz": grid[0, 0], "xy": grid[1, 0], "yz": grid[0, 1]}
+    views = {plane: plot_projection(figure.add_subplot(cell), strike, plane) for plane, cell in cells.items()}
+    for plane, ax in views.items():
+        ax.text(0.03, 0.97, _NAMES[plane], transform=ax.transAxes, va="top", color="0.35", fontweight="bold")
+    views["xz"].set(xlabel="", title=strike.title)
+    views["xz"].tick_params(labelbottom=False)
+    views["yz"].set(ylabel="")
+    views["yz"].tick_params(labelleft=False)
+    legend_above(views["xz"], ncols=4)
+    rest = (left + wide + 0.1, 0.1, beside + deep + right - 0.2, bottom + deep + 0.05)  # [in]
+    sides = np.array([width, height, width, height])
+    perspective = figure.add_axes(tuple(rest / sides), projection="3d", facecolor="none", zorder=-1)
+    figure.colorbar(
+        ScalarMappable(strike.norm, SPEED),
+        cax=views["yz"].inset_axes((1.05, 0.12, 0.045, 0.76)),
+        label="speed of the tip [m/s]",
+    )
+    return plot_perspective(perspective, strike)
+
+
+def _posture_styles(strike: Drawn) -> list[tuple[np.ndarray, dict[str, Any]]]:
+    """Lines with their looks: postures the paler the earlier, and the one at the closest approach."""
+    arm_look: dict[str, Any] = {"color": COLORS["blue"]}
+    whip_look: dict[str, Any] = {"color": COLORS["black"]}
+    lines = []
+    for arm, whip, share in zip(strike.arms[:-1], strike.whips, np.linspace(0.12, 0.5, _POSTURES), strict=False):
+        lines.append((arm, {**arm_look, "alpha": share, "linewidth": 2.4, "zorder": 2}))
+        lines.append((whip, {**whip_look, "alpha": share, "linewidth": 1.1, "zorder": 2}))
+    arm, whip = strike.arms[-1], strike.whips[-1]
+    lines.append((whip, {**whip_look, "linewidth": 2.3, "zorder": 4, "label": f"whip at {strike.when:.3f} s"}))
+    lines.append((arm, {**arm_look, "linewidth": 4.5, "zorder": 5, "label": "arm, then"}))
+    dots = {"linestyle": "", "marker": "o", "markersize": 5, "zorder": 6, "color": "white"}
+    lines.append((arm[1:], {**dots, "markeredgecolor": COLORS["blue"]}))
+    lines.append((whip[-1:], {**dots, "color": COLORS["vermilion"], "markersize": 6, "label": "tip"}))
+    target = {**dots, "color": "#F8E1B0", "markeredgecolor": COLORS["orange"], "markersize": 9}
+    label = f"target, hit radius {strike.target.hit_radius:g} m"
+    lines.append((np.full((1, 3), np.nan), {**target, "label": label}))
+    return lines
+
+
+def _path_style(strike: Drawn) -> dict[str, Any]:
+    _, speed = strike.before
+    return {
+        "array": (speed[1:] + speed[:-1]) / 2,
+        "cmap": SPEED,
+        "norm": strike.norm,
+        "linewidths": 2.4,
+        "capstyle": "round",
+        "zorder": 3,
+    }
+
+
+def _segments(path: np.ndarray) -> np.ndarray:
+    """Pairs of neighbours of a path (S, d): (S - 1, 2, d)."""
+    return np.stack([path[:-1], path[1:]], axis=1)
+
+
+def _tick(strike: Drawn) -> float:
+    """Distance between ticks [m]."""
+    low, high = strike.box
+    extent = (high - low).max()
+    return 0.25 if extent < 1.5 else 0.5 if extent < 4 else 1.0

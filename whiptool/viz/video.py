@@ -6,9 +6,11 @@ import itertools
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import imageio_ffmpeg
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -22,15 +24,16 @@ from whiptool.rollout.mujoco_model import build_spec, set_posture
 from whiptool.rollout.mujoco_scene import FLOOR
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target, as_target
+from whiptool.viz.camera import Camera
 from whiptool.viz.film import MAX_SEGMENTS, Film, film_of
 from whiptool.viz.opengl import add_bar, add_rod, gl_context
-from whiptool.viz.plots import COLORS
+from whiptool.viz.posture import arm_and_whip
+from whiptool.viz.style import COLORS
 from whiptool.whole_files import replacing
 
 logger = logging.getLogger("whiptool")
 
 _GRID, _HIT, _TEXT = (0.70, 0.73, 0.77), (0.0, 0.62, 0.45), (0.15, 0.16, 0.18)  # colours; the target's once hit
-_FLOOR_GRID = (0.85, 0.87, 0.90)
 
 
 def render_video(
@@ -60,7 +63,7 @@ def render_video(
         `"mujoco"` or `"matplotlib"`: what drew the frames.
 
     Raises:
-        InputError: fps or speed is not positive, or a size is odd.
+        InputError: fps or speed is not positive, a size is odd, or the target has other coordinates than the model.
         OSError: The file cannot be written.
     """
     for name, value in (("fps", fps), ("speed", speed)):
@@ -68,14 +71,14 @@ def render_video(
             raise InputError(name, value, "a finite number > 0")
     if any(x < 16 or x % 2 for x in size):
         raise InputError("size", size, "an even width and height of 16 pixels or more")
-    goal = as_target(target)
+    goal = as_target(target, model.dimension)
     film = film_of(trajectory, model, goal, fps=fps, speed=speed, size=size)
     try:
-        used, frames = "mujoco", _mujoco_frames(film, model, goal)
+        used, frames = "mujoco", _mujoco_frames(film, goal)
         frames = itertools.chain([next(frames)], frames)  # the first frame shows whether OpenGL works
     except Exception as error:  # drivers and MuJoCo fail in many ways
         logger.warning("no OpenGL (%s: %s): the video is drawn by matplotlib", type(error).__name__, error)
-        used, frames = "matplotlib", _matplotlib_frames(film, model, goal)
+        used, frames = "matplotlib", _matplotlib_frames(film, goal)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as unfinished:
@@ -123,9 +126,9 @@ def _encode(
         raise OSError(f"ffmpeg wrote {written} of {len(film.q)} frames; the disk may be full")
 
 
-def _mujoco_frames(film: Film, model: Model, target: Target) -> Iterator[np.ndarray]:
+def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
     """Frames (height, width, 3) of uint8."""
-    (width, height), reach = film.size, model.reach
+    (width, height), model, reach = film.size, film.model, film.model.reach
     spec = build_spec(model, target=np.array(target.position), target_radius=target.hit_radius)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
     spec.visual.quality.offsamples = 4
@@ -133,7 +136,10 @@ def _mujoco_frames(film: Film, model: Model, target: Target) -> Iterator[np.ndar
     mj = spec.compile()
     flat = model.dimension == 2
     seen_from = mj.cam("side" if flat else "view")
-    seen_from.fovy *= max(1.0, height / width)  # the height of what it sees
+    if flat:
+        seen_from.fovy *= max(1.0, height / width)  # the height of what it sees
+    else:
+        seen_from.pos[:] = _camera(mj, film, target).place
     data = mujoco.MjData(mj)
     context = gl_context(width, height)
     context.make_current()
@@ -192,22 +198,24 @@ def _add_floor_grid(scene: mujoco.MjvScene, spacing: float, reach: float) -> Non
     for k in range(-lines, lines + 1):
         ends = np.array([[-far, k * spacing, -FLOOR * reach], [far, k * spacing, -FLOOR * reach]])
         for line in (ends, ends[:, [1, 0, 2]]):
-            add_rod(scene, line, (0.002 if k else 0.004) * reach, _FLOOR_GRID)
+            add_rod(scene, line, (0.002 if k else 0.004) * reach, _GRID)
 
 
-def _matplotlib_frames(film: Film, model: Model, target: Target) -> Iterator[np.ndarray]:
+def _camera(mj: mujoco.MjModel, film: Film, target: Target) -> Camera:
+    """Return the camera that films a strike in space."""
+    return Camera.of(mj, "view").fitted(film.box(target), film.size[0] / film.size[1])
+
+
+def _matplotlib_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
     """Frames (height, width, 3) of uint8; only what moves is drawn anew."""
     size, dpi = np.array(film.size), film.type_size / 5.4
     figure = Figure(figsize=((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi), dpi=dpi)  # matplotlib truncates to pixels
     canvas = FigureCanvasAgg(figure)
-    half = 1.07 * model.reach * size / size.min()  # (2,)
-    ax = figure.add_axes((0, 0, 1, 1), xlim=(-half[0], half[0]), ylim=(-half[1], half[1]))
+    ax = figure.add_axes((0, 0, 1, 1))
     ax.set_axis_off()
-    for k in range(-int(max(half) / film.grid), int(max(half) / film.grid) + 1):
-        for line in (ax.axhline, ax.axvline):
-            line(k * film.grid, color=_GRID, linewidth=0.8 if k else 1.8, zorder=0)
-    seen = [0, 1] if model.dimension == 2 else [0, 2]  # in space from the side
-    zone = Circle(tuple(np.array(target.position)[seen]), target.hit_radius, color=COLORS["orange"], alpha=0.5)
+    flat = film.model.dimension == 2
+    points, trails, place, radius = (_flat if flat else _perspective)(ax, film, target)
+    zone = Circle(place, radius, color=COLORS["orange"], alpha=0.5)
     trail = LineCollection([], linewidths=2.5, capstyle="round")
     whip = Line2D([], [], color="0.15", linewidth=3, solid_capstyle="round", solid_joinstyle="round")
     arm = Line2D(
@@ -219,11 +227,11 @@ def _matplotlib_frames(film: Film, model: Model, target: Target) -> Iterator[np.
     for artist in moving:
         artist.set_animated(True)
     canvas.draw()
-    background, n = canvas.copy_from_bbox(figure.bbox), model.arm.n
-    trails = film.trail[..., seen]
-    for i, p in enumerate(joint_points(model, film.q)[..., seen]):
-        arm.set_data(*p[: n + 1].T)
-        whip.set_data(*p[n:].T)
+    background = canvas.copy_from_bbox(figure.bbox)
+    hand = film.model.arm.n if flat else film.model.arm.n + 1  # in space the base comes first
+    for i, p in enumerate(points):
+        arm.set_data(*p[: hand + 1].T)
+        whip.set_data(*p[hand:].T)
         tip.set_data(*p[-1:].T)
         trail.set(segments=trails[: film.shown[i]], colors=film.trail_rgb[: film.shown[i]])
         if film.hit[i]:
@@ -234,3 +242,40 @@ def _matplotlib_frames(film: Film, model: Model, target: Target) -> Iterator[np.
         for artist in moving:
             figure.draw_artist(artist)
         yield np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+
+_Drawn: TypeAlias = tuple[
+    np.ndarray, np.ndarray, tuple[float, float], float
+]  # points, trail, target's place and radius
+
+
+def _flat(ax: Axes, film: Film, target: Target) -> _Drawn:
+    """Set up axes that show the plane, with a grid, and return what is drawn into them."""
+    size = np.array(film.size)
+    half = 1.07 * film.model.reach * size / size.min()  # (2,)
+    ax.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]))
+    for k in range(-int(max(half) / film.grid), int(max(half) / film.grid) + 1):
+        for line in (ax.axhline, ax.axvline):
+            line(k * film.grid, color=_GRID, linewidth=0.8 if k else 1.8, zorder=0)
+    x, y = target.position
+    return joint_points(film.model, film.q), film.trail, (x, y), target.hit_radius
+
+
+def _perspective(ax: Axes, film: Film, target: Target) -> _Drawn:
+    """Set up axes that show space as the camera of MuJoCo's film does, with a floor; return what is drawn into them.
+
+    Their unit is half the picture's height.
+    """
+    camera = _camera(build_spec(film.model).compile(), film, target)
+    aspect, reach = film.size[0] / film.size[1], film.model.reach
+    ax.set(xlim=(-aspect, aspect), ylim=(-1, 1))
+    far = (lines := int(2 * reach / film.grid)) * film.grid
+    along = np.linspace(-far, far, 201)
+    for k in range(-lines, lines + 1):
+        line = np.stack([along, np.full_like(along, k * film.grid), np.full_like(along, -FLOOR * reach)], axis=1)
+        for way in (line, line[:, [1, 0, 2]]):
+            ax.plot(*camera.seen(way)[:, :2].T, color=_GRID, linewidth=1.0 if k else 2.0, zorder=0)
+    arm, whip = arm_and_whip(film.model, film.q)
+    points = np.concatenate([arm, whip[:, 1:]], axis=1)
+    x, y, size = camera.seen(np.array(target.position))
+    return camera.seen(points)[..., :2], camera.seen(film.trail)[..., :2], (x, y), target.hit_radius * size

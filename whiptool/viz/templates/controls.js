@@ -31,7 +31,7 @@ function seek(time) {
 /** Keep the instant in the address, so that it can be passed on. */
 function remember() {
   try {
-    history.replaceState(null, "", `#t=${state.t.toFixed(4)}`);
+    history.replaceState(null, "", `#t=${state.t.toFixed(4)}${orbit.address()}`);
   } catch { /* where the page is embedded, its address is not its own */ }
 }
 
@@ -74,7 +74,8 @@ function jump(time) {
 }
 
 function fromAddress() {
-  const given = Number.parseFloat(new URLSearchParams(location.hash.slice(1)).get("t"));
+  const address = new URLSearchParams(location.hash.slice(1)), given = Number.parseFloat(address.get("t"));
+  orbit.fromAddress(address.get("view"));
   if (Number.isFinite(given)) { pause(); seek(given); }
 }
 
@@ -95,7 +96,7 @@ addEventListener("keydown", (event) => {
   const many = event.shiftKey ? 10 : 1;
   const action = {
     " ": toggle, ArrowLeft: () => step(-many), ArrowRight: () => step(many), Home: () => jump(start),
-    End: () => jump(end), c: () => near && jump(near.time),
+    End: () => jump(end), c: () => near && jump(near.time), ...orbit.keys,
   }[key];
   if (!action) return;
   event.preventDefault();

@@ -3,7 +3,7 @@
 let colors = {};
 function readColors() {
   const style = getComputedStyle(root);
-  for (const name of ["blue", "vermilion", "green", "pink", "orange", "sky", "black", "ink", "faint", "line", "panel",
+  for (const name of ["blue", "vermilion", "green", "pink", "orange", "sky", "brown", "black", "ink", "faint", "line", "panel",
     "paper", "whip", "slow"]) colors[name] = style.getPropertyValue(`--${name}`).trim();
 }
 

@@ -16,12 +16,10 @@ const stage = {
     return [low, high];
   }),
 
-  /** Left, right, bottom, top [m] of what is seen: in space the same from everywhere. */
+  /** Left, right, bottom, top [m] of what is seen: in space about its middle, the same from everywhere. */
   get box() {
     if (!inSpace) return [...this.extent[0], ...this.extent[1]];
-    const half = Math.hypot(...this.extent.map(([low, high]) => (high - low) / 2));
-    const [x, y] = orbit.seen(this.extent.map(([low, high]) => (low + high) / 2));
-    return [x - 0.8 * half, x + 0.8 * half, y - 0.8 * half, y + 0.8 * half];
+    return [-1, 1, -1, 1].map((end) => 0.8 * end * orbit.half);
   },
 
   resize() {
@@ -32,15 +30,21 @@ const stage = {
 
   /** Set scale and grid by what is seen from here. */
   look() {
+    if (inSpace) orbit.fit(this.extent);
     const [left, right, bottom, top] = this.box;
     const [room, above, below] = [52, 24, 44];
     this.scale = Math.min((this.width - 2 * room) / (right - left), (this.height - above - below) / (top - bottom));
     const x0 = this.width / 2 - (this.scale * (left + right)) / 2;
     const y0 = (above + this.height - below) / 2 + (this.scale * (bottom + top)) / 2;
-    this.place = (point) => {
-      const [x, y] = inSpace ? orbit.seen(point) : point;
-      return [x0 + this.scale * x, y0 - this.scale * y];
-    };
+    this.place = ([x, y]) => [x0 + this.scale * x, y0 - this.scale * y];
+    if (inSpace) {
+      this.scale *= orbit.zoom;
+      this.middle = [x0, y0];
+      this.place = (point) => {
+        const [x, y] = orbit.seen(point);
+        return [x0 + orbit.shift[0] + this.scale * x, y0 + orbit.shift[1] - this.scale * y];
+      };
+    }
     this.grid = document.createElement("canvas");
     const grid = surface(this.grid, this.width, this.height);
     if (inSpace) this.drawFloor(grid); else this.drawGrid(grid, x0, y0);
@@ -71,7 +75,7 @@ const stage = {
 
   /** A grid below all that moves, and where the axes point. */
   drawFloor(c) {
-    const [xs, ys, [floor]] = this.extent, step = roundStep(90 / this.scale);
+    const [xs, ys, [floor]] = this.extent, step = roundStep(0.25 * orbit.half);
     const [left, right, near, far] = [...xs, ...ys].map((x, k) => (k % 2 ? Math.ceil : Math.floor)(x / step) * step);
     const style = { strokeStyle: colors.line };
     for (const x of multiples(left, right, step)) stroke(c, [[x, near, floor], [x, far, floor]].map(this.place), style);
@@ -79,9 +83,12 @@ const stage = {
     [["x, forward", [1, 0, 0]], ["y, left", [0, 1, 0]], ["z, up", [0, 0, 1]]].forEach(([name, way]) => {
       const ends = [[0, 0, 0], way.map((x) => x * step)].map(this.place);
       stroke(c, ends, { strokeStyle: colors.faint, lineWidth: 1.4 });
+      c.textAlign = ends[1][0] < ends[0][0] ? "right" : "left";
       if (Math.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]) > 12) write(c, name, ...ends[1], colors.panel);
     });
-    write(c, `grid ${tickText(step, step)} m`, 8, this.height - 8, colors.panel);
+    c.textAlign = "left";
+    const view = orbit.flat ? orbit.name : `from ${fixed(orbit.around, 0)}\u00b0, ${fixed(orbit.above, 0)}\u00b0 above`;
+    write(c, `grid ${tickText(step, step)} m, ${view}`, 8, this.height - 8, colors.panel);
   },
 
   draw() {
@@ -92,11 +99,12 @@ const stage = {
 
     // The target: dashed and orange, whole and green once it is hit
     const struck = state.t >= hitTime, mark = struck ? colors.green : colors.orange;
+    const size = this.scale * radius * (inSpace ? orbit.seen(target)[2] : 1);
     c.globalAlpha = 0.28;
-    disc(c, place(target), this.scale * radius, mark);
+    disc(c, place(target), size, mark);
     Object.assign(c, { globalAlpha: 1, lineWidth: 2 });
     c.setLineDash(struck ? [] : [5, 5]);
-    disc(c, place(target), this.scale * radius, null, mark);
+    disc(c, place(target), size, null, mark);
     c.setLineDash([]);
     disc(c, place(target), 2.5, mark);
 
@@ -110,6 +118,13 @@ const stage = {
     for (let k = 0; k + 1 < past.length; k++) {
       const share = strike.speed[Math.min(k + 1, t.length - 1)] / fastest;
       stroke(c, [past[k], past[k + 1]], { strokeStyle: colors.vermilion, lineWidth: 2.6, globalAlpha: share ** 1.5 });
+    }
+
+    if (inSpace) {
+      const floor = this.extent[2][0], shadow = posture(state.at).map(([x, y]) => place([x, y, floor]));
+      stroke(c, shadow.slice(arm), { strokeStyle: colors.slow, lineWidth: 1.6, globalAlpha: 0.5 });
+      stroke(c, shadow.slice(0, arm + 1), { strokeStyle: colors.slow, lineWidth: 4, globalAlpha: 0.5 });
+      stroke(c, [place(target), place([target[0], target[1], floor])], { strokeStyle: mark, dash: [1, 4] });
     }
 
     // Where the whip was, the fainter the longer ago
@@ -129,7 +144,8 @@ const stage = {
       stroke(c, [whip[k], whip[k + 1]], { strokeStyle: colors.whip, lineWidth: width });
     }
     whip.slice(1, -1).forEach((p) => disc(c, p, 2.6, colors.whip));
-    stroke(c, now.slice(0, arm + 1), { strokeStyle: colors.blue, lineWidth: 8 });
+    const base = inSpace ? [place([0, 0, 0])] : [];
+    stroke(c, [...base, ...now.slice(0, arm + 1)], { strokeStyle: colors.blue, lineWidth: 8 });
     const desired = desiredArm(state.at).map(place);
     stroke(c, desired, { strokeStyle: colors.ink, lineWidth: 1.4, dash: [4, 4] });
     c.lineWidth = 2;

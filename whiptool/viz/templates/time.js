@@ -156,11 +156,12 @@ class Plot {
 const CYCLE = ["blue", "vermilion", "green", "pink", "orange", "sky"];
 const degrees = (angles) => angles.map((x) => (x === null ? null : (180 / Math.PI) * x));
 const cycle = (k) => CYCLE[k % CYCLE.length];
-const perJoint = (rows) => rows.map((values, k) => ({ name: strike.joints[k], values, color: cycle(k) }));
+const ofJoint = (k) => [...CYCLE, "brown"][k % (CYCLE.length + 1)];
+const perJoint = (rows) => rows.map((values, k) => ({ name: strike.joints[k], values, color: ofJoint(k) }));
 const gains = (name, rows) => rows.map((values, k) => {
   const [i, j] = rows.length === arm ? [k, k] : [Math.floor(k / arm), k % arm]; // the diagonal, or all row by row
   const dash = i === j ? null : [5, 5], shift = i > j ? 5 : 0; // equal entries show in turn
-  return { name, sub: strike.marks[i] + strike.marks[j], values, color: cycle(k), dash, shift };
+  return { name, sub: strike.marks[i] + strike.marks[j], values, color: (rows.length === arm ? ofJoint : cycle)(k), dash, shift };
 });
 const plots = [
   { title: "Tip speed", unit: "m/s", series: [{ name: "tip", values: strike.speed, color: "blue" }], fromZero: true },

@@ -1,0 +1,108 @@
+"""Films of strikes in space: MuJoCo's and matplotlib's show the same places, and the animation, too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from space_swing import places, swing
+
+from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.rollout.mujoco_model import build_spec
+from whiptool.rollout.trajectory import joint_points
+from whiptool.target import Target
+from whiptool.viz import video
+from whiptool.viz.animation import animate
+from whiptool.viz.camera import Camera
+from whiptool.viz.film import film_of
+from whiptool.viz.posture import arm_and_whip, as_mujoco_shows
+from whiptool.viz.style import COLORS
+
+UR5E = preset("ur5e")
+PATH = swing(UR5E)
+TARGET = Target(tuple(PATH.tip[200] + 0.01), 0.08)
+SIZE = (480, 270)
+
+
+@pytest.fixture(scope="module")
+def film():
+    return film_of(PATH, UR5E, TARGET, fps=5, speed=0.5, size=SIZE)
+
+
+def of_color(image: np.ndarray, color: tuple[float, ...], within: float) -> np.ndarray:
+    """Middle of the pixels that have nearly a colour, to the right and up from the image's middle [half heights]."""
+    rows, columns = np.nonzero(np.abs(image / 255 - color).max(axis=2) < within)
+    assert len(rows) > 3
+    height, width = image.shape[:2]
+    return np.array([columns.mean() + 0.5 - width / 2, height / 2 - rows.mean() - 0.5]) / (height / 2)
+
+
+def rgb(name: str) -> tuple[float, ...]:
+    return tuple(int(COLORS[name][i : i + 2], 16) / 255 for i in (1, 3, 5))
+
+
+def test_matplotlib_draws_the_tip_where_the_camera_sees_it(film):
+    camera = Camera.of(build_spec(UR5E).compile(), "view").fitted(film.box(TARGET), SIZE[0] / SIZE[1])
+    frames = list(video._matplotlib_frames(film, TARGET))
+    assert len(frames) == len(film.q)
+    seen = camera.seen(joint_points(UR5E, film.q)[:, -1])[0, :2]  # in the first frame no trail has its colour
+    np.testing.assert_allclose(of_color(frames[0], rgb("vermilion"), 0.1), seen, atol=0.02)
+
+
+def test_mujoco_and_matplotlib_film_the_same(film):
+    try:
+        shown = next(video._mujoco_frames(film, TARGET))
+    except Exception as error:  # drivers fail in many ways
+        pytest.skip(f"no OpenGL: {error}")
+    drawn = next(video._matplotlib_frames(film, TARGET))
+    blue = [(image[..., 2].astype(int) - image[..., 0] > 90) for image in (shown, drawn)]  # the arm
+    for image in blue:
+        assert image.sum() > 100
+    middles = [np.argwhere(image).mean(axis=0) for image in blue]
+    np.testing.assert_allclose(*middles, atol=4)  # [pixels]; spheres and dots at the joints differ
+
+
+def test_everything_is_in_the_picture(film):
+    camera = Camera.of(build_spec(UR5E).compile(), "view").fitted(film.box(TARGET), SIZE[0] / SIZE[1])
+    x, y, _ = np.moveaxis(camera.seen(joint_points(UR5E, film.q)), -1, 0)
+    assert np.abs(x).max() < SIZE[0] / SIZE[1]
+    assert np.abs(y).max() < 1
+    assert max(np.abs(x).max() / SIZE[0] * SIZE[1], np.abs(y).max()) > 0.4  # and not small
+
+
+def test_rods_are_shown_where_they_are():
+    rods = replace(UR5E, whip=replace(UR5E.whip, joints="rod", node_inertia=0.0))
+    q = PATH.q[::100]
+    _, whip = arm_and_whip(UR5E, q)
+    directions = np.diff(whip, axis=1) / UR5E.whip.per_node("l")[:, None]
+    state = np.concatenate([q[:, : UR5E.arm.n], directions.reshape(len(q), -1)], axis=1)
+    np.testing.assert_allclose(arm_and_whip(rods, state)[1], whip, atol=1e-12)
+    shown, angles = as_mujoco_shows(rods, state)
+    for k in range(len(q)):
+        np.testing.assert_allclose(places(shown, angles[k])[1], whip[k], atol=1e-9)
+
+
+def test_the_animation_moves_arm_whip_and_trail():
+    shown = animate(PATH, UR5E, TARGET.position, TARGET.hit_radius, speed=1.0, dpi=40)
+    shown._draw_was_started = True  # type: ignore[attr-defined]
+    frame = 5
+    arm, whip, tip, trail, *_ = shown._func(frame)  # type: ignore[attr-defined]
+    time = frame / 25
+    expected = places(UR5E, np.array([np.interp(time, PATH.t, x) for x in PATH.q.T]))
+    for line, points in zip((arm, whip, tip), (*expected, expected[1][-1:]), strict=True):
+        np.testing.assert_allclose(np.transpose(line.get_data_3d()), points, atol=1e-9)
+    np.testing.assert_allclose(np.transpose(trail.get_data_3d())[-1], expected[1][-1], atol=1e-4)
+    assert len(trail.get_data_3d()[0]) > 50
+
+
+def test_targets_of_the_plane_are_refused(tmp_path):
+    for show in (
+        lambda: video.render_video(tmp_path / "x.mp4", PATH, UR5E, (1.3, 0.0)),
+        lambda: animate(PATH, UR5E, (1.3, 0.0), 0.1),
+        lambda: film_of(PATH, UR5E, Target((1.3, 0.0)), fps=5, speed=1),
+    ):
+        with pytest.raises(InputError, match="three coordinates x y z"):
+            show()
+    assert not list(tmp_path.iterdir())
