@@ -18,7 +18,7 @@ import tyro
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import ControllerOptions, ModelOptions, JsonOptions, TargetOptions
+from whiptool.options import ControllerOptions, JsonOptions, ModelOptions, TargetOptions
 
 if TYPE_CHECKING:
     from whiptool.models import Model
