@@ -21,6 +21,8 @@ REACH = StraightFlight.model.reach
 class Limits:
     """Of motors: peaks are beyond by the first angle less 0.3, the whole strike by half of that."""
 
+    by_peaks, speeds = False, None
+
     def __init__(self) -> None:
         self.looked_at = []
 
@@ -30,6 +32,12 @@ class Limits:
     def violation(self, trajectory):
         self.looked_at.append(trajectory)
         return (abs(trajectory.q_i[0]) - 0.3) / 2 - 0.1
+
+
+class Peaks(Limits):
+    """Their peaks say all."""
+
+    by_peaks = True
 
 
 class Following(StraightFlight):
@@ -124,6 +132,15 @@ def test_what_is_beyond_the_limits_is_no_hit():
     assert o.penalty < outcomes[2].miss_distance < outcomes[3].miss_distance < 2 * o.penalty
     wide = objective(Following(), Target((0.2, 0.0), 1.6), limits=Limits())
     assert [outcome.hit for outcome in wide.batch(strikes)] == [True, True, False, False]
+
+
+def test_limits_whose_peaks_say_all_look_at_no_whole_strike():
+    limits = Peaks()
+    o = objective(Following(), limits=limits)
+    outcomes = o.batch(np.array([[0.25, 0, 0, 0, 0.7], [0.4, 0, 0, 0, 0.7]]))
+    assert not limits.looked_at
+    assert outcomes[0].miss_distance == pytest.approx(1.2 * math.sin(0.25))
+    assert outcomes[1].miss_distance == pytest.approx(o.penalty * (2 - 1 / 1.1))
 
 
 def test_budgets():

@@ -6,47 +6,64 @@ import math
 
 import numpy as np
 import pytest
-from fake_rollout import SPEED, StraightFlight
+from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY, StrikeBounds
-from whiptool.zone import Disc, ReachableDisc, Region, disc_within_reach, random_paths, reachable_region, sample
+from whiptool.zone import (
+    Disc,
+    ReachableDisc,
+    Region,
+    check_dimension,
+    disc_within_reach,
+    random_paths,
+    reachable_region,
+    sample,
+    usual_disc,
+)
 
 DISC = Disc((0.4, -0.2), 0.3)
 CELLS = Region(np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2], [0.6, -0.4]]), 0.2)
 CUT = ReachableDisc(Disc((1.3, 0.0), 0.3), 1.514)
+BALL = Disc((0.4, -0.2, 0.3), 0.3)
+CUBES = Region(np.array([[0.0, 0.0, 0.2], [0.2, 0.0, 0.2], [0.0, 0.2, 0.0], [0.6, -0.4, 0.2]]), 0.2)
+CAP = ReachableDisc(Disc((1.0, -0.6, 0.5), 0.3), 1.35)
+MOSTLY_BEYOND_IN_SPACE = ReachableDisc(Disc((-0.6, 0.6, 0.6), 0.6), 0.8)
 MOSTLY_BEYOND = ReachableDisc(Disc((-0.9, 0.9), 0.6), 1.1)
 
 
-@pytest.mark.parametrize("zone", [DISC, CELLS, CUT])
+@pytest.mark.parametrize("zone", [DISC, CELLS, CUT, BALL, CUBES, CAP])
 def test_area_and_containment_by_counting(zone):
     lower, upper = zone.box
-    points = np.random.default_rng(0).uniform(lower - 0.1, upper + 0.1, (200_000, 2))
+    points = np.random.default_rng(0).uniform(lower - 0.1, upper + 0.1, (200_000, zone.dimension))
     share = zone.contains(points).mean()
-    assert share * np.prod(upper - lower + 0.2) == pytest.approx(zone.area, rel=0.02)
+    assert share * np.prod(upper - lower + 0.2) == pytest.approx(zone.size, rel=0.02)
     inside = points[zone.contains(points)]
-    np.testing.assert_allclose(inside.min(axis=0), lower, atol=0.01)
-    np.testing.assert_allclose(inside.max(axis=0), upper, atol=0.01)
+    near = 0.01 if zone.dimension == 2 else 0.03  # few points are near the end of a ball
+    if zone is CAP:  # it lies aslant in its box
+        return
+    np.testing.assert_allclose(inside.min(axis=0), lower, atol=near)
+    np.testing.assert_allclose(inside.max(axis=0), upper, atol=near)
 
 
-@pytest.mark.parametrize("zone", [DISC, CELLS, CUT, MOSTLY_BEYOND])
+@pytest.mark.parametrize("zone", [DISC, CELLS, CUT, MOSTLY_BEYOND, BALL, CUBES, CAP, MOSTLY_BEYOND_IN_SPACE])
 def test_places_are_uniform(zone):
     """As many in each part as its area says: parts are squares of a grid, areas by counting."""
     rng = np.random.default_rng(1)
     points = sample(zone, 40_000, rng)
     assert zone.contains(points).all()
     lower, upper = zone.box
-    everywhere = rng.uniform(lower, upper, (400_000, 2))
+    everywhere = rng.uniform(lower, upper, (400_000, zone.dimension))
     everywhere = everywhere[zone.contains(everywhere)]
     grid = [np.linspace(a, b, 6) for a, b in zip(lower, upper, strict=True)]
-    got, wanted = (np.histogram2d(*p.T, bins=grid)[0] / len(p) for p in (points, everywhere))
+    got, wanted = (np.histogramdd(p, bins=grid)[0] / len(p) for p in (points, everywhere))
     assert np.abs(got - wanted).max() < 0.006
 
 
 def test_a_disc_by_its_numbers():
     place = DISC.place(np.array([[0.0, 1.0, 0.0], [0.25, 0.25, 0.9], [0.5, 0.0, 0.0]]))
     np.testing.assert_allclose(place, [[0.7, -0.2], [0.4, -0.05], [0.4, -0.2]], atol=1e-15)
-    assert DISC.area == pytest.approx(math.pi * 0.09)
+    assert DISC.size == pytest.approx(math.pi * 0.09)
     np.testing.assert_allclose(DISC.box, [[0.1, -0.5], [0.7, 0.1]])
     unit = Disc((0.0, 0.0), 1.0)
     assert unit.contains(np.array([[1.0, 0.0], [0.0, -1.0], [0.8, 0.601], [np.nan, 0.0]])).tolist() == [1, 1, 0, 0]
@@ -58,14 +75,32 @@ def test_of_a_disc_is_left_what_is_within_reach():
     d, r, reach = 1.3, 0.3, 1.514
     beside, behind = (d**2 + r**2 - reach**2) / (2 * d * r), (d**2 + reach**2 - r**2) / (2 * d * reach)
     chord = math.sqrt((-d + r + reach) * (d + r - reach) * (d - r + reach) * (d + r + reach)) / 2
-    assert CUT.area == pytest.approx(r**2 * math.acos(beside) + reach**2 * math.acos(behind) - chord, rel=1e-6)
-    assert ReachableDisc(Disc((0.0, 0.0), 1.0), 0.5).area == pytest.approx(math.pi / 4, rel=1e-3)
+    assert CUT.size == pytest.approx(r**2 * math.acos(beside) + reach**2 * math.acos(behind) - chord, rel=1e-6)
+    assert ReachableDisc(Disc((0.0, 0.0), 1.0), 0.5).size == pytest.approx(math.pi / 4, rel=1e-3)
     assert disc_within_reach(DISC, 2.0) is DISC
     assert disc_within_reach(CUT.disc, reach) == CUT
     edge = np.array([[1.513, 0.0], [1.515, 0.0], [1.3, 0.299], [1.3, 0.301], [np.nan, 0.0]])
     assert CUT.contains(edge).tolist() == [1, 0, 1, 0, 0]
     with pytest.raises(InputError, match=r"comes within 0\.500 m of the shoulder"):
         disc_within_reach(Disc((0.9, 0.0), 0.3), 0.5)
+
+
+def test_of_a_ball_is_left_what_is_within_reach():
+    """The volume of two balls that cut each other is in tables."""
+    d, r, reach = math.hypot(1.0, -0.6, 0.5), 0.3, 1.35
+    lens = math.pi * (r + reach - d) ** 2 * (d**2 + 2 * d * (r + reach) - 3 * (r - reach) ** 2) / (12 * d)
+    assert CAP.size == pytest.approx(lens, rel=1e-6)
+    assert disc_within_reach(BALL, 2.0) is BALL
+    assert disc_within_reach(CAP.disc, reach) == CAP
+    with pytest.raises(InputError, match=r"a ball of radius 0\.3 m"):
+        disc_within_reach(BALL, 0.1)
+    model = StraightFlight.model
+    check_dimension(DISC, model)
+    for zone in (BALL, CUBES, CAP):
+        with pytest.raises(InputError, match="coordinates of the zone: got 3; allowed: 2, as the model lemon2024 has"):
+            check_dimension(zone, model)
+    assert usual_disc(2) == Disc()
+    assert usual_disc(3) == Disc((1.3, 0.0, 0.0))
 
 
 def test_cells_by_their_numbers():
@@ -75,7 +110,7 @@ def test_cells_by_their_numbers():
     assert CELLS.contains(np.array(points)).tolist() == [1, 1, 0, 1, 0, 0, 0, 0]
     assert CELLS.contains(np.array([[-0.01, 0.1], [0.81, -0.3], [0.7, -0.41], [0.1, 0.41]])).tolist() == [0] * 4
     assert CELLS.contains(np.array([points[:4], points[4:]])).shape == (2, 4)
-    assert CELLS.area == pytest.approx(4 * 0.04)
+    assert CELLS.size == pytest.approx(4 * 0.04)
     np.testing.assert_allclose(CELLS.box, [[0.0, -0.4], [0.8, 0.4]])
 
 
@@ -109,6 +144,24 @@ def test_the_reachable_region_of_straight_flights(rate, cell):
     assert (distance < high + cell).all()
     assert (centres > 0).all()  # no flight begins behind the origin
     assert len(reachable_region(StraightFlight(), BOUNDS, speed=2.1, count=500, cell=cell, rate=rate).corners) == 0
+
+
+IN_SPACE = StrikeBounds((0.0, 0.0, 0.0, *(0.1,) * 5, 0.05), (math.pi / 2, 0.5, math.pi / 2, *(0.3,) * 5, 0.1))
+
+
+def test_the_reachable_region_of_straight_flights_in_space():
+    """An eighth of a ball; heights are not drawn uniformly over it, so that its pole is full and its rim has holes."""
+    region = reachable_region(StraightFlightInSpace(), IN_SPACE, speed=1.9, count=4000, cell=0.1, rate=100.0, seed=1)
+    low, high = SPEED * (0.05 + T_STAY), SPEED * (0.1 + T_STAY)
+    centres = region.corners + 0.05
+    assert region.dimension == 3
+    assert (centres > 0).all()
+    assert (np.linalg.norm(centres, axis=1) < high + 0.1).all()
+    grid = (np.stack(np.meshgrid(*[np.arange(10)] * 3), axis=-1).reshape(-1, 3) + 0.5) * 0.1
+    distance = np.linalg.norm(grid, axis=1)
+    assert region.contains(grid[(distance > 0.1) & (distance < low - 0.1)]).all()
+    assert not region.contains(-grid).any()
+    assert len(reachable_region(StraightFlightInSpace(), IN_SPACE, speed=2.1, count=100, cell=0.1).corners) == 0
 
 
 def test_the_reachable_region_ends_at_reach():

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy.special import ndtr, stdtr
@@ -14,13 +14,10 @@ from scipy.special import ndtr, stdtr
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.parameters import number, whole
-from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds, shortened
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.target import Target, as_target
-
-if TYPE_CHECKING:
-    from whiptool.models.motor_limits import MotorLimits
 
 CLAIMED = 0.9  # probability from which a hit is claimed of a strike whose miss was measured
 
@@ -99,6 +96,28 @@ class SearchStopped(WhiptoolError):
         self.reason = reason
 
 
+class Limits(Protocol):
+    """What an arm can do: `MotorLimits`, or the `ArmLimits` of its joints."""
+
+    @property
+    def speeds(self) -> np.ndarray | None:
+        """Largest speed at which searches may command each joint to move [rad/s or m/s], (a,); None: any."""
+        ...
+
+    @property
+    def by_peaks(self) -> bool:
+        """Whether peaks alone decide."""
+        ...
+
+    def violation_of_peaks(self, outcome: Approach, /) -> np.ndarray:
+        """How far strikes are beyond the limits by their peaks alone, (B,); <= 0: surely within."""
+        ...
+
+    def violation(self, trajectory: Trajectory, /) -> float:
+        """How far a strike is beyond the limits; <= 0: within."""
+        ...
+
+
 class Objective:
     """Miss distance of strikes at one target, for one simulated arm and whip.
 
@@ -111,8 +130,8 @@ class Objective:
         max_time: No trial starts later than this after the objective was made [s]; None: no limit.
         stop_at_hit: End the search with the first hit.
         check_reach: Refuse a target out of reach.
-        limits: Of the arm's motors: a strike beyond their speed-torque line is refused: it is never a hit, and its miss
-            distance is larger than any real one and grows with how far it is beyond; None: motors can do anything.
+        limits: Of the arm's motors or joints: a strike beyond them is refused: it is never a hit, and its miss distance
+            is larger than any real one and grows with how far it is beyond; None: the arm can do anything.
 
     Attributes:
         trials: In order.
@@ -133,7 +152,7 @@ class Objective:
         max_time: float | None = None,
         stop_at_hit: bool = False,
         check_reach: bool = True,
-        limits: MotorLimits | None = None,
+        limits: Limits | None = None,
     ) -> None:
         self.rollout, self.target = rollout, as_target(target, rollout.model.dimension)
         if check_reach:
@@ -171,12 +190,25 @@ class Objective:
 
     @property
     def n_refused(self) -> int:
-        """Trials that were beyond the motors' limits."""
+        """Trials that were beyond the limits."""
         return sum(self.refuses(trial.outcome) for trial in self.trials)
 
     def refuses(self, outcome: Outcome) -> bool:
-        """Whether the outcome is that of a strike beyond the motors' limits."""
+        """Whether the outcome is that of a strike beyond the limits."""
         return self.limits is not None and not outcome.diverged and outcome.miss_distance > self.penalty
+
+    @property
+    def speeds(self) -> np.ndarray | None:
+        """Largest speed at which searches may command each joint to move [rad/s or m/s], (n,); None: any."""
+        return None if self.limits is None else self.limits.speeds
+
+    def admissible(self, strikes: np.ndarray) -> np.ndarray:
+        """Return strikes (B, 2 n + 1) for a search, shortened where joints would be commanded beyond their speeds.
+
+        They stay in the bounds. It is no promise: what joints really do depends on the whip and the controller, and is
+        judged with the outcome.
+        """
+        return strikes if self.speeds is None else np.clip(shortened(strikes, self.speeds), *self.bounds.box)
 
     def __call__(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike, a `Strike` or its vector, (2 n + 1,).
@@ -287,10 +319,12 @@ class Objective:
         return self._outcome(trajectory.approach(np.array(self.target.position)), 0, beyond)
 
     def _beyond(self, near: Approach, strikes: np.ndarray) -> np.ndarray:
-        """How far each strike is beyond the motors' line, (B,); <= 0: within. Peaks acquit, whole strikes convict."""
+        """How far each strike is beyond the limits, (B,); <= 0: within. Peaks acquit, whole strikes convict."""
         if self.limits is None:
             return np.zeros(len(strikes))
         beyond = self.limits.violation_of_peaks(near)
+        if self.limits.by_peaks:
+            return beyond
         for i in np.flatnonzero((beyond > 0) & np.isfinite(beyond)):
             strike = Strike.from_vector(strikes[i])
             beyond[i] = self.limits.violation(self.rollout.trajectory(strike, t_stay=self.t_stay))

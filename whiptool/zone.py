@@ -1,4 +1,4 @@
-"""Where targets are drawn: a disc (Fig. 5), or the cells of a grid that the tip can reach."""
+"""Where targets are drawn: a disc (Fig. 5), in space a ball, or the cells of a grid that the tip can reach."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import number
+from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.target import TARGET
 from whiptool.whole_files import write_npz
@@ -22,75 +22,106 @@ RADIUS = 0.1  # [m], Sect. 3.1.1
 
 
 class Zone(Protocol):
-    """A region of the plane."""
+    """A region of the plane or of space, of d = 2 or 3 dimensions."""
+
+    @property
+    def dimension(self) -> int:
+        """d: 2 in the plane, 3 in space."""
+        ...
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Its lower left and upper right corner, (2,) each [m]."""
+        """Its lowest and its highest corner, (d,) each [m]."""
         ...
 
     @property
-    def area(self) -> float:
-        """Area of the zone [m^2]."""
+    def size(self) -> float:
+        """Area of the zone [m^2], in space its volume [m^3]."""
         ...
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Points of the zone, (B, 2) [m], uniform over its area where the numbers (B, 3) are uniform in [0, 1)."""
+        """Points of the zone, (B, d) [m], uniform over it where the numbers (B, d + 1) are uniform in [0, 1)."""
         ...
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points (..., 2) [m] lie in it, (...); NaN does not."""
+        """Whether points (..., d) [m] lie in it, (...); NaN does not."""
         ...
 
 
+def check_dimension(zone: Zone, model: Model) -> None:
+    """Refuse a zone of the plane for a model in space, and the other way round.
+
+    Raises:
+        InputError: It is one.
+    """
+    if zone.dimension != model.dimension:
+        raise InputError("coordinates of the zone", zone.dimension, f"{model.dimension}, as the model {model.name} has")
+
+
 def sample(zone: Zone, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Uniformly random targets [m], (count, 2)."""
-    return zone.place(rng.random((count, 3)))
+    """Uniformly random targets [m], (count, d)."""
+    return zone.place(rng.random((count, zone.dimension + 1)))
+
+
+def directions(uniform: np.ndarray) -> np.ndarray:
+    """Return directions (B, d), uniform where the numbers (B, d - 1) are: of a circle, or of a sphere."""
+    angle = 2 * np.pi * uniform[:, 0]
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    if uniform.shape[1] == 1:
+        return circle
+    z = 2 * uniform[:, 1:2] - 1  # Archimedes: uniform along the axis
+    return np.concatenate([np.sqrt(1 - z**2) * circle, z], axis=1)
 
 
 @dataclass(frozen=True)
 class Disc:
-    """The paper's circle of targets.
+    """The paper's circle of targets; in space, a ball.
 
     Args:
-        centre: [m], not printed in the paper.
+        centre: [m], not printed in the paper; (2,), of a ball (3,).
         radius: [m], Sect. 3.1.1.
 
     Raises:
         InputError: A value is not finite, or the radius is not positive.
     """
 
-    centre: tuple[float, float] = TARGET
+    centre: tuple[float, ...] = TARGET
     radius: float = RADIUS
 
     def __post_init__(self) -> None:
-        if len(self.centre) != 2 or not all(map(math.isfinite, self.centre)):
-            raise InputError("centre of the zone", self.centre, "two finite coordinates x y in m")
+        if len(self.centre) not in (2, 3) or not all(map(math.isfinite, self.centre)):
+            raise InputError("centre of the zone", self.centre, "two finite coordinates x y in m, or three in space")
         number("radius of the zone", self.radius, low=0, strict=True)
 
     @property
+    def dimension(self) -> int:
+        """2 for a disc, 3 for a ball."""
+        return len(self.centre)
+
+    @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the square around it [m]."""
+        """Corners of the square or cube around it [m]."""
         return np.array(self.centre) - self.radius, np.array(self.centre) + self.radius
 
     @property
-    def area(self) -> float:
-        """Area of the zone [m^2]."""
-        return math.pi * self.radius**2
+    def size(self) -> float:
+        """Area of the disc [m^2], or volume of the ball [m^3]."""
+        return math.pi * self.radius**2 if self.dimension == 2 else 4 / 3 * math.pi * self.radius**3
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Points of the disc."""
-        angle, r = 2 * np.pi * uniform[:, 0], self.radius * np.sqrt(uniform[:, 1])
-        return np.array(self.centre) + np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+        """Points of the zone."""
+        d = self.dimension
+        r = self.radius * (np.sqrt if d == 2 else np.cbrt)(uniform[:, d - 1])
+        return np.array(self.centre) + r[:, None] * directions(uniform[:, : d - 1])
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points lie in the disc."""
-        return np.hypot(points[..., 0] - self.centre[0], points[..., 1] - self.centre[1]) <= self.radius
+        """Whether points lie in the zone."""
+        return np.linalg.norm(points - np.array(self.centre), axis=-1) <= self.radius
 
 
 @dataclass(frozen=True)
 class ReachableDisc:
-    """The part of a disc that lies within reach of the shoulder, which the disc's rim leaves.
+    """The part of a disc or ball that lies within reach of the shoulder, which the zone's rim leaves.
 
     Args:
         disc: All of it.
@@ -108,53 +139,90 @@ class ReachableDisc:
         if nearest >= self.reach:
             raise InputError(
                 "zone",
-                f"a disc of radius {self.disc.radius:g} m around {self.disc.centre} m",
+                f"{round_name(self.disc)} of radius {self.disc.radius:g} m around {self.disc.centre} m",
                 f"one that comes within {self.reach:.3f} m of the shoulder, the model's reach",
             )
 
     @property
+    def dimension(self) -> int:
+        """2 of a disc, 3 of a ball."""
+        return self.disc.dimension
+
+    @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the rectangle around it [m]."""
+        """Corners of the rectangle or block around it [m]."""
         lower, upper = self.disc.box
         return np.maximum(lower, -self.reach), np.minimum(upper, self.reach)
 
     @property
-    def area(self) -> float:
-        """Area of the zone [m^2]."""
-        return float(self._areas[1][-1])
+    def size(self) -> float:
+        """Area of the zone [m^2], in space its volume [m^3]."""
+        return float(self._sizes[1][-1])
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Points of the disc within reach: at random by the area up to their radius, and then on their arc."""
-        r = np.interp(uniform[:, 1] * self.area, self._areas[1], self._areas[0])
-        outward = math.atan2(self.disc.centre[1], self.disc.centre[0])
-        angle = outward + np.pi + (2 * uniform[:, 0] - 1) * self._half_arc(r)
-        return np.array(self.disc.centre) + np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+        """Points of the zone: at random by its size up to their radius, and then on their arc or cap."""
+        centre, d = np.array(self.disc.centre), self.dimension
+        r = np.interp(uniform[:, d - 1] * self.size, self._sizes[1], self._sizes[0])
+        half = self._half_arc(r)
+        if d == 2:
+            angle = math.atan2(centre[1], centre[0]) + np.pi + (2 * uniform[:, 0] - 1) * half
+            return centre + r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        along = 1 - uniform[:, 1] * (1 - np.cos(half))  # cosine of the angle from the cap's axis
+        around = directions(uniform[:, :1]) * np.sqrt(1 - along**2)[:, None]
+        return centre + r[:, None] * (along[:, None] * self._inward + around @ _across(self._inward))
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points lie in the disc and within reach."""
-        return self.disc.contains(points) & (np.hypot(points[..., 0], points[..., 1]) <= self.reach)
+        """Whether points lie in the disc or ball and within reach."""
+        return self.disc.contains(points) & (np.linalg.norm(points, axis=-1) <= self.reach)
+
+    @property
+    def _inward(self) -> np.ndarray:
+        """Direction from the centre to the shoulder, (d,)."""
+        centre = np.array(self.disc.centre)
+        distance = np.linalg.norm(centre)
+        return -centre / distance if distance > 0 else np.eye(len(centre))[0]
 
     @cached_property
-    def _areas(self) -> tuple[np.ndarray, np.ndarray]:
-        """Radii [m], and the area within each of them [m^2], by the trapezoidal rule."""
+    def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Radii [m], and the area [m^2] or volume [m^3] within each of them, by the trapezoidal rule."""
         r = np.linspace(0, self.disc.radius, 20_001)
-        return r, cumulative_trapezoid(2 * r * self._half_arc(r), r, initial=0)
+        half = self._half_arc(r)
+        rim = 2 * r * half if self.dimension == 2 else 2 * np.pi * r**2 * (1 - np.cos(half))
+        return r, cumulative_trapezoid(rim, r, initial=0)
 
     def _half_arc(self, r: np.ndarray) -> np.ndarray:
         """Half the angle [rad] of a circle about the disc's centre that lies within reach, by the law of cosines.
 
-        It lies around the direction from the disc's centre to the shoulder.
+        It lies around the direction from the disc's centre to the shoulder; of a sphere it is the angle of the cap.
         """
         distance = math.hypot(*self.disc.centre)
         cosine = (r**2 + distance**2 - self.reach**2) / np.maximum(2 * r * distance, 1e-300)
         return np.arccos(np.clip(cosine, -1, 1))
 
 
+def _across(axis: np.ndarray) -> np.ndarray:
+    """Return two unit vectors at right angles to a unit vector (3,) and to each other, (2, 3)."""
+    aside = np.eye(3)[np.abs(axis).argmin()]
+    first = np.cross(axis, aside)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first)])
+
+
+def usual_disc(dimension: int) -> Disc:
+    """Return the paper's disc, or the ball around the same point in space."""
+    return Disc((*TARGET, 0.0)[:dimension])
+
+
+def round_name(disc: Disc) -> str:
+    """Return what people call it: a disc, or a ball."""
+    return "a disc" if disc.dimension == 2 else "a ball"
+
+
 def disc_within_reach(disc: Disc, reach: float) -> Disc | ReachableDisc:
-    """Return the disc itself where all of it lies within reach [m] of the shoulder, else the part that does.
+    """Return the disc or ball itself where all of it lies within reach [m] of the shoulder, else the part that does.
 
     Raises:
-        InputError: No point of it does, or all that is within reach lies in the disc, whose radius says nothing then.
+        InputError: No point of it does, or all that is within reach lies in it, and its radius says nothing then.
     """
     widest = math.hypot(*disc.centre) + reach
     if disc.radius >= widest:
@@ -168,7 +236,7 @@ class Region:
     """Cells of a grid.
 
     Args:
-        corners: Lower left corner of each cell [m], (C, 2).
+        corners: Lowest corner of each cell [m], (C, d).
         cell: Width of a cell [m].
     """
 
@@ -176,19 +244,24 @@ class Region:
     cell: float
 
     @property
+    def dimension(self) -> int:
+        """2 of squares, 3 of cubes."""
+        return self.corners.shape[1]
+
+    @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the rectangle around it [m]."""
+        """Corners of the rectangle or block around it [m]."""
         return self.corners.min(axis=0), self.corners.max(axis=0) + self.cell
 
     @property
-    def area(self) -> float:
-        """Area of the zone [m^2]."""
-        return len(self.corners) * self.cell**2
+    def size(self) -> float:
+        """Area of the zone [m^2], in space its volume [m^3]."""
+        return len(self.corners) * self.cell**self.dimension
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
         """Points of the region."""
         which = np.minimum((uniform[:, 0] * len(self.corners)).astype(int), len(self.corners) - 1)
-        return self.corners[which] + self.cell * uniform[:, 1:3]
+        return self.corners[which] + self.cell * uniform[:, 1 : self.dimension + 1]
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Whether points lie in one of the cells."""
@@ -197,8 +270,7 @@ class Region:
         grid = np.zeros(taken.max(axis=0) + 3, bool)  # an empty row all around
         grid[tuple((taken + 1).T)] = True
         cells = np.floor((np.nan_to_num(points, nan=-np.inf) - lower) / self.cell)
-        i, j = np.moveaxis(np.clip(cells, -1, np.array(grid.shape) - 2).astype(int) + 1, -1, 0)
-        return grid[i, j]
+        return grid[tuple(np.moveaxis(np.clip(cells, -1, np.array(grid.shape) - 2).astype(int) + 1, -1, 0))]
 
     def save(self, path: Path) -> None:
         """Write an NPZ file, without pickle."""
@@ -221,7 +293,7 @@ class Region:
 def random_paths(
     rollout, bounds: StrikeBounds, count: int, rng: np.random.Generator, *, rate: float, progress: bool = False
 ) -> Iterator[np.ndarray]:
-    """Tip paths of random strikes, some thousands at a time: (b, S, 2) [m], NaN after a strike's end."""
+    """Tip paths of random strikes, some thousands at a time: (b, S, d) [m], NaN after a strike's end."""
     from tqdm import tqdm
 
     with tqdm(total=count, unit=" strikes", disable=not progress, leave=False) as bar:
@@ -258,16 +330,16 @@ def reachable_region(
     """
     reach = rollout.model.reach + cell
     n = 2 * math.ceil(reach / cell)
-    seen = np.zeros((n, n), bool)
+    seen = np.zeros((n,) * rollout.model.dimension, bool)
     rng = np.random.default_rng(seed)
     for paths in random_paths(rollout, bounds, count, rng, rate=rate, progress=progress):
         steps = np.diff(paths, axis=1)
-        fast = np.hypot(steps[..., 0], steps[..., 1]) * rate >= speed  # False for NaN
+        fast = np.linalg.norm(steps, axis=-1) * rate >= speed  # False for NaN
         starts, steps = paths[:, :-1][fast], steps[fast]
-        parts = max(1, math.ceil(float(np.hypot(*steps.T).max(initial=0)) / (cell / 2)))
+        parts = max(1, math.ceil(float(np.linalg.norm(steps, axis=-1).max(initial=0)) / (cell / 2)))
         for part in range(parts):
-            i, j = np.floor((starts + (part + 0.5) / parts * steps) / cell).astype(int).T + n // 2
-            seen[i, j] = True
+            cells = np.floor((starts + (part + 0.5) / parts * steps) / cell).astype(int) + n // 2
+            seen[tuple(cells.T)] = True
     corners = (np.argwhere(seen) - n // 2) * cell
-    farthest = np.hypot(*(np.abs(corners + cell / 2) + cell / 2).T)
+    farthest = np.linalg.norm(np.abs(corners + cell / 2) + cell / 2, axis=-1)
     return Region(corners[farthest <= rollout.model.reach], cell)

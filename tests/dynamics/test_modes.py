@@ -18,6 +18,7 @@ from whiptool.impedance import Controller
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
+from whiptool.models.spatial_arm import in_space
 from whiptool.models.strike import default_bounds
 from whiptool.rollout.compiled import TIMESTEP, CompiledRollout
 from whiptool.rollout.mujoco_model import build_spec
@@ -253,4 +254,22 @@ def test_stiff_whips_get_a_step_that_lets_nothing_grow(k: float, b: float):
 
 
 def test_published_whips_keep_the_usual_step():
-    assert all(steady_timestep(model, TIMESTEP) == TIMESTEP for model in PRESETS.values() if model.dimension == 2)
+    assert all(steady_timestep(model, TIMESTEP) == TIMESTEP for model in PRESETS.values())
+
+
+def test_a_step_is_as_steady_in_space_as_in_the_plane():
+    whip = dataclasses.replace(preset("lemon2024").whip, k=20.0, b=1e-3)
+    planar = Model(whip, ARM)
+    space = Model(dataclasses.replace(whip, joints="universal", node_inertia=1e-6), in_space(ARM))
+    assert steady_timestep(space, TIMESTEP) == pytest.approx(steady_timestep(planar, TIMESTEP), rel=1e-9)
+    assert steady_timestep(space, TIMESTEP) < TIMESTEP
+
+
+def test_a_whip_in_space_has_every_mode_of_the_plane_twice():
+    planar = preset("lemon2024")
+    space = Model(dataclasses.replace(planar.whip, joints="universal", node_inertia=0.0), in_space(ARM))
+    flat, both = hanging_modes(planar), hanging_modes(space)
+    np.testing.assert_allclose(both.frequencies, np.repeat(flat.frequencies, 2), rtol=1e-9)
+    rods = dataclasses.replace(space, whip=dataclasses.replace(space.whip, joints="rod"))
+    with pytest.raises(InputError, match="universal"):
+        linearise(rods, np.zeros(rods.n))

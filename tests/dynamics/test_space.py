@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -21,6 +22,7 @@ from random_space import (
 )
 
 from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.modes import linearise
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.constant import ConstantImpedance
@@ -79,6 +81,31 @@ def test_energies_and_mass_matrix_are_pinocchios(a: int, N: int):
         assert pytest.approx(v @ M @ v / 2, rel=1e-12) == T
         assert pytest.approx(pin.computePotentialEnergy(its, data, q) + springs, rel=1e-12, abs=1e-12) == V
         assert worst(loop.mass_matrix(q, p).full(), M) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_inverse_dynamics_undoes_forward_dynamics(seed: int):
+    """And linearised, it is the differences' slope of the accelerations."""
+    model = random_model(seed, 4, 5, forces=True)
+    loop, p = loop_of(model)
+    q, v, tau = random_state(model, seed)
+    n = model.n
+    s = [ca.SX.sym(name, n) for name in "qva"]
+    inverse = ca.Function("inverse", [*s, loop.p], [loop.inverse_dynamics(*s)])
+    a = loop.acceleration(np.r_[q, v], 0, p, tau).full()[:, 0]
+    found = inverse(q, v, a, p).full()[:, 0]
+    assert np.abs(found - np.r_[tau, np.zeros(10)]).max() < 1e-9
+    linear = linearise(model, q, v)
+    np.testing.assert_allclose(linear.M, loop.mass_matrix(q, p).full(), rtol=1e-9, atol=1e-12)
+    h = 1e-6
+    for matrix, k in ((linear.K, 0), (linear.C, 1)):
+        for j in range(n):
+            sides = []
+            for sign in (1, -1):
+                state = [q.copy(), v.copy()]
+                state[k][j] += sign * h
+                sides.append(inverse(*state, 0, p).full()[:, 0])
+            np.testing.assert_allclose(matrix[:, j], (sides[0] - sides[1]) / (2 * h), rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(4))

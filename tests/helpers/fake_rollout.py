@@ -27,7 +27,7 @@ class StraightFlight(Rollout):
 
     def approach(self, strikes: np.ndarray, targets: np.ndarray, *, t_stay: float) -> Approach:
         self.rolled.append(len(strikes))
-        targets = np.broadcast_to(targets, (len(strikes), 2))
+        targets = np.broadcast_to(targets, (len(strikes), self.model.dimension))
         direction = self.directions(strikes)
         along = np.clip((targets * direction).sum(axis=1), 0, SPEED * (strikes[:, -1] + t_stay))
         tip = along[:, None] * direction
@@ -51,3 +51,14 @@ class StraightFlight(Rollout):
         paths[t[None] > ends[:, None]] = np.nan
         paths[strikes[:, 1] > self.wild_above, 1:] = np.nan
         return t, paths, None
+
+
+class StraightFlightInSpace(StraightFlight):
+    """The same in space: the first angle of a strike is the tip's azimuth, the third its height."""
+
+    model = preset("nah2023")
+
+    def directions(self, strikes: np.ndarray) -> np.ndarray:
+        azimuth, height = strikes[:, 0], strikes[:, 2]
+        level = np.cos(height)
+        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(height)], axis=1)

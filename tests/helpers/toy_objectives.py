@@ -22,12 +22,16 @@ class Recorder:
     """An objective that keeps every generation in units of the box; misses are a function of the individual."""
 
     penalty = 10.0
+    speeds = None
 
     class bounds:
         box = (LOWER, UPPER)
 
     def __init__(self, generations: int, miss) -> None:
         self.generations, self.miss, self.seen = generations, miss, []
+
+    def admissible(self, strikes: np.ndarray) -> np.ndarray:
+        return strikes
 
     def batch(self, strikes: np.ndarray) -> list[Outcome]:
         assert ((strikes >= LOWER) & (strikes <= UPPER)).all()
@@ -45,12 +49,16 @@ class Bowl:
     """The miss is the distance from the minimum, at least `floor`; its slope has a kink there."""
 
     bounds = BOUNDS
+    speeds = None
 
     def __init__(self, floor: float = 0.0, most: int = 10**6) -> None:
         self.floor, self.most, self.batches, self.refined = floor, most, [], []
 
     def miss(self, x: np.ndarray) -> np.ndarray:
         return np.sqrt(((x - MINIMUM) ** 2).sum(axis=-1) + self.floor**2)
+
+    def admissible(self, strikes):
+        return strikes
 
     def batch(self, strikes):
         self.batches.append(strikes)

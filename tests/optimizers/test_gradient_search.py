@@ -6,7 +6,8 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from toy_objectives import BOUNDS, Bowl, Enough
+import scipy.optimize
+from toy_objectives import BOUNDS, MINIMUM, Bowl, Enough
 
 from whiptool.optimizers.gradient_search import BATCH, REFINED, STEPS, gradient_search, refine
 
@@ -76,3 +77,24 @@ def test_it_ends_at_the_target_and_where_it_is_told():
     assert len(bowl.batches) == 1
     with pytest.raises(Enough):
         gradient_search(Bowl(floor=0.01, most=7), seed=0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("fastest", [0.1, 1.0])
+def test_a_refinement_keeps_the_commanded_speeds(fastest):
+    """The nearest strike to the minimum among the admissible ones: a quadratic program, by SciPy."""
+    bowl = Bowl()
+    bowl.speeds = np.array([np.inf, fastest])  # of the elbow alone, which the minimum moves by -0.4 in 1.1 s
+    start = np.array([0.9, 0.3, 5.5, 0.3, 0.5])
+    refine(bowl, start)  # type: ignore[arg-type]
+    strikes = np.array(bowl.refined)
+    assert (15 / 8 * np.abs(strikes[:, 3] - strikes[:, 1]) / strikes[:, 4] <= fastest * (1 + 1e-6)).all()
+    lower, upper = BOUNDS.box
+    expected = scipy.optimize.minimize(
+        lambda x: ((x - MINIMUM) ** 2).sum(),
+        start,
+        bounds=list(zip(lower, upper, strict=True)),
+        constraints={"type": "ineq", "fun": lambda x: fastest * x[4] - 15 / 8 * np.array([x[3] - x[1], x[1] - x[3]])},
+    )
+    best = strikes[bowl.miss(strikes).argmin()]
+    np.testing.assert_allclose(best, expected.x, atol=2e-3)
+    assert (bowl.miss(best) > 1e-3) == (fastest == 0.1)

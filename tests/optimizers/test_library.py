@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from fake_rollout import SPEED, StraightFlight
+from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
@@ -44,6 +44,17 @@ def test_the_nearest_in_closed_form(target):
     nearest = np.linalg.norm(strikes[:, None] - kept.strikes[None], axis=2).argmin(axis=1)
     np.testing.assert_allclose(distance[nearest], found, atol=2e-6)
     assert len(kept.nearest(target)[0]) == 1
+
+
+def test_the_nearest_in_space():
+    box = StrikeBounds((-1.0, 0.0, -1.0, *(0.0,) * 5, 0.4), (1.0, 0.5, 1.0, *(0.1,) * 5, 1.0))
+    kept = StrikeLibrary.random(StraightFlightInSpace(), box, 500, seed=3)  # type: ignore[arg-type]
+    target = np.array([0.5, 0.2, -0.3])
+    along = np.clip(StraightFlightInSpace().directions(kept.strikes) @ target, 0, None)
+    distance = np.linalg.norm(along[:, None] * StraightFlightInSpace().directions(kept.strikes) - target, axis=1)
+    strikes, found = kept.nearest(target, 3)
+    np.testing.assert_allclose(found, np.sort(distance)[:3], atol=2e-6)
+    np.testing.assert_array_equal(strikes, kept.strikes[np.argsort(distance)[:3]])
 
 
 def test_paths_that_stand_still_or_are_no_paths():

@@ -65,6 +65,33 @@ def test_the_budget_is_kept_exactly_and_the_best_is_kept(method):
     assert all((lower <= trial.strike).all() and (trial.strike <= upper).all() for trial in result.trace)
 
 
+class Slow:
+    """Limits of the commanded speeds alone."""
+
+    speeds, by_peaks = np.array([0.5, np.inf]), True
+
+    def violation_of_peaks(self, near):
+        return np.full(len(near.distance), -1.0)
+
+    def violation(self, trajectory):
+        raise NotImplementedError("peaks say all")
+
+
+@pytest.mark.parametrize("method", [*METHODS, "nlopt:GN_CRS2_LM"])
+def test_every_search_commands_admissible_speeds(method):
+    bounds = StrikeBounds((0.0, 0.0, 0.1, 0.0, 0.5), (1.0, 1.0, 0.9, 1.0, 1.5))  # where q_f has bounds, they come first
+    objective = Objective(Bowl(), Target(hit_radius=1e-9), bounds=bounds, max_trials=90, limits=Slow())
+    strikes = np.array([trial.strike for trial in search(objective, method, seed=1).trace])
+    assert len(strikes) > 30
+    moved, farthest = np.abs(strikes[:, 2] - strikes[:, 0]), 0.5 * strikes[:, 4] / (15 / 8)
+    inside = (strikes[:, 2] > 0.1) & (strikes[:, 2] < 0.9)
+    assert (moved <= farthest + 1e-6)[inside].all()
+    assert inside.mean() > 0.5
+    assert (np.abs(strikes[:, 3] - strikes[:, 1]) > farthest).any()  # the other joint may be fast
+    lower, upper = bounds.box
+    assert ((lower <= strikes) & (strikes <= upper)).all()
+
+
 @pytest.mark.parametrize(
     ("method", "close"),
     [

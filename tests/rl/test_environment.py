@@ -201,3 +201,34 @@ def test_stable_baselines_learns_on_it_unchanged():
     learner.learn(700)
     seen, _ = envs.reset(options={"targets": targets})
     assert share_hit(learner.predict(seen, deterministic=True)[0]) > chance + 0.25
+
+
+def test_environments_in_space():
+    """Lanes equal single environments, a step equals the objective's trial, and both show three coordinates."""
+    options = {"model": "nah2023", "controller": "nah2023", "zone": Disc((1.7, 0.3, 0.2), 0.3), "hit_radius": 0.1}
+    many, one = gymnasium.make_vec(ID, num_envs=3, **options), gymnasium.make(ID, **options).unwrapped
+    assert many.single_observation_space.shape == many.single_action_space.shape == (9,)
+    targets = np.array([[1.7, 0.3, 0.2], [1.8, 0.2, 0.1], [1.6, 0.4, 0.3]])
+    obs, _ = many.reset(seed=0, options={"targets": targets})
+    np.testing.assert_allclose(obs[:, 6:], targets, rtol=1e-6)
+    np.testing.assert_allclose(obs[:, 3:6], 0)
+    actions = np.random.default_rng(0).uniform(-1, 1, (3, 9))
+    obs, rewards, _, _, info = many.step(actions)
+    objective = Objective(one.task.rollout, Target((1.7, 0.3, 0.2), 0.1))
+    for lane in range(3):
+        one.reset(options={"target": targets[lane]})
+        assert one.render() is None
+        seen, reward, *_, told = one.step(actions[lane])
+        np.testing.assert_allclose(obs[lane], seen, rtol=1e-6)
+        assert (rewards[lane], info["miss_distance"][lane]) == (reward, told["miss_distance"])
+    outcome = objective(one.task.to_strikes(actions[:1])[0])
+    np.testing.assert_allclose(obs[0], [*outcome.tip, *outcome.tip_velocity, *targets[0]], rtol=1e-6)
+    with pytest.raises(InputError, match=r"target: got .* finite numbers in the shape \(3,\)"):
+        one.reset(options={"target": (1.0, 0.2)})
+    shown = gymnasium.make(ID, render_mode="rgb_array", **options).unwrapped
+    shown.reset(seed=0)
+    pictures = [shown.render()]
+    shown.step(actions[0])
+    pictures.append(shown.render())
+    assert [picture.shape for picture in pictures] == [(480, 640, 3)] * 2
+    assert (pictures[0] != pictures[1]).any()

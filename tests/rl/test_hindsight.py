@@ -59,6 +59,24 @@ def test_new_targets_by_their_numbers():
     np.testing.assert_allclose(away, zone.place(uniform[:, :3]))
 
 
+def test_new_targets_in_space_lie_around_the_path():
+    """Two hit radii from it where they are not anywhere in the ball, to all sides alike."""
+    zone, rng = Disc((0.0, 0.0, 0.0), 0.5), np.random.default_rng(0)
+    path = np.zeros((2000, 3, 3))  # stays in the middle
+    uniform = rng.random((2000, 8))
+    targets = hindsight.new_targets(path, zone, 0.1, uniform)
+    distance = np.linalg.norm(targets, axis=1)
+    shares = [np.mean(np.isclose(distance, 0.1 * offset)) for offset in hindsight.NEAR]
+    assert shares == pytest.approx([1 / 3] * 3, abs=0.04)
+    outer = targets[np.isclose(distance, 0.2)] / 0.2
+    assert np.abs(outer.mean(axis=0)).max() < 0.08
+    np.testing.assert_allclose((outer**2).mean(axis=0), 1 / 3, atol=0.04)
+    away = hindsight.new_targets(path + 5, zone, 0.1, uniform)
+    np.testing.assert_array_equal(away, zone.place(uniform[:, :4]))
+    missed, point, i = hindsight.nearest(np.array([[[0.0, 0, 1], [0, 2, 1], [3, 2, 1]]]), np.array([[1.0, 1.5, 0]]))
+    assert (missed[0], point[0].tolist(), i[0]) == (pytest.approx(math.sqrt(1.25)), [1.0, 2.0, 1.0], 1)
+
+
 def test_a_path_passes_between_its_samples():
     """A right angle: feet within each stretch, the corner, both ends; a path of a single point is none."""
     path = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from fake_rollout import SPEED, StraightFlight
+from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
+from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.task import StrikeTask, log_reward, reward
 from whiptool.zone import Disc
@@ -78,6 +79,54 @@ def test_a_step_on_a_straight_flight(observation):
     np.testing.assert_allclose(renewed, t.first_look(targets + 0.1))
     assert t.counts.tolist() == [0, 0, 0]
     np.testing.assert_allclose(t.targets, targets + 0.1)
+
+
+BALL = Disc((1.0, 0.2, 0.1), 0.4)
+IN_SPACE = StrikeBounds((-0.5, 0.0, -0.5, *(0.1,) * 5, 0.4), (0.5, 1.0, 0.5, *(0.3,) * 5, 1.0))
+
+
+@pytest.mark.parametrize("observation", ["paper", "relative", "goal"])
+def test_a_step_in_space(observation):
+    t = StrikeTask(StraightFlightInSpace(), BALL, bounds=IN_SPACE, observation=observation, hit_radius=0.1)  # type: ignore[arg-type]
+    assert (t.n_act, t.n_obs) == (9, 9 if observation == "goal" else 6)
+    targets = np.array([[1.0, 0.0, 0.0], [1.0, 0.3, 0.1]])
+    first = t.reset(targets)
+    hand = np.array([0.0, 0.0, -0.585])  # of the person's arm, hanging
+    assert t.resting_tip[2] < hand[2] * np.cos(0.5)
+    np.testing.assert_allclose(
+        first[:, :3], t.resting_tip - (targets if observation == "relative" else 0 * targets), atol=1e-12
+    )
+    step = t.step(np.zeros((2, 9)))  # straight ahead
+    tip = np.array([[1.0, 0, 0], [1.0, 0, 0]])
+    shown = [tip - targets if observation == "relative" else tip, np.array([[SPEED, 0, 0]] * 2)]
+    shown += [targets] if observation == "goal" else []
+    np.testing.assert_allclose(step.obs, np.hstack(shown), atol=1e-12)
+    assert step.hit.tolist() == [True, False]
+    assert t.penalty == pytest.approx(t.rollout.model.reach + math.sqrt(3) * 1.4)
+    seen = t.normalise(step.obs)
+    where = shown[0] if observation == "relative" else tip - BALL.centre  # a ball narrower than a metre
+    np.testing.assert_allclose(seen[:, :3], where, atol=1e-12)
+    np.testing.assert_allclose(seen[:, 3:6], shown[1] / 10)
+    np.testing.assert_allclose(
+        seen[:, 6:], (targets - BALL.centre) / 0.4 if observation == "goal" else np.empty((2, 0)), atol=1e-12
+    )
+
+
+def test_the_arm_rests_where_strikes_start_in_space():
+    """The whip hangs straight down from the hand of the arm in the middle of its box."""
+    t = StrikeTask(StraightFlightInSpace(), BALL, bounds=IN_SPACE)  # type: ignore[arg-type]
+    hand, nodes = t.resting[4], t.resting[5:]
+    np.testing.assert_allclose(nodes[:, :2], np.tile(hand[:2], (25, 1)), atol=1e-9)
+    np.testing.assert_allclose(hand[2] - nodes[:, 2], 0.072 * np.arange(1, 26))
+    flexion, abduction, rotation, elbow = 0.0, 0.5, 0.0, 0.2  # middle of q_i
+    assert hand[2] == pytest.approx(-np.cos(abduction) * (0.294 * np.cos(flexion) + 0.291 * np.cos(flexion + elbow)))
+    assert rotation == 0
+
+
+def test_a_task_has_a_zone_of_its_models_space():
+    assert StrikeTask(StraightFlightInSpace()).zone == Disc((1.3, 0.0, 0.0))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="coordinates of the zone: got 2; allowed: 3"):
+        StrikeTask(StraightFlightInSpace(), ZONE)  # type: ignore[arg-type]
 
 
 def test_only_lanes_that_ended_are_renewed():

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from fake_rollout import SPEED, StraightFlight
+from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
 from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
@@ -129,3 +129,31 @@ def test_relabelled_strikes_are_those_of_the_straight_line():
         hits += int(new.terminated.sum())
     assert hits > 20
     assert math.isfinite(float(struck.reward.mean()))
+
+
+def in_space(plan: Plan) -> Training:
+    box = StrikeBounds((-0.5, 0.0, -0.5, *(0.1,) * 5, 0.4), (0.5, 1.0, 0.5, *(0.3,) * 5, 1.0))
+    task = StrikeTask(StraightFlightInSpace(), Disc((1.0, 0.0, 0.2), 0.3), bounds=box, observation="goal")  # type: ignore[arg-type]
+    learner = make_learner("sac", settings_for("sac", hidden=(16,)), task, torch.Generator().manual_seed(4))
+    return Training(learner, task, plan)
+
+
+def test_a_training_in_space_goes_on_from_its_checkpoint(tmp_path):
+    """With relabelled strikes: from the middle on the same episodes, and the same weights at the end."""
+    plan = Plan(episodes=6, trials=20, random_episodes=2, hindsight=1)
+    whole = in_space(plan)
+    episodes = whole.run()
+    first = in_space(plan)
+    first.run(episodes=3)
+    first.save(tmp_path / "checkpoint.pt")
+    second = in_space(plan)
+    second.load(tmp_path / "checkpoint.pt")
+    assert second.run() == episodes[3:]
+    for a, b in zip(whole.learner.actor.parameters(), second.learner.actor.parameters(), strict=True):  # type: ignore[attr-defined]
+        assert torch.equal(a, b)
+    assert (whole.learner.n_obs, whole.learner.n_act) == (9, 9)
+    assert whole.task.zone.contains(whole.task.targets).all()
+    plane = StrikeTask(StraightFlight(), ZONE, observation="goal")  # type: ignore[arg-type]
+    learner = make_learner("sac", settings_for("sac", hidden=(16,)), plane, torch.Generator().manual_seed(4))
+    with pytest.raises(InputError, match="sizes"):
+        Training(learner, plane, plan).load(tmp_path / "checkpoint.pt")

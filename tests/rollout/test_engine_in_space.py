@@ -14,12 +14,13 @@ from whiptool.errors import InputError
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.oiac import OIAC
+from whiptool.models.kinematics import chain_motion
 from whiptool.models.parameters import Model
 from whiptool.models.presets import preset
 from whiptool.models.spatial_arm import in_space
 from whiptool.models.strike import default_bounds
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.rollout.engine import RUNGS
+from whiptool.rollout.engine import RUNGS, find_engine
 from whiptool.rollout.reference import ReferenceRollout
 
 RNG = np.random.default_rng(8)
@@ -200,3 +201,18 @@ def test_targets_of_another_dimension_are_refused():
         CompiledRollout(MODEL, CONSTANT).approach(STRIKES[:1], [1.0, 0.0])
     with pytest.raises(InputError, match="in the plane"):
         CompiledRollout(preset("lemon2024"), Controller()).approach(np.ones((1, 5)), [1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("name", RUNGS)
+def test_every_engine_observes_the_places_of_joints_and_nodes(name: str):
+    rollout = CompiledRollout(MODEL, CONSTANT, timestep=1e-3, engine=name)
+    batch = rollout._batch(STRIKES[:3], TARGETS[:3], 0.1)
+    batch.with_rows, batch.columns, batch.stride = True, np.arange(3 * (A + N)), 7
+    rolled = find_engine(rollout.structure, forward=False, rung=name)(batch)
+    n = MODEL.n
+    assert rolled.rows is not None
+    assert rolled.first_row is not None
+    for seen, first, steps in zip(rolled.observed()[0], rolled.first_row, batch.steps, strict=True):
+        rows = rolled.rows[first : first + steps + 1 : 7]
+        places, _ = chain_motion(MODEL, rows[:, 1 : 1 + n])  # the first joint's is not among the links' ends
+        np.testing.assert_allclose(seen.reshape(len(seen), -1, 3), places[:, 1:], atol=1e-12)

@@ -144,6 +144,8 @@ class ComparisonOptions(
 class CompareOptions(ComparisonOptions):
     """Trials to the first hit of many random targets, method by method (Fig. 6)."""
 
+    in_space: ClassVar[bool] = True
+
     methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
     """Methods of whiptool.optimize; random always stands beside them. sac, td3, ddpg, ppo are trained once per seed."""
     observation: tuple[Observation, ...] = ("paper", "relative", "goal")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
@@ -24,6 +24,10 @@ from whiptool.options import (
     SimulatorOptions,
     TargetOptions,
 )
+
+if TYPE_CHECKING:
+    from whiptool.models import Model, MotorLimits
+    from whiptool.models.arm_limits import ArmLimits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +49,9 @@ class OptimizeOptions(
     """How strikes are searched; nlopt:NAME is any of NLopt's global algorithms, such as nlopt:GN_CRS2_LM."""
     max_time: float | None = None
     """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
-    limits: Literal["xm430"] | None = None
-    """Strikes beyond this motor's speed-torque line are refused, and count as misses."""
+    limits: Literal["xm430", "arm", "none"] | None = None
+    """Strikes beyond this motor's speed-torque line, or beyond the arm's limits of position, velocity and torque, are
+    refused, and count as misses; default: arm, where its joints have limits."""
     stop_at_hit: bool = True
     """End with the first hit, or the batch that holds it; otherwise go on to come closer."""
     video: bool = True
@@ -63,6 +68,15 @@ class OptimizeOptions(
             raise InputError("--method", self.method, "one without derivatives, beside --simulator reference")
         if self.max_time is not None:
             number("--max-time", self.max_time, low=0, strict=True)
+
+    def build_limits(self, model: Model) -> MotorLimits | ArmLimits | None:
+        """Return the limits that strikes have to keep; None: there are none."""
+        from whiptool.models.arm_limits import ArmLimits
+        from whiptool.models.motor_limits import limits_preset
+
+        if self.limits == "arm" or (self.limits is None and ArmLimits.are_in(model.arm)):
+            return ArmLimits.of(model.arm)
+        return None if self.limits in (None, "none") else limits_preset(self.limits)
 
 
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
@@ -85,18 +99,17 @@ class _Run:
     """One search: everything is checked before anything is written."""
 
     def __init__(self, options: OptimizeOptions) -> None:
-        from whiptool.models.motor_limits import limits_preset
         from whiptool.objective import Objective
         from whiptool.optimizers.trial_log import TRIALS, TrialLog
         from whiptool.runs import code_version
 
         self.options = options
-        limits = None if options.limits is None else limits_preset(options.limits)
         self.model, self.controller = options.build_model(), options.build_controller()
         self.target = options.build_target()
         self.target.check_reach(self.model)
         self.controller.check_fits(self.model.arm)
         self.rollout = options.build_rollout(self.model, self.controller)
+        self.limits = options.build_limits(self.model)
         self.objective = Objective(
             self.rollout,
             self.target,
@@ -105,7 +118,7 @@ class _Run:
             max_trials=options.max_trials,
             max_time=options.max_time,
             stop_at_hit=options.stop_at_hit,
-            limits=limits,
+            limits=self.limits,
         )
         self.version = code_version()
         bounds = {name: list(values) for name, values in asdict(self.objective.bounds).items()}
@@ -154,9 +167,10 @@ class _Run:
         summary = self._summary(result, reference=replayed)
         trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
         summary["warning"] = self._refine(result, trajectory)
-        if self.objective.limits is not None:
-            usage = self.objective.limits.violation(trajectory) + 1
-            summary |= {"n_refused": self.objective.n_refused, "motor_usage": usage if isfinite(usage) else None}
+        if self.limits is not None:
+            usage = self.limits.violation(trajectory) + 1
+            key = f"{self.limits.judges}_usage"
+            summary |= {"n_refused": self.objective.n_refused, key: usage if isfinite(usage) else None}
         self.folder.write_result(summary)
         files = save_strike(
             self.folder.path,
@@ -182,7 +196,7 @@ class _Run:
 
         from whiptool.rollout.reference import AGREEMENT, replay
 
-        if result.outcome.diverged or self.objective.refuses(result.outcome):
+        if result.outcome.diverged or self.objective.refuses(result.outcome) or self.model.whip.joints == "rod":
             return {"miss_distance": None, "difference": None}
         expected = result.outcome.miss_distance
         target = np.array(self.target.position)
@@ -246,7 +260,7 @@ class _Run:
         }
 
     def _text(self, result, summary: dict, files: list[str]) -> str:
-        bounds, limits = self.objective.bounds, self.objective.limits
+        bounds = self.objective.bounds
         refused = self.objective.refuses(result.outcome)
         batch = result.status.value == "hit" and result.first_hit != result.n_trials
         first = f" (number {result.first_hit} was the first hit; batches are struck whole)" if batch else ""
@@ -255,20 +269,22 @@ class _Run:
             f" ({result.n_diverged} diverged)",
             *strike_lines(summary["strike"], zip(bounds.lower, bounds.upper, strict=True)),
             *(
-                ["  outcome        refused, as was every strike tried: beyond the motors' limits"]
+                ["  outcome        refused, as was every strike tried: beyond the limits"]
                 if refused
                 else outcome_lines(result.outcome, self.target, self.model.arm.joints)
             ),
         ]
-        if limits is not None and summary["motor_usage"] is not None:
+        if self.limits is not None and summary[f"{self.limits.judges}_usage"] is not None:
+            used, what = summary[f"{self.limits.judges}_usage"], self.limits.words
             lines.append(
-                f"  motors         {summary['motor_usage']:.0%} of the {limits.name}'s speed-torque line at the worst "
-                f"instant; {summary['n_refused']} strikes beyond it were refused"
+                f"  {self.limits.judges + 's':14s} {used:.0%} of {what} at the worst instant; "
+                f"{summary['n_refused']} strikes beyond were refused"
             )
         reference = summary["reference"]
         if reference["miss_distance"] is None:
             spared = result.outcome.diverged or refused
             said = "not asked for such a strike" if spared else "not confirmed: no result in MuJoCo"
+            said = "none: MuJoCo has no rods" if self.model.whip.joints == "rod" else said
             lines.append(f"  reference      {said}")
         else:
             lines.append(
@@ -284,10 +300,11 @@ def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
     """A strike for people, with the bounds in which it was searched if given."""
     lines = []
     limits = list(bounds) if bounds is not None else [None] * len(strike)
+    width = max(14, *map(len, strike))
     for (name, value), limit in zip(strike.items(), limits, strict=True):
         text = f"{value:.4f} s" if name == "D" else cli.degrees(value)
         within = "" if limit is None else f"   within {limit[0]:+.4f} .. {limit[1]:+.4f}"
-        lines.append(f"  {name:14s} {text:27s}{within}")
+        lines.append(f"  {name:{width}s} {text:27s}{within}")
     return lines
 
 
@@ -297,13 +314,14 @@ def outcome_lines(outcome, target, joints: Sequence[str]) -> list[str]:
         cure = "a stiff or hardly damped whip needs a smaller --timestep"
         return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
+    width = max(14, *map(len, joints))
     said = "hit" if outcome.hit else "missed"
     return [
         f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
         f"hit radius {target.hit_radius:.3f} m",
         f"  tip speed      {outcome.tip_speed:.1f} m/s",
         *(
-            f"  {joint:14s} at most {speed:.1f} rad/s, {torque:.1f} N m"
+            f"  {joint:{width}s} at most {speed:.1f} rad/s, {torque:.1f} N m"
             for joint, speed, torque in zip(joints, outcome.max_joint_speed, outcome.max_torque, strict=True)
         ),
     ]

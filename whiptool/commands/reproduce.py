@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from whiptool.studies.comparison import Comparison
 
 REPORT = "report.html"
-Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "all"]
+Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "all"]
 Row = Literal["nominal", "robust", "correction", "sac", "told", "uniform", "adapt", "still", "wiggle", "chain"]
+OTHER_PAPER = "nah2023"
+_OF_ANY_PAPER = {"what", "workers", "cluster", "quick", "out", "resume", "json"}  # options
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +37,7 @@ class ReproduceOptions(ComparisonOptions):
 
     what: tyro.conf.Positional[Part] = "all"
     """Which of them: table4 goes with Fig. 8, hard is 1 cm everywhere, sim2real Figs. 9 and 10, adapt unknown whips
-    (hours of its own), and all is all but adapt."""
+    (hours of its own), nah2023 another paper, of an arm in space (minutes), and all is all but these two."""
     whips: int = 100
     """Unknown whips of each family, in adapt."""
     whip_targets: int = 3
@@ -69,9 +71,12 @@ class ReproduceOptions(ComparisonOptions):
                 check_zone(zone, self.target, reach)
             except InputError as error:
                 raise error.renamed("--further-zones") from None
+        usual = ReproduceOptions(**QUICK) if self.quick else None
+        if self.what == OTHER_PAPER:
+            idle = {f.name for f in fields(self)} - _OF_ANY_PAPER
+            refuse_idle(self, dict.fromkeys(sorted(idle), "nothing with nah2023, which has its own"), usual)
         if self.what != "adapt":
             refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows"), "nothing but with adapt"))
-        usual = ReproduceOptions(**QUICK) if self.quick else None
         further = ("further_zones", "further_methods", "further_observation")
         if self.what not in ("fig6", "all"):
             refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
@@ -95,8 +100,11 @@ def _main(args: Sequence[str] | None) -> int:
     from whiptool.studies.comparison.plan import OBSERVATIONS, PAPER_METHODS
 
     with cli.options_named(options):
-        comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
-        further = options.comparison(options.further_methods, options.further_observation)
+        if options.what == OTHER_PAPER:
+            comparison = further = _other_paper(options)
+        else:
+            comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
+            further = options.comparison(options.further_methods, options.further_observation)
         with open_folder("reproduce", options, comparison) as folder:
             return _reproduce(options, comparison, further, folder)
 
@@ -108,7 +116,8 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     from whiptool.viz.report import to_html
 
     scene = comparison.scene
-    options.warn_if_coarse(scene.model, scene.controller, options.target, scene.t_stay)
+    if options.what != OTHER_PAPER:
+        options.warn_if_coarse(scene.model, scene.controller, options.target, scene.t_stay)
     store = Store(folder.path, workers=options.processes(), cluster=options.cluster)
     context = Context(
         comparison,
@@ -124,12 +133,8 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     for name in ALL if options.what == "all" else [options.what]:
         print(f"whiptool: {name}", file=sys.stderr)
         sections += PARTS[name](context)
-        text = to_html(
-            "A whip, a target, and six ways to learn",
-            _SUBTITLE + (_QUICK if options.quick else ""),
-            _facts(options, comparison),
-            sections,
-        )
+        title, subtitle, facts = _head(options, comparison)
+        text = to_html(title, subtitle + (_QUICK if options.quick else ""), facts, sections)
         write_whole(folder.path / REPORT, text)  # after each part: a killed run has shown something
     claims = [asdict(claim) for section in sections for claim in section.claims]
     summary = {
@@ -150,14 +155,31 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     return 0
 
 
+def _other_paper(options: ReproduceOptions) -> Comparison:
+    """A comparison that only tells the run folder what model and controller are: this paper trains no learner."""
+    from whiptool.studies.reproduction import nah2023
+
+    comparison = options.comparison(("directl",), ())
+    return replace(comparison, scene=replace(comparison.scene, model=nah2023.NAH2023, controller=nah2023.CONTROLLER))
+
+
+def _head(options: ReproduceOptions, comparison: Comparison) -> tuple[str, str, dict[str, str]]:
+    """Title, subtitle and facts of the report."""
+    if options.what == OTHER_PAPER:
+        from whiptool.studies.reproduction import nah2023
+
+        return nah2023.TITLE, nah2023.SUBTITLE, nah2023.facts()
+    return "A whip, a target, and six ways to learn", _SUBTITLE, _facts(options, comparison)
+
+
 _SUBTITLE = (
     "The LEMON framework (Wang, Xiong, Tolu and Gorb 2024, doi:10.1007/s42235-024-00534-2), its claims and what was "
     "measured here. Verdicts are computed from the data."
 )
-_QUICK = " Quick form: it shows that all works; its training is far too short to judge the paper by."
+_QUICK = " Quick form: it shows that all works; it is far too short to judge the paper by."
 
 
-def _facts(options: ReproduceOptions, comparison) -> dict[str, str]:
+def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
     """What was run, for the report's head."""
     from whiptool.models.strike import default_bounds, strike_names
     from whiptool.runs import code_version

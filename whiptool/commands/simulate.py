@@ -32,7 +32,7 @@ class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOption
     in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None
-    """q_si q_ei q_sf q_ef [rad] and D [s]."""
+    """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints."""
     export: Path | None = None
     """Write the model as MJCF for MuJoCo's own viewer."""
     video: bool = True
@@ -46,9 +46,9 @@ class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOption
         if self.strike is not None:
             Strike.from_vector(self.strike)
         elif self.export is None:
-            raise InputError("--strike", NOTHING, "five numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
+            raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
         else:
-            used = ("model", "target", "export")
+            used = ("model", "arm", "target", "export")
             refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
 
 

@@ -64,6 +64,7 @@ class TrainOptions(
     """Train a policy that strikes at any target of a zone; the zone's centre is --target."""
 
     changeable: ClassVar[tuple[str, ...]] = ("checkpoint_every",)
+    in_space: ClassVar[bool] = True
 
     method: Learner = "sac"
     """Which learner."""
@@ -288,7 +289,7 @@ class _Run:
             "n_diverged": self.training.task.n_diverged,
             "wall_time": seconds,
             "tests": self.options.tests,
-            "zone_area": self.zone.area,
+            ("zone_area" if self.zone.dimension == 2 else "zone_volume"): self.zone.size,
             "hit_radius": self.options.hit_radius,
             "trials_to_hit": result,
             "seed": self.options.seed,

@@ -128,7 +128,6 @@ def read_strike(folder: Path) -> StrikeRun:
         InputError: A file is missing or damaged, or they do not belong together.
     """
     from whiptool.models.files import model_from_table
-    from whiptool.models.kinematics import coordinates
     from whiptool.models.tables import read_toml
     from whiptool.rollout import Trajectory
     from whiptool.runs import CONFIG
@@ -148,9 +147,9 @@ def read_strike(folder: Path) -> StrikeRun:
         trajectory = Trajectory.load(folder / TRAJECTORY)
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
         raise InputError(str(folder / TRAJECTORY), "a damaged file", "a trajectory as whiptool writes it") from None
-    if trajectory.q.shape[1:] != (coordinates(model),):
-        rule = f"the model's {coordinates(model)}"
-        raise InputError(str(folder / TRAJECTORY), f"{trajectory.q.shape[1]} joints", rule)
+    if trajectory.q.shape[1:] != (model.coordinates,):
+        given = f"{trajectory.q.shape[1]} coordinates"
+        raise InputError(str(folder / TRAJECTORY), given, f"the model's {model.coordinates}")
     return StrikeRun(trajectory, model, target, label)
 
 

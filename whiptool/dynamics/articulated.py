@@ -1,212 +1,375 @@
-"""The articulated-body algorithm in the plane, one link at a time, in CasADi.
+"""The articulated-body algorithm in space, one link at a time, in CasADi.
 
 Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 7: axes stay parallel to the world's, moments are taken about
-each link's own joint, and accelerations are those of material points, so that the only velocity term is centripetal.
-A link's articulated inertia is then a symmetric 2x2 `M`, a 2-vector `h` and a scalar `J`.
+each link's own joint, and accelerations are those of material points, so that a link's only velocity term is
+centripetal. A link moves behind one or more hinges at one point; these are eliminated together, last to first, and so
+the velocity terms between them are counted once.
 
-`outward` goes from the base to the tip, `inward` back, `accelerate` to the tip again. What is given as the number 0
-generates no term.
+What is structurally zero stays the number 0 and generates no term; so does what is 1. Angles of successive parallel
+hinges are summed before sine and cosine, so that a chain of parallel axes generates a planar chain's terms alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
-Scalar = ca.SX | float
+Axis = tuple[float, float, float]
 
 
 class Link(NamedTuple):
-    """A link's own numbers, and the drag on its far end; units as in `Chain`."""
+    """A link of a whip, along -z of its own axes; units as in `Chain`. Its inertia is alike about all axes."""
 
     length: ca.SX
     mass: ca.SX
     com: ca.SX
     inertia: ca.SX
     drag: ca.SX
-    drag_ratio: Scalar
+    drag_ratio: ca.SX
 
     @property
     def is_point_mass(self) -> bool:
-        """Whether the centre of mass is the same expression as the length: a point mass on a massless link."""
+        """Whether the centre of mass is the same expression as the length: its mass is at its far end."""
         return ca.is_equal(self.com, self.length)
 
 
-class JointFrame(NamedTuple):
-    """Where a link begins: absolute angle and speed of the link before it, velocity [m/s] and place [m]."""
+class Turned(NamedTuple):
+    """An orientation: axes `before` (3, 3), turned by `angle` about their own `axis`, then by the numbers `after`."""
 
-    angle: Scalar = 0.0
-    speed: Scalar = 0.0
-    vx: Scalar = 0.0
-    vy: Scalar = 0.0
-    x: Scalar = 0.0
-    y: Scalar = 0.0
+    before: ca.SX
+    angle: ca.SX
+    axis: Axis = (0.0, -1.0, 0.0)
+    after: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
+    @property
+    def matrix(self) -> ca.SX:
+        """The orientation as one matrix (3, 3)."""
+        if self.angle.is_zero():
+            return ca.mtimes(self.before, ca.SX(ca.DM(self.after)))
+        return ca.mtimes(self.before, ca.mtimes(turn(self.axis, self.angle), ca.SX(ca.DM(self.after))))
 
-class Moving(NamedTuple):
-    """A moving link: from its joint to its far end (rx, ry) and to its centre of mass (cx, cy) [m], its squared
-    angular speed, and the drag on its far end (fx, fy) [N]."""
+    @property
+    def settled(self) -> Turned:
+        """The same orientation, as one matrix that is turned by nothing."""
+        return Turned(self.matrix, ca.SX(0))
 
-    rx: Scalar
-    ry: Scalar
-    cx: Scalar
-    cy: Scalar
-    speed2: Scalar
-    fx: Scalar
-    fy: Scalar
+    def hinged(self, axis: Axis, q: ca.SX) -> tuple[Turned, ca.SX]:
+        """Return the orientation behind a hinge of this axis in the present axes, and the world's axis (3, 1).
 
+        A hinge whose axis is that of the turn before only adds its angle.
+        """
+        along = np.asarray(self.after) @ np.asarray(axis)  # in the axes of `before`
+        share = float(along @ np.asarray(self.axis))
+        if not self.angle.is_zero() and abs(abs(share) - 1) < 1e-12:
+            sign = 1.0 if share > 0 else -1.0
+            return self._replace(angle=self.angle + sign * q), sign * ca.mtimes(self.before, ca.SX(ca.DM(self.axis)))
+        start = self.settled
+        return Turned(start.before, q, axis), ca.mtimes(start.before, ca.SX(ca.DM(axis)))
 
-class Carried(NamedTuple):
-    """What a link carries: articulated inertia `M`, `h`, `J` and bias force (px, py) and moment pn about its end."""
-
-    Mxx: Scalar = 0.0
-    Mxy: Scalar = 0.0
-    Myy: Scalar = 0.0
-    hx: Scalar = 0.0
-    hy: Scalar = 0.0
-    J: Scalar = 0.0
-    px: Scalar = 0.0
-    py: Scalar = 0.0
-    pn: Scalar = 0.0
-
-
-class Acceleration(NamedTuple):
-    """Of the point where a link begins [m/s^2], and the angular one of the link before it [rad/s^2]."""
-
-    ax: Scalar = 0.0
-    ay: Scalar = 0.0
-    alpha: Scalar = 0.0
+    def offset(self, by: Sequence[Sequence[float]]) -> Turned:
+        """Return the orientation of axes that are turned by the numbers `by` (3, 3) in the present ones."""
+        after = np.asarray(self.after) @ np.asarray(by)
+        return self._replace(after=tuple(map(tuple, after.tolist())))
 
 
-def outward(frame: JointFrame, q: ca.SX, v: ca.SX, link: Link) -> tuple[JointFrame, Moving]:
-    """Return the frame at a link's far end and how the link moves, for its joint's position and velocity."""
-    angle, speed = frame.angle + q, frame.speed + v
-    sin, cos = ca.sin(angle), ca.cos(angle)
-    rx, ry = link.length * sin, -link.length * cos
-    vx, vy = frame.vx - speed * ry, frame.vy + speed * rx
-    fx, fy = drag_force(link, vx, vy, sin, cos)
-    cx, cy = (rx, ry) if link.is_point_mass else (link.com * sin, -link.com * cos)
-    end = JointFrame(angle, speed, vx, vy, frame.x + rx, frame.y + ry)
-    return end, Moving(rx, ry, cx, cy, speed**2, fx, fy)
+def turn(axis: Axis, angle: ca.SX) -> ca.SX:
+    """Return the rotation (3, 3) about a unit vector of numbers; entries that do not turn are exactly 0 and 1."""
+    a, sin, cos = np.asarray(axis, float), ca.sin(angle), ca.cos(angle)
+    main = np.flatnonzero(np.abs(a) == 1)
+    R = ca.SX.zeros(3, 3)
+    if len(main):
+        k = int(main[0])
+        i, j = (k + 1) % 3, (k + 2) % 3
+        R[k, k], R[i, i], R[j, j] = 1, cos, cos
+        R[i, j], R[j, i] = (-sin, sin) if a[k] > 0 else (sin, -sin)
+        return R
+    skew = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    both = np.outer(a, a)
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = cos * (float(i == j) - both[i, j]) + sin * skew[i, j] + both[i, j]
+    return R
 
 
-def drag_force(link: Link, vx: Scalar, vy: Scalar, sin: ca.SX, cos: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the quadratic drag [N] on a link's far end of velocity (vx, vy), the link along (sin, -cos).
+class SpatialFrame(NamedTuple):
+    """Where a link begins: orientation, angular velocity, velocity and place of the link before it, each (3, 1)."""
+
+    turned: Turned
+    speed: ca.SX
+    velocity: ca.SX
+    place: ca.SX
+
+    ANGLE = 9  # where it is among the entries
+    VELOCITY = 13  # where it begins
+    PLACE = 16
+
+    @classmethod
+    def at_rest(cls) -> SpatialFrame:
+        """At the origin, in the world's axes, whatever the axis it may be turned about."""
+        return cls(Turned(ca.densify(ca.SX.eye(3)), ca.SX(0)), *(ca.SX.zeros(3) for _ in range(3)))
+
+    def entries(self) -> list[ca.SX]:
+        """All numbers that change along a whip; velocity and place last."""
+        parts = (self.turned.before, self.turned.angle, self.speed, self.velocity, self.place)
+        return [x for part in parts for x in scalars(part)]
+
+    def with_entries(self, entries: Sequence[ca.SX]) -> SpatialFrame:
+        """Return the frame of such numbers, turned about the same axis."""
+        turned = self.turned._replace(before=ca.reshape(ca.vertcat(*entries[:9]), 3, 3), angle=entries[9])
+        speed, velocity, place = (ca.vertcat(*entries[i : i + 3]) for i in (10, 13, 16))
+        return SpatialFrame(turned, speed, velocity, place)
+
+
+class SpatialMoving(NamedTuple):
+    """A moving link: from its joint to its far end and to its centre of mass, their centripetal accelerations, and the
+    moment of the latter about the joint; the angular acceleration by its hinges' own speeds; drag on its far end; the
+    hinges' axes (3, K)."""
+
+    r: ca.SX
+    centripetal: ca.SX
+    com: ca.SX
+    com_centripetal: ca.SX
+    com_twist: ca.SX
+    turning: ca.SX
+    drag: ca.SX
+    axes: ca.SX
+
+    def entries(self) -> list[ca.SX]:
+        """All its numbers."""
+        return [x for part in self for x in scalars(part)]
+
+    def with_entries(self, entries: Sequence[ca.SX]) -> SpatialMoving:
+        """Return a link of such numbers."""
+        parts = [ca.vertcat(*entries[i : i + 3]) for i in range(0, 21, 3)]
+        parts.append(ca.reshape(ca.vertcat(*entries[21:]), 3, self.axes.shape[1]))
+        return SpatialMoving(*parts)
+
+
+class SpatialCarried(NamedTuple):
+    """What a link carries, about its end: moment `J alpha + H a + moment`, force `H^T alpha + M a + force`."""
+
+    J: ca.SX = ca.SX.zeros(3, 3)
+    H: ca.SX = ca.SX.zeros(3, 3)
+    M: ca.SX = ca.SX.zeros(3, 3)
+    moment: ca.SX = ca.SX.zeros(3)
+    force: ca.SX = ca.SX.zeros(3)
+
+    def entries(self) -> list[ca.SX]:
+        """All its numbers, of symmetric matrices those on and above the diagonal."""
+        parts = (upper(self.J), scalars(self.H), upper(self.M), scalars(self.moment), scalars(self.force))
+        return [x for part in parts for x in part]
+
+    def with_entries(self, entries: Sequence[ca.SX]) -> SpatialCarried:
+        """Return what is carried, of such numbers."""
+        J, H, M = symmetric(entries[:6]), ca.reshape(ca.vertcat(*entries[6:15]), 3, 3), symmetric(entries[15:21])
+        return SpatialCarried(J, H, M, ca.vertcat(*entries[21:24]), ca.vertcat(*entries[24:27]))
+
+
+class SpatialJoint(NamedTuple):
+    """What K hinges at one point keep for `accelerate`: accelerations `free - gains (alpha, a) - among qdd`.
+
+    `gains` (6, K) and `free` (K, 1); hinge k's `among` (K, K) multiplies the accelerations of those before it.
+    """
+
+    gains: ca.SX
+    free: ca.SX
+    among: ca.SX
+
+    def entries(self) -> list[ca.SX]:
+        """All its numbers."""
+        return [x for part in self for x in scalars(part)]
+
+    def with_entries(self, entries: Sequence[ca.SX]) -> SpatialJoint:
+        """Return hinges of such numbers."""
+        K = self.free.numel()
+        gains, among = ca.reshape(ca.vertcat(*entries[: 6 * K]), 6, K), ca.vertcat(*entries[7 * K :])
+        return SpatialJoint(gains, ca.vertcat(*entries[6 * K : 7 * K]), ca.reshape(among, K, K))
+
+
+class SpatialAcceleration(NamedTuple):
+    """Of the link before a joint [rad/s^2], and of the point where the next one begins [m/s^2]."""
+
+    angular: ca.SX
+    linear: ca.SX
+
+    def entries(self) -> list[ca.SX]:
+        """All its numbers."""
+        return [x for part in self for x in scalars(part)]
+
+    def with_entries(self, entries: Sequence[ca.SX]) -> SpatialAcceleration:
+        """Return the acceleration of such numbers."""
+        return SpatialAcceleration(ca.vertcat(*entries[:3]), ca.vertcat(*entries[3:]))
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# One link
+
+
+def outward(
+    frame: SpatialFrame, q: ca.SX, v: ca.SX, link: Link, axes: Sequence[Axis]
+) -> tuple[SpatialFrame, SpatialMoving]:
+    """Return the frame at a link's end and how it moves, for its hinges' positions and velocities (K, 1)."""
+    turned, speed, turning, world = frame.turned, frame.speed, ca.SX.zeros(3), []
+    for axis, q_k, v_k in zip(axes, ca.vertsplit(q), ca.vertsplit(v), strict=True):
+        turned, along = turned.hinged(axis, q_k)
+        turning = turning + ca.cross(speed, along * v_k)
+        speed = speed + along * v_k
+        world.append(along)
+    down = -turned.matrix[:, 2]
+    r = link.length * down
+    by_turning = ca.cross(speed, r)
+    velocity = frame.velocity + by_turning
+    end = SpatialFrame(turned if len(axes) == 1 else turned.settled, speed, velocity, frame.place + r)
+    drag = drag_force(link, velocity, down)
+    centripetal = ca.cross(speed, by_turning)
+    of_com = (r, centripetal, ca.SX.zeros(3))
+    if not link.is_point_mass:
+        com = link.com * down
+        along = ca.dot(speed, com)
+        of_com = (com, along * speed - ca.sumsqr(speed) * com, along * ca.cross(com, speed))
+    return end, SpatialMoving(r, centripetal, *of_com, turning, drag, ca.horzcat(*world))
+
+
+def drag_force(link: Link, velocity: ca.SX, down: ca.SX) -> ca.SX:
+    """Return the quadratic drag [N] on a far end of this velocity, its link along `down`, both (3, 1).
 
     A tiny constant keeps the root differentiable at rest.
     """
     if link.drag.is_zero():
-        return ca.SX(0), ca.SX(0)
-    size = ca.sqrt(vx**2 + vy**2 + 1e-12)
-    less = (1 - ca.SX(link.drag_ratio)) * (vx * sin - vy * cos)  # of the velocity along the link, not braked
-    return -link.drag * size * (vx - less * sin), -link.drag * size * (vy + less * cos)
+        return ca.SX.zeros(3)
+    size = ca.sqrt(ca.sumsqr(velocity) + 1e-12)
+    less = (1 - link.drag_ratio) * ca.dot(velocity, down)  # of the velocity along the link, not braked
+    return -link.drag * size * (velocity - less * down)
 
 
-def inward(carried: Carried, moving: Moving, link: Link) -> Carried:
-    """Return what a link's joint carries: the link, and what it carries at its far end."""
-    Mxx, Mxy, Myy, hx, hy, J, px, py, pn = carried
-    x, y, cx, cy, speed2, fx, fy = moving
+def inward(carried: SpatialCarried, moving: SpatialMoving, link: Link) -> SpatialCarried:
+    """Return what a link's hinges carry: the link, and what it carries at its far end."""
+    body = link.mass * ca.densify(ca.SX.eye(3))
+    M, H, force = carried.M, carried.H, carried.force - moving.drag
     if link.is_point_mass:  # joins what the end carries
-        Mxx, Myy = Mxx + link.mass, Myy + link.mass
-    Mrx, Mry = -Mxx * y + Mxy * x, -Mxy * y + Myy * x  # M r_perp, r_perp = (-y, x)
-    bx = px - fx - speed2 * (Mxx * x + Mxy * y)
-    by = py - fy - speed2 * (Mxy * x + Myy * y)
-    pn = pn - y * bx + x * by - speed2 * (hx * x + hy * y)
-    px, py = bx, by
-    J = J - y * (Mrx + 2 * hx) + x * (Mry + 2 * hy) + link.inertia
-    hx, hy = hx + Mrx, hy + Mry
+        M = M + body
+    across = _across(moving.r)
+    lever = ca.mtimes(across, M)
+    J = carried.J + link.inertia * ca.densify(ca.SX.eye(3))
+    J = J - _mirrored(ca.mtimes(H + lever, across), ca.mtimes(H, across))
+    force = force + ca.mtimes(M, moving.centripetal)
+    moment = carried.moment + ca.mtimes(H, moving.centripetal) + ca.cross(moving.r, force)
+    H = H + lever
     if not link.is_point_mass:
-        mcx, mcy = link.mass * cx, link.mass * cy
-        px, py = px - speed2 * mcx, py - speed2 * mcy
-        J = J + mcx * cx + mcy * cy
-        hx, hy = hx - mcy, hy + mcx
-        Mxx, Myy = Mxx + link.mass, Myy + link.mass
-    return Carried(Mxx, Mxy, Myy, hx, hy, J, px, py, pn)
+        across, own = _across(moving.com), link.mass * moving.com_centripetal
+        lever = link.mass * across
+        M, H, J = M + body, H + lever, J - _mirrored(ca.mtimes(lever, across), ca.SX.zeros(3, 3))
+        force, moment = force + own, moment + link.mass * moving.com_twist
+    if not moving.turning.is_zero():
+        force, moment = force + ca.mtimes(H.T, moving.turning), moment + ca.mtimes(J, moving.turning)
+    return SpatialCarried(J, H, M, moment, force)
 
 
-class Joint(NamedTuple):
-    """What a joint keeps for `accelerate`: (hx, hy) and J of what it carries, -1 / D and its own torque u.
-
-    D is the diagonal term, J with the joint's armature. The sign keeps one division a joint: CasADi writes
-    `h * (1 / D)` as a division `h / D`, `h * (-1 / D)` as a product.
-    """
-
-    hx: Scalar
-    hy: Scalar
-    J: Scalar
-    negative_inverse: Scalar
-    u: Scalar
-
-
-def joint(carried: Carried, torque: ca.SX, armature: ca.SX) -> Joint:
-    """Return what a joint keeps of what it carries, for its torque [N m] and its armature [kg m^2]."""
-    return Joint(carried.hx, carried.hy, carried.J, ca.SX(-1) / (carried.J + armature), torque - carried.pn)
-
-
-def share(carried: Carried, joint: Joint, armature: ca.SX) -> Carried:
-    """Return what the link before feels of what a joint carries: the joint gives way."""
-    Mxx, Mxy, Myy, hx, hy, J, px, py, pn = carried
-    gx, gy, less = hx * joint.negative_inverse, hy * joint.negative_inverse, joint.u * joint.negative_inverse
-    Mxx, Mxy, Myy = Mxx + gx * hx, Mxy + gx * hy, Myy + gy * hy
-    px, py, pn = px - hx * less, py - hy * less, pn - J * less
-    if armature.is_zero():
-        return Carried(Mxx, Mxy, Myy, 0.0, 0.0, 0.0, px, py, pn)
-    stays = -armature * joint.negative_inverse
-    return Carried(Mxx, Mxy, Myy, hx * stays, hy * stays, J * stays, px, py, pn)
-
-
-def joint_acceleration(at: Acceleration, joint: Joint) -> ca.SX:
-    """Return a joint's acceleration [rad/s^2], where its link begins with the acceleration `at`."""
-    return ca.SX(joint.hx * at.ax + joint.hy * at.ay + joint.J * at.alpha - joint.u) * joint.negative_inverse
-
-
-def accelerate(at: Acceleration, qdd: ca.SX, moving: Moving) -> Acceleration:
-    """Return the acceleration at a link's far end."""
-    alpha = at.alpha + qdd
-    ax = at.ax - alpha * moving.ry - moving.speed2 * moving.rx
-    ay = at.ay + alpha * moving.rx - moving.speed2 * moving.ry
-    return Acceleration(ax, ay, alpha)
-
-
-def joint_together(
-    carried: list[Carried], moving: list[Moving], torque: list[ca.SX], armature: list[ca.SX], block: ca.SX, base: ca.SX
-) -> list[ca.SX]:
-    """Return accelerations of the first joints, solved for together: `(inertia + block) qdd = u`.
+def give_way(
+    carried: SpatialCarried, axes: ca.SX, torque: ca.SX, armature: ca.SX
+) -> tuple[SpatialCarried, SpatialJoint]:
+    """Return what the link before feels of what hinges carry, and what they keep; the hinges give way.
 
     Args:
-        carried, moving: Of each of these a links; no joint among them has given way.
-        torque, armature: Of each joint.
-        block: Added to their inertia [kg m^2], (a, a), symmetric or not.
-        base: Upward acceleration of the resting base [m/s^2]: gravity.
+        carried: By the hinges.
+        axes: In the world's axes, (3, K).
+        torque, armature: Of each hinge [N m], [kg m^2], (K, 1).
     """
-    a = len(carried)
-    H, rhs = ca.SX(block), ca.SX.zeros(a)
-    for j in range(a):
-        of = carried[j]
-        x = y = ca.SX(0)
-        H[j, j] += of.J + armature[j]
-        for i in reversed(range(j)):  # from joint i to joint j
-            x, y = x + moving[i].rx, y + moving[i].ry
-            inertia = of.J - y * of.hx + x * of.hy
-            H[i, j] += inertia
-            H[j, i] += inertia
-        # the bias so far counts velocities beyond joint j; those before it move the joint itself
-        bx, by = ca.SX(0), base
-        for link in moving[:j]:
-            bx, by = bx - link.speed2 * link.rx, by - link.speed2 * link.ry
-        rhs[j] = torque[j] - of.pn - of.hx * bx - of.hy * by
-    return ca.vertsplit(solve(H, rhs))
+    K, world = axes.shape[1], ca.horzsplit(axes)
+    sides = [ca.vertcat(ca.mtimes(carried.J, s), ca.mtimes(carried.H.T, s)) for s in world]  # moment and force
+    D = [[ca.dot(s, side[:3]) for side in sides] for s in world]
+    left = [t - ca.dot(s, carried.moment) for t, s in zip(ca.vertsplit(torque), world, strict=True)]
+    J, H, M, moment, force = carried
+    gains, free, among = [ca.SX.zeros(6)] * K, [ca.SX(0)] * K, ca.SX.zeros(K, K)
+    for k in reversed(range(K)):
+        extra = armature[k]
+        # the sign keeps one division a hinge: CasADi writes x * (1 / D) as a division, x * (-1 / D) as a product
+        negative = ca.SX(-1) / (D[k][k] + extra)
+        gain = sides[k] * negative
+        less = left[k] * negative
+        gains[k], free[k] = -gain, -less
+        for l in range(k):
+            share = D[l][k] * negative
+            among[k, l] = -share
+            sides[l] = sides[l] + sides[k] * share
+            left[l] = left[l] + left[k] * share
+            for m in range(l + 1):
+                D[m][l] = D[m][l] + D[m][k] * share
+        of, to = sides[k], gain
+        J, M = _added(J, to[:3], of[:3]), _added(M, to[3:], of[3:])
+        H = H + ca.mtimes(to[:3], of[3:].T)
+        main = _world_axis(world[k]) if K == 1 else None
+        if main is not None:  # of its own row, only what the armature keeps
+            stays = -extra * negative * world[k][main]
+            for j in range(3):
+                J[main, j] = J[j, main] = of[j] * stays
+                H[main, j] = of[3 + j] * stays
+        moment, force = moment - of[:3] * less, force - of[3:] * less
+    return SpatialCarried(J, H, M, moment, force), SpatialJoint(ca.horzcat(*gains), ca.vertcat(*free), among)
 
 
-def solve(A: ca.SX, b: ca.SX) -> ca.SX:
-    """Return x of `A x = b` by elimination without pivoting: for small matrices near a positive definite one."""
-    A, b, n = ca.SX(A), ca.SX(b), b.numel()
-    for i in range(n):
-        for j in range(i + 1, n):
-            factor = A[j, i] / A[i, i]
-            A[j, i:] -= factor * A[i, i:]
-            b[j] -= factor * b[i]
-    for i in reversed(range(n)):
-        b[i] = (b[i] - sum((A[i, j] * b[j] for j in range(i + 1, n)), ca.SX(0))) / A[i, i]
-    return b
+def accelerate(
+    at: SpatialAcceleration, joint: SpatialJoint, moving: SpatialMoving
+) -> tuple[ca.SX, SpatialAcceleration]:
+    """Return the hinges' accelerations (K, 1), and the acceleration at their link's far end."""
+    both, found, angular = ca.vertcat(*at), [], at.angular + moving.turning
+    for k, axis in enumerate(ca.horzsplit(moving.axes)):
+        qdd = joint.free[k] - ca.dot(joint.gains[:, k], both)
+        for l in range(k):
+            qdd = qdd - joint.among[k, l] * found[l]
+        found.append(qdd)
+        angular = angular + axis * qdd
+    return ca.vertcat(*found), SpatialAcceleration(
+        angular, at.linear + ca.cross(angular, moving.r) + moving.centripetal
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Matrices of symbols and numbers
+
+
+def scalars(x: ca.SX) -> list[ca.SX]:
+    """Return the entries of a matrix, column by column."""
+    return [ca.SX(value) for value in ca.vertsplit(ca.vec(ca.densify(ca.SX(x))))]
+
+
+_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+def _across(r: ca.SX) -> ca.SX:
+    """Return the matrix of the product `r x`."""
+    return ca.densify(ca.skew(r))
+
+
+def upper(A: ca.SX) -> list[ca.SX]:
+    """Return a symmetric matrix's entries on and above the diagonal."""
+    return [A[i, j] for i, j in _UPPER]
+
+
+def symmetric(entries: Sequence[ca.SX]) -> ca.SX:
+    """Return the symmetric matrix (3, 3) of its entries on and above the diagonal."""
+    A = ca.SX.zeros(3, 3)
+    for (i, j), x in zip(_UPPER, entries, strict=True):
+        A[i, j] = A[j, i] = x
+    return A
+
+
+def _mirrored(A: ca.SX, B: ca.SX) -> ca.SX:
+    """Return the symmetric `A + B^T`."""
+    return symmetric([A[i, j] + B[j, i] for i, j in _UPPER])
+
+
+def _added(A: ca.SX, x: ca.SX, y: ca.SX) -> ca.SX:
+    """Return the symmetric `A + x y^T`."""
+    return symmetric([A[i, j] + x[i] * y[j] for i, j in _UPPER])
+
+
+def _world_axis(s: ca.SX) -> int | None:
+    """Return which of the world's axes a constant axis lies along, if any."""
+    if not s.is_constant():
+        return None
+    main = np.flatnonzero(np.abs(np.array(ca.DM(s))[:, 0]) == 1)
+    return int(main[0]) if len(main) else None

@@ -13,9 +13,11 @@ import casadi as ca
 import numpy as np
 
 from whiptool.dynamics import articulated
-from whiptool.dynamics.articulated import JointFrame, Link, Scalar
+from whiptool.dynamics.articulated import Link, SpatialAcceleration, SpatialCarried, SpatialFrame
 from whiptool.models.parameters import Model
 
+PLANAR_AXIS = (0.0, -1.0, 0.0)  # of a hinge in the plane: a positive angle turns what hangs toward +x
+Scalar = ca.SX | float
 Vector = ca.SX | ca.DM | np.ndarray | Sequence  # (n,) of symbols or numbers
 
 
@@ -60,28 +62,7 @@ class Chain:
     def links(self) -> list[Link]:
         """The n links, each with its own numbers."""
         length, mass, com, inertia, drag = (self.each(x) for x in ("length", "mass", "com", "inertia", "drag"))
-        return [Link(length[i], mass[i], com[i], inertia[i], drag[i], self.drag_ratio) for i in range(self.n)]
-
-
-@dataclass(frozen=True)
-class Base:
-    """Prescribed motion of the point that joint 1 hangs from, and of the frame that its angle is counted from.
-
-    `angle` [rad] with its rates `omega`, `alpha`, velocity (vx, vy) [m/s] and acceleration (ax, ay) [m/s^2].
-    """
-
-    angle: Scalar = 0.0
-    omega: Scalar = 0.0
-    alpha: Scalar = 0.0
-    vx: Scalar = 0.0
-    vy: Scalar = 0.0
-    ax: Scalar = 0.0
-    ay: Scalar = 0.0
-
-    @property
-    def frame(self) -> JointFrame:
-        """Where the first link begins; places are counted from the base."""
-        return JointFrame(self.angle, self.omega, self.vx, self.vy)
+        return [Link(length[i], mass[i], com[i], inertia[i], drag[i], ca.SX(self.drag_ratio)) for i in range(self.n)]
 
 
 def ride_on_end(
@@ -140,16 +121,7 @@ def passive_torque(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
     return spring - ca.SX(chain.damping) * v + friction
 
 
-def forward_dynamics(
-    chain: Chain,
-    q: ca.SX,
-    v: ca.SX,
-    torque: ca.SX,
-    *,
-    armature: ca.SX | None = None,
-    coupling: ca.SX | None = None,
-    base: Base | None = None,
-) -> ca.SX:
+def forward_dynamics(chain: Chain, q: ca.SX, v: ca.SX, torque: ca.SX, *, armature: ca.SX | None = None) -> ca.SX:
     """Return joint accelerations [rad/s^2], shape (n, 1), by the articulated-body algorithm.
 
     Args:
@@ -157,41 +129,24 @@ def forward_dynamics(
         q, v: Joint positions [rad] and velocities [rad/s], (n, 1).
         torque: All joint torques, passive ones included [N m], (n, 1).
         armature: Added to the diagonal of the mass matrix [kg m^2], (n, 1); the integrator puts damping here.
-        coupling: Added to the mass matrix's leading block [kg m^2], (a, a), symmetric or not; these first joints are
-            then solved for together.
-        base: How the chain's base moves; default: not at all. Not together with `coupling`.
     """
     n, links = chain.n, chain.links
-    block = ca.SX(0, 0) if coupling is None else ca.SX(coupling)
-    a = block.shape[0]
-    assert base is None or a == 0
-    at = Base() if base is None else base
     qs, vs, tau = (ca.vertsplit(ca.SX(x)) for x in (q, v, torque))
     extra = ca.vertsplit(ca.SX.zeros(n) if armature is None else ca.SX(armature))
-
-    frame, moving = at.frame, []
+    frame, moving = SpatialFrame.at_rest(), []
     for link, q_i, v_i in zip(links, qs, vs, strict=True):
-        frame, link_moves = articulated.outward(frame, q_i, v_i, link)
+        frame, link_moves = articulated.outward(frame, q_i, v_i, link, (PLANAR_AXIS,))
         moving.append(link_moves)
-
-    carried, carried_by, joints = articulated.Carried(), [], []
+    carried, joints = SpatialCarried(), []
     for i in reversed(range(n)):
         carried = articulated.inward(carried, moving[i], links[i])
-        carried_by.append(carried)
-        joints.append(articulated.joint(carried, tau[i], extra[i]))
-        if i >= a:  # joints that are solved for together do not give way
-            carried = articulated.share(carried, joints[-1], extra[i])
-    carried_by.reverse()
-    joints.reverse()
-
-    g = ca.SX(chain.gravity)  # enters as the base's acceleration
-    together = articulated.joint_together(carried_by[:a], moving[:a], tau[:a], extra[:a], block, g) if a else []
-    acceleration = articulated.Acceleration(ca.SX(at.ax), g + at.ay, ca.SX(at.alpha))
-    result = []
-    for i in range(n):
-        qdd = together[i] if i < a else articulated.joint_acceleration(acceleration, joints[i])
+        carried, joint = articulated.give_way(carried, moving[i].axes, tau[i], extra[i])
+        joints.append(joint)
+    gravity = ca.vertcat(0, 0, chain.gravity)  # enters as the base's acceleration
+    acceleration, result = SpatialAcceleration(ca.SX.zeros(3), gravity), []
+    for joint, moves in zip(reversed(joints), moving, strict=True):
+        qdd, acceleration = articulated.accelerate(acceleration, joint, moves)
         result.append(qdd)
-        acceleration = articulated.accelerate(acceleration, qdd, moving[i])
     return ca.vertcat(*result)
 
 
@@ -207,8 +162,8 @@ def inverse_dynamics(chain: Chain, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         x, y, cx, cy = length[i] * s, -length[i] * c, com[i] * s, -com[i] * c
         Fx, Fy = mass[i] * (ax - alpha[i] * cy - w2 * cx), mass[i] * (ay + alpha[i] * cx - w2 * cy)
         ux, uy = ux - omega[i] * y, uy + omega[i] * x
-        drags = articulated.drag_force(link, ux, uy, s, c)
-        links.append((x, y, cx, cy, Fx, Fy, inertia[i] * alpha[i], *drags))
+        drag = articulated.drag_force(link, ca.vertcat(ux, 0, uy), ca.vertcat(s, 0, -c))
+        links.append((x, y, cx, cy, Fx, Fy, inertia[i] * alpha[i], drag[0], drag[2]))
         ax, ay = ax - alpha[i] * y - w2 * x, ay + alpha[i] * x - w2 * y
     fx, fy, moment, torques = ca.SX(0), ca.SX(0), ca.SX(0), []
     for x, y, cx, cy, Fx, Fy, N, dx, dy in reversed(links):

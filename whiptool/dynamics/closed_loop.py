@@ -7,17 +7,17 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 
+from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, SpatialFrame
+from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.dynamics.rods import RodFrame, bend
 from whiptool.dynamics.serial_arm import ArmMotion, Body, SerialArm, solve
-from whiptool.dynamics.spatial import SpatialAcceleration, SpatialCarried, SpatialFrame
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 from whiptool.impedance.law import LAWS
 
 __all__ = ["ClosedLoop", "Structure", "closed_loop"]
 
-PLANAR_AXIS = (0.0, -1.0, 0.0)  # of a hinge in the plane: a positive angle turns what hangs toward +x
 _UNTURNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _LINK = {  # quantities of a link: what they are called in a whip
     "length": "l", "mass": "m", "stiffness": "k", "damping": "b", "rest_angle": "rest_angle",
@@ -260,6 +260,31 @@ class ClosedLoop(System):
                 V += bend(joint, frame.direction, q[own])[1]
             frame = end
         return ca.Function("energies", [q, v, self.p], [T, V], {"cse": True})
+
+    def inverse_dynamics(self, q: ca.SX, v: ca.SX, qdd: ca.SX) -> ca.SX:
+        """Return the torques of all joints (n, 1) [N m] that give accelerations `qdd` beside those of springs, dampers,
+        friction and drag, by recursive Newton-Euler; of hinges, not of rods."""
+        assert self.hinges
+        a, K, gravity = self.n_drive, self.link_size, self.parameters["gravity"]
+        motion = self.arm.motion(q[:a], v[:a], gravity, [])
+        hand = motion.drift + ca.mtimes(motion.jacobian, qdd[:a])
+        frame = self.hand(q[:a], v[:a], ca.SX.zeros(self.n_inputs), ca.SX.zeros(a)).frame
+        angular, linear, links = hand[:3], hand[3:], []
+        for i in range(self.n_links):
+            w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
+            own, link = slice(a + K * i, a + K * (i + 1)), self.link(w)[0]
+            frame, moving, passive, _ = self.move_link(frame, q[own], v[own], w, ca.SX(0), None)
+            angular = angular + moving.turning + ca.mtimes(moving.axes, qdd[own])
+            linear = linear + ca.cross(angular, moving.r) + moving.centripetal
+            links.append((moving, passive, link.mass * linear - moving.drag, link.inertia * angular))
+        torques, force, moment = [], ca.SX.zeros(3), ca.SX.zeros(3)
+        for moving, passive, own_force, own_moment in reversed(links):
+            force = force + own_force
+            moment = moment + own_moment + ca.cross(moving.r, force)
+            torques.append(ca.mtimes(moving.axes.T, moment) - passive)
+        of_arm = self.arm.inverse(q[:a], v[:a], qdd[:a], gravity) + self._friction * v[:a]
+        of_arm += ca.mtimes(motion.jacobian.T, ca.vertcat(moment, force))
+        return ca.vertcat(of_arm, *reversed(torques))
 
     @cached_property
     def mass_matrix(self) -> ca.Function:

@@ -32,7 +32,7 @@ def outcome_columns(a: int, dimension: int) -> Columns:
     """Return the columns of what an engine says of each strike, for a drive of `a` joints, in the plane or in space.
 
     The miss distance, its time, the tip's velocity and place there, whether the lane broke off, its last step, the
-    derivative of the miss distance, and each drive joint's largest speed and torque.
+    derivative of the miss distance, and each drive joint's largest speed and torque, lowest and highest position.
     """
     sizes = {
         "distance": 1,
@@ -43,7 +43,7 @@ def outcome_columns(a: int, dimension: int) -> Columns:
         "last_step": 1,
         "slope": 1,
     }
-    return Columns(sizes | {"max_joint_speed": a, "max_torque": a})
+    return Columns(sizes | {"max_joint_speed": a, "max_torque": a, "lowest": a, "highest": a})
 
 
 def row_columns(n: int, a: int, dimension: int) -> Columns:

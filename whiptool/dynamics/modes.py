@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from whiptool.dynamics.chain import Chain, bias_forces, chain_of, mass_matrix, passive_torque
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
-from whiptool.models.parameters import Model, whole
+from whiptool.models.parameters import ArmLink, ArmParameters, Model, whole
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,8 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
         v0: Joint velocities [rad/s], (n,); default: at rest.
 
     Raises:
-        InputError: A length is not n, or a number is not finite.
+        InputError: A length is not n, a number is not finite, or the whip is of rods.
     """
-    if isinstance(chain, Model):
-        chain = chain_of(chain)
     n = chain.n
     states = []
     for name, given in (("q0", q0), ("v0", np.zeros(n) if v0 is None else v0)):
@@ -56,12 +54,40 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
         if state.shape != (n,) or not np.isfinite(state).all():
             raise InputError(name, given, f"{n} finite numbers, one per joint")
         states.append(state)
-    q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
-    force = bias_forces(chain, q, v) - passive_torque(chain, q, v)  # M ddq + force = tau
-    matrices = ca.Function("linearise", [q, v], [mass_matrix(chain, q), ca.jacobian(force, v), ca.jacobian(force, q)])
-    M, C, K = (np.array(x) for x in matrices(*states))
+    M, C, K = (_in_space if isinstance(chain, Model) and chain.dimension == 3 else _in_plane)(chain, *states)  # type: ignore[arg-type]
     M = (M + M.T) / 2  # of rounding
     return Linearisation(M, C, K, _state_matrix(M, C, K))
+
+
+def _in_plane(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
+    """M, C and K of a planar chain."""
+    if isinstance(chain, Model):
+        chain = chain_of(chain)
+    q, v = ca.SX.sym("q", chain.n), ca.SX.sym("v", chain.n)
+    force = bias_forces(chain, q, v) - passive_torque(chain, q, v)  # M ddq + force = tau
+    matrices = ca.Function("linearise", [q, v], [mass_matrix(chain, q), ca.jacobian(force, v), ca.jacobian(force, q)])
+    return [np.array(x) for x in matrices(q0, v0)]
+
+
+def _in_space(model: Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
+    """M, C and K of an arm and a whip of universal nodes.
+
+    Raises:
+        InputError: The whip is of rods, which have no joint angles.
+    """
+    from whiptool.dynamics.closed_loop import Structure, closed_loop
+    from whiptool.impedance.controller import Controller
+
+    if model.whip.joints == "rod":
+        raise InputError("whip.joints", "rod", "universal")
+    controller = Controller()  # any: only arm and whip are used
+    structure = Structure.of(model, controller)
+    loop, n = closed_loop(structure), model.n
+    q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
+    force = loop.inverse_dynamics(q, v, a)
+    slopes = ca.Function("linearise", [q, v, a, loop.p], [ca.jacobian(force, x) for x in (a, v, q)], {"cse": True})
+    p = structure.pack(model, controller, np.ones((1, 2 * model.arm.n + 1)))[0]
+    return [np.array(x) for x in slopes(q0, v0, 0, p)]
 
 
 def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
@@ -108,6 +134,9 @@ def steady_timestep(model: Model, largest: float) -> float:
     stiffest, lightest = whip.per_node("k").max(), (whip.per_node("m") * whip.per_node("l") ** 2).min()
     if largest * np.sqrt(16 * stiffest / lightest) < 0.5:  # no chain of such joints is faster
         return largest
+    if model.dimension == 3:  # a hanging whip swings in two directions as one in the plane does
+        whip = replace(whip, joints="hinge", node_inertia=0.0)
+        model = Model(whip, ArmParameters((ArmLink(mass=1.0, length=1.0),)), gravity=model.gravity)
     eigenvalues = hanging_modes(model).eigenvalues
     swinging = eigenvalues[eigenvalues.imag > 0]  # one of each pair
     w = np.abs(swinging)
@@ -126,7 +155,7 @@ def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = N
         count: How many modes; default: as many as joints are free.
 
     Raises:
-        InputError: `count` is not in 1 .. number of free joints.
+        InputError: `count` is not in 1 .. number of free joints, or the whip is of rods.
     """
     a, n = model.arm.n, model.n
     free = slice(a if fixed_arm else 0, n)

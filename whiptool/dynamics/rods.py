@@ -6,12 +6,12 @@ Rod i points along `d_i` from one node to the next and carries a point mass at i
     w(u) = u + u^2 / 6 + 2 u^3 / 45,
 
 omega_i = d_i x d d_i / dt being its turning without twist, and rod i - 1 feels -B_i. `w` is half the square of the
-bend's angle, expanded at the straight whip to the third order in u: the energy k w + c w^2 is that of an angular spring,
-k theta^2 / 2 + c theta^4 / 4, to a relative theta^6, 0.7 % below k's at 75 degrees and 5 % at 110, with neither sine
-nor cosine nor a singularity. What a torque has along d_i is lost: a rod has no inertia there.
+bend's angle theta, expanded at the straight whip to the third order in u: the energy k w + c w^2 is that of an angular
+spring, k theta^2 / 2 + c theta^4 / 4, to a relative theta^6; the term in k is 0.7 % below at 75 degrees and 5 % at 110.
+There is neither sine nor cosine nor a singularity. What a torque has along d_i is lost: a rod has no inertia there.
 
-A rod's joint gives way in its two directions across, so that its pass is that of `spatial`, and the arm feels it as it
-feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
+A rod's joint gives way in its two directions across, so that its pass is that of `articulated`, and the arm feels it as
+it feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from whiptool.dynamics.chain import Chain
-from whiptool.dynamics.integrator import GAMMA
-from whiptool.dynamics.spatial import (
+from whiptool.dynamics.articulated import (
     Link,
     SpatialAcceleration,
     SpatialCarried,
@@ -34,6 +32,8 @@ from whiptool.dynamics.spatial import (
     symmetric,
     upper,
 )
+from whiptool.dynamics.chain import Chain
+from whiptool.dynamics.integrator import GAMMA
 
 
 class RodFrame(NamedTuple):
@@ -153,7 +153,7 @@ def _inverse_across(J: ca.SX, gain: ca.SX, d: ca.SX) -> ca.SX:
     P = one - ca.mtimes(d, d.T)
     K = J - ca.mtimes(d, less.T) - ca.mtimes(less, d.T) + gain * P
     minors = [K[i, i] * K[j, j] - K[i, j] ** 2 for i, j in ((0, 1), (0, 2), (1, 2))]
-    negative = ca.SX(-1) / (minors[0] + minors[1] + minors[2])  # one division: see `spatial.give_way`
+    negative = ca.SX(-1) / (minors[0] + minors[1] + minors[2])  # one division: see `articulated.give_way`
     return symmetric([(k - ca.trace(K) * p) * negative for k, p in zip(upper(K), upper(P), strict=True)])
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from whiptool.dynamics.spatial import Axis, Turned, scalars
+from whiptool.dynamics.articulated import Axis, Turned, scalars
 
 Rotation = tuple[tuple[float, ...], ...]
 
@@ -28,7 +28,7 @@ class Body(NamedTuple):
 
 
 class ArmPosture(NamedTuple):
-    """An arm's posture: each joint's motion per unit of its speed (6, 1), each link's orientation and place, the hand."""
+    """An arm's posture: each joint's motion per unit of its speed (6, 1), each link's orientation, place, the hand."""
 
     motions: list[ca.SX]
     turned: list[Turned]

@@ -9,14 +9,30 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.chain import Base
+from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, SpatialFrame
+from whiptool.dynamics.chain import Scalar
 from whiptool.dynamics.columns import Columns
 from whiptool.dynamics.records import Nothing
-from whiptool.dynamics.spatial import SpatialAcceleration, SpatialCarried, SpatialFrame, Turned
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 
 BASE = 7  # numbers that describe the base at one instant, in the order of `Base`
 _OPTIONAL = ("stiffness", "rest_angle", "dry_friction", "drag", "cubic_stiffness", "drag_ratio")
+
+
+@dataclass(frozen=True)
+class Base:
+    """Prescribed motion of the point that joint 1 hangs from, and of the frame that its angle is counted from.
+
+    `angle` [rad] with its rates `omega`, `alpha`, velocity (vx, vy) [m/s] and acceleration (ax, ay) [m/s^2].
+    """
+
+    angle: Scalar = 0.0
+    omega: Scalar = 0.0
+    alpha: Scalar = 0.0
+    vx: Scalar = 0.0
+    vy: Scalar = 0.0
+    ax: Scalar = 0.0
+    ay: Scalar = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,16 +105,19 @@ class Swing(System):
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
         """Return the base's frame; places are counted from the base."""
-        base, zero = self._base(u), ca.SX(0)
-        turned = Turned(ca.densify(ca.SX.eye(3)), ca.SX(base.angle))
-        speed, velocity = ca.vertcat(zero, -base.omega, zero), ca.vertcat(base.vx, zero, base.vy)
-        return Hand(SpatialFrame(turned, speed, velocity, ca.SX.zeros(3)), ca.SX(0, 3), ca.SX(0, 1), Nothing())
+        base, still = self._base(u), SpatialFrame.at_rest()
+        frame = still._replace(
+            turned=still.turned._replace(angle=ca.SX(base.angle)),
+            speed=ca.vertcat(0, -base.omega, 0),
+            velocity=ca.vertcat(base.vx, 0, base.vy),
+        )
+        return Hand(frame, ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
     def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
         """Return the base's acceleration, whatever it carries; gravity is part of it."""
-        base, zero = self._base(now.u), ca.SX(0)
-        linear = ca.vertcat(base.ax, zero, self.gravity + base.ay)
-        acceleration = SpatialAcceleration(ca.vertcat(zero, -base.alpha, zero), linear)
+        base = self._base(now.u)
+        linear = ca.vertcat(base.ax, 0, self.gravity + base.ay)
+        acceleration = SpatialAcceleration(ca.vertcat(0, -base.alpha, 0), linear)
         return Reaction(ca.SX(0, 1), acceleration, ca.SX(0, 1))
 
 

@@ -16,12 +16,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from whiptool.dynamics import rods, spatial
-from whiptool.dynamics.chain import Chain, passive_torque
-from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicted
-from whiptool.dynamics.records import Record, Stored
-from whiptool.dynamics.rods import RodFrame, RodJoint
-from whiptool.dynamics.spatial import (
+from whiptool.dynamics import articulated, rods
+from whiptool.dynamics.articulated import (
     Axis,
     Link,
     SpatialAcceleration,
@@ -30,6 +26,10 @@ from whiptool.dynamics.spatial import (
     SpatialJoint,
     SpatialMoving,
 )
+from whiptool.dynamics.chain import Chain, passive_torque
+from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicted
+from whiptool.dynamics.records import Record, Stored
+from whiptool.dynamics.rods import RodFrame, RodJoint
 
 Frame = SpatialFrame | RodFrame
 
@@ -163,7 +163,7 @@ class System(ABC):
         if not self.hinges:
             end, moving = rods.outward(frame, q, v, link, before)
             return end, moving, *rods.torque_and_gain(joint, frame, end, h, again=before is not None)
-        end, moving = spatial.outward(frame, q, v, link, self.hinges)
+        end, moving = articulated.outward(frame, q, v, link, self.hinges)
         armature = GAMMA * h * damping_gain(joint, v)
         torque = passive_torque(joint, q, v)
         if before is not None:
@@ -174,16 +174,16 @@ class System(ABC):
         self, carried: SpatialCarried, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX
     ) -> tuple[SpatialCarried, SpatialJoint | RodJoint]:
         """Return what the link before carries of this one, and what its joint keeps."""
-        carried = spatial.inward(carried, moving, self.link(w)[0])
+        carried = articulated.inward(carried, moving, self.link(w)[0])
         if not self.hinges:
             return rods.give_way(carried, moving.axes[:, 0], torque, armature)
-        return spatial.give_way(carried, moving.axes, torque, armature)
+        return articulated.give_way(carried, moving.axes, torque, armature)
 
     def accelerate_link(
         self, at: SpatialAcceleration, joint: Any, moving: SpatialMoving
     ) -> tuple[ca.SX, SpatialAcceleration]:
         """Return the accelerations of a link's coordinates (K, 1), and that at its far end."""
-        return (spatial if self.hinges else rods).accelerate(at, joint, moving)
+        return (articulated if self.hinges else rods).accelerate(at, joint, moving)
 
     def predict_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return a link's coordinates and speeds (K, 1) at which the second stage is taken."""

@@ -79,19 +79,14 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
     return [*frames, frame.carried(arm.hand_position).turned(arm.hand_rotation)]
 
 
-def coordinates(model: Model) -> int:
-    """Return how many coordinates a trajectory has: of the arm's joints and the whip's, three of each rod."""
-    return model.arm.n + 3 * model.whip.N if model.whip.joints == "rod" else model.n
-
-
 def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return where the arm's joints, the hand and the whip's nodes are, and how fast.
 
     Args:
-        model: With an arm in space of a joints, and a whip of N nodes on universal joints or of N rods.
-        q: Joint positions: behind the arm's x1, y1, x2, y2, ... of universal joints, (..., a + 2 N), or the directions
-            of rods in the base's axes, (..., a + 3 N).
-        v: Their speeds; default: at rest.
+        model: With an arm in space of a joints, and a whip of N nodes.
+        q: Joint positions: behind the arm's, those of universal nodes x1, y1, x2, y2, ..., (..., a + 2 N), or the
+            directions of rods in the world, unit vectors (3,) one after the other, (..., a + 3 N).
+        v: How fast they change, like q; default: at rest.
 
     Returns:
         Positions [m] and velocities [m/s], (..., a + 1 + N, 3): those of the joints, the hand, the nodes; last the tip.
@@ -100,22 +95,28 @@ def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tu
     a = model.arm.n
     v = np.zeros_like(q) if v is None else v
     frames = arm_frames(model.arm, q[..., :a], v[..., :a])
-    if model.whip.joints == "rod":
-        places = _with_rods([frame.origin for frame in frames], q[..., a:], model.whip.per_node("l"))
-        return places, _with_rods([frame.velocity for frame in frames], v[..., a:], model.whip.per_node("l"))
-    frame = frames[-1]
-    for i, length in enumerate(model.whip.per_node("l")):
-        for j, axis in enumerate(UNIVERSAL, start=a + 2 * i):
+    points, velocities = (np.stack([getattr(f, part) for f in frames], axis=-2) for part in ("origin", "velocity"))
+    move = _rods if model.whip.joints == "rod" else _universal
+    nodes, speeds = move(frames[-1], model.whip.per_node("l"), q[..., a:], v[..., a:])
+    return np.concatenate([points, nodes], axis=-2), np.concatenate([velocities, speeds], axis=-2)
+
+
+def _universal(hand: Frame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (..., N, 3) of nodes on universal joints, q and v (..., 2 N)."""
+    frame, frames = hand, []
+    for i, length in enumerate(lengths):
+        for j, axis in enumerate(UNIVERSAL, start=2 * i):
             frame = frame.hinged(axis, q[..., j], v[..., j])
         frame = frame.carried((0.0, 0.0, -length))
         frames.append(frame)
     return np.stack([f.origin for f in frames], axis=-2), np.stack([f.velocity for f in frames], axis=-2)
 
 
-def _with_rods(arm: list[np.ndarray], directions: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Stack places of an arm (..., 3), and behind the last the ends of rods along directions (..., 3 N); or rates."""
-    steps = length[:, None] * directions.reshape(*directions.shape[:-1], -1, 3)  # (..., N, 3)
-    return np.concatenate([np.stack(arm, axis=-2), arm[-1][..., None, :] + np.cumsum(steps, axis=-2)], axis=-2)
+def _rods(hand: Frame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (..., N, 3) of the ends of rods of these directions and rates, q and v (..., 3 N)."""
+    steps = (x.reshape(*x.shape[:-1], -1, 3) * lengths[:, None] for x in (q, v))
+    along, change = (np.cumsum(x, axis=-2) for x in steps)
+    return hand.origin[..., None, :] + along, hand.velocity[..., None, :] + change
 
 
 def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -13,11 +13,16 @@ from whiptool.models.parameters import number
 
 
 class Motion(Protocol):
-    """Speeds and torques of a strike at T instants; a `Trajectory` has them."""
+    """Positions, speeds and torques of a strike at T instants; a `Trajectory` has them."""
 
     @property
     def t(self) -> np.ndarray:
         """Times of the instants [s], (T,)."""
+        ...
+
+    @property
+    def q(self) -> np.ndarray:
+        """Joint positions [rad or m], (T, n)."""
         ...
 
     @property
@@ -77,9 +82,18 @@ class MotorLimits:
     no_load_speed: float
     stall_current: float
 
+    judges: ClassVar = "motor"
+    speeds: ClassVar = None  # a movement may be commanded at any speed
+    by_peaks: ClassVar = False  # the line joins speed and torque, whose peaks need not come at once
+
     def __post_init__(self) -> None:
         for name in ("stall_torque", "no_load_speed", "stall_current"):
             number(name, getattr(self, name), low=0, strict=True)
+
+    @property
+    def words(self) -> str:
+        """The limits for people."""
+        return f"the {self.name}'s speed-torque line"
 
     @property
     def torque_constant(self) -> float:

@@ -43,12 +43,17 @@ class Model:
     @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
-        return 3 if isinstance(self.arm, SpatialArm) else 2
+        return self.arm.dimension
 
     @property
     def n(self) -> int:
         """Number of joints: the arm's, then the whip's, one for each node in the plane and two in space."""
         return self.arm.n + self.whip.N * self.whip.joints_per_node
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates that a trajectory holds: as many as joints, but three for the direction of a rod."""
+        return self.arm.n + self.whip.N * (3 if self.whip.joints == "rod" else self.whip.joints_per_node)
 
     @property
     def reach(self) -> float:

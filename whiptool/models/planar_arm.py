@@ -57,6 +57,7 @@ class ArmParameters:
     joints: tuple[str, ...] = ()
 
     QUANTITIES: ClassVar = ("mass", "length", "com", "inertia", "friction")
+    dimension: ClassVar = 2
 
     def __post_init__(self) -> None:
         links = tuple(self.links)

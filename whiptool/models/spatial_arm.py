@@ -188,6 +188,7 @@ class SpatialArm:
     hand_rotation: Matrix = IDENTITY
 
     SCALARS: ClassVar = ("mass", "friction", "armature")
+    dimension: ClassVar = 3
 
     def __post_init__(self) -> None:
         links = tuple(self.links)

@@ -14,6 +14,7 @@ from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 
 PI = math.pi
+FASTEST = 15 / 8  # largest speed of a minimum-jerk path, in mean speeds
 T_STAY = 0.3  # [s] that a strike is watched after the movement ended; not printed in the paper
 
 
@@ -134,6 +135,21 @@ class StrikeBounds:
         """Uniformly random strike vectors, shape (size, 2 n + 1)."""
         lower, upper = self.box
         return rng.uniform(lower, upper, (size, len(lower)))
+
+
+def shortened(strikes: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    """Return strikes whose commanded movements are no faster than given speeds.
+
+    The end of a joint that is to move faster comes nearer to its start: along a minimum-jerk path (Eq. 1) the speed is
+    at most 15/8 of the mean.
+
+    Args:
+        strikes: Vectors, (B, 2 a + 1).
+        speeds: Of each joint [rad/s or m/s], (a,); infinite for any.
+    """
+    q_i, q_f, D = np.split(strikes, [len(speeds), 2 * len(speeds)], axis=1)
+    farthest = speeds * D / FASTEST
+    return np.hstack([q_i, np.clip(q_f, q_i - farthest, q_i + farthest), D])
 
 
 _PERSON = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow")

@@ -35,7 +35,7 @@ def cmaes_search(objective: Objective, *, seed: int) -> None:
                 generation = algorithm.ask()
                 if generation is None or len(generation) == 0:
                     break
-                strikes = lower + np.clip(generation.get("X"), 0, 1) * (upper - lower)
+                strikes = objective.admissible(lower + np.clip(generation.get("X"), 0, 1) * (upper - lower))
                 misses = np.array([outcome.miss_distance for outcome in objective.batch(strikes)])
                 Evaluator().eval(StaticProblem(box, F=misses[:, None]), generation)
                 algorithm.tell(infills=generation)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import nlopt
 import numpy as np
 
+from whiptool.models.strike import FASTEST
 from whiptool.objective import Objective
 
 BATCH = 64  # random strikes a round
@@ -23,11 +24,32 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
     """
     rng = np.random.default_rng(seed)
     while True:
-        strikes = objective.bounds.sample(rng, BATCH)
+        strikes = objective.admissible(objective.bounds.sample(rng, BATCH))
         misses = [outcome.miss_distance for outcome in objective.batch(strikes)]
         for i in np.argsort(misses, kind="stable")[:REFINED]:
             if refine(objective, strikes[i]):
                 return
+
+
+def _keep_speeds(optimizer: nlopt.opt, objective: Objective) -> None:
+    """Add the limits of the commanded speeds, linear in a strike, of an optimizer over the unit box."""
+    speeds = objective.speeds
+    if speeds is None or not np.isfinite(speeds).any():
+        return
+    lower, upper = objective.bounds.box
+    a, moving = len(speeds), np.flatnonzero(np.isfinite(speeds))
+    rows = np.zeros((2, len(moving), len(lower)))  # sign (q_f - q_i) 15/8 - speed D <= 0
+    for rows_of_sign, sign in zip(rows, (1, -1), strict=True):
+        for row, j in zip(rows_of_sign, moving, strict=True):
+            row[[j, a + j, -1]] = -sign * FASTEST, sign * FASTEST, -speeds[j]
+    A, b = rows.reshape(-1, len(lower)) * (upper - lower), rows.reshape(-1, len(lower)) @ lower
+
+    def beyond(result: np.ndarray, u: np.ndarray, gradient: np.ndarray) -> None:
+        result[:] = A @ u + b
+        if gradient.size:
+            gradient[:] = A
+
+    optimizer.add_inequality_mconstraint(beyond, np.full(len(A), 1e-9))
 
 
 def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) -> bool:
@@ -40,6 +62,7 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
     optimizer.set_maxeval(STEPS)
     optimizer.set_xtol_rel(1e-10)
     optimizer.set_stopval(tolerance**2 / 2)
+    _keep_speeds(optimizer, objective)
     ended: list[BaseException] = []
 
     def half_square(u: np.ndarray, gradient: np.ndarray) -> float:

@@ -26,7 +26,7 @@ class StrikeLibrary:
 
     Args:
         strikes: Strike vectors, (n, 2 a + 1).
-        paths: Tip at equal times, (n, S, 2) [m], single precision, NaN after a strike's end.
+        paths: Tip at equal times, (n, S, d) [m], d the model's dimension, single precision, NaN after a strike's end.
     """
 
     strikes: np.ndarray
@@ -39,7 +39,7 @@ class StrikeLibrary:
         """The library that `count` uniformly random strikes leave."""
         strikes = bounds.sample(np.random.default_rng(seed), count)
         samples = int((bounds.upper[-1] + t_stay) * RATE) + 1
-        paths = np.full((count, samples, 2), np.nan, np.float32)
+        paths = np.full((count, samples, rollout.model.dimension), np.nan, np.float32)
         for first in range(0, count, 4096):
             some = rollout.tip_path(strikes[first : first + 4096], t_stay=t_stay, rate=RATE)[1]
             paths[first : first + 4096, : some.shape[1]] = some
@@ -49,7 +49,7 @@ class StrikeLibrary:
         """The strikes that passed nearest to a target, nearest first.
 
         Args:
-            target: (x, y) [m].
+            target: (x, y) [m], in space (x, y, z).
             count: How many.
 
         Returns:
@@ -73,7 +73,7 @@ class StrikeLibrary:
 
 
 def _distance(paths: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Of each path (b, S, 2) from the target, (b,); infinite for a path without two samples."""
+    """Of each path (b, S, d) from the target, (b,); infinite for a path without two samples."""
     start, step = paths[:, :-1] - target.astype(np.float32), np.diff(paths, axis=1)
     length2 = (step**2).sum(axis=2)
     s = np.clip(-(start * step).sum(axis=2) / np.where(length2 > 0, length2, 1), 0, 1)

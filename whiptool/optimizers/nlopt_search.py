@@ -37,7 +37,7 @@ def nlopt_search(objective: Objective, *, seed: int, algorithm: str) -> None:
     def miss_distance(x: np.ndarray, gradient: np.ndarray) -> float:
         if not ended:  # some algorithms fill their first population before they see that they are to stop
             try:
-                return objective.trial(x).miss_distance
+                return objective.trial(objective.admissible(x[None])[0]).miss_distance
             except BaseException as error:
                 ended.append(error)
                 optimizer.force_stop()

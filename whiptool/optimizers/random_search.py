@@ -24,4 +24,4 @@ def random_search(objective: Objective, *, seed: int) -> None:
         )
     rng = np.random.default_rng(seed)
     while True:
-        objective.trial(objective.bounds.sample(rng, 1)[0])
+        objective.trial(objective.admissible(objective.bounds.sample(rng, 1))[0])

@@ -32,9 +32,8 @@ class TrialLog:
     """
 
     def __init__(self, path: Path, arm: ArmParameters | SpatialArm, *, measured: bool = False) -> None:
-        self.path, self.n, self.measured = path, arm.n, measured
-        axes = "xyz" if isinstance(arm, SpatialArm) else "xy"
-        self._dimension = len(axes)
+        self.path, self.n, self.dimension, self.measured = path, arm.n, arm.dimension, measured
+        axes = "xyz"[: self.dimension]
         self._names = strike_names(arm)
         self._header = [
             "trial",
@@ -116,17 +115,15 @@ class TrialLog:
         row = line.decode("utf-8", "replace").split(",")
         if len(row) != len(self._header):
             return None
-        n, d, start = self.n, self._dimension, 1 + len(self._names)
+        n, d, start = self.n, self.dimension, 1 + len(self._names)
         try:
             number, numbers = int(row[0]), [float(x) for x in row]
         except ValueError:
             return None
-        distance, hit, time = numbers[start : start + 3]
-        tip, velocity, speeds, torques = (
-            tuple(numbers[start + first : start + first + count])
-            for first, count in ((3, d), (3 + d, d), (3 + 2 * d, n), (3 + 2 * d + n, n))
-        )
-        diverged, *error = numbers[start + 3 + 2 * d + 2 * n :]
+        rest = iter(numbers[start:])
+        distance, hit, time = itertools.islice(rest, 3)
+        tip, velocity, speeds, torques = (tuple(itertools.islice(rest, count)) for count in (d, d, n, n))
+        diverged, *error = rest
         error = error[0] if error and not math.isnan(error[0]) else None
         outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, bool(diverged), error)
         return Trial(number, tuple(numbers[1:start]), outcome)

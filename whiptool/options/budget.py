@@ -26,7 +26,7 @@ class SearchOptions(Options):
     """Within which bounds strikes are searched, and how many are tried."""
 
     lower: tuple[float, ...] | None = None
-    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]."""
+    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints."""
     upper: tuple[float, ...] | None = None
     """Upper bounds, likewise."""
     max_trials: int = 600

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
@@ -54,7 +54,7 @@ class ZoneOptions(TargetOptions):
     of_disc: ClassVar[tuple[str, ...]] = ("target", "zone_radius")
 
     zone_radius: float = 0.1
-    """Targets are drawn from what the model can reach of the disc of this radius around --target [m]."""
+    """Targets are drawn from what the model can reach of the disc (ball, in space) of this radius around --target."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -64,7 +64,7 @@ class ZoneOptions(TargetOptions):
         number("--zone-radius", self.zone_radius, low=0, strict=True)
 
     def build_disc(self, model: Model):
-        """Return what the model can reach of the disc.
+        """Return what the model can reach of the disc, or in space of the ball.
 
         Raises:
             InputError: The model reaches nothing of it, or not the target.
@@ -72,7 +72,7 @@ class ZoneOptions(TargetOptions):
         from whiptool.zone import Disc, disc_within_reach
 
         self.build_target().check_reach(model)
-        disc = Disc(self.target, self.zone_radius)  # type: ignore[arg-type]
+        disc = Disc(self.target, self.zone_radius)
         return disc_within_reach(disc, model.reach)
 
 
@@ -86,11 +86,25 @@ class ModelOptions(Options):
     """Published whip and arm (nah2023, ur5e and panda: in space), or those of a file; a robot in URDF or MJCF gets the
     rope of ur5e."""
 
+    arm: str | None = None
+    """Arm of this model or file instead, such as a robot's URDF; it holds the whip of --model if that is in space."""
+
     def build_model(self) -> Model:
-        """The model that `--model` names."""
+        """The model that `--model` names, with the arm that `--arm` names.
+
+        Raises:
+            InputError: There is none, the arm does not fit the whip, or the command takes no models in space.
+        """
         from whiptool.models.files import find_model
 
         model = find_model(self.model)
+        if self.arm is not None:
+            try:
+                other = find_model(self.arm)
+            except InputError as error:
+                raise error.renamed("--arm") if error.name == "model" else error from None
+            model = replace(other, whip=model.whip) if other.dimension == model.dimension else other
         if model.dimension == 3 and not self.in_space:
-            raise InputError("--model", self.model, "a model in the plane, for this command")
+            option, given = ("--model", self.model) if self.arm is None else ("--arm", self.arm)
+            raise InputError(option, given, "a model in the plane, for this command")
         return model

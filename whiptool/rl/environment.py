@@ -20,13 +20,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from whiptool.errors import InputError
-from whiptool.impedance import Controller, oiac_preset
+from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
 from whiptool.models import Model, find_model
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rl.task import Step, StrikeTask
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import joint_points
 from whiptool.target import HIT_RADIUS, Target
 from whiptool.zone import Zone, sample
 
@@ -48,8 +47,8 @@ def make_task(
 
     Args:
         model: A model, the name of a preset, or a TOML file.
-        controller: A controller, or the name of an OIAC preset.
-        zone: Where targets are drawn; default: the paper's disc.
+        controller: A controller, or the name of a preset of OIAC or of constant impedance.
+        zone: Where targets are drawn; default: the paper's disc, in space a ball.
         observation: `paper`, `relative` or `goal`, see `StrikeTask`.
         hit_radius: [m]
         strikes: Strikes at one target before the episode is truncated.
@@ -62,7 +61,8 @@ def make_task(
     if not isinstance(model, Model):
         model = find_model(str(model))
     if not isinstance(controller, Controller):
-        controller = Controller(oiac_preset(controller))
+        of_arm = controller in CONSTANT_PRESETS
+        controller = Controller(constant_preset(controller) if of_arm else oiac_preset(controller))
     return StrikeTask(
         CompiledRollout(model, controller),
         zone,
@@ -77,13 +77,14 @@ def make_task(
 def spaces(task: StrikeTask) -> tuple[Box, Box]:
     """Observations in SI units, (n_obs,), and actions, (n_act,), that cover the box of strikes with [-1, 1]."""
     lower, upper = task.zone.box
-    reach = np.full(2, task.rollout.model.reach)
+    d = task.zone.dimension
+    reach = np.full(d, task.rollout.model.reach)
     low, high = (-reach - upper, reach - lower) if task.observation == "relative" else (-reach, reach)
     goal = task.observation == "goal"
     return (
         Box(
-            np.concatenate([low, np.full(2, -np.inf), *([lower] if goal else [])]).astype(np.float32),
-            np.concatenate([high, np.full(2, np.inf), *([upper] if goal else [])]).astype(np.float32),
+            np.concatenate([low, np.full(d, -np.inf), *([lower] if goal else [])]).astype(np.float32),
+            np.concatenate([high, np.full(d, np.inf), *([upper] if goal else [])]).astype(np.float32),
         ),
         Box(-1, 1, (task.n_act,), np.float32),
     )
@@ -93,9 +94,9 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
     """Strike at a target until it is hit.
 
     An episode has one target; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
-    or takes that of `options={"target": (x, y)}` [m]. `info` holds the `target` [m], and after a strike
-    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
-    speed zero), and, if it hit, `hit_time` [s].
+    or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. `info` holds the `target` [m], and after a
+    strike `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty,
+    the speed zero), and, if it hit, `hit_time` [s].
 
     Args:
         render_mode: None, or `rgb_array`: a picture of the last strike.
@@ -124,7 +125,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self._strike = None
-        targets = _chosen(options, "target", (2,))
+        targets = _chosen(options, "target", (self.task.zone.dimension,))
         targets = sample(self.task.zone, 1, self.np_random) if targets is None else targets[None]
         return _float32(self.task.reset(targets))[0], {"target": targets[0].copy()}
 
@@ -156,10 +157,10 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
         figure = Figure(figsize=(6.4, 4.8), dpi=100, layout="constrained")
         canvas, ax = FigureCanvasAgg(figure), figure.add_subplot()
         if self._strike is None:
-            model = task.rollout.model
-            ax.plot(*joint_points(model, np.zeros(model.n)).T)
-            ax.add_patch(Circle(tuple(target), task.hit_radius, fill=False))
-            ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+            across, up = task.resting[:, 0], task.resting[:, -1]  # in space from the side
+            ax.plot(across, up)
+            ax.add_patch(Circle((target[0], target[-1]), task.hit_radius, fill=False))
+            ax.set(xlabel="x [m]", ylabel="y [m]" if len(target) == 2 else "z [m]", aspect="equal")
         else:
             path = next(task.rollout.trajectories(self._strike, t_stay=task.t_stay))
             plot_strike(path, task.rollout.model, Target(tuple(target), task.hit_radius), ax=ax)
@@ -173,7 +174,7 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then what is
     seen before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` hold what came of the
     last strike, as in `gymnasium.vector.SyncVectorEnv`. A mask `_name` says in which lanes `info[name]` holds.
-    `reset(options={"targets": ...})` takes targets (num_envs, 2) [m].
+    `reset(options={"targets": ...})` takes targets (num_envs, d) [m], d = 3 in space.
 
     Args:
         num_envs: Lanes.
@@ -200,7 +201,7 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: The targets of the options are not one point per lane.
         """
         super().reset(seed=seed)
-        targets = _chosen(options, "targets", (self.num_envs, 2))
+        targets = _chosen(options, "targets", (self.num_envs, self.task.zone.dimension))
         if targets is None:
             targets = sample(self.task.zone, self.num_envs, self.np_random)
         obs = self.task.reset(targets)

@@ -24,7 +24,7 @@ def trials_to_hit(
     Args:
         learner: Trained on the task's observation; its weights stay as they are, its generator is drawn from.
         task: What is struck and seen.
-        targets: (B, 2) [m].
+        targets: (B, d) [m].
         cap: Strikes at most at each target.
         convention: One of `CONVENTIONS`.
 

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
-from whiptool.models.parameters import number, whole
+from whiptool.models.parameters import Model, number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, joint_points
 from whiptool.target import HIT_RADIUS
-from whiptool.zone import Disc, Zone
+from whiptool.zone import Zone, check_dimension, usual_disc
 
 OBSERVATIONS = ("paper", "relative", "goal")
 SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for networks
@@ -36,6 +37,17 @@ def log_reward(distance: np.ndarray, hit_radius: float) -> np.ndarray:
 
 
 REWARDS = {"paper": reward, "log": log_reward}
+
+
+def resting_points(model: Model, bounds: StrikeBounds) -> np.ndarray:
+    """Return where joints and nodes are before the first strike [m], (m, d).
+
+    In the plane the arm hangs, too; in space it stands in the middle of the postures from which strikes start.
+    """
+    if model.dimension == 2:
+        return joint_points(model, np.zeros(model.n))
+    middle = np.mean(bounds.box, axis=0)[None, : model.arm.n]
+    return joint_points(model, start_posture(model, middle)[0])
 
 
 @dataclass(frozen=True)
@@ -65,7 +77,7 @@ class StrikeTask:
         zone: Where targets are drawn.
         observation: `paper`: tip position and velocity at the closest approach; `relative`: the same, measured from
             the target; `goal`: the first, and the target. Before the first strike the whip hangs at rest from the
-            hanging arm.
+            arm; see `resting_points`.
         reward: `paper` (Eq. 17) or `log` (see `log_reward`).
         hit_radius: [m]
         strikes: Strikes at one target before it is given up.
@@ -93,26 +105,29 @@ class StrikeTask:
         if reward not in REWARDS:
             raise InputError("reward", reward, ", ".join(REWARDS))
         self._reward = REWARDS[reward]
-        self.rollout, self.zone, self.observation = rollout, zone or Disc(), observation
+        d = rollout.model.dimension
+        self.rollout, self.zone, self.observation = rollout, zone or usual_disc(d), observation
+        check_dimension(self.zone, rollout.model)
         self.hit_radius = number("hit radius", hit_radius, low=0, strict=True)
         self.strikes, self.t_stay = whole("strikes", strikes), number("t_stay", t_stay, low=0)
         self.bounds = bounds or default_bounds(rollout.model.arm)
         self.lower, self.upper = self.bounds.box
         self.n_act = len(self.lower)
-        self.n_obs = 6 if observation == "goal" else 4
+        self.n_obs = 3 * d if observation == "goal" else 2 * d
         farthest = float(np.abs(self.zone.box).max())
-        self.penalty = rollout.model.farthest_miss((farthest, farthest))
-        self.resting_tip = joint_points(rollout.model, np.zeros(rollout.model.n))[-1]
+        self.penalty = rollout.model.farthest_miss((farthest,) * d)
+        self.resting = resting_points(rollout.model, self.bounds)
+        self.resting_tip = self.resting[-1]
         self.n_strikes = self.n_diverged = 0
-        self.targets, self.counts = np.empty((0, 2)), np.empty(0, int)
+        self.targets, self.counts = np.empty((0, d)), np.empty(0, int)
 
     def reset(self, targets: np.ndarray) -> np.ndarray:
-        """Give every lane a target, (B, 2) [m], before its first strike; the observations (B, n_obs)."""
+        """Give every lane a target, (B, d) [m], before its first strike; the observations (B, n_obs)."""
         self.targets, self.counts = np.array(targets, float), np.zeros(len(targets), int)
         return self.first_look(self.targets)
 
     def renew(self, obs: np.ndarray, lanes: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """The observations with new targets (b, 2) in the lanes of a mask (B,) that ended."""
+        """The observations with new targets (b, d) in the lanes of a mask (B,) that ended."""
         self.targets[lanes], self.counts[lanes] = targets, 0
         obs = obs.copy()
         obs[lanes] = self.first_look(targets)
@@ -132,7 +147,7 @@ class StrikeTask:
         )
 
     def approach(self, strikes: np.ndarray, targets: np.ndarray) -> tuple[Approach, np.ndarray]:
-        """Closest approaches of strikes (B, n_act) to targets (B, 2), and miss distances, a penalty if diverged."""
+        """Closest approaches of strikes (B, n_act) to targets (B, d), and miss distances, a penalty if diverged."""
         approach = self.rollout.approach(strikes, targets, t_stay=self.t_stay)
         wild = approach.diverged | ~np.isfinite(approach.distance)
         self.n_strikes += len(strikes)
@@ -169,8 +184,8 @@ class StrikeTask:
         lower, upper = self.zone.box
         centre, half = (lower + upper) / 2, (upper - lower) / 2
         size = max(1.0, 2 * float(half.max()))  # tips come from everywhere
-        parts = [obs[:, :2] / size if self.observation == "relative" else (obs[:, :2] - centre) / size]
-        parts.append(obs[:, 2:4] / SPEED_SCALE)
+        where, velocity, target = np.split(obs, [len(centre), 2 * len(centre)], axis=1)
+        parts = [where / size if self.observation == "relative" else (where - centre) / size, velocity / SPEED_SCALE]
         if self.observation == "goal":
-            parts.append((obs[:, 4:] - centre) / half)
+            parts.append((target - centre) / half)
         return np.concatenate(parts, axis=1)

@@ -117,7 +117,7 @@ class Training:
             )
         self.learner, self.task, self.plan = learner, task, plan
         self.done = 0
-        self.obs = task.reset(task.zone.place(self._uniform(plan.trials, 3)))
+        self.obs = task.reset(task.zone.place(self._uniform(plan.trials, task.zone.dimension + 1)))
 
     def run(
         self,
@@ -161,7 +161,7 @@ class Training:
             self._relabel(struck, self.obs)
         losses = self.learner.learn(new, update=not explore)
         over = step.hit | step.truncated
-        fresh = task.zone.place(self._uniform(lanes, 3))
+        fresh = task.zone.place(self._uniform(lanes, task.zone.dimension + 1))
         self.obs = task.renew(step.obs, over, fresh[over])
         self.done += 1
         return Episode(
@@ -177,14 +177,14 @@ class Training:
         """Show the learner the same strikes at other targets (see `hindsight`)."""
         task, learner = self.task, self.learner
         assert isinstance(learner, OffPolicyLearner)
-        strikes = task.to_strikes(actions)
+        strikes, d = task.to_strikes(actions), task.zone.dimension
         _, paths, _ = task.rollout.tip_path(strikes, t_stay=task.t_stay, rate=hindsight.RATE)
         for _ in range(self.plan.hindsight):
-            targets = hindsight.new_targets(paths, task.zone, task.hit_radius, self._uniform(len(paths), 6))
+            targets = hindsight.new_targets(paths, task.zone, task.hit_radius, self._uniform(len(paths), 2 * d + 2))
             distance, tip, i = hindsight.nearest(paths, targets)
             whole = np.isfinite(distance)
             velocity = (paths[np.arange(len(paths)), i + 1] - paths[np.arange(len(paths)), i]) * hindsight.RATE
-            before = np.concatenate([obs[:, :4], targets], axis=1)
+            before = np.concatenate([obs[:, : 2 * d], targets], axis=1)
             after = np.concatenate([tip, velocity, targets], axis=1)
             learner.replay.add(
                 Transitions(

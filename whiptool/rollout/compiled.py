@@ -18,7 +18,7 @@ from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY, Strike, strike_names
 from whiptool.rollout.batch import Batch, Engine
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
-from whiptool.rollout.interface import Points, Rollout, Strikes, strike_vectors, target_points
+from whiptool.rollout.interface import Points, Rollout, Strikes, joined, strike_vectors, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 
 TIMESTEP = 2.5e-4  # [s]; benchmarks/accuracy.py shows why
@@ -104,6 +104,40 @@ class CompiledRollout(Rollout):
             bar.update(len(batch.p))
         bar.close()
         return _approach(out, a, self.model.dimension)
+
+    def nearest_node(
+        self, strikes: Strikes, target: Points, *, nodes: Sequence[int], t_stay: float | np.ndarray = T_STAY
+    ) -> Approach:
+        """Return the closest approaches of whichever of some nodes of the whip comes nearest.
+
+        Args:
+            strikes, target: As in `approach`.
+            nodes: Which, from 0, next to the hand, to N - 1, the tip.
+            t_stay: [s], one or one each, (B,).
+
+        Returns:
+            Where and when that node is nearest, its mean velocity over that step.
+
+        Raises:
+            InputError: Shapes do not match, or there is no such node.
+        """
+        strikes = strike_vectors(strikes, self.model.arm.n)
+        B, a, d = len(strikes), self.model.arm.n, self.model.dimension
+        if not nodes or not all(0 <= i < self.model.whip.N for i in nodes):
+            raise InputError("nodes", list(nodes), f"some of 0 to {self.model.whip.N - 1}")
+        targets, stay = target_points(target, B, d), np.broadcast_to(t_stay, B)
+        columns = np.array([d * (a + i) + c for i in nodes for c in range(d)])
+        found: list[Approach] = []
+        for first in range(0, B, _TRAJECTORIES_AT_ONCE):
+            part = slice(first, first + _TRAJECTORIES_AT_ONCE)
+            batch = self._batch(strikes[part], targets[part], stay[part])
+            batch.columns = columns
+            rolled = self._engine(forward=False)(batch, threads=self._threads)
+            tips = _approach(rolled.out, a, d)
+            for i, (path, h) in enumerate(zip(rolled.observed()[0], batch.h, strict=True)):
+                paths = path.reshape(len(path), len(nodes), d).transpose(1, 0, 2)
+                found.append(tips.of_paths(i, paths, batch.target[i], h))
+        return joined(found)
 
     def gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
@@ -251,7 +285,7 @@ class CompiledRollout(Rollout):
         self,
         strikes: np.ndarray,
         targets: np.ndarray,
-        t_stay: float,
+        t_stay: float | np.ndarray,
         models: Sequence[Model] | None = None,
         controllers: Sequence[Controller] | None = None,
     ) -> Batch:
@@ -309,4 +343,5 @@ def _approach(out: np.ndarray, a: int, dimension: int) -> Approach:
     columns = outcome_columns(a, dimension)
     single = {name: out[:, columns[name]][:, 0] for name in ("distance", "time")}
     several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque")}
-    return Approach(**single, **several, diverged=out[:, columns["diverged"]][:, 0] != 0)
+    positions = np.stack([out[:, columns[name]] for name in ("lowest", "highest")], axis=1)
+    return Approach(**single, **several, diverged=out[:, columns["diverged"]][:, 0] != 0, positions=positions)

@@ -251,6 +251,7 @@ struct Roll {
   Numbers<TIP> tip, before;
   Numbers<1> now, dt;
   real h, h_last, steps, elapsed, target[DIMENSION], fastest[N_DRIVE + !N_DRIVE], strongest[N_DRIVE + !N_DRIVE];
+  real lowest[N_DRIVE + !N_DRIVE], highest[N_DRIVE + !N_DRIVE];
 #if FORWARD
   real dh, dh_last, delapsed;
 #endif
@@ -263,7 +264,10 @@ struct Roll {
     fill(x, io.x0);
     clear(u), clear(u_end), clear(before);
     for (int j = 0; j < DIMENSION; ++j) target[j] = gather(io.target, DIMENSION, first, count, j);
-    for (int j = 0; j < N_DRIVE; ++j) fastest[j] = strongest[j] = 0;
+    for (int j = 0; j < N_DRIVE; ++j) {
+      fastest[j] = strongest[j] = 0;
+      lowest[j] = INFINITY, highest[j] = -INFINITY;
+    }
     h = gather(io.h, 1, first, count, 0), h_last = gather(io.h_last, 1, first, count, 0);
 #if FORWARD
     for (int j = 0; j < NP; ++j) p.d[j] = gather(io.dp, NP, first, count, j);
@@ -334,6 +338,8 @@ struct Roll {
       const real speed = abs(x.x[NQ + j]), torque = abs(stage.tau.x[j]);
       fastest[j] = select(alive && speed > fastest[j], speed, fastest[j]);
       strongest[j] = select(alive && torque > strongest[j], torque, strongest[j]);
+      lowest[j] = select(alive && x.x[j] < lowest[j], x.x[j], lowest[j]);
+      highest[j] = select(alive && x.x[j] > highest[j], x.x[j], highest[j]);
     }
     const bool sampled = io.y && i % io.stride == 0;
     for (int l = 0; l < LANES && l < count; ++l) {
@@ -418,6 +424,8 @@ struct Roll {
       for (int j = 0; j < N_DRIVE; ++j) {
         out[OUT_max_joint_speed + j] = lane(fastest[j], l);
         out[OUT_max_torque + j] = lane(strongest[j], l);
+        out[OUT_lowest + j] = lane(lowest[j], l);
+        out[OUT_highest + j] = lane(highest[j], l);
       }
     }
   }

@@ -80,6 +80,7 @@ class InterpretedEngine:
         out[outcome["diverged"]], out[outcome["last_step"]] = history.diverged[lane], history.last[lane]
         out[outcome["max_joint_speed"]] = np.abs(x[:, n : n + a]).max(axis=0)
         out[outcome["max_torque"]] = np.abs(tau).max(axis=0)
+        out[outcome["lowest"]], out[outcome["highest"]] = x[:, :a].min(axis=0), x[:, :a].max(axis=0)
         if rolled.rows is not None:
             assert rolled.first_row is not None
             row, rows = row_columns(n, a, d), slice(int(rolled.first_row[b]), int(rolled.first_row[b]) + len(t))

@@ -32,6 +32,7 @@ class Approach:
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
         diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
         error: Standard error of the distance [m], (B,), where it was measured; None: it was computed.
+        positions: Lowest and highest position of each arm joint over the strike [rad or m], (B, 2, a); None: not known.
     """
 
     distance: np.ndarray
@@ -42,11 +43,34 @@ class Approach:
     max_torque: np.ndarray
     diverged: np.ndarray
     error: np.ndarray | None = None
+    positions: np.ndarray | None = None
 
     def __repr__(self) -> str:
         if len(self.distance) == 1:
             return f"Approach({self.distance[0]:.4f} m at {self.time[0]:.3f} s, {self.speed[0]:.1f} m/s)"
         return f"Approach({len(self.distance)} strikes, the nearest {np.nanmin(self.distance, initial=np.inf):.4f} m)"
+
+    def of_paths(self, i: int, paths: np.ndarray, target: np.ndarray, h: float) -> Approach:
+        """Return strike i's approach, of the path that comes nearest instead of the tip's (B = 1).
+
+        Args:
+            i: Which strike.
+            paths: Some paths at its steps, (paths, T, d) [m]; NaN from where it diverged.
+            target: (d,) [m].
+            h: Step [s].
+        """
+        nearest = closest_on_segments(paths, target)
+        k = int(nearest.distance.argmin())
+        segment, share = int(nearest.segment[k]), float(nearest.share[k])
+        start, step = paths[k, segment], paths[k, segment + 1] - paths[k, segment]
+        rest = {name: getattr(self, name)[i : i + 1] for name in ("max_joint_speed", "max_torque", "diverged")}
+        return Approach(
+            nearest.distance[k : k + 1],
+            np.array([(segment + share) * h]),
+            step[None] / h,
+            (start + share * step)[None],
+            **rest,
+        )
 
     @property
     def speed(self) -> np.ndarray:
@@ -92,11 +116,14 @@ class Trajectory:
             of_tip = 0.0, *np.full((2, self.tip.shape[1]), np.nan)
         else:
             of_tip = tuple(nearest.between(x) for x in (self.t, self.tip_velocity, self.tip))
+        a = self.tau.shape[1]
+        q = self.q[:, :a]
         return Approach(
             *(np.array([x]) for x in (nearest.distance, *of_tip)),
-            max_joint_speed=np.abs(self.v[:, : self.tau.shape[1]]).max(axis=0)[None],
+            max_joint_speed=np.abs(self.v[:, :a]).max(axis=0)[None],
             max_torque=np.abs(self.tau).max(axis=0)[None],
             diverged=np.array([self.diverged]),
+            positions=np.stack([q.min(axis=0), q.max(axis=0)])[None],
         )
 
     def distance(self, target: Points) -> np.ndarray:

@@ -14,11 +14,13 @@ from whiptool.models.strike import default_bounds
 from whiptool.studies.comparison.store import Store
 from whiptool.studies.comparison.units import Scene
 from whiptool.target import TARGET
-from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region
+from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region, round_name
 
 FAST = "fast"
 SPEED = 3.0  # [m/s] at least, of the tip in the fast region
 STRIKES, QUICK_STRIKES = 1_000_000, 8_192  # random ones that find the fast region
+CELL = 0.02  # [m]
+STRIKES_IN_SPACE, CELL_IN_SPACE = 100_000, 0.1  # a strike costs ten times more there, and cells are more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,10 +30,12 @@ class RegionUnit:
     Args:
         scene: Its zone and targets do not matter.
         strikes: Random ones.
+        cell: Width of the cells that it is made of [m].
     """
 
     scene: Scene
     strikes: int
+    cell: float = CELL
 
     @property
     def name(self) -> str:
@@ -41,13 +45,15 @@ class RegionUnit:
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike at random, and return the region that fast tips reach."""
         bounds = default_bounds(self.scene.model.arm)
-        region = reachable_region(self.scene.rollout(threads), bounds, speed=SPEED, count=self.strikes)
+        region = reachable_region(self.scene.rollout(threads), bounds, speed=SPEED, count=self.strikes, cell=self.cell)
         return {"corners": region.corners.tolist(), "cell": region.cell}
 
 
 def fast_region(scene: Scene, store: Store, *, quick: bool = False) -> Region:
     """All cells through which the tip passes with at least `SPEED`; found once and kept in the store."""
-    unit = RegionUnit(scene=scene, strikes=QUICK_STRIKES if quick else STRIKES)
+    in_space = scene.model.dimension == 3
+    strikes = QUICK_STRIKES if quick else STRIKES_IN_SPACE if in_space else STRIKES
+    unit = RegionUnit(scene=scene, strikes=strikes, cell=CELL_IN_SPACE if in_space else CELL)
     known = store.results([unit], desc="region")[unit.name]
     return Region(np.array(known["corners"]), known["cell"])
 
@@ -75,14 +81,15 @@ def zone_named(name: str, scene: Scene, store: Store, *, quick: bool = False) ->
     if name == FAST:
         return fast_region(scene, store, quick=quick)
     around = scene.zone.disc if isinstance(scene.zone, ReachableDisc) else scene.zone
-    x, y = np.mean(around.box, axis=0).tolist()
-    return disc_within_reach(Disc((x, y), float(name)), scene.model.reach)
+    centre = tuple(np.mean(around.box, axis=0).tolist())
+    return disc_within_reach(Disc(centre, float(name)), scene.model.reach)
 
 
 def words(zone: Zone) -> str:
     """A zone, for people."""
     if isinstance(zone, Disc):
-        return f"a disc of radius {zone.radius:g} m around ({zone.centre[0]:g}, {zone.centre[1]:g}) m"
+        centre = ", ".join(f"{x:g}" for x in zone.centre)
+        return f"{round_name(zone)} of radius {zone.radius:g} m around ({centre}) m"
     if isinstance(zone, ReachableDisc):
         return f"what is within reach ({zone.reach:.3f} m) of {words(zone.disc)}"
-    return f"wherever the tip can pass with {SPEED:g} m/s, {zone.area:.2f} m^2"
+    return f"wherever the tip can pass with {SPEED:g} m/s, {zone.size:.2f} m^{zone.dimension}"

@@ -97,7 +97,7 @@ def further_zones(context: Context) -> list[Section]:
     for task in tasks:
         zone, found = task.scene.zone, context.difficulty(task)
         shares = (tables.percent(found[key]) for key in ("one_strike_hits", "random_strikes_hit"))
-        asked.append([zones.words(zone), f"{zone.area:.3f}", *shares])
+        asked.append([zones.words(zone), f"{zone.size:.3f}", *shares])
     if not parts:
         return []
     about = (

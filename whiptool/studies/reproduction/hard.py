@@ -57,7 +57,7 @@ def sections(context: Context) -> list[Section]:
             "The hard task: 1 cm, everywhere",
             [
                 Text(
-                    f"Targets anywhere that the tip reaches with at least {SPEED:g} m/s: {region.area:.2f} m^2 in "
+                    f"Targets anywhere that the tip reaches with at least {SPEED:g} m/s: {region.size:.2f} m^2 in "
                     f"cells of {100 * region.cell:g} cm, found with {QUICK_STRIKES if quick else STRIKES:,} random "
                     f"strikes. Hit radius {100 * HIT_RADIUS:g} cm. 'From a library': the search first strikes what "
                     f"passed nearest to the target among {library:,} random strikes (training trials in the table), "
@@ -95,5 +95,5 @@ def map_of(region: Region, scene: Scene) -> Figure:
         ax.add_patch(matplotlib.patches.Circle((0, 0), reach, fill=False, color="0.5", linestyle="--"))
         ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=(-1.1 * reach, 1.1 * reach))
         ax.set_ylim(-1.1 * reach, 1.1 * reach)
-        ax.set_title(f"at least {SPEED:g} m/s: {region.area:.2f} m²; dashed: reach {reach:.2f} m", fontsize=11)
+        ax.set_title(f"at least {SPEED:g} m/s: {region.size:.2f} m²; dashed: reach {reach:.2f} m", fontsize=11)
     return figure

@@ -1,0 +1,83 @@
+"""Limits of an arm's joints: what states and strikes use of them, by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.models import JointLimits, preset
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.rollout.trajectory import Approach, Trajectory
+
+TURNS = JointLimits(position=(-1.0, 3.0), velocity=2.0, torque=10.0)
+SPINS = JointLimits(velocity=4.0)  # for ever
+SLIDES = JointLimits(position=(0.0, math.inf), torque=5.0)
+LIMITS = ArmLimits((TURNS, SPINS, SLIDES))
+REST = np.array([[1.0, 0.0, 1.0]])
+
+
+def usage(q=(1.0, 0.0, 1.0), v=(0.0, 0.0, 0.0), tau=(0.0, 0.0, 0.0)) -> np.ndarray:
+    return LIMITS.usage(np.array(q), np.array(v), np.array(tau))
+
+
+def path(q=REST, v=0 * REST, tau=0 * REST, *, diverged: bool = False) -> Trajectory:
+    """A trajectory of these states, behind whose arm whip joints are far away and turn fast."""
+    T = len(q)
+    whip, gains, tip = np.full((T, 4), 1e3), np.zeros((T, 3, 3)), np.zeros((T, 3))
+    arm = np.broadcast_to(v, q.shape), np.broadcast_to(tau, q.shape)
+    whole = np.hstack([q, whip]), np.hstack([arm[0], whip])
+    return Trajectory(np.arange(T) / 100, *whole, q, arm[0], arm[1], gains, gains, tip, tip, diverged)
+
+
+def test_what_states_use_of_limits():
+    assert usage().max() == 0  # in the middle of the one range, at rest
+    np.testing.assert_allclose(usage(q=(2.5, 99.0, -0.25))[0], [0.75, 0, 1.25])
+    np.testing.assert_allclose(usage(q=(-1.5, 0.0, 99.0))[0], [1.25, 0, 0])
+    np.testing.assert_allclose(usage(v=(-1.0, -6.0, 99.0))[1], [0.5, 1.5, 0])
+    np.testing.assert_allclose(usage(tau=(-12.0, 99.0, 2.0))[2], [1.2, 0, 0.4])
+
+
+def test_a_strike_is_judged_by_its_worst_instant_and_its_peaks_say_the_same():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        q, v, tau = REST + rng.normal(0, 1, (6, 3)), rng.normal(0, 1.5, (6, 3)), rng.normal(0, 3, (6, 3))
+        strike = path(q, v, tau)
+        worst = LIMITS.usage(q, v, tau).max() - 1
+        assert LIMITS.violation(strike) == pytest.approx(worst)
+        assert LIMITS.violation(strike, margin=0.2) == pytest.approx(worst + 0.2)
+        near = strike.approach(np.zeros(3))
+        assert LIMITS.violation_of_peaks(near) == pytest.approx([worst])
+        assert LIMITS.violation_of_peaks(near, margin=0.2) == pytest.approx([worst + 0.2])
+    assert LIMITS.violation(path(diverged=True)) == np.inf
+    assert LIMITS.violation_of_peaks(path(diverged=True).approach(np.zeros(3))) == [np.inf]
+
+
+def test_unknown_positions_are_no_alibi():
+    near: Approach = dataclasses.replace(path(np.repeat(REST, 2, axis=0)).approach(np.zeros(3)), positions=None)
+    assert LIMITS.violation_of_peaks(near) == [np.inf]
+    free = ArmLimits((JointLimits(velocity=1.0), JointLimits(), JointLimits()))
+    assert free.violation_of_peaks(near) == [-1.0]
+
+
+@pytest.mark.parametrize(
+    ("states", "said"),
+    [
+        ({"q": REST * [[1], [-1.5]]}, "at 0.010 s the position of a is -1.50; its limit is -1.00 to 3.00"),
+        ({"v": np.array([[1.0, -5, 0]])}, "at 0.000 s the velocity of b is -5.00; its limit is 4.00"),
+        ({"tau": np.array([[1.0, 0, 6]])}, "at 0.000 s the torque of c is +6.00; its limit is 5.00"),
+    ],
+)  # fmt: skip
+def test_the_worst_instant_in_words(states, said):
+    assert LIMITS.explain(path(**states), ("a", "b", "c")) == said
+
+
+def test_arms_have_limits_or_none():
+    ur5e = ArmLimits.of(preset("ur5e").arm)
+    assert [joint.torque for joint in ur5e.joints] == [150, 150, 150, 28, 28, 28]
+    for name in ("lemon2024", "nah2023"):
+        with pytest.raises(InputError, match="limits: got 'none'; allowed: an arm whose joints have limits"):
+            ArmLimits.of(preset(name).arm)

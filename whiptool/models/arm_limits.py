@@ -1,0 +1,138 @@
+"""What an arm's own joints can do: how far a strike is beyond their limits of position, velocity and torque."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.motor_limits import Motion, Peaks
+from whiptool.models.parameters import ArmParameters
+from whiptool.models.spatial_arm import JointLimits, SpatialArm
+
+
+class Extremes(Peaks, Protocol):
+    """Largest speeds and torques, and the range of positions; an `Approach` has them."""
+
+    @property
+    def positions(self) -> np.ndarray | None:
+        """Lowest and highest position of each joint [rad or m], (2, a) or (B, 2, a); None: not known."""
+        ...
+
+
+_COMMANDED = 0.9
+_NAMES = ("position", "velocity", "torque")
+
+
+def _of_links(arm: ArmParameters | SpatialArm) -> tuple[JointLimits, ...]:
+    return tuple(link.limits for link in arm.links) if isinstance(arm, SpatialArm) else ()
+
+
+def _limited(joints: Sequence[JointLimits]) -> bool:
+    """Whether any joint has a limit of position, velocity or torque."""
+    return any(np.isfinite((*joint.position, joint.velocity, joint.torque)).any() for joint in joints)
+
+
+@dataclass(frozen=True)
+class ArmLimits:
+    """Limits of position, velocity and torque of each joint of an arm.
+
+    Those of acceleration, jerk and torque rate are not judged: makers set them for commanded paths.
+
+    Args:
+        joints: Of each joint; see `JointLimits`.
+        words: The limits for people.
+
+    Raises:
+        InputError: No joint has a limit.
+    """
+
+    joints: tuple[JointLimits, ...]
+    words: str = "the arm's limits of position, velocity and torque"
+
+    judges: ClassVar = "joint"
+    by_peaks: ClassVar = True  # each limit is of one quantity
+
+    def __post_init__(self) -> None:
+        if not _limited(self.joints):
+            raise InputError("limits", "none", "an arm whose joints have limits of position, velocity or torque")
+
+    @classmethod
+    def of(cls, arm: ArmParameters | SpatialArm) -> ArmLimits:
+        """Return the limits of an arm.
+
+        Raises:
+            InputError: It has none; planar arms have none.
+        """
+        return cls(_of_links(arm))
+
+    @staticmethod
+    def are_in(arm: ArmParameters | SpatialArm) -> bool:
+        """Whether an arm has any."""
+        return _limited(_of_links(arm))
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """Largest speed at which searches command joints to move [rad/s or m/s], (a,); a tenth is left for errors."""
+        return _COMMANDED * np.array([joint.velocity for joint in self.joints])
+
+    def usage(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """How much of each limit states use: 1 is at it, more is beyond, 0 where there is none.
+
+        Args:
+            q, v, tau: Positions, velocities and torques, (..., a).
+
+        Returns:
+            Of position, velocity and torque, (..., 3, a). A position in the middle of its range uses nothing; where
+            a range has one end only, each radian or metre beyond it counts as one.
+        """
+        low, high = np.array([joint.position for joint in self.joints]).T
+        velocity, torque = (
+            np.array([getattr(joint, name) for joint in self.joints]) for name in ("velocity", "torque")
+        )
+        half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
+        beyond = np.maximum(low - q, q - high) / half  # -inf where there is no end
+        return np.stack([np.maximum(1 + beyond, 0), np.abs(v) / velocity, np.abs(tau) / torque], axis=-2)
+
+    def violation(self, trajectory: Motion, *, margin: float = 0.0) -> float:
+        """How far the worst instant of a trajectory lies beyond a limit, in parts of it; <= 0: within.
+
+        Args:
+            trajectory: Positions, speeds and torques of the arm at every instant.
+            margin: This part of every limit is kept free.
+        """
+        if trajectory.diverged:
+            return math.inf
+        return float(self._usage_of(trajectory).max()) - (1.0 - margin)
+
+    def violation_of_peaks(self, outcome: Extremes, *, margin: float = 0.0) -> np.ndarray:
+        """The same from what each joint does at most, which says all: each limit is of one quantity.
+
+        Returns:
+            One number per strike, (B,) for an Approach; infinite where positions are limited and not known.
+        """
+        v, tau = np.asarray(outcome.max_joint_speed), np.asarray(outcome.max_torque)
+        positions = outcome.positions
+        if positions is None:
+            unlimited = not np.isfinite([joint.position for joint in self.joints]).any()
+            positions = np.full((*v.shape[:-1], 2, v.shape[-1]), 0.0 if unlimited else np.nan)
+        at_both = (positions, *(np.stack([x, x], axis=-2) for x in (v, tau)))  # the lowest and the highest, (B, 2, a)
+        worst = self.usage(*at_both).max(axis=(-3, -2, -1)) - (1.0 - margin)
+        return np.where(np.asarray(outcome.diverged) | ~np.isfinite(worst), np.inf, worst)
+
+    def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
+        """The worst instant in words."""
+        usage = self._usage_of(trajectory)
+        i, what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
+        value = (trajectory.q, trajectory.v, trajectory.tau)[what][i, j]
+        limit = getattr(self.joints[j], _NAMES[what])
+        allowed = f"{limit[0]:.2f} to {limit[1]:.2f}" if what == 0 else f"{limit:.2f}"
+        return f"at {trajectory.t[i]:.3f} s the {_NAMES[what]} of {joints[j]} is {value:+.2f}; its limit is {allowed}"
+
+    def _usage_of(self, trajectory: Motion) -> np.ndarray:
+        a = trajectory.tau.shape[1]
+        return self.usage(trajectory.q[:, :a], trajectory.v[:, :a], trajectory.tau)

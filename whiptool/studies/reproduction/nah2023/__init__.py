@@ -1,0 +1,10 @@
+"""Nah et al. 2023: a person's arm in space strikes six targets with a whip; their claims beside what we find.
+
+`python -m whiptool.reproduce nah2023`. Definitions follow the paper's abstract and the code that its authors published
+(github.com/mosesnah-shared/whip-project-targeting), see `docs/nah2023.md`.
+"""
+
+from whiptool.studies.reproduction.nah2023.report import SUBTITLE, TITLE, facts, sections
+from whiptool.studies.reproduction.nah2023.units import CONTROLLER, NAH2023
+
+__all__ = ["CONTROLLER", "NAH2023", "SUBTITLE", "TITLE", "facts", "sections"]

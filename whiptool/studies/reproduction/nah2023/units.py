@@ -1,0 +1,249 @@
+"""The work units of this reproduction: searches, many solutions of a target, and the published strikes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.impedance import Controller, constant_preset
+from whiptool.models.robots import NAH2023
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.strike import default_bounds
+from whiptool.rollout import CompiledRollout
+from whiptool.studies.reproduction.nah2023 import published
+from whiptool.studies.reproduction.nah2023.hand import measure
+from whiptool.studies.reproduction.nah2023.last_nodes import LastNodes
+from whiptool.studies.reproduction.nah2023.sensitivity import path_sensitivity
+from whiptool.studies.reproduction.nah2023.solutions import descend, distinct, slope_within
+from whiptool.target import Target
+
+TIMESTEP = 5e-4  # [s]
+COARSE = 1e-3  # [s], of descents before their last steps: within half a millimetre of the finer
+STAY = 0.6  # [s] after the movement that the tip alone is watched: the published strikes hit up to 0.45 s after it
+CONTROLLER = Controller(constant_preset("nah2023"))
+BOUNDS = default_bounds(NAH2023.arm)
+GROUPS = {"initial": slice(0, 4), "final": slice(4, 8), "D": slice(8, 9)}  # of a strike's vector: their cases A, B, C
+
+
+def simulator(threads: int | None, engine: str | None = None, timestep: float = TIMESTEP) -> CompiledRollout:
+    """Return the rollout of their arm, whip and controller; one strike at a time costs less on the engine `scalar`."""
+    return CompiledRollout(NAH2023, CONTROLLER, timestep=timestep, threads=threads, engine=engine)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectUnit:
+    """DIRECT-L at one target, until any of the last nodes hits.
+
+    Args:
+        target: Which, from 0.
+        nodes: How many count, until their simulation ends; 1: the tip alone, by our convention, until `STAY`.
+        cap: Evaluations at most.
+    """
+
+    target: int
+    nodes: int
+    cap: int
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        return f"nah2023-directl-target{self.target + 1}-nodes{self.nodes}-cap{self.cap}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Search."""
+        tip = simulator(threads, "scalar")
+        rollout = tip if self.nodes == 1 else LastNodes(tip, self.nodes, published.UNTIL)
+        return _search(rollout, self.target, published.HIT_RADIUS, "directl", self.cap)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GradientUnit:
+    """The search by exact gradients at one target, until the tip comes within 1 mm.
+
+    Args:
+        target: Which, from 0.
+        cap: Rollouts at most.
+    """
+
+    target: int
+    cap: int
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        return f"nah2023-gradient-target{self.target + 1}-cap{self.cap}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Search."""
+        return _search(simulator(threads), self.target, 1e-3, "gradient", self.cap)
+
+
+def _search(rollout, which: int, radius: float, method: str, cap: int) -> dict[str, Any]:
+    from whiptool.objective import Objective
+    from whiptool.optimizers import search
+
+    start, target = time.monotonic(), Target(published.TARGETS[which], radius)
+    objective = Objective(rollout, target, t_stay=STAY, bounds=BOUNDS, max_trials=cap, stop_at_hit=True)
+    found = search(objective, method)
+    if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
+        raise KeyboardInterrupt
+    misses = [trial.outcome.miss_distance for trial in found.trace]
+    return {
+        "evaluations": len(misses),
+        "hit": bool(min(misses) <= radius),
+        "best": min(misses),
+        "misses": misses,
+        "wall_time": time.monotonic() - start,
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolutionsUnit:
+    """Many strikes at one target, each as near as it can come, and what they are like.
+
+    Args:
+        target: Which, from 0.
+        random: Random strikes, the nearest of which are the starts.
+        starts: How many of them are followed down.
+        kept: Of what they lead to, the nearest, which are measured.
+        perturbed: Strikes with noise around each of these, in each group of parameters.
+        replay: Roll the nearest out in MuJoCo, too.
+    """
+
+    target: int
+    random: int = 1000
+    starts: int = 32
+    kept: int = 24
+    perturbed: int = 20
+    replay: bool = True
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        sizes = f"{self.random}-{self.starts}-{self.kept}-{self.perturbed}" + ("" if self.replay else "-quick")
+        return f"nah2023-solutions-target{self.target + 1}-{sizes}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Find and measure them, and as many random strikes beside them."""
+        start, rollout, target = time.monotonic(), simulator(threads), np.array(published.TARGETS[self.target])
+        coarse, rng = simulator(threads, timestep=COARSE), np.random.default_rng(self.target)
+        drawn = BOUNDS.sample(rng, self.random)
+        misses = coarse.approach(drawn, target, t_stay=STAY).distance
+        nearest = np.argsort(misses, kind="stable")[: self.starts]
+        strikes, _ = descend(coarse, BOUNDS, drawn[nearest], target, t_stay=STAY)
+        strikes, ends = by_merit(*descend(rollout, BOUNDS, strikes, target, t_stay=STAY))
+        strikes[:3], ends[:3] = descend(rollout, BOUNDS, strikes[:3], target, t_stay=STAY, gain=1e-5)
+        strikes, ends = by_merit(strikes, ends)
+        kept = strikes[distinct(strikes, BOUNDS)][: self.kept]
+        near = rollout.approach(kept, target, t_stay=STAY)
+        return {
+            "random_best": float(misses.min()),
+            "ends": ends.tolist(),
+            "strikes": kept.tolist(),
+            "misses": near.distance.tolist(),
+            "slope": slope_within(rollout, BOUNDS, kept[0], target, t_stay=STAY),
+            "replayed": _replayed(kept[0], target) if self.replay else None,
+            "sensitivity": path_sensitivity(rollout, kept, near, t_stay=STAY).tolist(),
+            "perturbed": _perturbed(rollout, kept, target, self.perturbed, rng),
+            "measures": _measures(rollout, kept),
+            "random_measures": _measures(rollout, drawn[: len(kept)]),
+            "wall_time": time.monotonic() - start,
+        }
+
+
+def by_merit(strikes: np.ndarray, misses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return strikes and their misses, the nearest first."""
+    order = np.argsort(misses, kind="stable")
+    return strikes[order], misses[order]
+
+
+def _measures(rollout: CompiledRollout, strikes: np.ndarray) -> list[dict[str, Any]]:
+    assert isinstance(NAH2023.arm, SpatialArm)
+    K = np.array(rollout.controller.law.parameters()["K"]).reshape(4, 4)
+    paths = rollout.trajectories(strikes, t_stay=0.0)
+    return [asdict(measure(NAH2023.arm, K, p, float(x[-1]))) for p, x in zip(paths, strikes, strict=True)]
+
+
+def noisy(strike: np.ndarray, group: slice, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Return copies of a strike with uniform noise on a group of its parameters, as in their robustness analysis."""
+    lower, upper = BOUNDS.box
+    noise = np.zeros((count, len(strike)))
+    half = published.NOISE * (upper - lower)[group]
+    noise[:, group] = rng.uniform(-half, half, (count, len(half)))
+    return strike + noise
+
+
+def _perturbed(
+    rollout: CompiledRollout, strikes: np.ndarray, target: np.ndarray, count: int, rng: np.random.Generator
+) -> dict[str, list[float]]:
+    """Mean miss of the tip around each strike, by the group of parameters that is perturbed [m]."""
+    found: dict[str, list[float]] = {}
+    for name, group in GROUPS.items():
+        around = np.concatenate([noisy(x, group, count, rng) for x in strikes])
+        misses = rollout.approach(around, target, t_stay=STAY).distance.reshape(len(strikes), count)
+        found[name] = misses.mean(axis=1).tolist()
+    return found
+
+
+def _replayed(strike: np.ndarray, target: np.ndarray) -> float | None:
+    """Miss of a strike in MuJoCo [m]; None where it diverges there."""
+    from whiptool.rollout import ReferenceRollout
+
+    near = ReferenceRollout(NAH2023, CONTROLLER).approach(strike, target, t_stay=STAY)
+    return None if near.diverged[0] else float(near.distance[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishedUnit:
+    """The strikes and distances that the authors published, in our simulation.
+
+    Args:
+        perturbed: Strikes with noise around each, in each group of parameters.
+    """
+
+    perturbed: int = published.PERTURBED
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        return f"nah2023-published-{self.perturbed}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Roll them out."""
+        rollout, rng = simulator(threads), np.random.default_rng(0)
+        theirs = LastNodes(rollout, published.LAST_NODES, published.UNTIL)
+        misses, shares, means = [], {name: [] for name in GROUPS}, {name: [] for name in GROUPS}
+        for strike, place in zip(published.STRIKES, published.TARGETS, strict=True):
+            target = np.array(place)
+            misses.append(float(theirs.approach(strike[None], target).distance[0]))
+            for name, group in GROUPS.items():
+                around = theirs.approach(noisy(strike, group, self.perturbed, rng), target).distance
+                shares[name].append(float((around <= published.HIT_RADIUS).mean()))
+                means[name].append(float(around.mean()))
+        return {
+            "misses": misses,
+            "hit_share": shares,
+            "mean_miss": means,
+            "measures": _measures(rollout, published.STRIKES),
+            "logged": _logged(rollout),
+        }
+
+
+def first_strikes() -> np.ndarray:
+    """Return DIRECT-L's first strikes: the middle of the box, and a third of it to either side along each axis."""
+    lower, upper = BOUNDS.box
+    middle, third = (lower + upper) / 2, np.diag((upper - lower) / 3)
+    return np.concatenate([middle[None], np.stack([middle - third, middle + third], axis=1).reshape(-1, len(middle))])
+
+
+def _logged(rollout: CompiledRollout) -> list[list[float]]:
+    """Distances of DIRECT-L's first strikes by the rule of their logs, (4, 19) [m]."""
+    strikes, found = first_strikes(), []
+    for place, nodes in zip(published.LOGGED_TARGETS, published.LOGGED_NODES, strict=True):
+        rule = LastNodes(rollout, nodes, published.UNTIL)
+        found.append(rule.approach(strikes, np.array(place)).distance.tolist())
+    return found
