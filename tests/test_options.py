@@ -90,7 +90,7 @@ def test_a_resumed_run_finds_its_file_from_elsewhere(file, monkeypatch):
     [
         (["rig", "strike"], "--strike", "q_si q_ei q_sf q_ef [rad] D [s]"),
         (["view"], "RUN", "Run folder"),
-        (["simulate"], "--strike", "five numbers"),
+        (["simulate"], "--strike", "numbers q_si q_ei q_sf q_ef D"),
         (["optimize", "--method"], "--method", "a value"),
         (["compare", "--methods"], "--methods", "one value or more"),
     ],
@@ -122,7 +122,7 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
     return {
         ("optimize.OptimizeOptions", "preset"): (*OIAC_PRESETS, *CONSTANT_PRESETS),
         ("optimize.OptimizeOptions", "integrator"): get_args(reference.Integrator),
-        ("optimize.OptimizeOptions", "limits"): (*LIMITS,),
+        ("optimize.OptimizeOptions", "limits"): (*LIMITS, "arm", "none"),
         ("adapt.AdaptOptions", "limits"): (*LIMITS,),
         ("adapt.AdaptOptions", "family"): FAMILIES,
         ("adapt.AdaptOptions", "material"): (*MATERIALS,),

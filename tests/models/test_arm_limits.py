@@ -66,7 +66,7 @@ def test_unknown_positions_are_no_alibi():
 @pytest.mark.parametrize(
     ("states", "said"),
     [
-        ({"q": REST * [[1], [-1.5]]}, "at 0.010 s the position of a is -1.50; its limit is -1.00 to 3.00"),
+        ({"q": REST - [[0, 0, 0], [3, 0, 0]]}, "at 0.010 s the position of a is -2.00; its limit is -1.00 to 3.00"),
         ({"v": np.array([[1.0, -5, 0]])}, "at 0.000 s the velocity of b is -5.00; its limit is 4.00"),
         ({"tau": np.array([[1.0, 0, 6]])}, "at 0.000 s the torque of c is +6.00; its limit is 5.00"),
     ],

@@ -192,7 +192,7 @@ def test_time_and_interruption_end_a_search():
         result = search(objective, method)
         assert (result.status, result.n_trials) == (Status.INTERRUPTED, 7)
         assert result.strike is not None
-    with pytest.raises(InputError, match="max-trials"):
+    with pytest.raises(InputError, match="max trials"):
         search(Objective(Bowl(), bounds=UNIT), "random")
 
 

@@ -21,7 +21,7 @@ def test_random_strikes_are_uniform_and_need_an_end():
     np.testing.assert_allclose(unit.var(axis=0), 1 / 12, rtol=0.06)
     endless = Counted()
     endless.max_trials = None
-    with pytest.raises(InputError, match="max-trials"):
+    with pytest.raises(InputError, match="max trials"):
         random_search(endless, seed=0)  # type: ignore[arg-type]
     timed = Counted(most=3)
     timed.max_trials, timed.max_time = None, 1.0

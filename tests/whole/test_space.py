@@ -78,13 +78,25 @@ def test_a_strike_in_space_for_people_and_as_mjcf(tmp_path):
 
 def test_a_policy_and_a_comparison_in_space(tmp_path):
     few = ["--episodes", "3", "--random-episodes", "1", "--trials", "8", "--hindsight", "1"]
-    ball = [*NAH, "--target", "1.7", "0.3", "0.2", "--hit-radius", "0.3"]
+    ball = [*NAH, "--target", "1.7", "0.3", "0.2", "--hit-radius", "1.0"]  # soon hit
     done = whiptool("train", *ball, *few, "--tests", "4", "--json", "--out", "policy", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["zone_volume"] == pytest.approx(4 / 3 * np.pi * 0.1**3)
     assert "zone_area" not in result
-    compared = ["--methods", "cmaes", "--targets", "3", "--seeds", "1", "--quick", "--tighter", "0.1", "--workers", "1"]
+    compared = [
+        "--methods",
+        "cmaes",
+        "--targets",
+        "2",
+        "--seeds",
+        "1",
+        "--max-trials",
+        "12",
+        "--tighter",
+        "--workers",
+        "1",
+    ]
     done = whiptool("compare", *ball, *compared, "--json", "--out", "compared", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert {row["method"] for row in json.loads(done.stdout)["rows"]} == {"cmaes", "random"}
