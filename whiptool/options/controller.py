@@ -68,7 +68,9 @@ class LawOptions(Options):
         self.refuse_beside_file("--preset", self.preset)
         path = Path(self.law_or_file)
         if not path.is_file():
-            raise InputError("--controller", str(path), "a TOML file with a table [controller]", "there is no such file")
+            raise InputError(
+                "--controller", str(path), "a TOML file with a table [controller]", "there is no such file"
+            )
         return read_controller(path)
 
     def refuse_beside_file(self, option: str, value: object) -> None:
