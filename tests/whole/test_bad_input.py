@@ -120,6 +120,8 @@ SHARED = """
 --json --no-json | twice
 --frobnicate | --frobnicate
 --model | --model
+--arm | --arm
+--arm absent.toml | absent.toml
 """
 
 # Of single commands

@@ -65,7 +65,9 @@ class ReproduceOptions(ComparisonOptions):
         _check_rows(self.rows)
         for method in self.further_methods:
             find_method(method)
-        reach = self.build_model().reach
+        model = self.build_model()
+        self.build_target().check_dimension(model)
+        reach = model.reach
         for zone in self.further_zones:
             try:
                 check_zone(zone, self.target, reach)

@@ -27,8 +27,9 @@ class LawOptions(Options):
 
     usual_preset: ClassVar[Preset] = "table4"
 
-    controller: Annotated[str, arg(metavar=CONTROLLERS)] = "oiac"
-    """Control law, or a file with a table [controller] (a run has one)."""
+    controller: Annotated[str | None, arg(metavar=CONTROLLERS)] = None
+    """Control law, or a file with a table [controller] (a run has one); default: constant for nah2023, ur5e and panda,
+    which have an impedance of their own, else oiac."""
     preset: Preset | None = None
     """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4.
     Constant impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
@@ -39,9 +40,19 @@ class LawOptions(Options):
         self.build_controller()
 
     @property
+    def law_or_file(self) -> str:
+        """The law or file as given, or else the law that goes with the model."""
+        from whiptool.impedance import CONSTANT_PRESETS
+
+        if self.controller is not None:
+            return self.controller
+        of_its_own = getattr(self, "model", "") in CONSTANT_PRESETS  # not every command has a model
+        return "constant" if of_its_own and (self.preset is None or self.preset in CONSTANT_PRESETS) else "oiac"
+
+    @property
     def in_file(self) -> bool:
         """Whether the controller, with all its options, stands in a file."""
-        return self.controller.endswith(".toml")
+        return self.law_or_file.endswith(".toml")
 
     def build_controller(self) -> Controller:
         """The controller of that law, or that of the file.
@@ -55,11 +66,12 @@ class LawOptions(Options):
         if not self.in_file:
             return Controller(law=self._named_law())
         self.refuse_beside_file("--preset", self.preset)
-        if not Path(self.controller).is_file():
+        path = Path(self.law_or_file)
+        if not path.is_file():
             raise InputError(
-                "--controller", self.controller, "a TOML file with a table [controller]", "there is no such file"
+                "--controller", str(path), "a TOML file with a table [controller]", "there is no such file"
             )
-        return read_controller(Path(self.controller))
+        return read_controller(path)
 
     def refuse_beside_file(self, option: str, value: object) -> None:
         """Refuse an option whose value belongs in the controller's file.
@@ -68,15 +80,15 @@ class LawOptions(Options):
             InputError: It has a value, and the controller stands in a file.
         """
         if self.in_file and value not in (None, False):
-            raise InputError(option, value, f"nothing beside --controller {self.controller}", "write it into the file")
+            raise InputError(option, value, f"nothing beside --controller {self.law_or_file}", "write it into the file")
 
     def _named_law(self) -> Law:
         from whiptool.impedance import constant_preset, oiac_preset
 
-        if self.controller not in LAWS:
-            raise InputError("--controller", self.controller, ", ".join(LAWS) + ", or a .toml file")
+        if self.law_or_file not in LAWS:
+            raise InputError("--controller", self.law_or_file, ", ".join(LAWS) + ", or a .toml file")
         try:
-            if self.controller == "oiac":
+            if self.law_or_file == "oiac":
                 return oiac_preset(self.usual_preset if self.preset is None else self.preset)
             return constant_preset(self._constant)
         except InputError as error:  # a preset of the other law
@@ -93,8 +105,8 @@ class LawOptions(Options):
     def law_label(self) -> str:
         """The law in words, for people."""
         if self.in_file:
-            return f"the controller of {Path(self.controller).name}"
-        if self.controller == "constant":
+            return f"the controller of {Path(self.law_or_file).name}"
+        if self.law_or_file == "constant":
             return "constant impedance" + (f" {self._constant}" if self._constant != "nah2020" else "")
         return f"OIAC {self.usual_preset if self.preset is None else self.preset}"
 

@@ -12,6 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
@@ -143,6 +144,7 @@ def _in_space(every: np.ndarray, target: Target, width: float, dpi: float) -> tu
     figure = _figure(width, width, dpi)
     figure.set_layout_engine("none")
     ax = figure.add_axes((-0.05, 0.07, 0.97, 0.85), projection="3d", computed_zorder=False)
+    assert isinstance(ax, Axes3D)
     set_up_perspective(ax, *box_around(every, target), zoom=0.93)
     ax.locator_params(nbins=5)
     return figure, ax, plot_ball(ax, target)

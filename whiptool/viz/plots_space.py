@@ -188,7 +188,7 @@ def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray, *, zoom: f
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set_proj_type("persp", focal_length=0.8)
     ax.view_init(elev=ELEVATION, azim=AZIMUTH)
-    ax.set_box_aspect(tuple(high - low), zoom=zoom)
+    ax.set_box_aspect(tuple(high - low), zoom=zoom)  # type: ignore[arg-type]
     ax.set(xlabel=AXES[0], ylabel=AXES[1], zlabel=AXES[2])
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_pane_color((0.97, 0.97, 0.98, 1.0))
@@ -199,7 +199,7 @@ def plot_in_space(trajectory: Trajectory, model: Model, target: Target | Sequenc
     strike = drawn(trajectory, model, target)
     if isinstance(ax, Axes3D):
         plot_perspective(ax, strike)
-        bar = {"ax": ax, "shrink": 0.6, "pad": 0.1}
+        bar: dict[str, Any] = {"ax": ax, "shrink": 0.6, "pad": 0.1}
     else:
         plot_projection(ax, strike, "xz")
         bar = {"cax": ax.inset_axes((1.03, 0.15, 0.04, 0.7))}
@@ -241,7 +241,9 @@ def draw_views(figure: Figure, trajectory: Trajectory, model: Model, target: Tar
         height_ratios=[tall, deep],
     )
     cells: dict[Plane, Any] = {"xz": grid[0, 0], "xy": grid[1, 0], "yz": grid[0, 1]}
-    views = {plane: plot_projection(figure.add_subplot(cell), strike, plane) for plane, cell in cells.items()}
+    views: dict[Plane, Axes] = {
+        plane: plot_projection(figure.add_subplot(cell), strike, plane) for plane, cell in cells.items()
+    }
     for plane, ax in views.items():
         ax.text(0.03, 0.97, _NAMES[plane], transform=ax.transAxes, va="top", color="0.35", fontweight="bold")
     views["xz"].set(xlabel="", title=strike.title)
@@ -257,6 +259,7 @@ def draw_views(figure: Figure, trajectory: Trajectory, model: Model, target: Tar
         cax=views["yz"].inset_axes((1.05, 0.12, 0.045, 0.76)),
         label="speed of the tip [m/s]",
     )
+    assert isinstance(perspective, Axes3D)
     return plot_perspective(perspective, strike)
 
 

@@ -14,6 +14,7 @@ from whiptool.models.robots import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.studies.reproduction.nah2023 import published
+from whiptool.studies.reproduction.nah2023.claims import PLANAR
 from whiptool.viz.plots import COLORS, STYLE
 
 TARGET_COLORS = tuple(COLORS[name] for name in ("blue", "vermilion", "green", "pink", "orange", "sky"))
@@ -87,7 +88,7 @@ def distributions(
         theirs: Likewise, one value each.
     """
     what = {
-        "outside": ("outside the plane [% of variance]", None, 1.0),
+        "outside": ("outside the plane [% of variance]", None, 100 * PLANAR),
         "task": ("along the hand's softest axis [% of v²]", 100 / 3, 50.0),
         "joint": ("along the joints' softest axis [% of e²]", 25.0, 50.0),
     }
