@@ -169,7 +169,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     arguments = parser.parse_args()
     mujoco.set_mju_user_warning(lambda message: None)  # a shoulder's gimbal lock makes some strikes diverge
-    by_loop, checked, timed = (3, 16, 64) if arguments.quick else (16, 128, 1024)
+    by_loop, checked, timed = (8, 16, 64) if arguments.quick else (16, 128, 1024)
     nah, ur5e = preset("nah2023"), preset("ur5e")
     cases = [("nah2023", nah), ("ur5e", ur5e)]
     if not arguments.quick:
