@@ -135,7 +135,7 @@ def ours(model: Model, name: str, strikes: np.ndarray, checked: int, bar: tqdm, 
         bar.set_postfix_str(f"{model.name}, {1e3 * h:g} ms")
         rollout = CompiledRollout(model, controller, timestep=h)
         some = rollout.approach(strikes[:checked], target)
-        error = np.where(some.diverged, np.inf, np.abs(some.distance - true.distance))
+        error = np.where(some.diverged, 1e3, np.abs(some.distance - true.distance))
         numbers = {"median_error": float(np.median(error)), "p95_error": float(np.percentile(error, 95))}
         within = {"median": numbers["median_error"] <= median, "p95": numbers["p95_error"] <= BOUND}
         for which in (key for key, enough in within.items() if enough and key not in found):
