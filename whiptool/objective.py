@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from scipy.special import ndtr, stdtr
@@ -97,16 +97,16 @@ class SearchStopped(WhiptoolError):
 
 
 class Limits(Protocol):
-    """What an arm can do: `MotorLimits`, or the `ArmLimits` of its joints."""
+    """What an arm can do: `MotorLimits`, or the `ArmLimits` of its joints.
+
+    `by_peaks` says whether peaks alone decide.
+    """
+
+    by_peaks: ClassVar[bool]
 
     @property
     def speeds(self) -> np.ndarray | None:
         """Largest speed at which searches may command each joint to move [rad/s or m/s], (a,); None: any."""
-        ...
-
-    @property
-    def by_peaks(self) -> bool:
-        """Whether peaks alone decide."""
         ...
 
     def violation_of_peaks(self, outcome: Approach, /) -> np.ndarray:

@@ -54,8 +54,8 @@ class ArmLimits:
     joints: tuple[JointLimits, ...]
     words: str = "the arm's limits of position, velocity and torque"
 
-    judges: ClassVar = "joint"
-    by_peaks: ClassVar = True  # each limit is of one quantity
+    judges: ClassVar[str] = "joint"
+    by_peaks: ClassVar[bool] = True  # each limit is of one quantity
 
     def __post_init__(self) -> None:
         if not _limited(self.joints):

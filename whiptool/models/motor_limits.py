@@ -82,13 +82,16 @@ class MotorLimits:
     no_load_speed: float
     stall_current: float
 
-    judges: ClassVar = "motor"
-    speeds: ClassVar = None  # a movement may be commanded at any speed
-    by_peaks: ClassVar = False  # the line joins speed and torque, whose peaks need not come at once
+    judges: ClassVar[str] = "motor"
+    by_peaks: ClassVar[bool] = False  # the line joins speed and torque, whose peaks need not come at once
 
     def __post_init__(self) -> None:
         for name in ("stall_torque", "no_load_speed", "stall_current"):
             number(name, getattr(self, name), low=0, strict=True)
+
+    @property
+    def speeds(self) -> None:
+        """None: a movement may be commanded at any speed."""
 
     @property
     def words(self) -> str:
