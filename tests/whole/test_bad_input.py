@@ -24,7 +24,7 @@ from whiptool.commands import cli
 from whiptool.errors import InputError
 from whiptool.models import preset, write_model
 from whiptool.models.strike import Strike
-from whiptool.options import Options
+from whiptool.options import OptionGroup
 from whiptool.recording.strike_recording import StrikeRecording
 
 pytestmark = pytest.mark.slow
@@ -443,7 +443,7 @@ def lines(table: str) -> list[tuple[str, str]]:
     ]
 
 
-def options_of(command: str) -> type[Options]:
+def options_of(command: str) -> type[OptionGroup]:
     module, name = OPTIONS[command]
     return getattr(import_module(module), name)
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from whiptool.errors import NOTHING, InputError, WhiptoolError
-from whiptool.options import Options, OutputOptions, ResumableOptions, flag, flags
+from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
 from whiptool.version import __version__
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from whiptool.models import Model
     from whiptool.runs import RunFolder
 
-T = TypeVar("T", bound=Options)
+T = TypeVar("T", bound=OptionGroup)
 
 
 def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None) -> T:
@@ -78,7 +78,7 @@ def _parsed(
 
 
 def choices(kind: Any) -> list[Any]:
-    """Return the values of all `Literal`s in a type, in their order."""
+    """Return the values of all literal types within a type, in their order."""
     if get_origin(kind) is Literal:
         return list(get_args(kind))
     return [value for part in get_args(kind) for value in choices(part)]
@@ -93,7 +93,7 @@ def _missing(argument: Any) -> InputError:
 
 
 @contextmanager
-def options_named(options: Options, **others: str) -> Iterator[None]:
+def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
     """Name options in the errors that come from within, where the library names arguments.
 
     Args:
@@ -202,7 +202,7 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
 
 
 def configuration(
-    options: Options, command: str, model: Model | None = None, controller: Controller | None = None, **parts: Any
+    options: OptionGroup, command: str, model: Model | None = None, controller: Controller | None = None, **parts: Any
 ) -> dict[str, Any]:
     """What a run folder holds of how a run was begun, without the version of the code.
 

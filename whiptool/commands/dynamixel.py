@@ -8,7 +8,7 @@ from typing import Literal
 
 from whiptool.commands.cli import options_named, parse, run
 from whiptool.errors import InputError
-from whiptool.options import Options, refuse_idle, whole
+from whiptool.options import OptionGroup, refuse_idle, whole
 
 Baud = Literal[9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 LAST_ID = 252
@@ -16,7 +16,7 @@ PATIENCE = 1.0  # [s] that a reply may take
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoOptions(Options):
+class ServoOptions(OptionGroup):
     """See which servos are there, and set them up."""
 
     port: str

@@ -31,7 +31,7 @@ from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicte
 from whiptool.dynamics.records import Record, Stored
 from whiptool.dynamics.rods import RodFrame, RodJoint
 
-Frame = SpatialFrame | RodFrame
+LinkFrame = SpatialFrame | RodFrame
 
 
 class Instant(NamedTuple):
@@ -48,7 +48,7 @@ class Hand(NamedTuple):
     """Where the whip begins; far ends (a, 3) [m] and, in the plane, absolute angles (a, 1) of the drive's links, and
     what the drive keeps for its reaction."""
 
-    frame: Frame
+    frame: LinkFrame
     ends: ca.SX
     angles: ca.SX
     motion: Record
@@ -156,7 +156,7 @@ class System(ABC):
 
     def move_link(
         self, frame: Any, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
-    ) -> tuple[Frame, SpatialMoving, ca.SX, ca.SX]:
+    ) -> tuple[LinkFrame, SpatialMoving, ca.SX, ca.SX]:
         """Return the frame at a link's end, how it moves, its joint's torques and what the integrator adds to its
         inertia, in this stage: of K hinges (K, 1) both, of a rod (3, 1) and (1, 1)."""
         link, joint = self.link(w)
@@ -206,7 +206,7 @@ class System(ABC):
 
     def _stage(
         self, at: Instant, q: ca.SX, v: ca.SX, before: ca.SX | None
-    ) -> tuple[ca.SX, Reaction, Hand, list[Frame]]:
+    ) -> tuple[ca.SX, Reaction, Hand, list[LinkFrame]]:
         """Accelerations (n, 1) of one stage, the drive's reaction, the hand, and the links' ends.
 
         Args:

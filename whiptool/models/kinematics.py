@@ -13,7 +13,7 @@ from whiptool.models.spatial_arm import SpatialArm
 UNIVERSAL = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0))  # axes of a universal node's hinges, in order
 
 
-class Frame(NamedTuple):
+class MovingFrame(NamedTuple):
     """A frame and its motion, for many states at once; everything in the base's axes.
 
     Args:
@@ -28,21 +28,21 @@ class Frame(NamedTuple):
     velocity: np.ndarray
     spin: np.ndarray
 
-    def carried(self, position: Sequence[float] | np.ndarray) -> Frame:
+    def carried(self, position: Sequence[float] | np.ndarray) -> MovingFrame:
         """The frame moved to a place that is fixed in it (3,) [m]."""
         arm = self.rotation @ np.asarray(position, float)
         return self._replace(origin=self.origin + arm, velocity=self.velocity + np.cross(self.spin, arm))
 
-    def turned(self, rotation: Sequence[Sequence[float]]) -> Frame:
+    def turned(self, rotation: Sequence[Sequence[float]]) -> MovingFrame:
         """The frame turned by a rotation that is fixed in it (3, 3)."""
         return self._replace(rotation=self.rotation @ np.asarray(rotation, float))
 
-    def hinged(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> Frame:
+    def hinged(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> MovingFrame:
         """The frame behind a hinge about an axis (3,) at angle q [rad] and speed v [rad/s], (...)."""
         spin = self.spin + (self.rotation @ np.asarray(axis, float)) * v[..., None]
         return self._replace(rotation=self.rotation @ rotation_about(axis, q), spin=spin)
 
-    def slid(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> Frame:
+    def slid(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> MovingFrame:
         """The frame on a slide along an axis (3,) at position q [m] and speed v [m/s], (...)."""
         along = self.rotation @ np.asarray(axis, float)
         moved = along * q[..., None]
@@ -58,7 +58,7 @@ def rotation_about(axis: Sequence[float], angle: np.ndarray | float) -> np.ndarr
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
 
 
-def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> list[Frame]:
+def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> list[MovingFrame]:
     """Return the frame of every link, behind its joint, and last the hand's.
 
     Args:
@@ -69,7 +69,7 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
     q = np.asarray(q, float)
     v = np.zeros_like(q) if v is None else np.asarray(v, float)
     zeros = np.zeros((*q.shape[:-1], 3))
-    frame = Frame(zeros, np.broadcast_to(np.eye(3), (*zeros.shape, 3)), zeros, zeros)
+    frame = MovingFrame(zeros, np.broadcast_to(np.eye(3), (*zeros.shape, 3)), zeros, zeros)
     frames = []
     for i, link in enumerate(arm.links):
         at_joint = frame.carried(link.position).turned(link.rotation)
@@ -101,7 +101,7 @@ def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tu
     return np.concatenate([points, nodes], axis=-2), np.concatenate([velocities, speeds], axis=-2)
 
 
-def _universal(hand: Frame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _universal(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities (..., N, 3) of nodes on universal joints, q and v (..., 2 N)."""
     frame, frames = hand, []
     for i, length in enumerate(lengths):
@@ -112,7 +112,7 @@ def _universal(hand: Frame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -
     return np.stack([f.origin for f in frames], axis=-2), np.stack([f.velocity for f in frames], axis=-2)
 
 
-def _rods(hand: Frame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rods(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities (..., N, 3) of the ends of rods of these directions and rates, q and v (..., 3 N)."""
     steps = (x.reshape(*x.shape[:-1], -1, 3) * lengths[:, None] for x in (q, v))
     along, change = (np.cumsum(x, axis=-2) for x in steps)

@@ -3,7 +3,7 @@
 from whiptool.options.base import (
     MANY_TARGETS,
     JsonOptions,
-    Options,
+    OptionGroup,
     OutputOptions,
     ResumableOptions,
     SeedOptions,
@@ -39,7 +39,7 @@ __all__ = [
     "Methods",
     "ModelOptions",
     "Observation",
-    "Options",
+    "OptionGroup",
     "OutputOptions",
     "Preset",
     "ResumableOptions",

@@ -13,7 +13,7 @@ MANY, MANY_TARGETS = 2**31 - 1, 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class OptionGroup:
     """Options of a command, which it composes from groups such as `TargetOptions`; they check themselves.
 
     A group may name some of its fields in class variables, and a command has what all its groups name:
@@ -44,7 +44,7 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeedOptions(Options):
+class SeedOptions(OptionGroup):
     """Seed of what is random."""
 
     seed: int = 0
@@ -57,7 +57,7 @@ class SeedOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class JsonOptions(Options):
+class JsonOptions(OptionGroup):
     """How the result is told."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("json",)
@@ -119,7 +119,7 @@ def flag(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def flags(options: Options) -> Iterator[tuple[str, str]]:
+def flags(options: OptionGroup) -> Iterator[tuple[str, str]]:
     """Yield the name of each field that is given by a flag, and the flag."""
     for f in fields(options):
         if "Positional" not in str(f.type):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import arg
 
 from whiptool.errors import InputError
-from whiptool.options.base import MANY_TARGETS, Options, whole
+from whiptool.options.base import MANY_TARGETS, OptionGroup, whole
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
@@ -22,7 +22,7 @@ Methods = Annotated[tuple[str, ...], arg(metavar=f"[{METHODS} ...]")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions(Options):
+class SearchOptions(OptionGroup):
     """Within which bounds strikes are searched, and how many are tried."""
 
     lower: tuple[float, ...] | None = None
@@ -59,7 +59,7 @@ class SearchOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingOptions(Options):
+class TrainingOptions(OptionGroup):
     """How long learners are trained (Algorithm 1)."""
 
     episodes: int = 500

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from tyro.conf import arg
 
 from whiptool.errors import InputError
-from whiptool.options.base import Options
+from whiptool.options.base import OptionGroup
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -22,7 +22,7 @@ LONGEST_PERIOD = 0.1  # [s]; an arm that is looked at more rarely is not control
 
 
 @dataclass(frozen=True, kw_only=True)
-class LawOptions(Options):
+class LawOptions(OptionGroup):
     """Options that choose the impedance law."""
 
     usual_preset: ClassVar[Preset] = "table4"

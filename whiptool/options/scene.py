@@ -9,7 +9,7 @@ from tyro.conf import arg
 
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY
-from whiptool.options.base import Options
+from whiptool.options.base import OptionGroup
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
@@ -22,7 +22,7 @@ MODELS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class TargetOptions(Options):
+class TargetOptions(OptionGroup):
     """What is struck at, and for how long the tip is watched."""
 
     target: tuple[float, ...] = (1.3, 0.0)
@@ -77,7 +77,7 @@ class ZoneOptions(TargetOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelOptions(Options):
+class ModelOptions(OptionGroup):
     """Which whip and arm."""
 
     in_space: ClassVar[bool] = False  # whether the command takes models in space

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from whiptool.errors import InputError
-from whiptool.options.base import Options
+from whiptool.options.base import OptionGroup
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -21,7 +21,7 @@ MANY_COARSE = 0.1  # share of random strikes that a step may get wrong by more t
 
 
 @dataclass(frozen=True, kw_only=True)
-class StepOptions(Options):
+class StepOptions(OptionGroup):
     """How finely the compiled simulator steps."""
 
     timestep: float | None = None
