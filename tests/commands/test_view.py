@@ -73,7 +73,7 @@ def test_a_strike_in_space_is_written_and_looked_at(tmp_path, capsys):
     np.savez(folder / "trajectory.npz", **{**arrays, "q": arrays["q"][:, :-1]})
     capsys.readouterr()
     assert view.main([str(folder)]) == 2
-    assert "53 joints" in capsys.readouterr().err
+    assert "53 coordinates" in capsys.readouterr().err
 
 
 def test_without_a_display_files_are_written_and_named(run, tmp_path, capsys, monkeypatch):
@@ -159,7 +159,7 @@ def test_no_folder_and_damaged_files(run, tmp_path, capsys):
     text = (folder / "config.toml").read_text()
     (folder / "config.toml").write_text(text.replace("N = 12", "N = 11"))
     assert view.main([str(folder)]) == 2
-    assert "14 joints" in capsys.readouterr().err
+    assert "14 coordinates" in capsys.readouterr().err
 
 
 def test_the_command_is_registered():
