@@ -53,20 +53,6 @@ def seen(variables: list[Variable], z: list[float], rows: list[list[float]], uni
     )
 
 
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("whip.k[3]", "N m/rad"), ("whip.cubic_stiffness", "N m/rad^3"), ("whip.l", "m"), ("whip.drag_ratio", ""),
-        ("profile.length", "m"), ("profile.bending_damping", "N m^2 s"), ("profile.density_taper", ""),
-        ("arm.inertia[0]", "kg m^2"), ("arm.friction[1]", "N m s/rad"), ("link.dry_friction[0]", "N m"),
-        ("law.beta", "s"), ("law.K[0]", "N m/rad"), ("law.a", ""), ("arm.drag", ""),
-        ("delay", "s"), ("gravity", "m/s^2"), ("scale", ""), ("clamp", "rad"), ("nobody.k", ""),
-    ],
-)  # fmt: skip
-def test_units(name, unit):
-    assert summary.unit_of(name) == unit
-
-
 def parameter(name: str, value: float, kind: str = "pinned", **told) -> Parameter:
     usual = {"start": 1.0, "error": 0.05, "interval": None, "alone": 0.01, "partner": None, "correlation": 0.0}
     return Parameter(name, value, kind=kind, **{**usual, **told})

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from whiptool.models import (
-    preset,
-)
+from whiptool.errors import InputError
+from whiptool.models import preset
 
 
 def test_published_presets():
@@ -19,3 +18,8 @@ def test_published_presets():
     fitted = preset("nah2020-fitted")
     assert (fitted.whip.length, fitted.whip.mass) == (pytest.approx(1.8), pytest.approx(0.3))
     assert {preset(f"nah2020-n{n}").whip.N for n in (10, 15, 20)} == {10, 15, 20}
+
+
+def test_a_preset_of_no_such_name_is_refused_with_all_names():
+    with pytest.raises(InputError, match=r"^model preset: got 'lemon2023'; allowed: lemon2024, nah2020-n10.*panda$"):
+        preset("lemon2023")

@@ -131,21 +131,6 @@ def test_files_that_are_not_there(tmp_path):
         read_urdf(tmp_path / "none.urdf")
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"tip": 3}, "tip"), ({"moving": "elbow"}, "moving"), ({"moving": (1,)}, "moving"),
-        ({"locked": ("elbow",)}, "locked"),
-        ({"locked": {"elbow": "up"}}, "locked.elbow"), ({"outward": (0, 0, 0)}, "outward"),
-        ({"outward": (1, 0)}, "outward"),
-        ({"moving": ("elbow",), "locked": {"elbow": 0}}, "locked: got 'elbow'"),
-    ],
-)  # fmt: skip
-def test_choices_are_checked(wrong, message):
-    with pytest.raises(InputError, match=f"^{message}"):
-        ArmChoice(**wrong)
-
-
 def test_the_panda_of_example_robot_data_is_the_preset():
     data = pytest.importorskip("example_robot_data", reason="example-robot-data is not installed")
     from pathlib import Path

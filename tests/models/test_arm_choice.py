@@ -1,0 +1,105 @@
+"""What is taken of a robot's file: the tip, the joints that move, the hand's frame."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from whiptool.errors import InputError
+from whiptool.models.arm_choice import ArmChoice, quiet
+
+CHAIN, JOINTS = ("rail", "shoulder", "elbow"), ("rail", "shoulder", "elbow", "finger")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"tip": 3}, "tip"), ({"moving": "elbow"}, "moving"), ({"moving": (1,)}, "moving"),
+        ({"locked": ("elbow",)}, "locked"),
+        ({"locked": {"elbow": "up"}}, "locked.elbow"), ({"outward": (0, 0, 0)}, "outward"),
+        ({"outward": (1, 0)}, "outward"),
+        ({"moving": ("elbow",), "locked": {"elbow": 0}}, "locked: got 'elbow'"),
+    ],
+)  # fmt: skip
+def test_choices_are_checked(wrong, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        ArmChoice(**wrong)
+
+
+def test_a_choice_holds_plain_values():
+    choice = ArmChoice(moving=["elbow"], locked={"rail": np.float64(1)}, outward=[0, -3, 0])  # type: ignore[arg-type]
+    assert (choice.moving, choice.locked, choice.outward) == (("elbow",), {"rail": 1.0}, (0.0, -1.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("choice", "movers"),
+    [
+        ({}, ["rail", "shoulder", "elbow"]),
+        ({"moving": ("elbow", "rail")}, ["rail", "elbow"]),  # in the chain's order
+        ({"locked": {"shoulder": 0.7}}, ["rail", "elbow"]),
+        ({"locked": {"finger": 0.01}}, ["rail", "shoulder", "elbow"]),  # beside the chain
+        ({"moving": ("rail",), "locked": {"shoulder": 0.7}}, ["rail"]),
+    ],
+)
+def test_joints_that_move(choice, movers):
+    assert ArmChoice(**choice).movers(CHAIN, JOINTS) == movers
+
+
+@pytest.mark.parametrize(
+    ("choice", "name", "given_", "allowed"),
+    [
+        ({"moving": ("wrist",)}, "moving", "wrist", "one of the joints rail, shoulder, elbow"),
+        ({"moving": ("finger",)}, "moving", "finger", "one of the joints rail, shoulder, elbow"),
+        ({"locked": {"wrist": 0}}, "locked", "wrist", "one of the joints rail, shoulder, elbow, finger"),
+        ({"moving": ()}, "moving", [], "one or more of the joints rail, shoulder, elbow"),
+        ({"locked": dict.fromkeys(CHAIN, 0)}, "moving", [], "one or more of the joints rail, shoulder, elbow"),
+    ],
+)
+def test_joints_that_are_none_or_none_left_are_named(choice, name, given_, allowed):
+    with pytest.raises(InputError) as caught:
+        ArmChoice(**choice).movers(CHAIN, JOINTS)
+    assert (caught.value.name, caught.value.given, caught.value.allowed) == (name, given_, allowed)
+
+
+def test_a_chain_without_joints_has_none_to_move():
+    with pytest.raises(InputError, match=r"^moving: got \[\]; allowed: .*\(there are none\)"):
+        ArmChoice().movers((), JOINTS)
+
+
+def test_the_tip_is_the_one_named_or_the_only_end():
+    frames = ("base", "fore", "tool", "finger")
+    assert ArmChoice(tip="fore").only_tip(("tool", "finger"), frames) == "fore"
+    assert ArmChoice().only_tip(("tool",), frames) == "tool"
+    with pytest.raises(InputError, match=r"^tip: got 'none'; .* as the robot branches: tool, finger"):
+        ArmChoice().only_tip(("tool", "finger"), frames)
+    with pytest.raises(InputError, match=r"^tip: got 'flange'; allowed: one of base, fore, tool, finger"):
+        ArmChoice(tip="flange").only_tip(("tool",), frames)
+
+
+@given(st.tuples(*[st.floats(-5, 5)] * 3))
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_the_hand_is_a_rotation_whose_minus_z_is_outward(outward):
+    length = np.linalg.norm(outward)
+    assume(length > 1e-6)
+    R = ArmChoice(outward=outward).hand
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(R) == pytest.approx(1)
+    np.testing.assert_allclose(-R[:, 2], np.array(outward) / length, atol=1e-14)
+
+
+def test_the_hand_of_a_flange_has_exact_zeros():
+    np.testing.assert_array_equal(np.abs(ArmChoice().hand), np.eye(3))
+
+
+def test_what_a_library_writes_to_standard_error_is_kept_from_it(capfd):
+    os.write(2, b"before\n")
+    with contextlib.suppress(KeyError), quiet():
+        os.write(2, b"noise\n")
+        raise KeyError  # standard error is given back whatever happens
+    os.write(2, b"after\n")
+    assert capfd.readouterr().err == "before\nafter\n"

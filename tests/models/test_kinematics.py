@@ -1,0 +1,139 @@
+"""Where a chain in space is and how it moves: against Pinocchio, SciPy's rotations, and finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from random_space import pinocchio_of
+from scipy.spatial.transform import Rotation
+from spatial_arms import ARMS, random_model
+
+from whiptool.models import Model, WhipParameters, preset
+from whiptool.models.kinematics import arm_frames, chain_motion, hanging_angles, rotation_about, universal_angles
+
+PRESETS_IN_SPACE = ("nah2023", "ur5e", "panda")
+MODELS = [random_model(rng=np.random.default_rng(i), **arm) for i, arm in enumerate(ARMS.values())]
+every_model = pytest.mark.parametrize("model", MODELS, ids=ARMS)
+every_preset = pytest.mark.parametrize("name", PRESETS_IN_SPACE)
+
+
+def random_state(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and speeds of 6 states, (6, n) each."""
+    q, v = np.random.default_rng(7).uniform(-2, 2, (2, 6, model.n))
+    return q, v
+
+
+def random_directions(shape: tuple[int, ...]) -> np.ndarray:
+    d = np.random.default_rng(8).normal(size=(*shape, 3))
+    return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+
+def test_rotations_about_an_axis_are_scipys():
+    axis, angles = np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25), np.linspace(-7, 7, 12).reshape(3, 4)
+    ours = rotation_about(axis, angles)
+    assert ours.shape == (3, 4, 3, 3)
+    theirs = Rotation.from_rotvec(angles.reshape(-1, 1) * axis).as_matrix()
+    np.testing.assert_allclose(ours.reshape(-1, 3, 3), theirs, atol=1e-15)
+
+
+@every_model
+def test_frames_of_links_are_pinocchios(model):
+    """Places, rotations, velocities and angular velocities behind every joint, hinges and slides among them."""
+    its, a = pinocchio_of(model), model.arm.n
+    data = its.createData()
+    q, v = random_state(model)
+    frames = arm_frames(model.arm, q[:, :a], v[:, :a])
+    assert len(frames) == a + 1
+    for i in range(len(q)):
+        pin.forwardKinematics(its, data, q[i], v[i])
+        for joint in range(1, a + 1):
+            frame = frames[joint - 1]
+            motion = pin.getVelocity(its, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            np.testing.assert_allclose(frame.origin[i], data.oMi[joint].translation, atol=1e-14)
+            np.testing.assert_allclose(frame.rotation[i], data.oMi[joint].rotation, atol=1e-14)
+            np.testing.assert_allclose(frame.velocity[i], motion.linear, atol=1e-13)
+            np.testing.assert_allclose(frame.spin[i], motion.angular, atol=1e-13)
+
+
+@every_model
+def test_hand_and_nodes_are_pinocchios(model):
+    its, a = pinocchio_of(model), model.arm.n
+    data, lengths = its.createData(), model.whip.per_node("l")
+    q, v = random_state(model)
+    points = chain_motion(model, q, v)[0]
+    assert points.shape == (6, a + 1 + model.whip.N, 3)
+    hand = pin.SE3(np.array(model.arm.hand_rotation), np.array(model.arm.hand_position))
+    frames = arm_frames(model.arm, q[:, :a])
+    for i in range(len(q)):
+        pin.forwardKinematics(its, data, q[i])
+        at_hand = data.oMi[a] * hand
+        np.testing.assert_allclose(points[i, a], at_hand.translation, atol=1e-14)
+        np.testing.assert_allclose(frames[-1].rotation[i], at_hand.rotation, atol=1e-14)
+        for node, length in enumerate(lengths):
+            joint = data.oMi[its.getJointId(f"y{node}")]
+            np.testing.assert_allclose(points[i, a + 1 + node], joint.act(np.array([0, 0, -length])), atol=1e-13)
+
+
+@pytest.mark.parametrize("joints", ["universal", "rod"])
+@every_model
+def test_velocities_are_the_slopes_of_places(model, joints):
+    model = replace(model, whip=replace(model.whip, joints=joints, node_inertia=0.0))
+    rng, h = np.random.default_rng(9), 1e-6
+    q, v = rng.uniform(-1, 1, (2, 4, model.coordinates))
+    ahead, behind = (chain_motion(model, q + sign * h * v)[0] for sign in (1, -1))
+    velocities = chain_motion(model, q, v)[1]
+    np.testing.assert_allclose(velocities, (ahead - behind) / (2 * h), atol=2e-8)
+    assert np.abs(velocities).max() > 0.1
+    assert not chain_motion(model, q)[1].any()  # at rest unless speeds are given
+
+
+@every_model
+def test_a_place_of_a_link_moves_with_its_link(model):
+    """As `carried` says, against the slope of where the place is."""
+    a, h, place = model.arm.n, 1e-6, (0.1, -0.2, 0.3)
+    q, v = (x[:, :a] for x in random_state(model))
+    ahead, behind = (arm_frames(model.arm, q + sign * h * v)[-2].carried(place).origin for sign in (1, -1))
+    moved = arm_frames(model.arm, q, v)[-2].carried(place)
+    np.testing.assert_allclose(moved.velocity, (ahead - behind) / (2 * h), atol=1e-8)
+
+
+def test_rods_are_laid_end_to_end():
+    model = preset("ur5e")
+    model = replace(model, whip=WhipParameters(N=3, l=(0.1, 0.2, 0.3), m=0.01, k=0.1, b=0.01, joints="rod"))
+    q = np.zeros(6 + 9)
+    q[6:] = np.eye(3).ravel()
+    points = chain_motion(model, q)[0]
+    hand = arm_frames(model.arm, q[:6])[-1].origin
+    np.testing.assert_allclose(points[-4:] - hand, [[0, 0, 0], [0.1, 0, 0], [0.1, 0.2, 0], [0.1, 0.2, 0.3]], atol=1e-15)
+
+
+@every_preset
+def test_universal_nodes_point_where_rods_do(name):
+    """Any directions, and both ways to write a chain down give the same places."""
+    model = preset(name)
+    a, whip = model.arm.n, replace(model.whip, N=4, l=0.1, m=0.01, k=0.1, b=0.01, node_inertia=0.0)
+    rods, hinges = (replace(model, whip=replace(whip, joints=joints)) for joints in ("rod", "universal"))
+    q = np.concatenate(
+        [np.random.default_rng(10).uniform(-3, 3, (20, a)), 1.7 * random_directions((20, 4)).reshape(20, 12)], axis=1
+    )
+    angles = universal_angles(model.arm, q)  # of directions of any length
+    assert angles.shape == (20, a + 8)
+    unit = np.concatenate([q[:, :a], q[:, a:] / 1.7], axis=1)
+    np.testing.assert_allclose(chain_motion(hinges, angles)[0], chain_motion(rods, unit)[0], atol=1e-14)
+
+
+@every_preset
+def test_a_whip_hangs_straight_down_wherever_the_hand_is(name):
+    model = preset(name)
+    model = replace(model, whip=replace(model.whip, joints="universal"))
+    a = model.arm.n
+    q = np.zeros((50, model.n))
+    q[:, :a] = np.random.default_rng(2).uniform(-3, 3, (50, a))
+    q[:, a : a + 2] = hanging_angles(model.arm, q[:, :a])
+    points = chain_motion(model, q)[0]
+    down = np.zeros((50, model.whip.N, 3))
+    down[..., 2] = -model.whip.per_node("l")
+    np.testing.assert_allclose(np.diff(points[:, a:], axis=1), down, atol=1e-14)
