@@ -1,0 +1,126 @@
+"""Constant impedance: published matrices, gains of robots, and checks at the door."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.impedance import CONSTANT_PRESETS, ConstantImpedance, constant_preset
+from whiptool.impedance.arm import Arm
+from whiptool.models import PRESETS, preset
+
+every_preset = pytest.mark.parametrize("name", CONSTANT_PRESETS)
+
+
+def test_eq_22_is_the_default_and_nah2020s():
+    law = ConstantImpedance()
+    np.testing.assert_array_equal(law.K, [[29.5, 14.3], [14.3, 39.3]])
+    np.testing.assert_array_equal(law.B, [[2.95, 1.43], [1.43, 3.93]])
+    assert constant_preset("nah2020") == law
+
+
+def test_nah_2023s_stiffness_is_as_published():
+    """17.4, 33, 27.7 and 23.2 N m/rad of shoulder and elbow, damped by a twentieth of the stiffness."""
+    law = constant_preset("nah2023")
+    np.testing.assert_array_equal(np.diag(law.K), [17.4, 33.0, 27.7, 23.2])
+    np.testing.assert_array_equal(law.K[0], [17.4, 6.85, -7.75, 8.4])
+    np.testing.assert_allclose(law.B, 0.05 * np.array(law.K), atol=1e-15)
+
+
+@every_preset
+def test_matrices_of_presets_are_symmetric_and_positive_definite(name):
+    """By Cholesky's factors, which no other matrix has."""
+    law = constant_preset(name)
+    for matrix in (np.array(law.K), np.array(law.B)):
+        np.testing.assert_array_equal(matrix, matrix.T)
+        factor = np.linalg.cholesky(matrix)
+        np.testing.assert_allclose(factor @ factor.T, matrix, rtol=1e-12, atol=1e-12)
+
+
+@every_preset
+def test_a_preset_of_a_models_name_fits_its_arm(name):
+    if name in PRESETS:
+        assert len(constant_preset(name).K) == preset(name).arm.n
+    else:
+        assert name == "nah2020"
+        assert {len(constant_preset(name).K)} == {model.arm.n for model in PRESETS.values() if model.dimension == 2}
+
+
+def test_every_model_in_space_has_an_impedance_of_its_own():
+    assert {name for name, model in PRESETS.items() if model.dimension == 3} <= set(CONSTANT_PRESETS)
+
+
+def test_a_preset_of_no_such_name_is_refused_with_all_names():
+    with pytest.raises(InputError) as caught:
+        constant_preset("ur10")
+    assert (caught.value.name, caught.value.given) == ("constant impedance", "ur10")
+    assert caught.value.allowed == "nah2020, nah2023, ur5e, panda"
+
+
+def test_torques_are_springs_and_dampers_summed_joint_by_joint():
+    """Of matrices that are not symmetric, so that rows are not taken for columns."""
+    rng = np.random.default_rng(0)
+    K, B = rng.normal(size=(2, 3, 3))
+    e, de = rng.normal(size=(2, 3))
+    law = ConstantImpedance(K, B)  # type: ignore[arg-type]
+    torque = [sum(K[i, j] * e[j] + B[i, j] * de[j] for j in range(3)) for i in range(3)]
+    gains = law.gains(e, de)
+    np.testing.assert_allclose(gains[0] @ e + gains[1] @ de, torque, rtol=1e-13)
+    parameters = {name: ca.DM(value) for name, value in law.parameters().items()}
+    np.testing.assert_allclose(law.expression(parameters, ca.DM(e), ca.DM(de)).full()[:, 0], torque, rtol=1e-13)
+
+
+@every_preset
+def test_a_preset_holds_and_brakes(name):
+    """A spring that pulls back at any error, a damper that takes energy at any speed."""
+    law = constant_preset(name)
+    x = np.random.default_rng(1).normal(size=(500, len(law.K)))
+    K, B = law.gains(x, x)
+    for gain in (K, B):
+        assert (np.einsum("si,sij,sj->s", x, gain, x) > 0).all()
+
+
+def test_numbers_go_there_and_back():
+    law = constant_preset("nah2023")
+    numbers = law.parameters()
+    assert {name: len(value) for name, value in numbers.items()} == law.sizes(4) == {"K": 16, "B": 16}
+    assert law.changed(numbers) == law
+    numbers["K"] = numbers["K"] + np.arange(16)
+    changed = law.changed(numbers)
+    assert changed.K[1][2] == pytest.approx(law.K[1][2] + 6)  # row by row
+    assert changed.B == law.B
+
+
+@pytest.mark.parametrize(
+    ("matrices", "name"),
+    [
+        ({"K": 3.0}, "K"), ({"K": ((1.0, 2.0),)}, "K"), ({"K": ((1.0,), (1.0, 2.0))}, "K"), ({"K": "stiff"}, "K"),
+        ({"B": ((1.0, math.nan), (0.0, 1.0))}, "B"), ({"B": ((math.inf, 0.0), (0.0, 1.0))}, "B"),
+    ],
+)  # fmt: skip
+def test_what_is_no_square_matrix_is_refused(matrices, name):
+    with pytest.raises(InputError, match=rf"^{name}: got .*; allowed: a square matrix of finite numbers$"):
+        ConstantImpedance(**matrices)
+
+
+def test_stiffness_and_damping_are_of_the_same_joints():
+    with pytest.raises(InputError, match=r"^B: got .*; allowed: 3 rows, as many as K$"):
+        ConstantImpedance(K=tuple(map(tuple, np.eye(3))))
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_gains_of_robots_are_of_3_hz_or_more_and_well_damped(name):
+    """At the heaviest of many postures, with the rope's mass at the hand."""
+    model, law = preset(name), constant_preset(name)
+    arm, a = Arm(model), model.arm.n
+    postures = np.random.default_rng(4).uniform(-3, 3, (1000, a))
+    hand = np.array([arm.gravity_jacobians(q)[-1] for q in postures])  # (P, 3, a)
+    inertia = np.array([np.diag(arm.inertia(q)) for q in postures]) + model.whip.mass * (hand**2).sum(axis=1)
+    heaviest = inertia.max(axis=0)
+    K, B = np.diag(law.K), np.diag(law.B)
+    assert (np.sqrt(K / heaviest) / (2 * np.pi) > 2.9).all()
+    assert (B / (2 * np.sqrt(K * heaviest)) > 0.9).all()
