@@ -5,14 +5,17 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 from command_line import assert_one_line, whiptool
 from repository import ROOT
 
-pytestmark = pytest.mark.slow
+from whiptool.commands import cli, optimize
+from whiptool.errors import InputError
 
 
+@pytest.mark.slow
 def test_mistakes_end_with_status_2(tmp_path):
     assert_one_line(whiptool("optimize", "--target", "nan", "0", cwd=tmp_path), "target")
     assert_one_line(whiptool("simulate", cwd=tmp_path), "--strike")
@@ -20,6 +23,7 @@ def test_mistakes_end_with_status_2(tmp_path):
     assert_one_line(whiptool("simulate", "--export", "/proc/nowhere/x.xml", cwd=tmp_path), "--export")
 
 
+@pytest.mark.slow
 def test_the_installed_command(tmp_path):
     whole = [sys.executable, "-c", "import sys; from whiptool.commands.cli import main; sys.exit(main())"]
     for words, status, said in (
@@ -35,6 +39,7 @@ def test_the_installed_command(tmp_path):
     assert "--stop-at-hit" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_readme_examples_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     readme = (ROOT / "README.md").read_text()
@@ -46,3 +51,38 @@ def test_the_readme_examples_run(tmp_path, monkeypatch):
         names["result"].outcome.miss_distance, abs=1e-4
     )
     assert (tmp_path / "strike.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("name", ["t_stay", "t stay"])
+def test_errors_of_the_library_name_options_in_commands(name):
+    options = optimize.OptimizeOptions()
+    with pytest.raises(InputError, match=r"^--t-stay: got 1; allowed: less; wait$"), cli.options_named(options):
+        raise InputError(name, 1, "less", "wait")
+    for other in ("whip.k", "t_stayed", "strike"):
+        with pytest.raises(InputError, match=f"^{other}: got 1"), cli.options_named(options):
+            raise InputError(other, 1, "less")
+
+
+def test_what_is_positional_keeps_its_name():
+    from whiptool.commands.identify_options import IdentifyOptions
+
+    with pytest.raises(InputError, match=r"^recordings: "), cli.options_named(IdentifyOptions()):
+        raise InputError("recordings", "none", "one")
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "meaning"),
+    [
+        (["rig", "strike"], "--strike", "q_si q_ei q_sf q_ef [rad] D [s]"),
+        (["view"], "RUN", "Run folder"),
+        (["simulate"], "--strike", "numbers q_si q_ei q_sf q_ef D"),
+        (["optimize", "--method"], "--method", "a value"),
+        (["compare", "--methods"], "--methods", "one value or more"),
+    ],
+)
+def test_what_is_missing_is_named_with_its_meaning(words, option, meaning, capsys):
+    command, *rest = words
+    assert import_module(f"whiptool.commands.{command}").main(rest) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"whiptool: {option}: got nothing; allowed: {meaning}")
+    assert said.count("\n") == 1

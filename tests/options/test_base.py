@@ -1,0 +1,108 @@
+"""What all groups of options have in common: what of them is kept, what they refuse, how they are written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+from tyro.conf import Positional
+
+from whiptool.commands import cli
+from whiptool.errors import InputError
+from whiptool.options import Options, OutputOptions, ResumableOptions, SeedOptions, flag, flags, refuse_idle, whole
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pace(Options):
+    """A group of a test."""
+
+    of_this_call: ClassVar[tuple[str, ...]] = ("quiet",)
+    changeable: ClassVar[tuple[str, ...]] = ("workers",)
+
+    quiet: bool = False
+    workers: int = 1
+    t_stay: float = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command(Pace, SeedOptions, ResumableOptions):
+    """A command of several groups."""
+
+    run: Positional[str] = "x"
+
+
+def test_a_command_has_what_all_its_groups_name():
+    assert Command.named("of_this_call") == {"quiet", "json", "out", "resume"}
+    assert Command.named("changeable") == {"workers"}
+    assert Command.named("may_be_empty") == set()
+    assert OutputOptions.named("of_this_call") == {"json", "out"}
+    assert SeedOptions.named("of_this_call") == set()
+
+
+def test_what_is_of_this_call_is_not_kept_with_the_run():
+    given = Command(quiet=True, workers=3, t_stay=0.5, seed=4, json=True, out=Path("a"), resume=Path("b"))
+    assert given.kept() == Command(workers=3, t_stay=0.5, seed=4)
+    assert given.kept().kept() == given.kept()
+
+
+def test_a_run_keeps_its_options_but_not_those_of_a_call():
+    from whiptool.commands.rig import LearnOptions
+
+    options = LearnOptions(out=Path("x"), resume=Path("y"), json=True, yes=True, seed=3, max_trials=2)
+    assert options.kept() == LearnOptions(seed=3, max_trials=2)
+    assert cli.configuration(options, "rig learn", free=["k"]) == {
+        "command": "rig learn",
+        "options": cli.as_plain(LearnOptions(seed=3, max_trials=2)),
+        "free": ["k"],
+    }
+
+
+@pytest.mark.parametrize(("seed", "good"), [(0, True), (2**31 - 1, True), (-1, False), (2**31, False)])
+def test_seeds_are_whole_numbers_from_zero(seed, good):
+    if good:
+        Command(seed=seed).check()
+        return
+    with pytest.raises(InputError, match=rf"^--seed: got {seed}; allowed: a whole number from 0 to 2147483647$"):
+        Command(seed=seed).check()
+
+
+@pytest.mark.parametrize("value", [2, 3, 5])
+def test_whole_numbers_of_a_range_pass(value):
+    assert whole("--n", value, low=2, high=5) == value
+
+
+@pytest.mark.parametrize("value", [1, 6, -3])
+def test_whole_numbers_out_of_a_range_are_refused(value):
+    with pytest.raises(InputError) as caught:
+        whole("--n", value, low=2, high=5)
+    assert (caught.value.name, caught.value.given) == ("--n", value)
+    assert caught.value.allowed == "a whole number from 2 to 5"
+
+
+def test_options_that_would_change_nothing_are_refused():
+    idle = {"t_stay": "nothing beside --resume", "seed": "nothing, as nothing is random"}
+    refuse_idle(Command(workers=7), idle)  # of others nothing is said
+    refuse_idle(Command(t_stay=0.3, seed=0), idle)  # the same as not given
+    with pytest.raises(InputError) as caught:
+        refuse_idle(Command(t_stay=0.5), idle)
+    assert str(caught.value) == "--t-stay: got 0.5; allowed: nothing beside --resume"
+    with pytest.raises(InputError, match=r"^--seed: got 1; allowed: nothing, as nothing is random$"):
+        refuse_idle(Command(seed=1), idle)
+
+
+def test_what_is_usual_may_be_other_than_the_default():
+    idle, usual = {"t_stay": "nothing"}, Command(t_stay=0.5)
+    refuse_idle(Command(t_stay=0.5), idle, usual)
+    with pytest.raises(InputError, match=r"^--t-stay: got 0\.3"):
+        refuse_idle(Command(), idle, usual)
+
+
+def test_options_are_written_with_dashes_but_positional_ones_are_not():
+    assert flag("t_stay") == "--t-stay"
+    assert flag("seed") == "--seed"
+    assert dict(flags(Command())) == {
+        "quiet": "--quiet", "workers": "--workers", "t_stay": "--t-stay", "seed": "--seed",
+        "json": "--json", "out": "--out", "resume": "--resume",
+    }  # fmt: skip

@@ -1,0 +1,161 @@
+"""Options of the controller: laws and presets, those of a model's own, and files that stand for all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from whiptool.commands import cli, optimize, simulate
+from whiptool.commands.rig import ArmOptions
+from whiptool.errors import InputError
+from whiptool.impedance import OIAC, ConstantImpedance, Controller, constant_preset
+from whiptool.impedance.files import write_controller
+from whiptool.models.parameters import ArmLink, ArmParameters
+from whiptool.models.presets import PRESETS, preset
+from whiptool.options import ControllerOptions, LawOptions, ModelOptions, SimulatedControllerOptions
+
+OWN = Controller(OIAC(a=0.05), feedforward=True, torque_limit=7.0)
+
+
+@pytest.fixture
+def file(tmp_path) -> str:
+    write_controller(OWN, tmp_path / "own.toml")
+    return str(tmp_path / "own.toml")
+
+
+@pytest.mark.parametrize("group", [LawOptions, ControllerOptions, SimulatedControllerOptions, ArmOptions])
+def test_every_command_takes_a_controller_from_a_file(group, file):
+    options = group(controller=file)
+    options.check()
+    assert options.build_controller() == OWN
+    assert options.law_label() == "the controller of own.toml"
+
+
+def test_without_a_file_the_options_say_it():
+    options = SimulatedControllerOptions(preset="printed", feedforward=True, torque_limit=3.0, control_period=0.01)
+    assert options.build_controller() == Controller(OIAC(), True, 3.0, 0.01)
+    assert ArmOptions().build_controller() == Controller(OIAC())
+    assert LawOptions(controller="constant").build_controller() == Controller(ConstantImpedance())
+    assert options.controller_label() == "OIAC printed with feedforward"
+
+
+@pytest.mark.parametrize(
+    "beside", [{"preset": "printed"}, {"feedforward": True}, {"torque_limit": 3.0}, {"control_period": 0.01}]
+)
+def test_what_a_file_has_is_refused_beside_it(beside, file):
+    option = "--" + next(iter(beside)).replace("_", "-")
+    with pytest.raises(InputError, match=f"{option}.*write it into the file"):
+        SimulatedControllerOptions(controller=file, **beside).check()
+
+
+def test_a_rig_holds_its_torque_for_a_cycle_in_any_case(tmp_path):
+    write_controller(replace(OWN, control_period=0.01), tmp_path / "held.toml")
+    SimulatedControllerOptions(controller=str(tmp_path / "held.toml")).check()
+    with pytest.raises(InputError, match="a cycle of --rate"):
+        ArmOptions(controller=str(tmp_path / "held.toml")).check()
+
+
+def test_a_file_that_holds_none_is_refused(tmp_path):
+    (tmp_path / "empty.toml").write_text("x = 1\n")
+    for name, said in (
+        ("empty.toml", r"\[controller\]"),
+        ("nothing.toml", "no such file"),
+        ("magic", ".toml file"),
+    ):
+        with pytest.raises(InputError, match=said):
+            LawOptions(controller=str(tmp_path / name) if name.endswith(".toml") else name).check()
+
+
+def test_gains_for_other_arms_come_from_a_file(tmp_path):
+    """Eq. 22 is of two joints; an arm of three takes matrices of its own."""
+    arm = ArmParameters(tuple(ArmLink(mass=0.2, length=0.3) for _ in range(3)))
+    gains = tuple(tuple(10.0 * (i == j) for j in range(3)) for i in range(3))
+    write_controller(Controller(ConstantImpedance(gains, gains)), tmp_path / "three.toml")
+    LawOptions(controller=str(tmp_path / "three.toml")).build_controller().check_fits(arm)
+    with pytest.raises(InputError, match="one per arm joint"):
+        LawOptions(controller="constant").build_controller().check_fits(arm)
+
+
+def test_a_resumed_run_finds_its_file_from_elsewhere(file, monkeypatch):
+    monkeypatch.chdir(Path(file).parent)
+    assert cli.as_plain(optimize.OptimizeOptions(controller="own.toml"))["controller"] == file
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrikeOptions(SimulatedControllerOptions, ModelOptions):
+    """A command that has a model beside its controller."""
+
+
+@pytest.mark.parametrize("model", ["nah2023", "ur5e", "panda"])
+@pytest.mark.parametrize("command", [StrikeOptions, optimize.OptimizeOptions, simulate.SimulateOptions])
+def test_models_with_an_impedance_of_their_own_get_it(command, model):
+    options = command(model=model)
+    controller = options.build_controller()
+    assert controller == Controller(constant_preset(model))
+    controller.check_fits(preset(model).arm)
+    assert options.law_label() == f"constant impedance {model}"
+    assert command(model=model, controller="constant").build_controller() == controller
+
+
+@pytest.mark.parametrize("model", ["nah2023", "ur5e", "panda"])
+@pytest.mark.parametrize(("name", "law"), [("printed", OIAC()), ("table4", OIAC(a=1.3e-4))])
+def test_a_preset_of_oiac_beside_them_asks_for_oiac(model, name, law):
+    options = StrikeOptions(model=model, preset=name)
+    assert options.build_controller() == Controller(law)
+    assert options.law_label() == f"OIAC {name}"
+
+
+@pytest.mark.parametrize("model", [name for name, model in PRESETS.items() if model.dimension == 2])
+def test_planar_models_get_oiac(model):
+    assert StrikeOptions(model=model).build_controller() == Controller(OIAC(a=1.3e-4))  # fitted to Table 4
+    assert StrikeOptions(model=model).law_label() == "OIAC table4"
+    assert StrikeOptions(model=model, preset="printed").build_controller() == Controller(OIAC())
+    constant = StrikeOptions(model=model, controller="constant")
+    assert constant.build_controller() == Controller(ConstantImpedance())  # Eq. 22
+    assert constant.law_label() == "constant impedance"
+
+
+@pytest.mark.parametrize("model", ["nah2023", "ur5e", "panda"])
+def test_oiac_is_given_where_it_is_asked_for(model):
+    assert StrikeOptions(model=model, controller="oiac").build_controller() == Controller(OIAC(a=1.3e-4))
+    assert StrikeOptions(model=f"{model}.toml").build_controller() == Controller(
+        OIAC(a=1.3e-4)
+    )  # the file's arm is anyone's
+
+
+def test_a_constant_preset_is_taken_before_the_models_own():
+    assert StrikeOptions(model="ur5e", preset="panda").build_controller() == Controller(constant_preset("panda"))
+    for command in (StrikeOptions, LawOptions):
+        options = command(controller="constant", preset="nah2023")
+        assert options.build_controller() == Controller(constant_preset("nah2023"))
+
+
+@pytest.mark.parametrize(
+    ("given", "allowed"),
+    [
+        ({"controller": "constant", "preset": "printed"}, "nah2020, nah2023, ur5e, panda"),
+        ({"model": "ur5e", "controller": "constant", "preset": "table4"}, "nah2020, nah2023, ur5e, panda"),
+        ({"controller": "oiac", "preset": "nah2020"}, "printed, table4"),
+        ({"preset": "nah2020"}, "printed, table4"),
+        ({"model": "ur5e", "controller": "oiac", "preset": "ur5e"}, "printed, table4"),
+    ],
+)  # fmt: skip
+def test_presets_of_the_other_law_are_refused(given, allowed):
+    with pytest.raises(InputError) as caught:
+        StrikeOptions(**given).check()
+    assert (caught.value.name, caught.value.given, caught.value.allowed) == ("--preset", given["preset"], allowed)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("controller", "pid"), ("controller", ""), ("torque_limit", 0.0), ("control_period", 0.0),
+        ("control_period", 0.11), ("control_period", float("nan")),
+    ],
+)  # fmt: skip
+def test_values_out_of_range_are_named(option, value):
+    with pytest.raises(InputError) as caught:
+        StrikeOptions(**{option: value}).check()
+    assert caught.value.name.lstrip("-").replace("-", "_") == option
