@@ -10,7 +10,6 @@ import pytest
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike, default_bounds
-from whiptool.options import StepOptions
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.reference import ReferenceRollout
 from whiptool.rollout.refinement import refine, share_too_coarse
@@ -47,14 +46,9 @@ def test_a_strike_that_diverges_at_one_step_only_is_told() -> None:
     assert found.differences == ("the strike does not diverge",)
 
 
-def test_a_zones_strikes_are_tried_before_they_teach(capsys) -> None:
+def test_a_zones_strikes_are_tried_before_they_teach() -> None:
     share, finer = share_too_coarse(
         MODEL, CONTROLLER, default_bounds(MODEL.arm), timestep=0.01, t_stay=0.3, target=TARGET
     )
     assert share > 0.5
     assert finer == pytest.approx(1.25e-4)
-    StepOptions(timestep=0.01).warn_if_coarse(MODEL, CONTROLLER, (1.2, 0.1), 0.3)
-    assert "--timestep 0.01 is too coarse" in capsys.readouterr().err
-    for fine in (None, 5e-4):
-        StepOptions(timestep=fine).warn_if_coarse(MODEL, CONTROLLER, (1.2, 0.1), 0.3)
-    assert capsys.readouterr().err == ""
