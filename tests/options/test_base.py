@@ -11,11 +11,11 @@ from tyro.conf import Positional
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import Options, OutputOptions, ResumableOptions, SeedOptions, flag, flags, refuse_idle, whole
+from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, SeedOptions, flag, flags, refuse_idle, whole
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pace(Options):
+class Pace(OptionGroup):
     """A group of a test."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("quiet",)
