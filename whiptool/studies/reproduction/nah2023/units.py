@@ -54,7 +54,7 @@ class DirectUnit:
         return f"nah2023-directl-target{self.target + 1}-nodes{self.nodes}-cap{self.cap}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Search, and return the evaluations' number, whether one hit, the best miss [m], each in order, the time [s]."""
+        """Search, and return how many evaluations it took, if it hit, every miss [m], the best, and the time [s]."""
         tip = simulator(threads, "scalar")
         rollout = tip if self.nodes == 1 else LastNodes(tip, self.nodes, published.UNTIL)
         return _search(rollout, self.target, published.HIT_RADIUS, "directl", self.cap)
@@ -78,7 +78,7 @@ class GradientUnit:
         return f"nah2023-gradient-target{self.target + 1}-cap{self.cap}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Search, and return the rollouts' number, whether one hit, the best miss [m], each in order, the time [s]."""
+        """Search, and return how many rollouts it took, whether it hit, every miss [m], the best, and the time [s]."""
         return _search(simulator(threads), self.target, 1e-3, "gradient", self.cap)
 
 
