@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from random_space import held, passive, pinocchio_of, random_model
 from rich_model import everything
 from scipy.optimize import minimize
 
@@ -147,3 +149,53 @@ def test_behind_a_free_hinge_the_whips_shape_does_not_know_the_arm():
         absolute = q[:, 2] + q[:, :2].sum(axis=1)
         bent_alike = np.ptp(q[:, 3:], axis=0).max() < 1e-10 and np.ptp(absolute) < 1e-10
         assert bent_alike == hinge_is_free(changed) == (changed.whip is whip)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# In space
+
+
+@pytest.mark.parametrize("sprung", [False, True])
+def test_a_whip_in_space_starts_in_static_balance(sprung: bool):
+    """A free first joint: straight down. Else where nothing pulls, and no torque is needed but the arm's."""
+    for seed in range(3):
+        model = random_model(seed, 3, 5)
+        if not sprung:
+            model = dataclasses.replace(model, whip=dataclasses.replace(model.whip, k=0.2, cubic_stiffness=0.1))
+        q_i = np.random.default_rng(seed).uniform(-1, 1, (4, 3))
+        q = start_posture(model, q_i)
+        its = pinocchio_of(model)
+        for row, arm in zip(q, q_i, strict=True):
+            np.testing.assert_array_equal(row[:3], arm)
+            weight = pin.computeGeneralizedGravity(its, its.createData(), row)
+            assert np.abs((weight - passive(model, row, 0 * row))[3:]).max() < 1e-10
+            data = its.createData()
+            pin.forwardKinematics(its, data, row)
+            down = -np.array([data.oMi[its.getJointId(f"y{i}")].rotation[:, 2] for i in range(5)])
+            straight = np.abs(down - [0, 0, -1]).max() < 1e-9
+            assert straight != sprung
+
+
+@pytest.mark.parametrize("sprung", [False, True])
+def test_a_start_in_space_moves_as_differences_say(sprung: bool):
+    model = random_model(5, 3, 4)
+    if not sprung:
+        model = dataclasses.replace(model, whip=dataclasses.replace(model.whip, k=0.2, cubic_stiffness=0.0))
+    controller = held(3)
+    structure = Structure.of(model, controller)
+    strike = np.array([[0.3, -0.4, 0.6, 1.0, 1.0, 1.0, 0.5]])
+    p = structure.pack(model, controller, strike)
+    names = [None, None, None, "whip.m[3]" if sprung else "gravity", "whip.k[1]" if sprung else "arm.mass[1]"]
+    for k, name in enumerate(names):
+        dp, sides, h = np.zeros_like(p), [], 1e-6
+        for sign in (1, -1):
+            moved, q_i = model, strike[:, :3].copy()
+            if name is None:
+                q_i[0, k] += sign * h
+                dp[0, k] = 1
+            else:
+                moved = model.with_parameters({name: model.parameters()[name] + sign * h})
+                dp += sign * (structure.pack(moved, controller, strike) - p) / (2 * h)
+            sides.append(start_posture(moved, q_i))
+        ours = start_derivative(model, structure, start_posture(model, strike[:, :3]), p, dp)
+        np.testing.assert_allclose(ours, (sides[0] - sides[1]) / (2 * h), rtol=1e-6, atol=1e-7)

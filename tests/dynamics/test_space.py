@@ -12,7 +12,6 @@ from random_space import (
     by_mujoco,
     by_pinocchio,
     drag_torque,
-    held,
     loop_of,
     node_jacobians,
     passive,
@@ -23,7 +22,7 @@ from random_space import (
 
 from whiptool.dynamics.closed_loop import Structure, closed_loop
 from whiptool.dynamics.modes import linearise
-from whiptool.dynamics.posture import start_derivative, start_posture
+from whiptool.dynamics.posture import start_posture
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
@@ -223,56 +222,6 @@ def test_the_controller_is_the_numpy_one(a: int, options: dict):
         ours = closed_loop(structure).control(np.r_[q, v], 0.3, p).full()[:, 0]
         its = controller.bind(Arm(model), strike).torque(0.3, q[:a], v[:a])
         np.testing.assert_allclose(ours, its, rtol=1e-10, atol=1e-10 * np.abs(its).max())
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-# The start
-
-
-@pytest.mark.parametrize("sprung", [False, True])
-def test_the_whip_starts_in_static_balance(sprung: bool):
-    """A free first joint: straight down. Else where nothing pulls, and no torque is needed but the arm's."""
-    for seed in range(3):
-        model = random_model(seed, 3, 5)
-        if not sprung:
-            model = replace(model, whip=replace(model.whip, k=0.2, cubic_stiffness=0.1))
-        q_i = np.random.default_rng(seed).uniform(-1, 1, (4, 3))
-        q = start_posture(model, q_i)
-        its = pinocchio_of(model)
-        for row, arm in zip(q, q_i, strict=True):
-            np.testing.assert_array_equal(row[:3], arm)
-            weight = pin.computeGeneralizedGravity(its, its.createData(), row)
-            assert np.abs((weight - passive(model, row, 0 * row))[3:]).max() < 1e-10
-            data = its.createData()
-            pin.forwardKinematics(its, data, row)
-            down = -np.array([data.oMi[its.getJointId(f"y{i}")].rotation[:, 2] for i in range(5)])
-            straight = np.abs(down - [0, 0, -1]).max() < 1e-9
-            assert straight != sprung
-
-
-@pytest.mark.parametrize("sprung", [False, True])
-def test_the_start_moves_as_differences_say(sprung: bool):
-    model = random_model(5, 3, 4)
-    if not sprung:
-        model = replace(model, whip=replace(model.whip, k=0.2, cubic_stiffness=0.0))
-    controller = held(3)
-    structure = Structure.of(model, controller)
-    strike = np.array([[0.3, -0.4, 0.6, 1.0, 1.0, 1.0, 0.5]])
-    p = structure.pack(model, controller, strike)
-    names = [None, None, None, "whip.m[3]" if sprung else "gravity", "whip.k[1]" if sprung else "arm.mass[1]"]
-    for k, name in enumerate(names):
-        dp, sides, h = np.zeros_like(p), [], 1e-6
-        for sign in (1, -1):
-            moved, q_i = model, strike[:, :3].copy()
-            if name is None:
-                q_i[0, k] += sign * h
-                dp[0, k] = 1
-            else:
-                moved = model.with_parameters({name: model.parameters()[name] + sign * h})
-                dp += sign * (structure.pack(moved, controller, strike) - p) / (2 * h)
-            sides.append(start_posture(moved, q_i))
-        ours = start_derivative(model, structure, start_posture(model, strike[:, :3]), p, dp)
-        np.testing.assert_allclose(ours, (sides[0] - sides[1]) / (2 * h), rtol=1e-6, atol=1e-7)
 
 
 def test_places_and_velocities_are_those_of_the_nodes():

@@ -228,8 +228,6 @@ def test_loop_refuses_what_does_not_fit():
         pytest.raises(InputError, match="servos: got 1"),
     ):
         RigLoop(Joints(bus), MODEL, Controller(OIAC()))
-    with pytest.raises(InputError, match="rate"):
-        LoopOptions(rate=0)
 
 
 def test_reference_of_the_loop_is_the_strikes():

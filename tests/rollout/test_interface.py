@@ -12,7 +12,7 @@ from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Strike, preset
 from whiptool.models.strike import T_STAY
 from whiptool.rollout import CompiledRollout, ReferenceRollout
-from whiptool.rollout.interface import joined, strike_vectors, target_points
+from whiptool.rollout.interface import joined, strike_vectors
 from whiptool.rollout.trajectory import Approach
 from whiptool.target import Target
 
@@ -72,10 +72,6 @@ def test_what_has_another_shape_is_refused(compiled):
         strike_vectors(np.zeros((3, 7)), 2)
     with pytest.raises(InputError, match="D > 0"):
         strike_vectors(np.zeros((1, 5)), 2)
-    for target in ((1.0, 2.0, 3.0), np.zeros((3, 2)), 1.0):
-        with pytest.raises(InputError, match="target"):
-            target_points(np.asarray(target), 2)
-    assert target_points(TARGET, 3).tolist() == [[1.1, 0.2]] * 3
 
 
 def test_approaches_are_joined_in_order():

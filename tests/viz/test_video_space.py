@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from space_swing import places, swing
@@ -17,7 +15,6 @@ from whiptool.viz import video
 from whiptool.viz.animation import animate
 from whiptool.viz.camera import Camera
 from whiptool.viz.film import film_of
-from whiptool.viz.posture import arm_and_whip, as_mujoco_shows
 from whiptool.viz.style import COLORS
 
 UR5E = preset("ur5e")
@@ -70,18 +67,6 @@ def test_everything_is_in_the_picture(film):
     assert np.abs(x).max() < SIZE[0] / SIZE[1]
     assert np.abs(y).max() < 1
     assert max(np.abs(x).max() / SIZE[0] * SIZE[1], np.abs(y).max()) > 0.4  # and not small
-
-
-def test_rods_are_shown_where_they_are():
-    rods = replace(UR5E, whip=replace(UR5E.whip, joints="rod", node_inertia=0.0))
-    q = PATH.q[::100]
-    _, whip = arm_and_whip(UR5E, q)
-    directions = np.diff(whip, axis=1) / UR5E.whip.per_node("l")[:, None]
-    state = np.concatenate([q[:, : UR5E.arm.n], directions.reshape(len(q), -1)], axis=1)
-    np.testing.assert_allclose(arm_and_whip(rods, state)[1], whip, atol=1e-12)
-    shown, angles = as_mujoco_shows(rods, state)
-    for k in range(len(q)):
-        np.testing.assert_allclose(places(shown, angles[k])[1], whip[k], atol=1e-9)
 
 
 def test_the_animation_moves_arm_whip_and_trail():

@@ -138,7 +138,7 @@ class SpatialMoving(NamedTuple):
     axes: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """All its numbers."""
+        """Return its 21 + 3 K numbers as scalars, field by field, `axes` (3, K) column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialMoving:
@@ -179,7 +179,7 @@ class SpatialJoint(NamedTuple):
     among: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """All its numbers."""
+        """Return its 7 K + K K numbers as scalars, field by field, each matrix column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialJoint:
@@ -196,7 +196,7 @@ class SpatialAcceleration(NamedTuple):
     linear: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """All its numbers."""
+        """Return its six numbers as scalars, the angular acceleration's (3, 1) first."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialAcceleration:

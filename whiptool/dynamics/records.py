@@ -27,11 +27,11 @@ class Nothing:
     """A record of no numbers."""
 
     def entries(self) -> list[ca.SX]:
-        """None."""
+        """Return an empty list: this record has no numbers."""
         return []
 
     def with_entries(self, entries: Sequence[ca.SX]) -> Nothing:
-        """Return the same."""
+        """Return this same record: it has no numbers to replace."""
         return self
 
 
@@ -55,7 +55,7 @@ class Stored(Generic[R]):
 
     @property
     def size(self) -> int:
-        """Number of columns."""
+        """The number of columns, which is the length of `symbols`."""
         return self.symbols.numel()
 
     def column(self, record: R) -> ca.SX:

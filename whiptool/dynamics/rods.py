@@ -72,7 +72,8 @@ class RodJoint(NamedTuple):
     with_last: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """All its numbers."""
+        """Return its 18 numbers as scalars: `free` (3, 1), `across` (3, 3) column by column, and the upper triangle of
+        `with_last`."""
         return [*scalars(self.free), *scalars(self.across), *upper(self.with_last)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> RodJoint:

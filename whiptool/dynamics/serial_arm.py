@@ -52,7 +52,7 @@ class ArmMotion(NamedTuple):
     weight: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """All its numbers."""
+        """Return its a a + 8 a + 6 numbers as scalars, field by field, each matrix column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> ArmMotion:
@@ -88,7 +88,7 @@ class SerialArm:
 
     @property
     def n(self) -> int:
-        """Number of joints."""
+        """The number a of the arm's joints."""
         return len(self.kinds)
 
     def posture(self, q: ca.SX) -> ArmPosture:
@@ -218,11 +218,11 @@ class _World(NamedTuple):
 
     @classmethod
     def nothing(cls) -> _World:
-        """No body."""
+        """Return a body without mass, inertia or first moment, to which others are added."""
         return cls(0, ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3, 3), ca.SX.zeros(3))
 
     def plus(self, other: _World) -> _World:
-        """Both together."""
+        """Return both bodies together: the sums of their masses, first moments (3, 1) and inertias (3, 3)."""
         return self._replace(
             mass=self.mass + other.mass, first=self.first + other.first, inertia=self.inertia + other.inertia
         )

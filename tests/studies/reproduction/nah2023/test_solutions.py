@@ -7,9 +7,9 @@ import pytest
 
 from whiptool.models.strike import StrikeBounds
 from whiptool.studies.reproduction.nah2023 import published
-from whiptool.studies.reproduction.nah2023.sensitivity import across, path_sensitivity
+from whiptool.studies.reproduction.nah2023.sensitivity import path_sensitivity
 from whiptool.studies.reproduction.nah2023.solutions import descend, distinct, slope_within
-from whiptool.studies.reproduction.nah2023.units import BOUNDS, GROUPS, first_strikes, noisy, simulator
+from whiptool.studies.reproduction.nah2023.units import BOUNDS, simulator
 
 TARGET = np.array(published.TARGETS[2])
 
@@ -49,12 +49,6 @@ def test_slope_ignores_what_leads_out_of_the_box():
     )
 
 
-def test_what_is_across_a_velocity():
-    P = across(np.array([[0.0, 0.0, 2.0], [3.0, 4.0, 0.0]]))
-    assert P[0] == pytest.approx(np.diag([1.0, 1.0, 0.0]))
-    assert P[1] @ [3.0, 4.0, 5.0] == pytest.approx([0, 0, 5])
-
-
 def test_solutions_are_distinct_by_a_share_of_the_box():
     lower, upper = BOUNDS.box
     middle = (lower + upper) / 2
@@ -62,19 +56,3 @@ def test_solutions_are_distinct_by_a_share_of_the_box():
     near[0] += 0.005 * (upper - lower)[0]
     other[8] += 0.02 * (upper - lower)[8]
     assert distinct(np.array([middle, near, other]), BOUNDS) == [0, 2]
-
-
-def test_noise_is_on_its_group_alone_and_within_five_percent_of_the_width():
-    lower, upper = BOUNDS.box
-    middle = (lower + upper) / 2
-    for group in GROUPS.values():
-        share = (noisy(middle, group, 500, np.random.default_rng(0)) - middle) / (upper - lower)
-        assert np.abs(share[:, group]).max() == pytest.approx(0.05, rel=0.02)
-        assert np.abs(np.delete(share, np.r_[group], axis=1)).max() == 0
-
-
-def test_first_strikes_are_those_of_their_logs():
-    """The second and the 19th, as printed there."""
-    found = first_strikes()
-    assert found[1] == pytest.approx([-1.36136, 0, 0, 1.41372, 1.72788, 0, 0, 1.41372, 0.95], abs=1e-5)
-    assert found[18] == pytest.approx([-0.94248, 0, 0, 1.41372, 1.72788, 0, 0, 1.41372, 1.31667], abs=1e-5)

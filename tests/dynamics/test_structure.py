@@ -1,0 +1,161 @@
+"""Structures: which terms are generated, and where each number of a model stands in the parameter vector."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich_model import CONTROLLERS, LEMON, everything
+
+from whiptool.dynamics.structure import ArmShape, Structure, arm_column
+from whiptool.impedance import OIAC, ConstantImpedance, Controller
+from whiptool.models import preset
+from whiptool.models.spatial_arm import SpatialArm
+
+UR5E = preset("ur5e")
+PLAIN = Controller(ConstantImpedance())
+
+
+@pytest.mark.parametrize(
+    ("changes", "optional"),
+    [
+        ({}, ()),
+        ({"rest_angle": 0.1}, ("rest_angle",)),
+        ({"drag": 0.01, "dry_friction": 0.1}, ("dry_friction", "drag")),
+        ({"drag": 0.01, "drag_ratio": 0.3}, ("drag", "drag_ratio")),
+        ({"drag_ratio": 0.3}, ()),  # nothing is dragged
+        ({"hinge_mass": 0.05}, ("hinge_mass",)),
+        ({"cubic_stiffness": (0.0,) * 11 + (0.2,)}, ("cubic_stiffness",)),
+    ],
+)
+def test_terms_are_generated_only_where_they_act(changes: dict, optional: tuple[str, ...]):
+    model = replace(LEMON, whip=replace(LEMON.whip, **changes))
+    assert Structure.of(model, PLAIN).optional == optional
+
+
+@pytest.mark.parametrize(
+    ("free", "optional"),
+    [
+        (["whip.rest_angle[2]"], ("rest_angle",)),
+        (["whip.friction_velocity"], ("dry_friction",)),  # says nothing without friction
+        (["whip.drag_ratio"], ("drag", "drag_ratio")),
+        (["whip.hinge_mass"], ("hinge_mass",)),
+        (["whip.k[3]", "q_si"], ()),
+    ],
+)
+def test_terms_of_free_parameters_are_generated(free: list[str], optional: tuple[str, ...]):
+    found = Structure.of(LEMON, PLAIN, free=free)
+    assert found.optional == optional
+    assert Structure.of(LEMON, PLAIN) in found
+    assert (found in Structure.of(LEMON, PLAIN)) == (not optional)
+
+
+def test_a_structure_holds_no_other_kind_of_loop():
+    mine = Structure.of(everything(), PLAIN)
+    for other in (
+        Structure.of(everything(), Controller(OIAC())),
+        Structure.of(everything(), replace(PLAIN, feedforward=True)),
+        Structure.of(everything(), replace(PLAIN, control_period=0.01)),
+        Structure.of(UR5E, PLAIN),
+        replace(mine, n_whip=mine.n_whip + 1),
+    ):
+        assert other not in mine
+        assert mine not in other
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_every_number_of_a_model_stands_in_its_column(name: str):
+    """Each block, read back by its columns, is what the model says; together they are the whole vector."""
+    model, controller = everything(), CONTROLLERS[name]
+    structure = Structure.of(model, controller)
+    strikes = np.random.default_rng(0).uniform(0.2, 1, (3, 5))
+    p = structure.pack(model, controller, strikes)
+    assert p.shape == (3, structure.n_parameters) == (3, sum(structure.layout.values()))
+    taken = np.concatenate([np.arange(p.shape[1])[structure.columns(block)] for block in structure.layout])
+    np.testing.assert_array_equal(taken, np.arange(p.shape[1]))
+
+    def read(block: str) -> np.ndarray:
+        np.testing.assert_array_equal(np.ptp(p[:, structure.columns(block)], axis=0), 0)  # the same in all strikes
+        return p[0, structure.columns(block)]
+
+    np.testing.assert_array_equal(p[:, :5], strikes)
+    assert [structure.columns(x) for x in ("q_i", "q_f", "D")] == [slice(0, 2), slice(2, 4), slice(4, 5)]
+    for quantity in ("length", "mass", "com", "inertia", "friction"):
+        np.testing.assert_array_equal(read(f"arm.{quantity}"), model.arm.per_link(quantity))
+    for quantity in ("l", "m", "k", "b", "rest_angle", "dry_friction", "drag", "cubic_stiffness"):
+        np.testing.assert_array_equal(read(f"whip.{quantity}"), model.whip.per_node(quantity))
+    for quantity in ("drag_ratio", "hinge_mass", "friction_velocity"):
+        assert read(f"whip.{quantity}") == getattr(model.whip, quantity)
+    assert read("gravity") == model.gravity
+    for quantity, value in controller.law.parameters().items():
+        np.testing.assert_array_equal(read(f"law.{quantity}"), np.ravel(value))
+    assert ("torque_limit" in structure.layout) == (controller.torque_limit is not None)
+    if controller.torque_limit is not None:
+        assert read("torque_limit") == controller.torque_limit
+    assert structure.held == (controller.control_period is not None)
+
+
+def test_limits_and_masses_of_the_controller_have_their_blocks():
+    controller = Controller(ConstantImpedance(), torque_limit=(3.0, 4.0), compensated=(1.0, 2.0, 0.5))
+    structure = Structure.of(LEMON, controller)
+    p = structure.pack(LEMON, controller, np.ones((1, 5)))[0]
+    assert p[structure.columns("torque_limit")].tolist() == [3, 4]
+    assert p[structure.columns("compensated")].tolist() == [1, 2, 0.5]
+    assert structure.limits == 2
+    assert structure.compensated
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("arm.mass[3]", ("mass", 3)),
+        ("arm.com[1].x", ("com", 3)),
+        ("arm.position[2].z", ("position", 8)),
+        ("arm.inertia[1].xx", ("inertia", 6)),
+        ("arm.hand_position.y", ("hand_position", 1)),
+    ],
+)
+def test_a_parameter_of_an_arm_in_space_has_its_place(name: str, place: tuple[str, int]):
+    assert arm_column(name) == place
+
+
+def test_every_parameter_of_an_arm_in_space_is_where_it_is_packed():
+    """A changed number changes its own column, and no other."""
+    names = [name for name in UR5E.parameters() if name.startswith("arm.")]
+    structure = Structure.of(UR5E, PLAIN, free=names)
+    before = structure.pack(UR5E, PLAIN, np.ones((1, 13)))[0]
+    assert len(names) > 60
+    for name in names:
+        quantity, place = arm_column(name)
+        moved = UR5E.with_parameters({name: UR5E.parameters()[name] * (1 + 1e-6) + 1e-9})
+        after = structure.pack(moved, PLAIN, np.ones((1, 13)))[0]
+        assert np.flatnonzero(after != before).tolist() == [structure.columns(f"arm.{quantity}").start + place], name
+
+
+def test_numbers_that_are_zero_are_not_present_unless_free():
+    arm = UR5E.arm
+    assert isinstance(arm, SpatialArm)
+    shape = ArmShape.of(UR5E, [])
+    present = dict(shape.present)
+    for quantity in ("com", "position", "inertia"):
+        flat = np.ravel(arm.per_link(quantity))
+        assert set(present[quantity]) == set(np.flatnonzero(flat).tolist())
+    zero = next(name for name, x in UR5E.parameters().items() if name.startswith("arm.com") and x == 0)
+    more = ArmShape.of(UR5E, [zero, "whip.k[0]"])
+    assert set(dict(more.present)["com"]) - set(present["com"]) == {arm_column(zero)[1]}
+    assert shape in more
+    assert more not in shape
+    turned = replace(more, axes=(more.axes[1], *more.axes[1:]))
+    assert (turned == more) == (turned.axes == more.axes)
+    assert (shape in turned) == (turned.axes == more.axes)
+
+
+@pytest.mark.parametrize(("joints", "per_node", "dimension"), [("universal", 2, 3), ("rod", 3, 3)])
+def test_coordinates_are_counted(joints: str, per_node: int, dimension: int):
+    whip = replace(UR5E.whip, joints=joints, node_inertia=0.0)
+    structure = Structure.of(replace(UR5E, whip=whip), PLAIN)
+    assert structure.n == 6 + per_node * whip.N
+    assert structure.dimension == dimension
+    assert Structure.of(LEMON, PLAIN).n == LEMON.n
+    assert Structure.of(LEMON, PLAIN).dimension == 2

@@ -1,0 +1,123 @@
+"""Work units: names that tell them apart, noise, order of merit, and the search's bookkeeping."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from whiptool.studies.reproduction.nah2023 import published, units
+from whiptool.studies.reproduction.nah2023.units import (
+    BOUNDS,
+    CONTROLLER,
+    GROUPS,
+    DirectUnit,
+    GradientUnit,
+    PublishedUnit,
+    SolutionsUnit,
+    by_merit,
+    first_strikes,
+    noisy,
+)
+
+UNITS = [
+    DirectUnit(target=0, nodes=15, cap=600),
+    GradientUnit(target=0, cap=200),
+    SolutionsUnit(target=0),
+    PublishedUnit(),
+]
+
+
+PRETENDED = SimpleNamespace(model=units.NAH2023, timestep=units.TIMESTEP)  # rolls nothing out
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: type(unit).__name__)
+def test_units_that_differ_have_names_that_differ(unit):
+    """Results are kept by name: each number must be in it."""
+    assert replace(unit).name == unit.name
+    for field in fields(unit):
+        value = getattr(unit, field.name)
+        other = (not value) if isinstance(value, bool) else value + 1
+        assert replace(unit, **{field.name: other}).name != unit.name, field.name
+    assert len({x.name for x in UNITS}) == len(UNITS)
+
+
+def test_groups_are_all_of_a_strikes_vector():
+    taken = np.concatenate([np.arange(9)[group] for group in GROUPS.values()])
+    np.testing.assert_array_equal(taken, np.arange(9))
+    assert len(BOUNDS.box[0]) == 9
+    assert np.size(CONTROLLER.law.parameters()["K"]) == 16
+
+
+def test_the_nearest_come_first_and_equals_keep_their_order():
+    strikes = np.arange(8.0).reshape(4, 2)
+    ordered, misses = by_merit(strikes, np.array([0.3, 0.1, np.inf, 0.1]))
+    assert misses.tolist() == [0.1, 0.1, 0.3, np.inf]
+    assert ordered[:, 0].tolist() == [2, 6, 0, 4]
+
+
+@pytest.mark.parametrize(("nearest", "hit"), [(0.04, True), (0.06, False)])
+def test_a_search_says_what_it_found(monkeypatch, nearest: float, hit: bool):
+    """By a search that is pretended: its misses in order, and whether the least is within 5 cm."""
+    import whiptool.optimizers
+
+    asked = []
+
+    def search(objective, method):
+        asked.append((objective, method))
+        trials = [SimpleNamespace(outcome=SimpleNamespace(miss_distance=x)) for x in (0.9, nearest, 0.5)]
+        return SimpleNamespace(trace=trials, status=SimpleNamespace(value="max_trials"))
+
+    monkeypatch.setattr(whiptool.optimizers, "search", search)
+    monkeypatch.setattr(units, "simulator", lambda *given: PRETENDED)
+    monkeypatch.setattr(units, "LastNodes", lambda rollout, nodes, until: rollout)
+    found = DirectUnit(target=1, nodes=15, cap=40).run(None, 1)
+    assert found["misses"] == [0.9, nearest, 0.5]
+    assert (found["evaluations"], found["best"], found["hit"]) == (3, nearest, hit)
+    json.dumps(found)
+    [(objective, method)] = asked
+    assert method == "directl"
+    assert objective.target.position == published.TARGETS[1]
+    assert objective.target.hit_radius == published.HIT_RADIUS
+
+
+def test_an_interrupted_search_is_no_result(monkeypatch):
+    """A unit that is kept must be whole."""
+    import whiptool.optimizers
+
+    stopped = SimpleNamespace(trace=[], status=SimpleNamespace(value="interrupted"))
+    monkeypatch.setattr(whiptool.optimizers, "search", lambda objective, method: stopped)
+    monkeypatch.setattr(units, "simulator", lambda *given: PRETENDED)
+    with pytest.raises(KeyboardInterrupt):
+        GradientUnit(target=0, cap=10).run(None, 1)
+
+
+def test_noise_is_on_its_group_alone_and_within_five_percent_of_the_width():
+    lower, upper = BOUNDS.box
+    middle = (lower + upper) / 2
+    for group in GROUPS.values():
+        share = (noisy(middle, group, 500, np.random.default_rng(0)) - middle) / (upper - lower)
+        assert np.abs(share[:, group]).max() == pytest.approx(0.05, rel=0.02)
+        assert np.abs(np.delete(share, np.r_[group], axis=1)).max() == 0
+
+
+def test_first_strikes_are_those_of_their_logs():
+    """The second and the 19th, as printed there."""
+    found = first_strikes()
+    assert found[1] == pytest.approx([-1.36136, 0, 0, 1.41372, 1.72788, 0, 0, 1.41372, 0.95], abs=1e-5)
+    assert found[18] == pytest.approx([-0.94248, 0, 0, 1.41372, 1.72788, 0, 0, 1.41372, 1.31667], abs=1e-5)
+
+
+def test_first_strikes_are_a_third_of_the_box_from_its_middle():
+    """Along one axis at a time, to both sides, within the box."""
+    lower, upper = BOUNDS.box
+    share = (first_strikes() - lower) / (upper - lower)
+    assert share.shape == (19, 9)
+    assert share[0] == pytest.approx(np.full(9, 0.5))
+    for axis in range(9):
+        low, high = share[1 + 2 * axis], share[2 + 2 * axis]
+        assert (low[axis], high[axis]) == pytest.approx((1 / 6, 5 / 6))
+        assert np.delete(np.array([low, high]), axis, axis=1) == pytest.approx(0.5)

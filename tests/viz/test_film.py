@@ -1,0 +1,109 @@
+"""What a film shows in each frame, by plain interpolation of the strike that it shows."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from space_swing import swing
+
+from whiptool.models import preset
+from whiptool.target import Target
+from whiptool.viz.film import MAX_SEGMENTS, film_of
+
+UR5E = preset("ur5e")
+PATH = swing(UR5E)
+TARGET = Target(tuple(PATH.tip[200] + 0.01), 0.08)
+
+
+def film(fps: float = 20, speed: float = 0.5, target: Target = TARGET):
+    return film_of(PATH, UR5E, target, fps=fps, speed=speed, size=(480, 270))
+
+
+@pytest.mark.parametrize(("fps", "speed"), [(20, 0.5), (25, 1.0), (7, 0.1)])
+def test_frames_are_at_equal_times_until_the_end(fps: float, speed: float):
+    found = film(fps, speed)
+    times = [float(x.removesuffix(" s")) for x in found.readings["time"]]
+    expected = np.minimum(np.arange(len(times)) * speed / fps, PATH.t[-1])
+    np.testing.assert_allclose(times, expected, atol=5.1e-4)
+    assert times[-1] == pytest.approx(PATH.t[-1], abs=5e-4)
+    assert times[-2] < PATH.t[-1]
+    for frame in (0, len(times) // 2, -1):
+        q = [np.interp(expected[frame], PATH.t, x) for x in PATH.q.T]
+        np.testing.assert_allclose(found.q[frame], q, atol=1e-12)
+
+
+def test_readings_are_the_strikes():
+    found = film()
+    at = np.minimum(np.arange(len(found.q)) * 0.025, PATH.t[-1])
+    speed = np.interp(at, PATH.t, np.linalg.norm(PATH.tip_velocity, axis=1))
+    distance = np.linalg.norm(PATH.tip - np.array(TARGET.position), axis=1)
+    assert found.readings["tip speed"] == [f"{x:.1f} m/s" for x in speed]
+    assert found.readings["distance"] == [f"{x:.3f} m" for x in np.interp(at, PATH.t, distance)]
+    closest = [float(x.removesuffix(" m")) for x in found.readings["closest"]]
+    assert (np.diff(closest) <= 0).all()
+    assert closest[-1] == pytest.approx(PATH.approach(np.array(TARGET.position)).distance[0], abs=5e-4)
+    assert found.note == f"0.5 x real time, grid {found.grid:g} m"
+
+
+def test_the_target_lights_up_from_the_hit_on():
+    found = film()
+    assert found.hit[-1]
+    first = int(found.hit.argmax())
+    assert first > 0
+    assert not found.hit[:first].any()
+    assert found.hit[first:].all()
+    missed = film(target=Target(tuple(PATH.tip[200] + 1.0), 0.01))
+    assert not missed.hit.any()
+
+
+def test_the_trail_runs_along_the_tips_path():
+    """One piece after the other, from the tip's first place to its last, as long as the path; all shown at the end."""
+    found = film()
+    ends = found.trail
+    np.testing.assert_array_equal(ends[1:, 0], ends[:-1, 1])
+    np.testing.assert_allclose(ends[0, 0], PATH.tip[0])
+    np.testing.assert_allclose(ends[-1, 1], PATH.tip[-1])
+    assert len(ends) <= MAX_SEGMENTS
+    length = np.linalg.norm(np.diff(PATH.tip, axis=0), axis=1).sum()
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(length, rel=0.01)
+    assert (np.diff(found.shown) >= 0).all()
+    assert (found.shown[0], found.shown[-1]) == (0, len(ends))
+    for frame in range(0, len(found.q), 5):  # what is shown ends close behind the tip
+        now = [np.interp(frame * 0.025, PATH.t, x) for x in PATH.tip.T]
+        reached = ends[found.shown[frame] - 1, 1] if found.shown[frame] else ends[0, 0]
+        assert np.linalg.norm(reached - now) < 0.02 * UR5E.reach
+
+
+def test_the_trail_is_reddest_where_the_tip_is_fastest():
+    found = film()
+    middles = found.trail.mean(axis=1)
+    fastest = PATH.tip[np.linalg.norm(PATH.tip_velocity, axis=1).argmax()]
+    reddest = middles[(found.trail_rgb[:, 0] - found.trail_rgb[:, 2]).argmax()]
+    assert np.linalg.norm(reddest - fastest) < 0.03 * UR5E.reach
+    assert found.trail_rgb.min() >= 0
+    assert found.trail_rgb.max() <= 1
+
+
+def test_the_box_holds_everything():
+    found = film()
+    corners = found.box(TARGET)
+    assert corners.shape == (8, 3)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    assert {tuple(x) for x in corners} == set(product(*zip(low, high, strict=True)))
+    place = np.array(TARGET.position)
+    for point in (*found.trail[:, 0], place - TARGET.hit_radius, place + TARGET.hit_radius, np.zeros(3)):
+        assert (point >= low - 1e-12).all()
+        assert (point <= high + 1e-12).all()
+
+
+def test_words_stand_apart_and_within_the_picture():
+    found = film()
+    words = list(found.text(3))
+    assert words[0][2] == found.note
+    assert [text for _, _, text in words[1::2]] == list(found.readings)
+    assert [text for _, _, text in words[2::2]] == [values[3] for values in found.readings.values()]
+    assert all(0 < x < 1 and 0 < y < 1 for x, y, _ in words)
+    rows = sorted({y for _, y, _ in words})
+    assert min(np.diff(rows)) * found.size[1] >= 12  # [pixels]
