@@ -51,7 +51,7 @@ def test_unknown_part_gets_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert reproduce.main(["fig99"]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("whiptool: what to reproduce: got 'fig99'")
+    assert error.startswith("whiptool: what: got 'fig99'")
     assert all(name in error for name in PARTS)
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
