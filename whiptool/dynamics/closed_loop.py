@@ -215,9 +215,25 @@ class ClosedLoop(System):
     def whip_balance(self) -> ca.Function:
         """Balance of the resting whip at q (n,): `whip_balance(q, p, dq, dp)` gives the slopes of its potential energy
         by its own joints (n - a,), and their change along dq (n,) and dp. Of a rod, by its turning: three torques."""
+        q, slope = self._whip_slopes
+        dq, dp = ca.SX.sym("dq", self.n), ca.SX.sym("dp", self.p.numel())
+        change = ca.jtimes(slope, q, dq) + ca.jtimes(slope, self.p, dp)
+        return ca.Function("whip_balance", [q, self.p, dq, dp], [slope, change], {"cse": True})
+
+    @cached_property
+    def whip_hessian(self) -> ca.Function:
+        """Slopes as in `whip_balance`, and their derivatives by the whip's own joints (n - a, n - a), of
+        `whip_hessian(q, p)`."""
+        q, slope = self._whip_slopes
+        hessian = ca.densify(ca.jacobian(slope, q)[:, self.n_drive :])
+        return ca.Function("whip_hessian", [q, self.p], [slope, hessian], {"cse": True})
+
+    @property
+    def _whip_slopes(self) -> tuple[ca.SX, ca.SX]:
+        """The joints q (n,) and the slopes of the resting whip's potential energy by its own joints (n - a,)."""
         a, K = self.n_drive, self.link_size
-        q, dq, dp = ca.SX.sym("q", self.n), ca.SX.sym("dq", self.n), ca.SX.sym("dp", self.p.numel())
-        still, gravity, none = ca.SX.zeros(K), self.parameters["gravity"], ca.SX.zeros(a)
+        q, gravity = ca.SX.sym("q", self.n), self.parameters["gravity"]
+        still, none = ca.SX.zeros(K), ca.SX.zeros(a)
         frame = self.hand(q[:a], none, ca.SX.zeros(self.n_inputs), none).frame
         links = []
         for i in range(self.n_links):
@@ -231,9 +247,7 @@ class ClosedLoop(System):
             moment = moment + turned
             slopes.append(ca.mtimes(moving.axes.T, moment) - springs if self.hinges else turned - springs + beyond)
             beyond = springs
-        slope = ca.vertcat(*reversed(slopes))
-        change = ca.jtimes(slope, q, dq) + ca.jtimes(slope, self.p, dp)
-        return ca.Function("whip_balance", [q, self.p, dq, dp], [slope, change], {"cse": True})
+        return q, ca.vertcat(*reversed(slopes))
 
     # -----------------------------------------------------------------------------------------------------------------
     # Energy

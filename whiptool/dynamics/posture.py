@@ -61,21 +61,29 @@ def _settle(model: Model, q: np.ndarray) -> None:
     controller = Controller()  # any: only the whip's potential energy is used
     structure = Structure.of(model, controller)
     p = structure.pack(model, controller, np.zeros((1, 2 * a + 1)))
-    for row in q:
-        for _ in range(100):
-            slope, hessian = _slopes(structure, row[None], p)
-            if structure.joints == "rod":
-                step = _solve_across(hessian, slope, row[None, a:])[0]
-            else:  # a negative curvature would lead uphill: damp until the Hessian is positive
-                shift = max(0.0, 1e-9 - np.linalg.eigvalsh(hessian[0])[0])
-                step = np.linalg.solve(hessian[0] + shift * np.eye(len(row) - a), slope[0])
-            largest = np.abs(step).max()
-            row[a:] -= step if largest < 0.5 else step * (0.5 / largest)
-            if structure.joints == "rod":
-                directions = row[a:].reshape(-1, 3)
-                directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-            if largest < 1e-12:
-                break
+    moving = np.arange(len(q))
+    for _ in range(100):
+        step = _newton_step(structure, q[moving], p)
+        largest = np.abs(step).max(axis=1)
+        found = q[moving, a:] - step * (0.5 / np.maximum(largest, 0.5))[:, None]
+        if structure.joints == "rod":
+            directions = found.reshape(len(found), -1, 3)
+            directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+        q[moving, a:] = found
+        moving = moving[largest >= 1e-12]
+        if not len(moving):
+            return
+
+
+def _newton_step(structure: Structure, q: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Return Newton's steps (B, m) towards balance, which are to be subtracted."""
+    slope, hessian = _slopes(structure, q, p)
+    if structure.joints == "rod":
+        return _solve_across(hessian, slope, q[:, structure.n_arm :])
+    # a negative curvature would lead uphill: damp until the Hessian is positive
+    shift = np.maximum(0.0, 1e-9 - np.linalg.eigvalsh(hessian)[:, :1])
+    damped = hessian + shift[..., None] * np.eye(slope.shape[1])
+    return np.linalg.solve(damped, slope[..., None])[..., 0]
 
 
 def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.ndarray, dp: np.ndarray) -> np.ndarray:
@@ -132,26 +140,32 @@ def _hanging_change(arm: SpatialArm, q: np.ndarray, dq: np.ndarray) -> np.ndarra
 
 def _slopes(structure: Structure, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slopes (B, m) and Hessians (B, m, m) of the potential energy by the whip's m joints."""
-    B, n = q.shape
-    a = structure.n_arm
-    units = np.tile(np.eye(n)[a:], (B, 1))
-    many_q, many_p = (np.repeat(x, n - a, axis=0) for x in (q, p))
-    slope, change = _along(structure, many_q, many_p, units, np.zeros((1, p.shape[1])))
-    return slope[:: n - a], change.reshape(B, n - a, n - a).transpose(0, 2, 1)
+    slope, hessian = _at_once(_hessian_of(structure), q, np.broadcast_to(p, (len(q), p.shape[1])))
+    m = slope.shape[1]
+    return slope, hessian.reshape(len(q), m, m).transpose(0, 2, 1)  # CasADi stores columns
 
 
 def _along(structure: Structure, q: np.ndarray, p: np.ndarray, dq: np.ndarray, dp: np.ndarray) -> list[np.ndarray]:
     """Slopes of the potential energy by the whip's joints and their change, (B, m) each; see `whip_balance`."""
-    balance, B = _at_once(structure), len(q)
-    dp = np.broadcast_to(dp, p.shape)
+    return _at_once(_balance_of(structure), q, p, dq, np.broadcast_to(dp, p.shape))
+
+
+def _at_once(mapped: ca.Function, *rows: np.ndarray) -> list[np.ndarray]:
+    """Return the values of a function mapped over `_AT_ONCE` postures at rows (B, ...) each, shape (B, size) each."""
+    B = len(rows[0])
     found = []
     for i in range(0, B, _AT_ONCE):
-        some = slice(i, i + _AT_ONCE)
-        columns = [np.pad(x[some], ((0, _AT_ONCE - len(q[some])), (0, 0)), "edge").T for x in (q, p, dq, dp)]
-        found.append([x.full().T[: len(q[some])] for x in balance(*columns)])
+        count = min(_AT_ONCE, B - i)
+        columns = [np.pad(x[i : i + count], ((0, _AT_ONCE - count), (0, 0)), "edge").T for x in rows]
+        found.append([x.full().T.reshape(_AT_ONCE, -1)[:count] for x in mapped(*columns)])
     return [np.concatenate(parts) for parts in zip(*found, strict=True)]
 
 
 @lru_cache(maxsize=8)
-def _at_once(structure: Structure) -> ca.Function:
+def _balance_of(structure: Structure) -> ca.Function:
     return closed_loop(structure).whip_balance.map(_AT_ONCE)
+
+
+@lru_cache(maxsize=8)
+def _hessian_of(structure: Structure) -> ca.Function:
+    return closed_loop(structure).whip_hessian.map(_AT_ONCE)
