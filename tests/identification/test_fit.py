@@ -123,7 +123,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
     for seed in range(400):
         rng = np.random.default_rng(seed)
         noisy = [dataclasses.replace(f, points=f.points + 5e-3 * rng.standard_normal(f.points.shape)) for f in films]
-        found = fit(noisy, PLANT, FREE)
+        found = fit(noisy, Plant(LEMON, CONTROLLER), FREE, options=Options(timestep=5e-4))
         for name, true in TRUE.items():
             low, high = found[name].interval or (np.inf, -np.inf)
             covered[name] += low <= true <= high

@@ -22,8 +22,8 @@ from whiptool.rollout import engine as engine_module
 LEMON = preset("lemon2024")
 TARGET = np.array([1.3, 0.0])
 RNG = np.random.default_rng(21)
-STRIKES = default_bounds(LEMON.arm).sample(RNG, 500)
-TARGETS = TARGET + RNG.uniform(-0.3, 0.3, (500, 2))
+STRIKES = default_bounds(LEMON.arm).sample(RNG, 200)
+TARGETS = TARGET + RNG.uniform(-0.3, 0.3, (200, 2))
 
 
 def mixed() -> tuple[list, list]:
@@ -38,11 +38,11 @@ def mixed() -> tuple[list, list]:
         for _ in range(50)
     ]  # fmt: skip
     controllers = [Controller(OIAC(a=a)) for a in np.geomspace(5e-4, 0.2, 10)]
-    return [models[i % 50] for i in range(500)], [controllers[i % 7] for i in range(500)]
+    return [models[i % 50] for i in range(200)], [controllers[i % 7] for i in range(200)]
 
 
 def test_all_engines_agree_on_mixed_batches():
-    """500 random strikes, models, targets and controllers."""
+    """Random strikes, models, targets and controllers."""
     models, controllers = mixed()
     results = {}
     for name in engine_module.RUNGS:
@@ -172,7 +172,7 @@ def test_derivatives_against_central_differences(case):
     """
     controller = LAWS[case]
     model = everything().with_parameters({"arm.friction[0]": 0.05, "arm.friction[1]": 0.03})
-    strikes, targets = STRIKES[:100], TARGETS[:100]
+    strikes, targets = STRIKES[:40], TARGETS[:40]
     rollout = CompiledRollout(model, controller, timestep=1e-3)
     names = [*STRIKE_NAMES, *model.parameters(), *controller.parameters()]
     if case != "constant":  # every parameter once; elsewhere a third of them
