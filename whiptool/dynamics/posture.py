@@ -13,6 +13,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 
 _AT_ONCE = 24  # postures in one call
+_FEW = 6  # one by one is as fast
 
 
 def hangs_straight(model: Model) -> bool:
@@ -140,32 +141,28 @@ def _hanging_change(arm: SpatialArm, q: np.ndarray, dq: np.ndarray) -> np.ndarra
 
 def _slopes(structure: Structure, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slopes (B, m) and Hessians (B, m, m) of the potential energy by the whip's m joints."""
-    slope, hessian = _at_once(_hessian_of(structure), q, np.broadcast_to(p, (len(q), p.shape[1])))
+    slope, hessian = _of_rows(closed_loop(structure).whip_hessian, q, np.broadcast_to(p, (len(q), p.shape[1])))
     m = slope.shape[1]
     return slope, hessian.reshape(len(q), m, m).transpose(0, 2, 1)  # CasADi stores columns
 
 
 def _along(structure: Structure, q: np.ndarray, p: np.ndarray, dq: np.ndarray, dp: np.ndarray) -> list[np.ndarray]:
     """Slopes of the potential energy by the whip's joints and their change, (B, m) each; see `whip_balance`."""
-    return _at_once(_balance_of(structure), q, p, dq, np.broadcast_to(dp, p.shape))
+    return _of_rows(closed_loop(structure).whip_balance, q, p, dq, np.broadcast_to(dp, p.shape))
 
 
-def _at_once(mapped: ca.Function, *rows: np.ndarray) -> list[np.ndarray]:
-    """Return the values of a function mapped over `_AT_ONCE` postures at rows (B, ...) each, shape (B, size) each."""
+def _of_rows(function: ca.Function, *rows: np.ndarray) -> list[np.ndarray]:
+    """Return the function's values at rows (B, ...) each, shape (B, size) each; matrices stand by columns."""
     B = len(rows[0])
-    found = []
-    for i in range(0, B, _AT_ONCE):
-        count = min(_AT_ONCE, B - i)
-        columns = [np.pad(x[i : i + count], ((0, _AT_ONCE - count), (0, 0)), "edge").T for x in rows]
-        found.append([x.full().T.reshape(_AT_ONCE, -1)[:count] for x in mapped(*columns)])
+    at_once = _AT_ONCE if B > _FEW else 1
+    mapped, found = _mapped(function, at_once), []
+    for i in range(0, B, at_once):
+        count = min(at_once, B - i)
+        columns = [np.pad(x[i : i + count], ((0, at_once - count), (0, 0)), "edge").T for x in rows]
+        found.append([x.full().T.reshape(at_once, -1)[:count] for x in mapped(*columns)])
     return [np.concatenate(parts) for parts in zip(*found, strict=True)]
 
 
-@lru_cache(maxsize=8)
-def _balance_of(structure: Structure) -> ca.Function:
-    return closed_loop(structure).whip_balance.map(_AT_ONCE)
-
-
-@lru_cache(maxsize=8)
-def _hessian_of(structure: Structure) -> ca.Function:
-    return closed_loop(structure).whip_hessian.map(_AT_ONCE)
+@lru_cache(maxsize=16)
+def _mapped(function: ca.Function, at_once: int) -> ca.Function:
+    return function.map(at_once)
