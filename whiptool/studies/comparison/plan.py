@@ -116,7 +116,7 @@ class Comparison:
 
     def difficulty(self, *, quick: bool = False) -> DifficultyUnit:
         """What one strike, and random ones, hit of its targets."""
-        strikes = 2_000 if quick else min(10_000, 100 * self.scene.targets)
+        strikes = 500 if quick else min(10_000, 100 * self.scene.targets)
         return DifficultyUnit(scene=self.scene, strikes=strikes, task=self.task)
 
     def training(self, observation: str) -> tuple[int, int, int]:

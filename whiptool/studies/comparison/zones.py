@@ -18,7 +18,7 @@ from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, 
 
 FAST = "fast"
 SPEED = 3.0  # [m/s] at least, of the tip in the fast region
-STRIKES, QUICK_STRIKES = 1_000_000, 8_192  # random ones that find the fast region
+STRIKES, QUICK_STRIKES = 1_000_000, 2_048  # random ones that find the fast region
 CELL = 0.02  # [m]
 STRIKES_IN_SPACE, CELL_IN_SPACE = 100_000, 0.1  # a strike costs ten times more there, and cells are more
 
