@@ -325,7 +325,9 @@ def _misses(rows: Sequence[dict[str, Any]]) -> np.ndarray:
 def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[str, list[int]]) -> list[Text | Table]:
     if not rigs:
         return [Text("The motors reach no target with any of the whips.")]
-    strikes = rigs[0].study.strikes
+    strikes, seen = rigs[0].study.strikes, "rendered infrared images and the tracker"
+    if not rigs[0].study.thorough:
+        seen = "the tip's position with the error of images (quick form)"
     radii, numbers = [f"within {100 * r:g} cm" for r in RADII], [f"miss {i + 1} [cm]" for i in range(strikes)]
     rows = [["family", "method", "whips", "hit by 1", "hit by 2", *radii, *numbers]]
     for (family, method), t in _whole(rigs, chain).items():
@@ -336,9 +338,9 @@ def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[s
     faults = sum(bool(fault) for result in chain.values() for fault in result["faults"])
     over = "; ".join(f"{family}: {targets} ({whips})" for family, (whips, targets) in passed.items())
     text = (
-        "The same through emulated servos with friction, current limits and latency, rendered infrared images and the "
-        "tracker, within the motors' limits, which leaves slow strikes only. A whip gets the first target of its own "
-        "that the motors reach when the true whip is known; targets passed over (and whips left out): "
+        f"The same through emulated servos with friction, current limits and latency, {seen}, within the motors' "
+        "limits, which leaves slow strikes only. A whip gets the first target of its own that the motors reach when "
+        "the true whip is known; targets passed over (and whips left out): "
         f"{over}. " + (f"{faults} strikes ended in a fault." if faults else "No strike ended in a fault.")
     )
     return [Text(text), Table(rows, "Mean trials to a hit (share that ever hit), and median miss by strike.")]

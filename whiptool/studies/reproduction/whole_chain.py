@@ -23,13 +23,16 @@ _TRIED = 5  # targets of a whip's own that are tried
 
 
 def prepared(study: Study, family: str, seed: int, number: int, **changes: Any) -> Adaptation:
-    """Of a whip through servos, rendered images and tracker, at a target of the pool; changes of `AdaptOptions`."""
+    """Of a whip through servos, rendered images and tracker, at a target of the pool; changes of `AdaptOptions`.
+
+    In the brief form of a study, the tip's position with the error of images takes their place.
+    """
     from whiptool.adaptation.options import AdaptOptions, prepare
 
     options = AdaptOptions(
         target=study.target(number).position,
         port="twin",
-        camera="twin",
+        camera="twin" if study.thorough else "points",
         seed=seed,
         max_strikes=study.strikes,
     )
