@@ -129,9 +129,8 @@ def log_posterior(
     whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
 
     def density(z: np.ndarray) -> np.ndarray:
-        log = -0.5 * (((z - prior.z) @ whitening.T) ** 2).sum(axis=1)
-        inside = ((z >= lower) & (z <= upper)).all(axis=1)
-        log[~inside] = -np.inf
+        log, inside = np.full(len(z), -np.inf), ((z >= lower) & (z <= upper)).all(axis=1)
+        log[inside] = -0.5 * (((z[inside] - prior.z) @ whitening.T) ** 2).sum(axis=1)
         plants = [prior.at(x) for x in z[inside]]
         delays = [prior.values(x).get("delay", 0.0) for x in z[inside]]
         for i in range(len(used)):
