@@ -260,6 +260,7 @@ def test_all_engines_agree_on_rods():
         np.testing.assert_allclose(near.velocity, results[0].velocity, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_derivatives_of_rods_against_central_differences():
     rollout = CompiledRollout(MODEL, CONTROLLER, timestep=1e-3)
     names = ["q_1i", "q_2f", "q_3f", "gravity", "whip.l[1]", "whip.m[3]", "whip.k[2]", "whip.b[1]", "whip.drag[2]"]

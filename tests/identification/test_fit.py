@@ -210,6 +210,7 @@ def test_a_profile_is_told_by_the_motion_of_its_base(drive):
         assert abs(p.value - getattr(true, name.removeprefix("profile."))) < high - low
 
 
+@pytest.mark.slow
 def test_a_number_that_may_be_zero_is_bounded_however_near_zero_it_comes_out():
     """What the recordings say of stiffening does not depend on where the noise puts its estimate."""
     widths = []
@@ -268,6 +269,7 @@ def test_strikes_planned_on_the_identified_whip_hit_the_true_one():
     assert max(misses) <= 0.06
 
 
+@pytest.mark.slow
 def test_the_number_of_nodes_is_chosen_by_what_was_held_out():
     """A whip of 12 nodes, filmed with 1 mm of noise, is not taken for one of 5; its total length stays."""
     rng = np.random.default_rng(9)

@@ -41,6 +41,7 @@ def mixed() -> tuple[list, list]:
     return [models[i % 50] for i in range(200)], [controllers[i % 7] for i in range(200)]
 
 
+@pytest.mark.slow
 def test_all_engines_agree_on_mixed_batches():
     """Random strikes, models, targets and controllers."""
     models, controllers = mixed()

@@ -76,7 +76,9 @@ def test_a_diverging_lane_leaves_the_others_bit_identical(name: str):
         np.testing.assert_array_equal(getattr(together, field)[others], getattr(alone, field)[others])
 
 
-@pytest.mark.parametrize("law", ["constant", "oiac", "held"])
+@pytest.mark.parametrize(
+    "law", [pytest.param("constant", marks=pytest.mark.slow), "oiac", pytest.param("held", marks=pytest.mark.slow)]
+)
 def test_the_reference_makes_the_same_strike(law: str):
     """MuJoCo, Pinocchio and NumPy, without friction and drag and with them."""
     controllers = {
@@ -123,6 +125,7 @@ def moved(rollout: CompiledRollout, name: str, by: float) -> CompiledRollout:
     return CompiledRollout(model, controller, timestep=rollout.timestep, free=rollout.free)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["constant", "oiac"])
 def test_derivatives_against_central_differences(law: str):
     """By numbers of strike, whip, arm and controller; kinks, where the differences do not hold still, are few."""

@@ -55,7 +55,7 @@ def test_one_strike_is_a_batch_of_one(compiled):
 
 def test_the_reference_has_approaches_too(compiled):
     """Those of its trajectories, each to its own target; they agree with the compiled ones."""
-    reference = ReferenceRollout(MODEL, CONTROLLER, timestep=5e-5)
+    reference = ReferenceRollout(MODEL, CONTROLLER, timestep=1e-4)
     targets = np.array([[1.1, 0.2], [0.4, -0.9]])
     near = reference.approach(STRIKES, targets)
     for i, (strike, target) in enumerate(zip(STRIKES, targets, strict=True)):

@@ -29,6 +29,7 @@ def misses(rollout, strikes=STRIKES) -> np.ndarray:
     return np.array([path.approach(TARGET).distance[0] for path in paths])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_compiled_against_mujoco(law):
     """A few strikes at the default step; benchmarks/accuracy.py has 200 of them, and the reference's convergence."""
@@ -67,7 +68,7 @@ def test_other_presets_against_mujoco(name):
     assert np.abs(compiled - reference).max() < 1e-6
 
 
-@pytest.mark.parametrize("joints", [1, 2, 3])
+@pytest.mark.parametrize("joints", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_arms_of_any_number_of_joints_against_mujoco(joints):
     """With every term of the whip; the law is OIAC, which is of no number of joints."""
     arm = ArmParameters(tuple(ArmLink(mass=0.3 - 0.05 * i, length=0.3, friction=0.02) for i in range(joints)))
