@@ -21,3 +21,9 @@ def pytest_configure(config: pytest.Config) -> None:
     cache = getattr(config, "cache", None)
     if cache is not None and "PYTEST_XDIST_WORKER" not in os.environ:
         os.environ["MPLCONFIGDIR"] = str(cache.mkdir("matplotlib"))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files that take longest first, so that no process waits for the last of them."""
+    longest = ("tests/commands/", "tests/studies/", "tests/whole/")
+    items.sort(key=lambda item: not item.nodeid.startswith(longest))
