@@ -12,6 +12,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
 from full_disk import full_disk
 
@@ -19,8 +20,14 @@ torch = pytest.importorskip("torch")
 
 from whiptool import whole_files  # noqa: E402
 from whiptool.commands import train  # noqa: E402
+from whiptool.commands.train import load_policy  # noqa: E402
+from whiptool.errors import InputError  # noqa: E402
+from whiptool.models import preset  # noqa: E402
 from whiptool.rl import event_log  # noqa: E402
+from whiptool.rl.policy import trials_to_hit  # noqa: E402
 from whiptool.rl.training import load_checkpoint  # noqa: E402
+from whiptool.rollout import CompiledRollout  # noqa: E402
+from whiptool.zone import sample  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -54,6 +61,18 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert table[1]["critic"] == ""
     assert float(table[2]["critic"]) > 0  # nothing is learned in the random episodes
     assert list((tmp_path / "run/tensorboard").iterdir())
+    policy = load_policy(tmp_path / "run")
+    options = train.TrainOptions()
+    targets = sample(policy.task.zone, 40, np.random.default_rng(0))
+    strikes = np.array([policy.strike(target).vector for target in targets])
+    near = CompiledRollout(preset("lemon2024"), options.build_controller()).approach(strikes, targets)
+    policy.task.hit_radius = float(np.median(near.distance))
+    hit = trials_to_hit(policy.learner, policy.task, targets, cap=1, convention="mean")[1]
+    np.testing.assert_array_equal(near.distance <= policy.task.hit_radius, hit)
+    with pytest.raises(InputError, match=r"target: got .* allowed: 2 coordinates"):
+        policy.strike((1.0, 0.0, 0.2))
+    with pytest.raises(InputError, match=r"config\.toml"):
+        load_policy(tmp_path)
 
 
 # a run that stays before its last episode, so that it can be killed however slow the machine is

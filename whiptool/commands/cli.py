@@ -155,8 +155,6 @@ def parse_resumable(
     Raises:
         InputError: The folder is of another command, or an option given beside `--resume` differs from the stored one.
     """
-    from whiptool.runs import read_config
-
     prog, words = f"whiptool {command}", list(sys.argv[1:] if args is None else args)
     parsed: Any = _parsed(options, prog=prog, description=description, args=words)
     if parsed.resume is None:
@@ -166,11 +164,7 @@ def parse_resumable(
             small = options(**{name: value for name, value in quick.items() if name in mine})
         return parse(options, prog=prog, description=description, args=words, default=small)
     with _named({"run_folder": "--resume"}):
-        config = read_config(parsed.resume)
-    table = config.get("options")
-    if config.get("command") != command or not isinstance(table, dict):
-        raise InputError("--resume", str(parsed.resume), f"a folder that `{prog}` made, its config whole")
-    stored: Any = stored_options(options, table, parsed.resume)
+        stored: Any = options_of_run(options, parsed.resume, command=command)
     again: Any = parse(options, prog=prog, description=description, args=words, default=stored)
     if again.out is not None:
         raise InputError("--out", str(again.out), "nothing beside --resume: a resumed run stays in its folder")
@@ -185,6 +179,21 @@ def parse_resumable(
                 "leave it out, or start a new run",
             )
     return again
+
+
+def options_of_run(options: type[T], run_folder: Path, *, command: str) -> T:
+    """Return the options that a command left in its run folder.
+
+    Raises:
+        InputError: The folder is of another command, or its configuration is damaged.
+    """
+    from whiptool.runs import read_config
+
+    config = read_config(run_folder)
+    table = config.get("options")
+    if config.get("command") != command or not isinstance(table, dict):
+        raise InputError("run_folder", str(run_folder), f"a folder that `whiptool {command}` made, its config whole")
+    return stored_options(options, table, run_folder)
 
 
 def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:

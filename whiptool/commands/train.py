@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from whiptool.commands import cli
 from whiptool.errors import InputError, WhiptoolError
@@ -30,6 +30,12 @@ from whiptool.options import (
     whole,
 )
 from whiptool.whole_files import append_whole, write_whole
+
+if TYPE_CHECKING:
+    from whiptool.rl.policy import Policy
+    from whiptool.rl.settings import Settings
+    from whiptool.rl.task import StrikeTask
+    from whiptool.rl.training import Training
 
 CHECKPOINT, EPISODES = "checkpoint.pt", "episodes.csv"
 _HYPERPARAMETERS = (
@@ -153,56 +159,81 @@ def _main(args: Sequence[str] | None) -> int:
             return run.train()
 
 
+def load_policy(run_folder: str | Path) -> Policy:
+    """Return the policy that `python -m whiptool.train` left in its run folder, as of its last checkpoint.
+
+    Raises:
+        InputError: PyTorch is missing, or the folder is of another command, or holds no whole checkpoint.
+    """
+    _import_torch()
+    from whiptool.rl.policy import Policy
+
+    options = cli.options_of_run(TrainOptions, Path(run_folder), command="train")
+    training = build_training(options)
+    training.load(Path(run_folder) / CHECKPOINT)
+    return Policy(training.learner, training.task)
+
+
+def build_training(options: TrainOptions) -> Training:
+    """Return the training that options ask for, not begun."""
+    torch = _import_torch()
+    from whiptool.rl.training import Plan, Training, make_learner
+
+    task, generator = build_task(options), torch.Generator().manual_seed(options.seed)
+    learner = make_learner(options.method, settings_of(options), task, generator)
+    return Training(learner, task, Plan(options.episodes, options.trials, options.random_episodes, options.hindsight))
+
+
+def build_task(options: TrainOptions) -> StrikeTask:
+    """Return the task that options ask for."""
+    from whiptool.rl.task import StrikeTask
+    from whiptool.zone import Region
+
+    model, controller = options.build_model(), options.build_controller()
+    return StrikeTask(
+        options.build_compiled(model, controller),  # type: ignore[arg-type]
+        options.build_disc(model) if options.region is None else Region.load(options.region),
+        observation=options.observation,
+        reward=options.reward,
+        hit_radius=options.hit_radius,
+        strikes=options.strikes,
+        t_stay=options.t_stay,
+    )
+
+
+def settings_of(options: TrainOptions) -> Settings:
+    """Return the learner's settings that options ask for."""
+    from whiptool.rl.settings import settings_for
+
+    return settings_for(options.method, **options.hyperparameters())
+
+
+def _import_torch() -> Any:
+    try:
+        import torch
+    except ImportError:
+        raise InputError("whiptool train", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]") from None
+    return torch
+
+
 class _Run:
     """One training: everything is checked before anything is written."""
 
     def __init__(self, options: TrainOptions) -> None:
-        try:
-            import torch
-        except ImportError:
-            raise InputError(
-                "whiptool train", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]"
-            ) from None
+        torch = _import_torch()
         torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
 
-        from whiptool.rl.settings import settings_for
-        from whiptool.rl.task import StrikeTask
-        from whiptool.rl.training import Plan, Training, make_learner
-
         self.options = options
-        settings = settings_for(options.method, **options.hyperparameters())
         model, controller = options.build_model(), options.build_controller()
-        self.zone = self._zone(model)
-        rollout = options.build_compiled(model, controller)
+        self.training, self.tests = build_training(options), build_task(options)
         options.warn_if_coarse(model, controller, options.target, options.t_stay)
-
-        def task() -> StrikeTask:
-            return StrikeTask(
-                rollout,  # type: ignore[arg-type]
-                self.zone,
-                observation=options.observation,
-                reward=options.reward,
-                hit_radius=options.hit_radius,
-                strikes=options.strikes,
-                t_stay=options.t_stay,
-            )
-
-        self.task = task
-        plan = Plan(options.episodes, options.trials, options.random_episodes, options.hindsight)
-        generator = torch.Generator().manual_seed(options.seed)
-        learner = make_learner(options.method, settings, task(), generator)
-        self.training = Training(learner, task(), plan)
+        settings = settings_of(options)
         config = cli.configuration(options, "train", model, controller, settings=cli.as_plain(settings))
         self.folder = cli.open_folder(options, options.method, config)
         self.checkpoint, self.table = self.folder.path / CHECKPOINT, self.folder.path / EPISODES
         if options.resume is not None and self.checkpoint.exists():
             self.training.load(self.checkpoint)
         self._cut_table()
-
-    def _zone(self, model):
-        from whiptool.zone import Region
-
-        return self.options.build_disc(model) if self.options.region is None else Region.load(self.options.region)
 
     def _cut_table(self) -> None:
         """Leave those episodes in the table that the checkpoint holds; what came after it will be made again."""
@@ -271,10 +302,12 @@ class _Run:
         from whiptool.runs import code_version
         from whiptool.zone import sample
 
-        targets = sample(self.zone, self.options.tests, np.random.default_rng(self.options.seed))
+        zone = self.tests.zone
+        targets = sample(zone, self.options.tests, np.random.default_rng(self.options.seed))
+        print(f"striking at {self.options.tests} targets with the trained policy ...", file=sys.stderr)
         result: dict[str, Any] = {}
         for convention in CONVENTIONS:
-            trials, hit = trials_to_hit(self.training.learner, self.task(), targets, cap=600, convention=convention)
+            trials, hit = trials_to_hit(self.training.learner, self.tests, targets, cap=600, convention=convention)
             result[convention] = {
                 "mean_trials": float(trials.mean()),
                 "median_trials": float(np.median(trials)),
@@ -289,7 +322,7 @@ class _Run:
             "n_diverged": self.training.task.n_diverged,
             "wall_time": seconds,
             "tests": self.options.tests,
-            ("zone_area" if self.zone.dimension == 2 else "zone_volume"): self.zone.size,
+            ("zone_area" if zone.dimension == 2 else "zone_volume"): zone.size,
             "hit_radius": self.options.hit_radius,
             "trials_to_hit": result,
             "seed": self.options.seed,

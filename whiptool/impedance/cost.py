@@ -50,12 +50,15 @@ class Tracked(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Cost:
     """`J = J_c + J_p` (Eq. 5): what the impedance costs (Eq. 6), and the change of the error's energy (Eq. 7)."""
 
     J_c: float
     J_p: float
+
+    def __repr__(self) -> str:
+        return f"Cost(J={self.J:.6g}, J_c={self.J_c:.6g}, J_p={self.J_p:.6g})"
 
     @property
     def J(self) -> float:

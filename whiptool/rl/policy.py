@@ -1,19 +1,51 @@
-"""Evaluate a trained policy: strike at targets until they are hit."""
+"""A trained policy: the strike that it makes at a target, and how many it needs until targets are hit."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 
 from whiptool.errors import InputError
+from whiptool.models.strike import Strike
 from whiptool.rl.learner import Learner
 from whiptool.rl.task import StrikeTask
+from whiptool.target import Target, as_target
 
 CONVENTIONS = {
     "mean-first": "the mean action first, after a miss samples of the policy",
     "samples": "samples of the policy from the first strike on",
     "mean": "the mean action always",
 }
+
+
+class Policy:
+    """A trained policy: a strike for every target of its zone, without a search.
+
+    Args:
+        learner: Trained on the task's observation; its weights stay as they are.
+        task: What it was trained on, with its zone, hit radius and rollout.
+    """
+
+    def __init__(self, learner: Learner, task: StrikeTask) -> None:
+        self.learner, self.task = learner, task
+
+    def __repr__(self) -> str:
+        return f"Policy({type(self.learner).__name__.lower()}, over {self.task.zone})"
+
+    def strike(self, target: Target | Sequence[float]) -> Strike:
+        """Return the strike that the policy makes first at a target: its mean action, seen from rest.
+
+        Raises:
+            InputError: The target is of another dimension than the model.
+        """
+        place = as_target(target).position
+        if len(place) != self.task.zone.dimension:
+            raise InputError("target", place, f"{self.task.zone.dimension} coordinates, as the model has")
+        seen = torch.as_tensor(self.task.normalise(self.task.first_look(np.array([place]))), dtype=torch.float32)
+        action = self.learner.act(seen, deterministic=True).numpy().astype(float)
+        return Strike.from_vector(self.task.to_strikes(action)[0])
 
 
 def trials_to_hit(
