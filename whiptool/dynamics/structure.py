@@ -12,6 +12,7 @@ import numpy as np
 from whiptool.dynamics.columns import Columns
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.law import LAWS
+from whiptool.impedance.position import PositionControl
 from whiptool.models.parameters import ArmParameters, Model, SpatialArm
 from whiptool.models.spatial_arm import MOMENTS, XYZ
 
@@ -116,6 +117,11 @@ class Structure:
         same = replace(other, optional=self.optional, arm=self.arm) == self
         arms = other.arm is None or (self.arm is not None and other.arm in self.arm)
         return same and arms and set(other.optional) <= set(self.optional)
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether the arm's joints are exactly on the reference."""
+        return self.law == PositionControl.kind
 
     @property
     def dimension(self) -> int:

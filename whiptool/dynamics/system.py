@@ -80,6 +80,7 @@ class System(ABC):
         n_drive, n_links: Joints of the drive, and links of the whip.
         n_inputs: Numbers that drive it from outside at each instant: a held torque, or a base's motion.
         held: The input is a torque that `control` gives and that is held.
+        prescribed: The drive's joints are where `lead` has them; the input is their accelerations, which it gives too.
         dimension: 2 in the plane, 3 in space.
         hinges: Axes of each link's hinges, in the axes of the link before, each turned by those before it; none where
             the links are rods, each of which is a unit vector.
@@ -96,6 +97,7 @@ class System(ABC):
     n_links: int
     n_inputs: int
     held: bool
+    prescribed: bool = False
     dimension: int = 2
     hinges: tuple[Axis, ...] = ((0.0, -1.0, 0.0),)
     p: ca.SX
@@ -118,6 +120,14 @@ class System(ABC):
             motion: What `hand` keeps.
             carried: What the hand carries.
         """
+
+    def lead(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return the drive's joints' positions, speeds and accelerations (a, 1) at time t.
+
+        Raises:
+            NotImplementedError: They are not prescribed.
+        """
+        raise NotImplementedError
 
     @property
     def n(self) -> int:
@@ -238,7 +248,8 @@ class System(ABC):
 
     @cached_property
     def step(self) -> ca.Function:
-        """One step: `step(x, t, h, p, u, u_end)`, the inputs those at the step's start and end.
+        """One step: `step(x, t, h, p, u, u_end)`, the inputs those at the step's start and end, which a prescribed
+        drive knows without being told.
 
         Besides the next state it returns, at the step's start, the tip's position and velocity, the drive's torques,
         and what `observed` lists.
@@ -246,12 +257,17 @@ class System(ABC):
         n, a = self.n, self.n_drive
         x, t, h = ca.SX.sym("x", 2 * n), ca.SX.sym("t"), ca.SX.sym("h")
         u, u_end = ca.SX.sym("u", self.n_inputs), ca.SX.sym("u_end", self.n_inputs)
-        q, v = x[:n], x[n:]
-        k1, reaction, hand, frames = self._stage(Instant(t, h, q[:a], v[:a], u), q[a:], v[a:], None)
+        q, v, now, end = x[:n], x[n:], u, u_end
+        if self.prescribed:
+            now = self.lead(t)[2]
+        k1, reaction, hand, frames = self._stage(Instant(t, h, q[:a], v[:a], now), q[a:], v[a:], None)
         later_q, later_v = predicted(q[:a], v[:a], k1[:a], h)
+        if self.prescribed:
+            later_q, later_v, end = self.lead(t + h)
         links_q, links_v = self._all(self.predict_link, h, q[a:], v[a:], k1[a:])
-        w, *_ = self._stage(Instant(t + h, h, later_q, later_v, u_end), links_q, links_v, k1)
-        later_q, later_v = advanced(q[:a], v[:a], k1[:a], w[:a], h)
+        w, *_ = self._stage(Instant(t + h, h, later_q, later_v, end), links_q, links_v, k1)
+        if not self.prescribed:
+            later_q, later_v = advanced(q[:a], v[:a], k1[:a], w[:a], h)
         links_q, links_v = self._all(self.advance_link, h, q[a:], v[a:], k1[a:], w[a:])
         following = ca.vertcat(later_q, links_q, later_v, links_v)
         tip = ca.vertcat(frames[-1].place[self._places], frames[-1].velocity[self._places])
@@ -387,6 +403,8 @@ class System(ABC):
             "advance_link": ([q, v, s["k1"], s["k2"], h], [*self.advance_link(q, v, s["k1"], s["k2"], h)]),
         }
         found = {name: ca.Function(name, *sides, {"cse": True}) for name, sides in table.items()}
+        if self.prescribed:
+            found["lead"] = ca.Function("lead", [s["t"], self.p], [*self.lead(s["t"])], {"cse": True})
         return found | {"control": self.control} if self.held else found
 
     @property

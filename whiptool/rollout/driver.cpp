@@ -3,8 +3,8 @@
 // that along one direction per lane.
 //
 // Compiled together with GENERATED (defined on the command line): sizes and columns as constants, then the C that CasADi
-// generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD, each 0 or 1, and FASTEST, the norm of
-// all joint speeds [rad/s] above which a lane counts as diverged.
+// generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD, PRESCRIBED, each 0 or 1, and FASTEST,
+// the norm of all joint speeds [rad/s] above which a lane counts as diverged.
 #include <math.h>
 
 #include <cmath>
@@ -108,6 +108,14 @@ void clear(Numbers<N>& numbers) {
     numbers.d[j] = 0;
 #endif
   }
+}
+
+template <int N>
+void copy(const Numbers<N>& from, int j, Numbers<N>& to) {
+  to.x[j] = from.x[j];
+#if FORWARD
+  to.d[j] = from.d[j];
+#endif
 }
 
 // One stage of the integrator: accelerations of all joints, by one pass out, one in and one out over the links.
@@ -311,7 +319,11 @@ struct Roll {
   }
 
   void set_inputs(int64_t i) {
-#if HELD
+#if PRESCRIBED  // at later instants it is the last step's `u_end`
+    if (i > 0) return;
+    Numbers<N_DRIVE> q, v;
+    call<lead>({now, p}, {q, v, u});
+#elif HELD
     if (i % io.hold == 0) call<control>({x, now, p}, {u});
     u_end = u;
 #else
@@ -448,16 +460,25 @@ struct Roll {
 #if FORWARD
       later.d[0] = now.d[0] + dt.d[0];
 #endif
+#if PRESCRIBED
+      call<lead>({later, p}, {Out(ahead, 0), Out(ahead, NQ), u_end});
+#else
       for (int j = 0; j < N_DRIVE; ++j)
         call<predict>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
+#endif
       for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
         call<predict_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
       two.take<false>(ahead, later, dt, p, w, u_end, one.qdd);
       for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
         call<advance_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt},
                            {Out(next, j), Out(next, NQ + j)});
+#if PRESCRIBED
+      for (int j = 0; j < N_DRIVE; ++j) copy(ahead, j, next), copy(ahead, NQ + j, next);
+      u = u_end;
+#else
       for (int j = 0; j < N_DRIVE; ++j)
         call<advance>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt}, {Out(next, j), Out(next, NQ + j)});
+#endif
       move_to(next);
     }
     write_outcome();
