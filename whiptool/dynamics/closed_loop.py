@@ -38,6 +38,8 @@ class ClosedLoop(System):
         self.structure = structure
         self.n_drive, self.n_links = structure.n_arm, structure.n_whip
         self.held, self.prescribed = structure.held, structure.prescribed
+        self.explicit = structure.explicit
+        assert self.prescribed or not self.explicit
         self.n_inputs = structure.n_arm if self.held or self.prescribed else 0
         self.dimension = structure.dimension
         self.hinges = _HINGES[structure.joints]

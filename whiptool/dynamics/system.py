@@ -27,7 +27,7 @@ from whiptool.dynamics.articulated import (
     SpatialMoving,
 )
 from whiptool.dynamics.chain import Chain, passive_torque
-from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicted
+from whiptool.dynamics.integrator import GAMMA, RUNGE_KUTTA, advanced, damping_gain, followed, predicted
 from whiptool.dynamics.records import Record, Stored
 from whiptool.dynamics.rods import RodFrame, RodJoint
 
@@ -81,6 +81,7 @@ class System(ABC):
         n_inputs: Numbers that drive it from outside at each instant: a held torque, or a base's motion.
         held: The input is a torque that `control` gives and that is held.
         prescribed: The drive's joints are where `lead` has them; the input is their accelerations, which it gives too.
+        explicit: Steps are the classical Runge-Kutta method's; the drive's joints are prescribed.
         dimension: 2 in the plane, 3 in space.
         hinges: Axes of each link's hinges, in the axes of the link before, each turned by those before it; none where
             the links are rods, each of which is a unit vector.
@@ -98,6 +99,7 @@ class System(ABC):
     n_inputs: int
     held: bool
     prescribed: bool = False
+    explicit: bool = False
     dimension: int = 2
     hinges: tuple[Axis, ...] = ((0.0, -1.0, 0.0),)
     p: ca.SX
@@ -170,6 +172,7 @@ class System(ABC):
         """Return the frame at a link's end, how it moves, its joint's torques and what the integrator adds to its
         inertia, in this stage: of K hinges (K, 1) both, of a rod (3, 1) and (1, 1)."""
         link, joint = self.link(w)
+        h = ca.SX(0) if self.explicit else h
         if not self.hinges:
             end, moving = rods.outward(frame, q, v, link, before)
             return end, moving, *rods.torque_and_gain(joint, frame, end, h, again=before is not None)
@@ -203,6 +206,11 @@ class System(ABC):
     def advance_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, w: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return a link's coordinates and speeds (K, 1) a step later."""
         later = advanced(q, v, k1, w, h)
+        return later if self.hinges else rods.unit(*later)
+
+    def follow_link(self, q: ca.SX, v: ca.SX, speed: ca.SX, k: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return a link's coordinates and speeds (K, 1) a time h later, at such speeds and accelerations."""
+        later = followed(q, v, speed, k, h)
         return later if self.hinges else rods.unit(*later)
 
     def _all(self, of_link: Callable[..., tuple[ca.SX, ca.SX]], h: ca.SX, *columns: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -257,23 +265,43 @@ class System(ABC):
         n, a = self.n, self.n_drive
         x, t, h = ca.SX.sym("x", 2 * n), ca.SX.sym("t"), ca.SX.sym("h")
         u, u_end = ca.SX.sym("u", self.n_inputs), ca.SX.sym("u_end", self.n_inputs)
-        q, v, now, end = x[:n], x[n:], u, u_end
-        if self.prescribed:
-            now = self.lead(t)[2]
+        q, v = x[:n], x[n:]
+        now = self.lead(t)[2] if self.prescribed else u
         k1, reaction, hand, frames = self._stage(Instant(t, h, q[:a], v[:a], now), q[a:], v[a:], None)
-        later_q, later_v = predicted(q[:a], v[:a], k1[:a], h)
-        if self.prescribed:
-            later_q, later_v, end = self.lead(t + h)
-        links_q, links_v = self._all(self.predict_link, h, q[a:], v[a:], k1[a:])
-        w, *_ = self._stage(Instant(t + h, h, later_q, later_v, end), links_q, links_v, k1)
-        if not self.prescribed:
-            later_q, later_v = advanced(q[:a], v[:a], k1[:a], w[:a], h)
-        links_q, links_v = self._all(self.advance_link, h, q[a:], v[a:], k1[a:], w[a:])
-        following = ca.vertcat(later_q, links_q, later_v, links_v)
+        if self.explicit:
+            following = self._runge_kutta(x, t, h, k1)
+        else:
+            following = self._rosenbrock(x, t, h, k1, u_end)
         tip = ca.vertcat(frames[-1].place[self._places], frames[-1].velocity[self._places])
         outputs = [following, tip, reaction.torque, self._observed(hand, frames)]
         names = ["x", "t", "h", "p", "u", "u_end"], ["x_next", "tip", "tau", "observed"]
         return ca.Function("step", [x, t, h, self.p, u, u_end], outputs, *names, {"cse": True})
+
+    def _rosenbrock(self, x: ca.SX, t: ca.SX, h: ca.SX, k1: ca.SX, u_end: ca.SX) -> ca.SX:
+        """The state (2 n, 1) a step later, of the first stage's accelerations (n, 1) and the input at the step's end."""
+        a, q, v = self.n_drive, x[: self.n], x[self.n :]
+        later_q, later_v = predicted(q[:a], v[:a], k1[:a], h)
+        if self.prescribed:
+            later_q, later_v, u_end = self.lead(t + h)
+        links_q, links_v = self._all(self.predict_link, h, q[a:], v[a:], k1[a:])
+        w, *_ = self._stage(Instant(t + h, h, later_q, later_v, u_end), links_q, links_v, k1)
+        if not self.prescribed:
+            later_q, later_v = advanced(q[:a], v[:a], k1[:a], w[:a], h)
+        links_q, links_v = self._all(self.advance_link, h, q[a:], v[a:], k1[a:], w[a:])
+        return ca.vertcat(later_q, links_q, later_v, links_v)
+
+    def _runge_kutta(self, x: ca.SX, t: ca.SX, h: ca.SX, k1: ca.SX) -> ca.SX:
+        """The state (2 n, 1) a step later, of the first stage's accelerations (n, 1)."""
+        a, q, v = self.n_drive, x[: self.n], x[self.n :]
+        k, speeds, (_, weight) = k1[a:], v[a:], RUNGE_KUTTA[0]
+        mean_speed, mean_k = weight * speeds, weight * k
+        for at, weight in RUNGE_KUTTA[1:]:
+            led_q, led_v, u = self.lead(t + at * h)
+            links_q, speeds = self._all(self.follow_link, at * h, q[a:], v[a:], speeds, k)
+            k = self._stage(Instant(t + at * h, h, led_q, led_v, u), links_q, speeds, None)[0][a:]
+            mean_speed, mean_k = mean_speed + weight * speeds, mean_k + weight * k
+        links_q, links_v = self._all(self.follow_link, h, q[a:], v[a:], mean_speed, mean_k)
+        return ca.vertcat(led_q, links_q, led_v, links_v)
 
     @cached_property
     def acceleration(self) -> ca.Function:
@@ -330,6 +358,12 @@ class System(ABC):
         sizes |= {"qa": a, "va": a, "before_a": a, "u": self.n_inputs, "t": 1, "h": 1}
         return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
 
+    @property
+    def _armature(self) -> ca.SX:
+        """What the integrator adds to the inertia of a link's joint; nothing in an explicit step."""
+        given = self._symbols["armature"]
+        return ca.SX.zeros(given.numel()) if self.explicit else given
+
     @cached_property
     def columns(self) -> _Columns:
         """What of the records stands in columns, found by following them along the whip until nothing is new."""
@@ -346,7 +380,7 @@ class System(ABC):
         moving = Stored.of(self.move_link(frame.record, s["q"], s["v"], s["w"], s["h"], None)[1], "moving")
 
         def carry(carried: SpatialCarried) -> tuple[SpatialCarried, Any]:
-            return self.carry_link(carried, moving.record, s["w"], s["torque"], s["armature"])
+            return self.carry_link(carried, moving.record, s["w"], s["torque"], self._armature)
 
         def uses(carried: SpatialCarried) -> ca.SX:
             at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
@@ -374,7 +408,7 @@ class System(ABC):
         # all that the second stage needs of a frame
         going_on = end.VELOCITY if self.link(w)[0].drag.is_zero() else end.PLACE
         turns = c.frame.column(end_again)[: len({i for i in c.frame.where[:going_on] if i is not None})]
-        carries, keeps = self.carry_link(c.carried.record, c.moving.record, w, s["torque"], s["armature"])
+        carries, keeps = self.carry_link(c.carried.record, c.moving.record, w, s["torque"], self._armature)
         qdd, ahead = self.accelerate_link(c.acceleration.record, c.joint.record, c.moving.record)
         at = Instant(s["t"], h, s["qa"], s["va"], s["u"])
         reaction = self.react(at, s["before_a"], c.motion.record, c.carried.record)
@@ -402,9 +436,13 @@ class System(ABC):
             "predict_link": ([q, v, s["k1"], h], [*self.predict_link(q, v, s["k1"], h)]),
             "advance_link": ([q, v, s["k1"], s["k2"], h], [*self.advance_link(q, v, s["k1"], s["k2"], h)]),
         }
-        found = {name: ca.Function(name, *sides, {"cse": True}) for name, sides in table.items()}
         if self.prescribed:
-            found["lead"] = ca.Function("lead", [s["t"], self.p], [*self.lead(s["t"])], {"cse": True})
+            table["lead"] = [s["t"], self.p], [*self.lead(s["t"])]
+        if self.explicit:
+            table["follow_link"] = [q, v, s["k1"], s["k2"], h], [*self.follow_link(q, v, s["k1"], s["k2"], h)]
+            for name in ("outward_again", "predict", "advance", "predict_link", "advance_link"):
+                del table[name]
+        found = {name: ca.Function(name, *sides, {"cse": True}) for name, sides in table.items()}
         return found | {"control": self.control} if self.held else found
 
     @property

@@ -1,0 +1,89 @@
+"""Strikes of joints that are exactly on their reference: engines against each other, MuJoCo, and the limit of stiffness."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_space import random_arm, random_whip
+from slopes import compare
+
+from whiptool.impedance import ConstantImpedance, Controller, PositionControl
+from whiptool.models import Model, preset
+from whiptool.models.strike import Strike
+from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.engine import RUNGS
+
+RNG = np.random.default_rng(8)
+A, N = 3, 4
+MODEL = Model(random_whip(RNG, N, forces=True), random_arm(RNG, A, prismatic=1))
+RODS = replace(MODEL, whip=replace(MODEL.whip, joints="rod", node_inertia=0.0, k=0.2))
+TARGETS = RNG.uniform(-0.6, 0.6, (24, 3))
+STRIKES = np.c_[RNG.uniform(-0.8, 0.8, (24, 2 * A)), RNG.uniform(0.4, 0.8, 24)]
+POSITION = Controller(PositionControl())
+
+
+@pytest.mark.parametrize("model", [MODEL, RODS], ids=["universal", "rod"])
+def test_all_engines_agree(model):
+    results = {}
+    for name in RUNGS:
+        rollout = CompiledRollout(model, POSITION, timestep=1e-3, engine=name)
+        results[name] = rollout.approach(STRIKES, TARGETS, t_stay=0.2)
+    assert not results["simd"].diverged.any()
+    for near in results.values():
+        np.testing.assert_allclose(near.distance, results["simd"].distance, atol=1e-9)
+        np.testing.assert_allclose(near.max_torque, results["simd"].max_torque, rtol=1e-7)
+        np.testing.assert_allclose(near.positions, results["simd"].positions, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", [MODEL, preset("lemon2024")], ids=["space", "plane"])
+def test_mujoco_makes_the_same_strike_with_the_same_torques(model):
+    """MuJoCo's own inertia and forces tell which torques give its joints the reference's accelerations."""
+    a = model.arm.n
+    strike = Strike.from_vector(np.r_[STRIKES[0][:a], STRIKES[0][A : A + a], 0.5])
+    target = np.zeros(model.dimension)
+    path = CompiledRollout(model, POSITION, timestep=1e-4).trajectory(strike, t_stay=0.1)
+    other = ReferenceRollout(model, POSITION, timestep=1e-4).trajectory(strike, t_stay=0.1)
+    for x in (path, other):
+        np.testing.assert_allclose(x.q[:, :a], x.q_d, atol=1e-12)
+        np.testing.assert_allclose(x.v[:, :a], x.v_d, atol=1e-11)
+        assert not x.K.any()
+    assert abs(path.approach(target).distance - other.approach(target).distance) < 2e-6
+    np.testing.assert_allclose(path.tip, other.tip, atol=2e-5)
+    scale = np.abs(other.tau).max(axis=0)
+    assert (np.abs(path.tau - other.tau).max(axis=0) < 0.01 * scale).all()  # the first stage's: of first order
+
+
+@pytest.mark.parametrize("model", [MODEL, RODS], ids=["universal", "rod"])
+def test_it_is_the_limit_of_a_stiff_impedance(model):
+    """Ten times as stiff, a tenth of the difference in path and torque."""
+    strike, distances = Strike.from_vector(np.r_[STRIKES[1][: 2 * A], 0.8]), []
+    path = CompiledRollout(model, POSITION, timestep=1e-4).trajectory(strike, t_stay=0.1)
+    for stiffness in (1e4, 1e5):
+        K, B = stiffness * np.eye(A), 0.05 * stiffness * np.eye(A)
+        law = ConstantImpedance(K=tuple(map(tuple, K)), B=tuple(map(tuple, B)))
+        stiff = CompiledRollout(model, Controller(law, feedforward=True), timestep=1e-4)
+        distances.append(np.abs(stiff.trajectory(strike, t_stay=0.1).tip - path.tip).max())
+    assert distances[1] < 5e-4
+    assert distances[1] < 0.2 * distances[0]
+
+
+@pytest.mark.parametrize("model", [MODEL, RODS], ids=["universal", "rod"])
+def test_errors_are_of_second_order(model):
+    errors, strike = [], STRIKES[:8]
+    truth = CompiledRollout(model, POSITION, timestep=2e-5).approach(strike, TARGETS[:8]).tip
+    for h in (1e-3, 5e-4):
+        errors.append(np.abs(CompiledRollout(model, POSITION, timestep=h).approach(strike, TARGETS[:8]).tip - truth))
+    order = np.log2(np.median(errors[0]) / np.median(errors[1]))
+    assert 1.5 < order < 3
+
+
+def test_derivatives_are_exact():
+    rollout = CompiledRollout(MODEL, POSITION, timestep=1e-3)
+    near, slopes = rollout.gradient(STRIKES[:6], TARGETS[:6])
+    for column in range(2 * A):
+        by = np.zeros(2 * A + 1)
+        by[column] = 1e-6
+        ahead, behind = (rollout.approach(STRIKES[:6] + sign * by, TARGETS[:6]).distance for sign in (1, -1))
+        compare(slopes[:, column], (ahead - behind) / 2e-6, near)
