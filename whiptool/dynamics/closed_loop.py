@@ -175,6 +175,7 @@ class ClosedLoop(System):
         if self.prescribed:
             motion = arm.led(q, v, u, gravity)
             first = motion.acceleration + ca.mtimes(motion.jacobian, before - u)
+            first = ca.SX.zeros(6) if self.explicit else first
         else:
             motion = arm.motion(q, v, gravity, [] if self.held else self._compensated[0])
             first = motion.drift + ca.mtimes(motion.jacobian, before)

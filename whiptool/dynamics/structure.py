@@ -88,9 +88,7 @@ class Structure:
     explicit: bool = False  # steps are the classical Runge-Kutta method's, for joints on their reference
 
     @classmethod
-    def of(
-        cls, model: Model, controller: Controller, *, free: Sequence[str] = (), explicit: bool = False
-    ) -> Structure:
+    def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = (), explicit: bool = False) -> Structure:
         """The smallest structure that holds this model and controller, and the terms of parameters named in `free`.
 
         With `explicit`, its steps are those of the classical Runge-Kutta method.

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from whiptool.dynamics import articulated, rods
+from whiptool.dynamics import articulated, rods, taut_rods
 from whiptool.dynamics.articulated import (
     Axis,
     Link,
@@ -30,8 +30,11 @@ from whiptool.dynamics.chain import Chain, passive_torque
 from whiptool.dynamics.integrator import GAMMA, RUNGE_KUTTA, advanced, damping_gain, followed, predicted
 from whiptool.dynamics.records import Record, Stored
 from whiptool.dynamics.rods import RodFrame, RodJoint
+from whiptool.dynamics.taut_rods import PointAcceleration, TautCarried, TautJoint
 
 LinkFrame = SpatialFrame | RodFrame
+Carried = SpatialCarried | TautCarried
+LinkAcceleration = SpatialAcceleration | PointAcceleration
 
 
 class Instant(NamedTuple):
@@ -68,9 +71,9 @@ class _Columns(NamedTuple):
     frame: Stored[Any]
     motion: Stored[Any]
     moving: Stored[SpatialMoving]
-    carried: Stored[SpatialCarried]
+    carried: Stored[Any]
     joint: Stored[Any]
-    acceleration: Stored[SpatialAcceleration]
+    acceleration: Stored[Any]
 
 
 class System(ABC):
@@ -183,19 +186,39 @@ class System(ABC):
             torque += 2 * armature * before
         return end, moving, torque, armature
 
+    @property
+    def taut(self) -> bool:
+        """Whether links pull along themselves alone: rods in explicit steps."""
+        return self.explicit and not self.hinges
+
+    @property
+    def _nothing(self) -> Carried:
+        """What the tip carries."""
+        return TautCarried() if self.taut else SpatialCarried()
+
+    def _felt(self, carried: Any) -> SpatialCarried:
+        """What is carried, as the drive feels it."""
+        return carried.spatial if self.taut else carried
+
+    def _begins(self, at: SpatialAcceleration) -> LinkAcceleration:
+        """The hand's acceleration, as the first link needs it."""
+        return PointAcceleration(at.linear) if self.taut else at
+
     def carry_link(
-        self, carried: SpatialCarried, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX
-    ) -> tuple[SpatialCarried, SpatialJoint | RodJoint]:
+        self, carried: Any, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX
+    ) -> tuple[Carried, SpatialJoint | RodJoint | TautJoint]:
         """Return what the link before carries of this one, and what its joint keeps."""
+        if self.taut:
+            return taut_rods.give_way(carried, moving, self.link(w)[0], torque)
         carried = articulated.inward(carried, moving, self.link(w)[0])
         if not self.hinges:
             return rods.give_way(carried, moving.axes[:, 0], torque, armature)
         return articulated.give_way(carried, moving.axes, torque, armature)
 
-    def accelerate_link(
-        self, at: SpatialAcceleration, joint: Any, moving: SpatialMoving
-    ) -> tuple[ca.SX, SpatialAcceleration]:
+    def accelerate_link(self, at: Any, joint: Any, moving: SpatialMoving) -> tuple[ca.SX, LinkAcceleration]:
         """Return the accelerations of a link's coordinates (K, 1), and that at its far end."""
+        if self.taut:
+            return taut_rods.accelerate(at, joint, moving)
         return (articulated if self.hinges else rods).accelerate(at, joint, moving)
 
     def predict_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -242,13 +265,13 @@ class System(ABC):
             frame, *link = self.move_link(frame, q[own], v[own], w, at.h, k1)
             frames.append(frame)
             links.append(link)
-        carried, joints = SpatialCarried(), []
+        carried, joints = self._nothing, []
         for w, (moving, torque, armature) in zip(reversed(numbers), reversed(links), strict=True):
             carried, joint = self.carry_link(carried, moving, w, torque, armature)
             joints.append(joint)
         joints.reverse()
-        reaction = self.react(at, None if before is None else before[:a], hand.motion, carried)
-        acceleration, accelerations = reaction.acceleration, [reaction.qdd]
+        reaction = self.react(at, None if before is None else before[:a], hand.motion, self._felt(carried))
+        acceleration, accelerations = self._begins(reaction.acceleration), [reaction.qdd]
         for joint, (moving, *_) in zip(joints, links, strict=True):
             qdd, acceleration = self.accelerate_link(acceleration, joint, moving)
             accelerations.append(qdd)
@@ -379,21 +402,21 @@ class System(ABC):
         motion = Stored.of(hand.motion, "motion")
         moving = Stored.of(self.move_link(frame.record, s["q"], s["v"], s["w"], s["h"], None)[1], "moving")
 
-        def carry(carried: SpatialCarried) -> tuple[SpatialCarried, Any]:
+        def carry(carried: Any) -> tuple[Any, Any]:
             return self.carry_link(carried, moving.record, s["w"], s["torque"], self._armature)
 
-        def uses(carried: SpatialCarried) -> ca.SX:
+        def uses(carried: Any) -> ca.SX:
             at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
-            reaction = self.react(at, s["before_a"], motion.record, carried)
+            reaction = self.react(at, s["before_a"], motion.record, self._felt(carried))
             return ca.vertcat(*carry(carried)[1].entries(), reaction.qdd, *reaction.acceleration.entries())
 
-        every = Stored.along(SpatialCarried(), "carried", lambda x: carry(x)[0])
-        carried = every.needed(SpatialCarried(), "carried", uses, lambda x: carry(x)[0])
+        every = Stored.along(self._nothing, "carried", lambda x: carry(x)[0])
+        carried = every.needed(self._nothing, "carried", uses, lambda x: carry(x)[0])
         joint = Stored.of(carry(carried.record)[1], "joint")
         at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
-        start = self.react(at, s["before_a"], motion.record, carried.record).acceleration
+        start = self.react(at, s["before_a"], motion.record, self._felt(carried.record)).acceleration
         acceleration = Stored.along(
-            start, "acceleration", lambda x: self.accelerate_link(x, joint.record, moving.record)[1]
+            self._begins(start), "acceleration", lambda x: self.accelerate_link(x, joint.record, moving.record)[1]
         )
         return _Columns(frame, motion, moving, carried, joint, acceleration)
 
@@ -411,7 +434,7 @@ class System(ABC):
         carries, keeps = self.carry_link(c.carried.record, c.moving.record, w, s["torque"], self._armature)
         qdd, ahead = self.accelerate_link(c.acceleration.record, c.joint.record, c.moving.record)
         at = Instant(s["t"], h, s["qa"], s["va"], s["u"])
-        reaction = self.react(at, s["before_a"], c.motion.record, c.carried.record)
+        reaction = self.react(at, s["before_a"], c.motion.record, self._felt(c.carried.record))
         frame, moving, carried = c.frame.symbols, c.moving.symbols, c.carried.symbols
         k1, k2, x, y = (ca.SX.sym(name) for name in ("k1", "k2", "q", "v"))
         hand_ends = ca.vec(hand.ends[:, self._places].T)
@@ -428,7 +451,7 @@ class System(ABC):
             ),
             "react": (
                 [s["t"], h, s["qa"], s["va"], self.p, s["u"], s["before_a"], c.motion.symbols, carried],
-                [reaction.qdd, c.acceleration.column(reaction.acceleration), reaction.torque],
+                [reaction.qdd, c.acceleration.column(self._begins(reaction.acceleration)), reaction.torque],
             ),
             "accelerate": ([c.acceleration.symbols, c.joint.symbols, moving], [c.acceleration.column(ahead), qdd]),
             "predict": ([x, y, k1, h], [*predicted(x, y, k1, h)]),

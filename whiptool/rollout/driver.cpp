@@ -124,19 +124,20 @@ void copy(const Numbers<N>& from, int j, Numbers<N>& to) {
 struct Stage {
   Numbers<DIMENSION * N_DRIVE> ends;
   Numbers<ANGLES> angles;
+  Numbers<DRIVE_MOVING> drive_moving;
   Numbers<N_DRIVE> tau;
   Numbers<FRAME> frame[N_LINKS + 1];  // where each link begins; the last is the tip
   Numbers<NQ> qdd;
 
-  template <bool FIRST>
+  // LED: the drive is where it was already, by an earlier stage at the same instant.
+  template <bool FIRST, bool LED = false>
   void take(const Numbers<NX>& x, const Numbers<1>& t, const Numbers<1>& h, const Numbers<NP>& p,
             const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before) {
     Numbers<MOVING> moving[N_LINKS];
     Numbers<JOINT> joint[N_LINKS];
     Numbers<LINK_SIZE> torque[N_LINKS];
     Numbers<ARMATURE> armature[N_LINKS];
-    Numbers<DRIVE_MOVING> drive_moving;
-    call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0)}, {frame[0], ends, angles, drive_moving});
+    if constexpr (!LED) call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0)}, {frame[0], ends, angles, drive_moving});
     for (int i = 0; i < N_LINKS; ++i) {
       const int j = N_DRIVE + LINK_SIZE * i;
       if constexpr (FIRST || EXPLICIT)
@@ -160,6 +161,13 @@ struct Stage {
     for (int i = 0; i < N_LINKS; ++i)
       call<accelerate>({at[i], joint[i], moving[i]}, {at[i + 1], Out(qdd, N_DRIVE + LINK_SIZE * i)});
   }
+
+#if EXPLICIT
+  // Puts the drive where it is in another stage.
+  void lead_as(const Stage& other) {
+    frame[0] = other.frame[0], ends = other.ends, angles = other.angles, drive_moving = other.drive_moving;
+  }
+#endif
 
   // Tip: position and velocity.
   void tip(Numbers<TIP>& to) const {
@@ -460,10 +468,9 @@ struct Roll {
     }
   }
 
-  // The state a step later, by the classical Runge-Kutta method.
-  void runge_kutta(const Stage& one, Numbers<NX>& next) {
+  // The state a step later, by the classical Runge-Kutta method; `later` ends as the stage at the step's end.
+  void runge_kutta(const Stage& one, Stage& later, Numbers<NX>& next) {
     constexpr double AT[] = {0.5, 0.5, 1}, WEIGHT[] = {1 / 3., 1 / 3., 1 / 6.};
-    Stage later;
     Numbers<NX> mean, ahead = x;
     Numbers<NQ> k = one.qdd, none;
     clear(mean), clear(none);
@@ -475,10 +482,16 @@ struct Roll {
       part.d[0] = AT[s] * dt.d[0], t.d[0] = now.d[0] + part.d[0];
 #endif
       Numbers<NX> to;
-      call<lead>({t, p}, {Out(to, 0), Out(to, NQ), u_end});
+      if (s == 1)
+        for (int j = 0; j < N_DRIVE; ++j) copy(ahead, j, to), copy(ahead, NQ + j, to);
+      else
+        call<lead>({t, p}, {Out(to, 0), Out(to, NQ), u_end});
       for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
         call<follow_link>({In(x, j), In(x, NQ + j), In(ahead, NQ + j), In(k, j), part}, {Out(to, j), Out(to, NQ + j)});
-      later.take<false>(to, t, part, p, w, u_end, none);
+      if (s == 1)  // at the instant of the stage before
+        later.take<false, true>(to, t, part, p, w, u_end, none);
+      else
+        later.take<false>(to, t, part, p, w, u_end, none);
       ahead = to, k = later.qdd;
       share(mean, WEIGHT[s], ahead, k);
     }
@@ -519,19 +532,28 @@ struct Roll {
 
   void run() {
     Stage one;
+#if EXPLICIT
+    Stage later;
+#endif
     Numbers<NQ> none;
     clear(none);
     for (int64_t i = 0; i <= longest; ++i) {  // one first stage more than steps: the final state has a tip, too
       set_time(i);
       set_inputs(i);
-      one.take<true>(x, now, dt, p, w, u, none);
+#if EXPLICIT
+      if (i > 0) {  // the last step's end
+        one.lead_as(later);
+        one.take<true, true>(x, now, dt, p, w, u, none);
+      } else
+#endif
+        one.take<true>(x, now, dt, p, w, u, none);
       one.tip(tip);
       note(i, one);
       alive = alive && !(real(static_cast<double>(i)) == steps);
       if (!any_of(alive)) break;
       Numbers<NX> next;
 #if EXPLICIT
-      runge_kutta(one, next);
+      runge_kutta(one, later, next);
 #else
       rosenbrock(one, next);
 #endif
