@@ -136,7 +136,7 @@ def main() -> None:
             f"{name:6s} {r['targets']} targets: {100 * r['share_within_1_mm']:.0f} % within 1 mm, "
             f"{100 * r['share_within_limits']:.0f} % of them within all limits at a finer step; time median "
             f"{r['median_seconds']:.2f}, 95 % {r['p95_seconds']:.2f}, largest {r['largest_seconds']:.2f} s; trials "
-            f"median {r['median_trials']:g}; the finer step changes the miss by {1e3 * (r['median_change'] or 0):.3f} mm"
+            f"median {r['median_trials']:g}; a finer step changes the miss by {1e3 * (r['median_change'] or 0):.3f} mm"
         )
 
 

@@ -6,9 +6,10 @@ rods, and of the UR5e with a stick and 1 m of rope in 20 segments, rods or unive
 same kind of whip. MuJoCo's loop (implicitfast, torques set once a step and held; one core, as Python is) has a median
 error at its step; ours (all cores) is run at its largest step whose median error is no larger: that is the ratio
 `space_over_mujoco_loop`, for the whip as published, on universal joints, N = 25. `strikes_per_second` of it,
-`strikes_per_second_ur5e` of the UR5e under position control with a rope of rods, and `strikes_per_second_ur5e_impedance`
-of the UR5e under impedance with universal joints, are at a 95th percentile of the error of 0.1 mm; all random strikes are
-rolled out there, and `diverged` counts those that broke off. `compile_seconds`: of a first strike with an empty cache.
+`strikes_per_second_ur5e` of the UR5e under position control with a rope of rods, and
+`strikes_per_second_ur5e_impedance` of the UR5e under impedance with universal joints, are at a 95th percentile of the
+error of 0.1 mm; all random strikes are rolled out there, and `diverged` counts those that broke off.
+`compile_seconds`: of a first strike with an empty cache.
 
     python benchmarks/space.py [--quick] [--json]
 """
@@ -157,7 +158,7 @@ def ours(
 
 
 def cases(*, quick: bool) -> list[tuple[str, Model, Controller]]:
-    """What is measured: the preset that strikes and target are of, the model under a name of its own, its controller."""
+    """What is measured: the preset that strikes and target are of, a model with a name of its own, its controller."""
     nah, ur5e = preset("nah2023"), preset("ur5e")
     human, robot = (Controller(constant_preset(name)) for name in ("nah2023", "ur5e"))
     position = Controller(PositionControl())

@@ -1,4 +1,4 @@
-"""Strikes of joints that are exactly on their reference: engines against each other, MuJoCo, and the limit of stiffness."""
+"""Strikes of joints exactly on their reference: engines against each other, MuJoCo, and the limit of stiffness."""
 
 from __future__ import annotations
 

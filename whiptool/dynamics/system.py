@@ -301,7 +301,7 @@ class System(ABC):
         return ca.Function("step", [x, t, h, self.p, u, u_end], outputs, *names, {"cse": True})
 
     def _rosenbrock(self, x: ca.SX, t: ca.SX, h: ca.SX, k1: ca.SX, u_end: ca.SX) -> ca.SX:
-        """The state (2 n, 1) a step later, of the first stage's accelerations (n, 1) and the input at the step's end."""
+        """The state (2 n, 1) a step later, of the first stage's accelerations (n, 1) and the input at its end."""
         a, q, v = self.n_drive, x[: self.n], x[self.n :]
         later_q, later_v = predicted(q[:a], v[:a], k1[:a], h)
         if self.prescribed:
