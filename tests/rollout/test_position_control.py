@@ -101,11 +101,3 @@ def test_derivatives_against_central_differences(model):
         assert not wrong.any(), column
         compared.append(still.mean())
     assert np.mean(compared) > 0.9
-
-
-def test_stiff_whips_are_stepped_implicitly():
-    """The person's whip loses its swing in 40 microseconds: no explicit step of 1 ms is stable; the rope's is."""
-    assert CompiledRollout(preset("ur5e"), POSITION, timestep=1e-3).structure.explicit
-    assert not CompiledRollout(preset("ur5e"), POSITION, timestep=8e-3).structure.explicit
-    stiff = CompiledRollout(preset("nah2023"), POSITION, timestep=1e-3)
-    assert not stiff.structure.explicit

@@ -151,16 +151,23 @@ def explicit_timestep(model: Model) -> float:
     """A step [s] at which the classical Runge-Kutta method lets no mode of the hanging whip grow.
 
     Eigenvalues up to some 2.8 over the step are damped; a part of that is taken, for the whip does not hang in a
-    strike. Dry friction counts as the damping that it is at rest.
+    strike. Dry friction counts as the damping that it is at rest. A universal node that is bent by 90 degrees about its
+    second hinge (gimbal lock) turns about its first one with its own moment of inertia alone, between two dampers.
 
     Args:
         model: Whip, arm and gravity.
     """
     whip = model.whip
     damping = whip.per_node("b") + whip.per_node("dry_friction") / whip.friction_velocity
+    locked = 0.0
+    if whip.joints == "universal" and damping.any():
+        own = whip.per_node("node_inertia")
+        if not own.all():
+            return 0.0
+        locked = float((2 * damping / own).max())
     whip = replace(whip, joints="hinge", node_inertia=0.0, b=tuple(damping.tolist()))
     alone = Model(whip, ArmParameters((ArmLink(mass=1.0, length=1.0),)), gravity=model.gravity)
-    return float(_RUNGE_KUTTA / np.abs(hanging_modes(alone).eigenvalues).max())
+    return float(_RUNGE_KUTTA / max(locked, np.abs(hanging_modes(alone).eigenvalues).max()))
 
 
 def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = None) -> Modes:
