@@ -268,12 +268,12 @@ def test_a_step_is_as_steady_in_space_as_in_the_plane():
 def test_an_explicit_step_is_a_share_of_the_fastest_decay():
     """Of one node in closed form; of universal nodes in gimbal lock, between two dampers, their own inertia counts."""
     for b in (1e-4, 5e-2):
-        node = WhipParameters(N=1, l=0.3, m=0.02, k=0.1, b=b)
+        node = WhipParameters(N=1, l=0.3, m=0.02, k=(0.1,), b=(b,))
         fastest = np.abs(np.roots([0.02 * 0.3**2, b, 0.1 + 0.02 * G * 0.3])).max()
         assert explicit_timestep(Model(node, ARM)) == pytest.approx(2 / fastest, rel=1e-9)
     rope = preset("ur5e").whip
     inertia, b = rope.per_node("node_inertia"), rope.per_node("b")
-    assert explicit_timestep(preset("ur5e")) == pytest.approx((inertia / b).min(), rel=1e-9)
+    assert explicit_timestep(preset("ur5e")) == pytest.approx((inertia / b)[b > 0].min(), rel=1e-9)
     assert explicit_timestep(preset("nah2023")) < 1e-4
     rods = dataclasses.replace(rope, joints="rod", node_inertia=0.0)
     assert explicit_timestep(dataclasses.replace(preset("ur5e"), whip=rods)) > 2e-3
