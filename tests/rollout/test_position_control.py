@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_space import random_arm, random_whip
+from rich_model import COMPUTED
 from slopes import compare
 
 from whiptool.impedance import ConstantImpedance, Controller, PositionControl
@@ -101,3 +102,17 @@ def test_derivatives_against_central_differences(model):
         assert not wrong.any(), column
         compared.append(still.mean())
     assert np.mean(compared) > 0.9
+
+
+@pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
+def test_a_diverging_lane_leaves_the_others_bit_identical(model):
+    wild = replace(model, whip=replace(model.whip, k=1e6))  # far too stiff for an explicit step
+    rollout = CompiledRollout(model, POSITION, timestep=1e-3)
+    strikes = STRIKES.copy()
+    strikes[:, -1] = 0.5  # one order
+    alone = rollout.approach(strikes, TARGETS)
+    together = rollout.approach(strikes, TARGETS, models=[wild if i in (2, 11, 17) else model for i in range(24)])
+    assert np.flatnonzero(together.diverged).tolist() == [2, 11, 17]
+    others = ~together.diverged
+    for field in COMPUTED:
+        np.testing.assert_array_equal(getattr(together, field)[others], getattr(alone, field)[others])
