@@ -196,7 +196,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     arguments = parser.parse_args()
     mujoco.set_mju_user_warning(lambda message: None)  # a shoulder's gimbal lock makes some strikes diverge
-    by_loop, checked, timed = (4, 16, 64) if arguments.quick else (16, 128, 2000)
+    by_loop, checked, timed = (8, 16, 64) if arguments.quick else (16, 128, 2000)
     controller = Controller(constant_preset("nah2023"))
     with tqdm(cases(quick=arguments.quick), leave=False) as bar:
         strikes, nah = strikes_of("nah2023", timed), preset("nah2023")
