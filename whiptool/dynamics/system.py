@@ -323,6 +323,7 @@ class System(ABC):
             links_q, speeds = self._all(self.follow_link, at * h, q[a:], v[a:], speeds, k)
             k = self._stage(Instant(t + at * h, h, led_q, led_v, u), links_q, speeds, None)[0][a:]
             mean_speed, mean_k = mean_speed + weight * speeds, mean_k + weight * k
+        led_q, led_v, _ = self.lead(t + h)
         links_q, links_v = self._all(self.follow_link, h, q[a:], v[a:], mean_speed, mean_k)
         return ca.vertcat(led_q, links_q, led_v, links_v)
 
