@@ -12,6 +12,7 @@ from whiptool.impedance.files import controller_from_table, controller_to_table
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.options.controller import ControllerOptions
+from whiptool.rig.options import ArmOptions
 
 CONTROLLER = Controller(PositionControl())
 
@@ -37,6 +38,12 @@ def test_it_gives_no_torques_to_a_rig():
     model = preset("lemon2024")
     with pytest.raises(InputError, match=r"^controller: got 'position'; allowed: a law that gives torques"):
         CONTROLLER.bind(Arm(model), Strike((0.0, 0.1), (0.5, 0.6), 0.5))
+
+
+@pytest.mark.parametrize("port", ["twin", "/dev/ttyUSB0"])
+def test_a_rigs_options_refuse_it(port):
+    with pytest.raises(InputError, match=r"^--controller: got 'position'; allowed: one that gives torques"):
+        ArmOptions(controller="position", port=port, target=(1.3, 0.0)).build_controller()
 
 
 def test_it_fits_every_arm_and_has_no_impedance():
