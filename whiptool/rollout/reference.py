@@ -180,7 +180,7 @@ class ReferenceRollout(Rollout):
         """
         mj, data, a, n = self._mj, self._data, len(wanted), self.model.n
         force = data.qfrc_passive - data.qfrc_bias + data.qfrc_applied
-        for body in self._nodes if self._drag.any() else ():
+        for body in np.arange(mj.nbody)[self._nodes] if self._drag.any() else ():
             drag = data.xfrc_applied[body, :3]
             mujoco.mj_applyFT(mj, data, drag, np.zeros(3), data.xipos[body], body, force)
         given, found = np.vstack([np.eye(a, n), force]), np.empty((a + 1, n))
