@@ -1,12 +1,15 @@
 """How fast are strikes in space? Ours, of both kinds of whip, against MuJoCo stepped from a Python loop.
 
-Of the person's arm of Nah et al. 2023, its whip of N = 12 and 25 nodes on universal joints or of rods, and of the UR5e
-with a stick and 20 segments of rope. Errors are those of miss distances against a run at a far smaller step, of the
+Of the person's arm of Nah et al. 2023 under its impedance, its whip of N = 12 and 25 nodes on universal joints or of
+rods, and of the UR5e with a stick and 1 m of rope in 20 segments, rods or universal, its joints on their reference
+(position control) or under impedance. Errors are those of miss distances against a run at a far smaller step, of the
 same kind of whip. MuJoCo's loop (implicitfast, torques set once a step and held; one core, as Python is) has a median
 error at its step; ours (all cores) is run at its largest step whose median error is no larger: that is the ratio
-`space_over_mujoco_loop`, for the whip as published, on universal joints, N = 25. `strikes_per_second` of it, and
-`strikes_per_second_ur5e`, are at a 95th percentile of the error of 0.1 mm. `compile_seconds`: of a first strike with an
-empty cache.
+`space_over_mujoco_loop`, for the whip as published, on universal joints, N = 25. `strikes_per_second` of it,
+`strikes_per_second_ur5e` of the UR5e under position control with a rope of rods, and
+`strikes_per_second_ur5e_impedance` of the UR5e under impedance with universal joints, are at a 95th percentile of the
+error of 0.1 mm; all random strikes are rolled out there, and `diverged` counts those that broke off.
+`compile_seconds`: of a first strike with an empty cache.
 
     python benchmarks/space.py [--quick] [--json]
 """
@@ -27,7 +30,7 @@ import numpy as np
 from tqdm import tqdm
 
 from whiptool.dynamics.posture import start_posture
-from whiptool.impedance import Controller, constant_preset
+from whiptool.impedance import Controller, PositionControl, constant_preset
 from whiptool.impedance.arm import Arm
 from whiptool.models import Model, WhipProfile, preset
 from whiptool.models.arm_limits import ArmLimits
@@ -40,7 +43,9 @@ from whiptool.rollout.threads import cores
 BOUND = 1e-4  # [m], 95th percentile
 STEPS = (4e-3, 2.83e-3, 2e-3, 1.41e-3, 1e-3, 7.1e-4, 5e-4, 3.5e-4, 2.5e-4, 1.8e-4, 1.25e-4, 9e-5, 6.3e-5)
 TRUE_STEP = 2e-5
+TRUE_STEP_LED = 1e-4  # [s], of joints on their reference: steps are of fourth order
 MUJOCO_STEP = 5e-5
+ON_REFERENCE = "ur5e, rod, on reference"
 TARGETS = {"nah2023": np.array([1.995, 0.0, 0.0]), "ur5e": np.array([1.2, 0.3, 0.5])}
 
 
@@ -117,19 +122,22 @@ def mujoco_loop(model: Model, controller: Controller, strikes: np.ndarray, truth
     }
 
 
-def ours(model: Model, name: str, strikes: np.ndarray, checked: int, bar: tqdm, *, median: float) -> dict:
+def ours(
+    model: Model, controller: Controller, strikes: np.ndarray, checked: int, bar: tqdm, *, name: str, median: float
+) -> dict:
     """The compiled rollout at its largest steps within a median error, and within `BOUND`.
 
     Args:
-        model, name: What is struck with, and the preset that its controller and target are of.
+        model, controller: What is struck with.
         strikes: What is timed.
         checked: Of how many of them the errors are taken.
         bar: Says what is being done.
+        name: The preset that the target is of.
         median: Of the errors [m].
     """
-    controller, target = Controller(constant_preset(name)), TARGETS[name]
+    target, true_step = TARGETS[name], TRUE_STEP_LED if controller.prescribed else TRUE_STEP
     bar.set_postfix_str(f"{model.name}, truth")
-    true = CompiledRollout(model, controller, timestep=TRUE_STEP).approach(strikes[:checked], target)
+    true = CompiledRollout(model, controller, timestep=true_step).approach(strikes[:checked], target)
     found: dict[str, dict] = {}
     for h in STEPS:
         bar.set_postfix_str(f"{model.name}, {1e3 * h:g} ms")
@@ -140,12 +148,28 @@ def ours(model: Model, name: str, strikes: np.ndarray, checked: int, bar: tqdm, 
         within = {"median": numbers["median_error"] <= median, "p95": numbers["p95_error"] <= BOUND}
         for which in (key for key, enough in within.items() if enough and key not in found):
             start = time.perf_counter()
-            rollout.approach(strikes, target)
+            every = rollout.approach(strikes, target)
             speed = len(strikes) / (time.perf_counter() - start)
-            found[which] = {"timestep": h, **numbers, "strikes_per_second": speed}
+            diverged = int(every.diverged.sum())
+            found[which] = {"timestep": h, **numbers, "strikes_per_second": speed, "diverged": diverged}
         if len(found) == 2:
-            return {"engine": rollout.engine, "diverged": int(true.diverged.sum()), **found}
+            return {"engine": rollout.engine, "strikes": len(strikes), **found}
     raise SystemExit(f"no step reached the bounds for {model.name}; extend STEPS")
+
+
+def cases(*, quick: bool) -> list[tuple[str, Model, Controller]]:
+    """What is measured: the preset that strikes and target are of, a model with a name of its own, its controller."""
+    nah, ur5e = preset("nah2023"), preset("ur5e")
+    human, robot = (Controller(constant_preset(name)) for name in ("nah2023", "ur5e"))
+    position = Controller(PositionControl())
+    found = [("nah2023", nah, human), ("ur5e", ur5e, robot)]
+    found += [("ur5e", replace(with_whip(ur5e, "rod", 20), name=ON_REFERENCE), position)]
+    if quick:
+        return found
+    found += [("ur5e", replace(ur5e, name="ur5e, universal, on reference"), position)]
+    found += [("ur5e", with_whip(ur5e, "rod", 20), robot)]
+    others = (("universal", 12), ("rod", 12), ("rod", 25))
+    return found + [("nah2023", with_whip(nah, joints, N), human) for joints, N in others]
 
 
 def starts() -> dict:
@@ -168,29 +192,28 @@ def starts() -> dict:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="few strikes, of the two headlines' models only")
+    parser.add_argument("--quick", action="store_true", help="few strikes, of the headlines' models only")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     arguments = parser.parse_args()
     mujoco.set_mju_user_warning(lambda message: None)  # a shoulder's gimbal lock makes some strikes diverge
-    by_loop, checked, timed = (8, 16, 64) if arguments.quick else (16, 128, 1024)
-    nah, ur5e = preset("nah2023"), preset("ur5e")
-    cases = [("nah2023", nah), ("ur5e", ur5e)]
-    if not arguments.quick:
-        cases += [("nah2023", with_whip(nah, joints, N)) for joints, N in (("universal", 12), ("rod", 12), ("rod", 25))]
-        cases += [("ur5e", with_whip(ur5e, "rod", 20))]
-    with tqdm(cases, leave=False) as bar:
-        strikes, controller = strikes_of("nah2023", timed), Controller(constant_preset("nah2023"))
+    by_loop, checked, timed = (8, 16, 64) if arguments.quick else (16, 128, 2000)
+    controller = Controller(constant_preset("nah2023"))
+    with tqdm(cases(quick=arguments.quick), leave=False) as bar:
+        strikes, nah = strikes_of("nah2023", timed), preset("nah2023")
         exact = CompiledRollout(nah, controller, timestep=TRUE_STEP).approach(strikes[:by_loop], TARGETS["nah2023"])
         loop = mujoco_loop(nah, controller, strikes[:by_loop], exact.distance, bar)
         report = {
-            model.name: ours(model, name, strikes_of(name, timed), checked, bar, median=loop["median_error"])
-            for name, model in bar
+            model.name: ours(
+                model, driven, strikes_of(name, timed), checked, bar, name=name, median=loop["median_error"]
+            )
+            for name, model, driven in bar
         }
     start = starts()
     headline = {
         "space_over_mujoco_loop": report["nah2023"]["median"]["strikes_per_second"] / loop["strikes_per_second"],
         "strikes_per_second": report["nah2023"]["p95"]["strikes_per_second"],
-        "strikes_per_second_ur5e": report["ur5e"]["p95"]["strikes_per_second"],
+        "strikes_per_second_ur5e": report[ON_REFERENCE]["p95"]["strikes_per_second"],
+        "strikes_per_second_ur5e_impedance": report["ur5e"]["p95"]["strikes_per_second"],
         "compile_seconds": start["cold"],
     }
     if arguments.json:
@@ -207,8 +230,8 @@ def main() -> None:
         for which, error in (("median", "median_error"), ("p95", "p95_error")):
             e = entry[which]
             print(
-                f"  {name:26s} {e['strikes_per_second']:9.1f} strikes/s   {1e3 * e['timestep']:.3g} ms, {which} of the "
-                f"error {1e3 * e[error]:.3f} mm"
+                f"  {name:30s} {e['strikes_per_second']:9.1f} strikes/s   {1e3 * e['timestep']:.3g} ms, {which} of the "
+                f"error {1e3 * e[error]:.3f} mm, {e['diverged']} of {entry['strikes']} diverged"
             )
     print(f"  over MuJoCo's loop at equal median error: {headline['space_over_mujoco_loop']:.0f}")
 

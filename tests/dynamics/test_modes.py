@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from scipy.special import jn_zeros, roots_laguerre
 
 from whiptool.dynamics.chain import bias_forces, chain_of, forward_dynamics, passive_torque, potential_energy
-from whiptool.dynamics.modes import hanging_modes, linearise, steady_timestep
+from whiptool.dynamics.modes import explicit_timestep, hanging_modes, linearise, steady_timestep
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
@@ -263,6 +263,20 @@ def test_a_step_is_as_steady_in_space_as_in_the_plane():
     space = Model(dataclasses.replace(whip, joints="universal", node_inertia=1e-6), in_space(ARM))
     assert steady_timestep(space, TIMESTEP) == pytest.approx(steady_timestep(planar, TIMESTEP), rel=1e-9)
     assert steady_timestep(space, TIMESTEP) < TIMESTEP
+
+
+def test_an_explicit_step_is_a_share_of_the_fastest_decay():
+    """Of one node in closed form; of universal nodes in gimbal lock, between two dampers, their own inertia counts."""
+    for b in (1e-4, 5e-2):
+        node = WhipParameters(N=1, l=0.3, m=0.02, k=(0.1,), b=(b,))
+        fastest = np.abs(np.roots([0.02 * 0.3**2, b, 0.1 + 0.02 * G * 0.3])).max()
+        assert explicit_timestep(Model(node, ARM)) == pytest.approx(2 / fastest, rel=1e-9)
+    rope = preset("ur5e").whip
+    inertia, b = rope.per_node("node_inertia"), rope.per_node("b")
+    assert explicit_timestep(preset("ur5e")) == pytest.approx((inertia[b > 0] / b[b > 0]).min(), rel=1e-9)
+    assert explicit_timestep(preset("nah2023")) < 1e-4
+    rods = dataclasses.replace(rope, joints="rod", node_inertia=0.0)
+    assert explicit_timestep(dataclasses.replace(preset("ur5e"), whip=rods)) > 2e-3
 
 
 def test_a_whip_in_space_has_every_mode_of_the_plane_twice():

@@ -66,7 +66,7 @@ def test_open_ended_choices_list_what_the_library_knows(capsys):
         optimize.main(["--help"])
     said = re.sub(r"[\s│]", "", capsys.readouterr().out)
     assert "--model{" + ",".join(PRESETS) + "}|FILE.toml" in said
-    assert "--controller{oiac,constant}|FILE.toml" in said
+    assert "--controller{oiac,constant,position}|FILE.toml" in said
     (listed,) = re.findall(r"--method\{(.*?)\}", said)
     assert sorted(listed.split(",")) == sorted([*METHODS, "nlopt:NAME"])
 

@@ -11,7 +11,7 @@ from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, S
 from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.dynamics.rods import RodFrame, bend
-from whiptool.dynamics.serial_arm import ArmMotion, Body, SerialArm, solve
+from whiptool.dynamics.serial_arm import ArmMotion, Body, LedMotion, SerialArm, solve
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 from whiptool.impedance.law import LAWS
@@ -30,14 +30,17 @@ _HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS),
 class ClosedLoop(System):
     """Strike, controller, arm and whip of one structure: the arm's controller drives the whip.
 
-    The input is the held torque (a, 1), or empty in a continuous loop.
+    The input is the held torque (a, 1), or the accelerations of joints on their reference (a, 1), or empty in a
+    continuous loop.
     """
 
     def __init__(self, structure: Structure) -> None:
         self.structure = structure
         self.n_drive, self.n_links = structure.n_arm, structure.n_whip
-        self.held = structure.held
-        self.n_inputs = structure.n_arm if structure.held else 0
+        self.held, self.prescribed = structure.held, structure.prescribed
+        self.explicit = structure.explicit
+        assert self.prescribed or not self.explicit
+        self.n_inputs = structure.n_arm if self.held or self.prescribed else 0
         self.dimension = structure.dimension
         self.hinges = _HINGES[structure.joints]
         self.parameters = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
@@ -168,18 +171,28 @@ class ClosedLoop(System):
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
         """Return where the arm's hand is, its links' ends, and how it moves."""
-        arm, posture = self.arm, self.arm.posture(q)
-        motion = arm.motion(q, v, self.parameters["gravity"], [] if self.held else self._compensated[0])
+        arm, posture, gravity = self.arm, self.arm.posture(q), self.parameters["gravity"]
+        if self.prescribed:
+            motion = arm.led(q, v, u, gravity)
+            first = motion.acceleration + ca.mtimes(motion.jacobian, before - u)
+            first = ca.SX.zeros(6) if self.explicit else first
+        else:
+            motion = arm.motion(q, v, gravity, [] if self.held else self._compensated[0])
+            first = motion.drift + ca.mtimes(motion.jacobian, before)
         moves = ca.mtimes(motion.jacobian, v)
         turned = posture.hand_turned if len(self.hinges) == 1 else posture.hand_turned.settled
         frame = SpatialFrame(turned, moves[:3], moves[3:], posture.hand)
         if not self.hinges:
-            frame = RodFrame.at_hand(frame, motion.drift[:3] + ca.mtimes(motion.jacobian[:3, :], before))
+            frame = RodFrame.at_hand(frame, first[:3])
         ends = ca.horzcat(*posture.places[1:], posture.hand).T
         return Hand(frame, ends, ca.vertcat(*(turned.angle for turned in posture.turned)), motion)
 
-    def react(self, now: Instant, before: ca.SX | None, motion: ArmMotion, carried: SpatialCarried) -> Reaction:
+    def react(
+        self, now: Instant, before: ca.SX | None, motion: ArmMotion | LedMotion, carried: SpatialCarried
+    ) -> Reaction:
         """Return how the controlled arm moves under what it carries; its joints are solved for together."""
+        if isinstance(motion, LedMotion):
+            return self._led(now, motion, carried)
         a, P = self.n_drive, self.parameters
         weight = motion.weight + motion.jacobian[5, :].T * (self._compensated[1] * P["gravity"])
         tau, gain = self._torque_and_gain(now, weight)
@@ -196,6 +209,19 @@ class ClosedLoop(System):
         qdd = solve(H, torque - motion.bias - load)
         hand = motion.drift + ca.mtimes(motion.jacobian, qdd)
         return Reaction(qdd, SpatialAcceleration(hand[:3], hand[3:]), tau)
+
+    def _led(self, now: Instant, motion: LedMotion, carried: SpatialCarried) -> Reaction:
+        """Return the accelerations that are given, and the torques that they need under what the hand carries."""
+        angular, linear = motion.acceleration[:3], motion.acceleration[3:]
+        moment = ca.mtimes(carried.J, angular) + ca.mtimes(carried.H, linear) + carried.moment
+        force = ca.mtimes(carried.H.T, angular) + ca.mtimes(carried.M, linear) + carried.force
+        load = ca.mtimes(motion.jacobian.T, ca.vertcat(moment, force))
+        torque = motion.torque + self._friction * now.v + load
+        return Reaction(now.u, SpatialAcceleration(angular, linear), torque)
+
+    def lead(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return where the reference has the arm's joints at time t."""
+        return self.reference(t)
 
     @cached_property
     def control(self) -> ca.Function:

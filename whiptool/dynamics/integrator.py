@@ -1,10 +1,14 @@
-"""The integrator: a two-stage Rosenbrock-W method of second order (ROS2), joint by joint.
+"""The integrators, joint by joint: a two-stage Rosenbrock-W method of second order (ROS2), and Runge-Kutta's.
 
 Verwer, Spee, Blom, Hundsdorfer (1999), SIAM J. Sci. Comput. 20(4), 1456-1480:
 `(1 - gamma h A) k1 = f(y)`, `(1 - gamma h A) k2 = f(y + h k1) - 2 k1`, `y+ = y + 3/2 h k1 + 1/2 h k2`, of order 2 for
 any A. Here A knows only `-M^-1 G`, G the joints' damping and the controller's velocity gain, so that a stage is one
 articulated-body pass with `gamma h G` added to the mass matrix. With `w = k2 + 2 k1` the second stage reads
 `(M + gamma h G) w = F + 2 gamma h G k1`.
+
+Where the drive's motion is given and the whip is not stiff at the step, the classical method of Runge and Kutta, of
+fourth order, takes four stages without G: of a rope on a robot at 2 ms it has a hundredth of the error. The one step in
+which the reference ends, where its jerk jumps, has an error of second order.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import casadi as ca
 from whiptool.dynamics.chain import Chain
 
 GAMMA = 1 - 1 / math.sqrt(2)  # L-stable
+RUNGE_KUTTA = ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6))  # where a stage is taken, and its weight
 
 
 def damping_gain(chain: Chain, v: ca.SX) -> ca.SX:
@@ -29,6 +34,11 @@ def damping_gain(chain: Chain, v: ca.SX) -> ca.SX:
 def predicted(q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return positions and velocities at which the second stage is taken."""
     return q + h * v, v + h * k1
+
+
+def followed(q: ca.SX, v: ca.SX, speed: ca.SX, k: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return positions and velocities a time h later, at such speeds and accelerations."""
+    return q + h * speed, v + h * k
 
 
 def advanced(q: ca.SX, v: ca.SX, k1: ca.SX, w: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -64,6 +64,28 @@ class ArmMotion(NamedTuple):
         return ArmMotion(*parts)
 
 
+class LedMotion(NamedTuple):
+    """An arm whose motion is given, to what it carries; weight enters as the base's acceleration.
+
+    The torques (a, 1) [N m] that its own bodies need, the hand's motion per unit of the joints' speeds (6, a), and its
+    acceleration (6, 1), both angular first.
+    """
+
+    torque: ca.SX
+    jacobian: ca.SX
+    acceleration: ca.SX
+
+    def entries(self) -> list[ca.SX]:
+        """Return its 7 a + 6 numbers as scalars, field by field, each matrix column by column."""
+        return [x for part in self for x in scalars(part)]
+
+    def with_entries(self, entries: Sequence[ca.SX]) -> LedMotion:
+        """Return the motion of such numbers."""
+        a = self.torque.numel()
+        jacobian = ca.reshape(ca.vertcat(*entries[a : 7 * a]), 6, a)
+        return LedMotion(ca.vertcat(*entries[:a]), jacobian, ca.vertcat(*entries[7 * a :]))
+
+
 @dataclass(frozen=True)
 class SerialArm:
     """A serial arm of symbols or numbers.
@@ -124,10 +146,19 @@ class SerialArm:
         return ArmMotion(
             inertia=self._inertia(at, world),
             bias=self._torques(at, world, drifts, speeds),
-            jacobian=ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], at.hand)) for S in at.motions)),
+            jacobian=_jacobian(at),
             drift=_of_point(drifts[-1], speeds[-1], at.hand),
             weight=self.weight(at, weights, gravity),
         )
+
+    def led(self, q: ca.SX, v: ca.SX, a: ca.SX, gravity: ca.SX | float) -> LedMotion:
+        """Return what the arm is to what it carries where its joints' positions, speeds and accelerations (a, 1) are
+        given."""
+        at = self.posture(q)
+        drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity), a)
+        bodies = [_World.of(body, at) for body in self.bodies]
+        torque = self._torques(at, bodies, drifts, speeds) + self.armatures * a
+        return LedMotion(torque, _jacobian(at), _of_point(drifts[-1], speeds[-1], at.hand))
 
     def weight(self, at: ArmPosture, bodies: list[Body], gravity: ca.SX | float) -> ca.SX:
         """Return the torques (a, 1) that hold these bodies' weight (Eq. 3)."""
@@ -142,10 +173,7 @@ class SerialArm:
 
     def inverse(self, q: ca.SX, v: ca.SX, a: ca.SX, gravity: ca.SX | float) -> ca.SX:
         """Return the torques (a, 1) that move the arm's bodies with accelerations `a` (a, 1)."""
-        at = self.posture(q)
-        drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity), a)
-        bodies = [_World.of(body, at) for body in self.bodies]
-        return self._torques(at, bodies, drifts, speeds) + self.armatures * a
+        return self.led(q, v, a, gravity).torque
 
     def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Return the kinetic energy of the arm's bodies and rotors [J]."""
@@ -234,6 +262,11 @@ class _World(NamedTuple):
             ca.mtimes(self.inertia, angular) + ca.cross(self.first, linear),
             self.mass * linear - ca.cross(self.first, angular),
         )
+
+
+def _jacobian(at: ArmPosture) -> ca.SX:
+    """Return the hand's motion per unit of the joints' speeds (6, a)."""
+    return ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], at.hand)) for S in at.motions))
 
 
 def _rotated(turned: Turned, x: ca.SX) -> ca.SX:

@@ -12,6 +12,7 @@ import numpy as np
 from whiptool.dynamics.columns import Columns
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.law import LAWS
+from whiptool.impedance.position import PositionControl
 from whiptool.models.parameters import ArmParameters, Model, SpatialArm
 from whiptool.models.spatial_arm import MOMENTS, XYZ
 
@@ -84,10 +85,14 @@ class Structure:
     compensated: bool = False  # gravity compensation has masses of its own
     joints: str = "hinge"  # of the whip
     arm: ArmShape | None = None  # of an arm in space
+    explicit: bool = False  # steps are the classical Runge-Kutta method's, for joints on their reference
 
     @classmethod
-    def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = ()) -> Structure:
-        """The smallest structure that holds this model and controller, and the terms of parameters named in `free`."""
+    def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = (), explicit: bool = False) -> Structure:
+        """The smallest structure that holds this model and controller, and the terms of parameters named in `free`.
+
+        With `explicit`, its steps are those of the classical Runge-Kutta method.
+        """
         named = {re.sub(r"^whip\.|\[\d+\]$", "", name) for name in free}
         named |= {"dry_friction"} if "friction_velocity" in named else set()
         named |= {"drag"} if "drag_ratio" in named else set()
@@ -109,13 +114,19 @@ class Structure:
             compensated=controller.compensated is not None,
             joints=whip.joints,
             arm=ArmShape.of(model, free) if model.dimension == 3 else None,
+            explicit=explicit,
         )
 
     def __contains__(self, other: Structure) -> bool:
-        """Whether every term of the other structure is one of this."""
-        same = replace(other, optional=self.optional, arm=self.arm) == self
+        """Whether every term of the other structure is one of this, however either steps."""
+        same = replace(other, optional=self.optional, arm=self.arm, explicit=self.explicit) == self
         arms = other.arm is None or (self.arm is not None and other.arm in self.arm)
         return same and arms and set(other.optional) <= set(self.optional)
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether the arm's joints are exactly on the reference."""
+        return self.law == PositionControl.kind
 
     @property
     def dimension(self) -> int:

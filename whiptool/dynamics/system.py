@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from whiptool.dynamics import articulated, rods
+from whiptool.dynamics import articulated, rods, taut_rods
 from whiptool.dynamics.articulated import (
     Axis,
     Link,
@@ -27,11 +27,14 @@ from whiptool.dynamics.articulated import (
     SpatialMoving,
 )
 from whiptool.dynamics.chain import Chain, passive_torque
-from whiptool.dynamics.integrator import GAMMA, advanced, damping_gain, predicted
+from whiptool.dynamics.integrator import GAMMA, RUNGE_KUTTA, advanced, damping_gain, followed, predicted
 from whiptool.dynamics.records import Record, Stored
 from whiptool.dynamics.rods import RodFrame, RodJoint
+from whiptool.dynamics.taut_rods import PointAcceleration, TautCarried, TautJoint
 
 LinkFrame = SpatialFrame | RodFrame
+Carried = SpatialCarried | TautCarried
+LinkAcceleration = SpatialAcceleration | PointAcceleration
 
 
 class Instant(NamedTuple):
@@ -68,9 +71,9 @@ class _Columns(NamedTuple):
     frame: Stored[Any]
     motion: Stored[Any]
     moving: Stored[SpatialMoving]
-    carried: Stored[SpatialCarried]
+    carried: Stored[Any]
     joint: Stored[Any]
-    acceleration: Stored[SpatialAcceleration]
+    acceleration: Stored[Any]
 
 
 class System(ABC):
@@ -80,6 +83,8 @@ class System(ABC):
         n_drive, n_links: Joints of the drive, and links of the whip.
         n_inputs: Numbers that drive it from outside at each instant: a held torque, or a base's motion.
         held: The input is a torque that `control` gives and that is held.
+        prescribed: The drive's joints are where `lead` has them; the input is their accelerations, which it gives too.
+        explicit: Steps are the classical Runge-Kutta method's; the drive's joints are prescribed.
         dimension: 2 in the plane, 3 in space.
         hinges: Axes of each link's hinges, in the axes of the link before, each turned by those before it; none where
             the links are rods, each of which is a unit vector.
@@ -96,6 +101,8 @@ class System(ABC):
     n_links: int
     n_inputs: int
     held: bool
+    prescribed: bool = False
+    explicit: bool = False
     dimension: int = 2
     hinges: tuple[Axis, ...] = ((0.0, -1.0, 0.0),)
     p: ca.SX
@@ -118,6 +125,14 @@ class System(ABC):
             motion: What `hand` keeps.
             carried: What the hand carries.
         """
+
+    def lead(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return the drive's joints' positions, speeds and accelerations (a, 1) at time t.
+
+        Raises:
+            NotImplementedError: They are not prescribed.
+        """
+        raise NotImplementedError
 
     @property
     def n(self) -> int:
@@ -160,6 +175,7 @@ class System(ABC):
         """Return the frame at a link's end, how it moves, its joint's torques and what the integrator adds to its
         inertia, in this stage: of K hinges (K, 1) both, of a rod (3, 1) and (1, 1)."""
         link, joint = self.link(w)
+        h = ca.SX(0) if self.explicit else h
         if not self.hinges:
             end, moving = rods.outward(frame, q, v, link, before)
             return end, moving, *rods.torque_and_gain(joint, frame, end, h, again=before is not None)
@@ -170,19 +186,39 @@ class System(ABC):
             torque += 2 * armature * before
         return end, moving, torque, armature
 
+    @property
+    def taut(self) -> bool:
+        """Whether links pull along themselves alone: rods in explicit steps."""
+        return self.explicit and not self.hinges
+
+    @property
+    def _nothing(self) -> Carried:
+        """What the tip carries."""
+        return TautCarried() if self.taut else SpatialCarried()
+
+    def _felt(self, carried: Any) -> SpatialCarried:
+        """What is carried, as the drive feels it."""
+        return carried.spatial if self.taut else carried
+
+    def _begins(self, at: SpatialAcceleration) -> LinkAcceleration:
+        """The hand's acceleration, as the first link needs it."""
+        return PointAcceleration(at.linear) if self.taut else at
+
     def carry_link(
-        self, carried: SpatialCarried, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX
-    ) -> tuple[SpatialCarried, SpatialJoint | RodJoint]:
+        self, carried: Any, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX
+    ) -> tuple[Carried, SpatialJoint | RodJoint | TautJoint]:
         """Return what the link before carries of this one, and what its joint keeps."""
+        if self.taut:
+            return taut_rods.give_way(carried, moving, self.link(w)[0], torque)
         carried = articulated.inward(carried, moving, self.link(w)[0])
         if not self.hinges:
             return rods.give_way(carried, moving.axes[:, 0], torque, armature)
         return articulated.give_way(carried, moving.axes, torque, armature)
 
-    def accelerate_link(
-        self, at: SpatialAcceleration, joint: Any, moving: SpatialMoving
-    ) -> tuple[ca.SX, SpatialAcceleration]:
+    def accelerate_link(self, at: Any, joint: Any, moving: SpatialMoving) -> tuple[ca.SX, LinkAcceleration]:
         """Return the accelerations of a link's coordinates (K, 1), and that at its far end."""
+        if self.taut:
+            return taut_rods.accelerate(at, joint, moving)
         return (articulated if self.hinges else rods).accelerate(at, joint, moving)
 
     def predict_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -193,6 +229,11 @@ class System(ABC):
     def advance_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, w: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return a link's coordinates and speeds (K, 1) a step later."""
         later = advanced(q, v, k1, w, h)
+        return later if self.hinges else rods.unit(*later)
+
+    def follow_link(self, q: ca.SX, v: ca.SX, speed: ca.SX, k: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return a link's coordinates and speeds (K, 1) a time h later, at such speeds and accelerations."""
+        later = followed(q, v, speed, k, h)
         return later if self.hinges else rods.unit(*later)
 
     def _all(self, of_link: Callable[..., tuple[ca.SX, ca.SX]], h: ca.SX, *columns: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -224,13 +265,13 @@ class System(ABC):
             frame, *link = self.move_link(frame, q[own], v[own], w, at.h, k1)
             frames.append(frame)
             links.append(link)
-        carried, joints = SpatialCarried(), []
+        carried, joints = self._nothing, []
         for w, (moving, torque, armature) in zip(reversed(numbers), reversed(links), strict=True):
             carried, joint = self.carry_link(carried, moving, w, torque, armature)
             joints.append(joint)
         joints.reverse()
-        reaction = self.react(at, None if before is None else before[:a], hand.motion, carried)
-        acceleration, accelerations = reaction.acceleration, [reaction.qdd]
+        reaction = self.react(at, None if before is None else before[:a], hand.motion, self._felt(carried))
+        acceleration, accelerations = self._begins(reaction.acceleration), [reaction.qdd]
         for joint, (moving, *_) in zip(joints, links, strict=True):
             qdd, acceleration = self.accelerate_link(acceleration, joint, moving)
             accelerations.append(qdd)
@@ -238,7 +279,8 @@ class System(ABC):
 
     @cached_property
     def step(self) -> ca.Function:
-        """One step: `step(x, t, h, p, u, u_end)`, the inputs those at the step's start and end.
+        """One step: `step(x, t, h, p, u, u_end)`, the inputs those at the step's start and end, which a prescribed
+        drive knows without being told.
 
         Besides the next state it returns, at the step's start, the tip's position and velocity, the drive's torques,
         and what `observed` lists.
@@ -247,17 +289,43 @@ class System(ABC):
         x, t, h = ca.SX.sym("x", 2 * n), ca.SX.sym("t"), ca.SX.sym("h")
         u, u_end = ca.SX.sym("u", self.n_inputs), ca.SX.sym("u_end", self.n_inputs)
         q, v = x[:n], x[n:]
-        k1, reaction, hand, frames = self._stage(Instant(t, h, q[:a], v[:a], u), q[a:], v[a:], None)
-        later_q, later_v = predicted(q[:a], v[:a], k1[:a], h)
-        links_q, links_v = self._all(self.predict_link, h, q[a:], v[a:], k1[a:])
-        w, *_ = self._stage(Instant(t + h, h, later_q, later_v, u_end), links_q, links_v, k1)
-        later_q, later_v = advanced(q[:a], v[:a], k1[:a], w[:a], h)
-        links_q, links_v = self._all(self.advance_link, h, q[a:], v[a:], k1[a:], w[a:])
-        following = ca.vertcat(later_q, links_q, later_v, links_v)
+        now = self.lead(t)[2] if self.prescribed else u
+        k1, reaction, hand, frames = self._stage(Instant(t, h, q[:a], v[:a], now), q[a:], v[a:], None)
+        if self.explicit:
+            following = self._runge_kutta(x, t, h, k1)
+        else:
+            following = self._rosenbrock(x, t, h, k1, u_end)
         tip = ca.vertcat(frames[-1].place[self._places], frames[-1].velocity[self._places])
         outputs = [following, tip, reaction.torque, self._observed(hand, frames)]
         names = ["x", "t", "h", "p", "u", "u_end"], ["x_next", "tip", "tau", "observed"]
         return ca.Function("step", [x, t, h, self.p, u, u_end], outputs, *names, {"cse": True})
+
+    def _rosenbrock(self, x: ca.SX, t: ca.SX, h: ca.SX, k1: ca.SX, u_end: ca.SX) -> ca.SX:
+        """The state (2 n, 1) a step later, of the first stage's accelerations (n, 1) and the input at its end."""
+        a, q, v = self.n_drive, x[: self.n], x[self.n :]
+        later_q, later_v = predicted(q[:a], v[:a], k1[:a], h)
+        if self.prescribed:
+            later_q, later_v, u_end = self.lead(t + h)
+        links_q, links_v = self._all(self.predict_link, h, q[a:], v[a:], k1[a:])
+        w, *_ = self._stage(Instant(t + h, h, later_q, later_v, u_end), links_q, links_v, k1)
+        if not self.prescribed:
+            later_q, later_v = advanced(q[:a], v[:a], k1[:a], w[:a], h)
+        links_q, links_v = self._all(self.advance_link, h, q[a:], v[a:], k1[a:], w[a:])
+        return ca.vertcat(later_q, links_q, later_v, links_v)
+
+    def _runge_kutta(self, x: ca.SX, t: ca.SX, h: ca.SX, k1: ca.SX) -> ca.SX:
+        """The state (2 n, 1) a step later, of the first stage's accelerations (n, 1)."""
+        a, q, v = self.n_drive, x[: self.n], x[self.n :]
+        k, speeds, (_, weight) = k1[a:], v[a:], RUNGE_KUTTA[0]
+        mean_speed, mean_k = weight * speeds, weight * k
+        for at, weight in RUNGE_KUTTA[1:]:
+            led_q, led_v, u = self.lead(t + at * h)
+            links_q, speeds = self._all(self.follow_link, at * h, q[a:], v[a:], speeds, k)
+            k = self._stage(Instant(t + at * h, h, led_q, led_v, u), links_q, speeds, None)[0][a:]
+            mean_speed, mean_k = mean_speed + weight * speeds, mean_k + weight * k
+        led_q, led_v, _ = self.lead(t + h)
+        links_q, links_v = self._all(self.follow_link, h, q[a:], v[a:], mean_speed, mean_k)
+        return ca.vertcat(led_q, links_q, led_v, links_v)
 
     @cached_property
     def acceleration(self) -> ca.Function:
@@ -314,6 +382,12 @@ class System(ABC):
         sizes |= {"qa": a, "va": a, "before_a": a, "u": self.n_inputs, "t": 1, "h": 1}
         return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
 
+    @property
+    def _armature(self) -> ca.SX:
+        """What the integrator adds to the inertia of a link's joint; nothing in an explicit step."""
+        given = self._symbols["armature"]
+        return ca.SX.zeros(given.numel()) if self.explicit else given
+
     @cached_property
     def columns(self) -> _Columns:
         """What of the records stands in columns, found by following them along the whip until nothing is new."""
@@ -329,21 +403,21 @@ class System(ABC):
         motion = Stored.of(hand.motion, "motion")
         moving = Stored.of(self.move_link(frame.record, s["q"], s["v"], s["w"], s["h"], None)[1], "moving")
 
-        def carry(carried: SpatialCarried) -> tuple[SpatialCarried, Any]:
-            return self.carry_link(carried, moving.record, s["w"], s["torque"], s["armature"])
+        def carry(carried: Any) -> tuple[Any, Any]:
+            return self.carry_link(carried, moving.record, s["w"], s["torque"], self._armature)
 
-        def uses(carried: SpatialCarried) -> ca.SX:
+        def uses(carried: Any) -> ca.SX:
             at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
-            reaction = self.react(at, s["before_a"], motion.record, carried)
+            reaction = self.react(at, s["before_a"], motion.record, self._felt(carried))
             return ca.vertcat(*carry(carried)[1].entries(), reaction.qdd, *reaction.acceleration.entries())
 
-        every = Stored.along(SpatialCarried(), "carried", lambda x: carry(x)[0])
-        carried = every.needed(SpatialCarried(), "carried", uses, lambda x: carry(x)[0])
+        every = Stored.along(self._nothing, "carried", lambda x: carry(x)[0])
+        carried = every.needed(self._nothing, "carried", uses, lambda x: carry(x)[0])
         joint = Stored.of(carry(carried.record)[1], "joint")
         at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
-        start = self.react(at, s["before_a"], motion.record, carried.record).acceleration
+        start = self.react(at, s["before_a"], motion.record, self._felt(carried.record)).acceleration
         acceleration = Stored.along(
-            start, "acceleration", lambda x: self.accelerate_link(x, joint.record, moving.record)[1]
+            self._begins(start), "acceleration", lambda x: self.accelerate_link(x, joint.record, moving.record)[1]
         )
         return _Columns(frame, motion, moving, carried, joint, acceleration)
 
@@ -358,10 +432,10 @@ class System(ABC):
         # all that the second stage needs of a frame
         going_on = end.VELOCITY if self.link(w)[0].drag.is_zero() else end.PLACE
         turns = c.frame.column(end_again)[: len({i for i in c.frame.where[:going_on] if i is not None})]
-        carries, keeps = self.carry_link(c.carried.record, c.moving.record, w, s["torque"], s["armature"])
+        carries, keeps = self.carry_link(c.carried.record, c.moving.record, w, s["torque"], self._armature)
         qdd, ahead = self.accelerate_link(c.acceleration.record, c.joint.record, c.moving.record)
         at = Instant(s["t"], h, s["qa"], s["va"], s["u"])
-        reaction = self.react(at, s["before_a"], c.motion.record, c.carried.record)
+        reaction = self.react(at, s["before_a"], c.motion.record, self._felt(c.carried.record))
         frame, moving, carried = c.frame.symbols, c.moving.symbols, c.carried.symbols
         k1, k2, x, y = (ca.SX.sym(name) for name in ("k1", "k2", "q", "v"))
         hand_ends = ca.vec(hand.ends[:, self._places].T)
@@ -378,7 +452,7 @@ class System(ABC):
             ),
             "react": (
                 [s["t"], h, s["qa"], s["va"], self.p, s["u"], s["before_a"], c.motion.symbols, carried],
-                [reaction.qdd, c.acceleration.column(reaction.acceleration), reaction.torque],
+                [reaction.qdd, c.acceleration.column(self._begins(reaction.acceleration)), reaction.torque],
             ),
             "accelerate": ([c.acceleration.symbols, c.joint.symbols, moving], [c.acceleration.column(ahead), qdd]),
             "predict": ([x, y, k1, h], [*predicted(x, y, k1, h)]),
@@ -386,6 +460,12 @@ class System(ABC):
             "predict_link": ([q, v, s["k1"], h], [*self.predict_link(q, v, s["k1"], h)]),
             "advance_link": ([q, v, s["k1"], s["k2"], h], [*self.advance_link(q, v, s["k1"], s["k2"], h)]),
         }
+        if self.prescribed:
+            table["lead"] = [s["t"], self.p], [*self.lead(s["t"])]
+        if self.explicit:
+            table["follow_link"] = [q, v, s["k1"], s["k2"], h], [*self.follow_link(q, v, s["k1"], s["k2"], h)]
+            for name in ("outward_again", "predict", "advance", "predict_link", "advance_link"):
+                del table[name]
         found = {name: ca.Function(name, *sides, {"cse": True}) for name, sides in table.items()}
         return found | {"control": self.control} if self.held else found
 

@@ -1,10 +1,12 @@
-"""Impedance control of the arm: constant and online-adaptive laws, the controller around them, their cost."""
+"""Control of the arm: constant and online-adaptive impedance, joints on their reference, the controller around them,
+their cost."""
 
 from whiptool.impedance.constant import CONSTANT_PRESETS, ConstantImpedance, constant_preset
 from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.impedance.cost import Cost, impedance_cost
 from whiptool.impedance.law import LAWS, Law, register
 from whiptool.impedance.oiac import OIAC, OIAC_PRESETS, oiac_preset
+from whiptool.impedance.position import PositionControl
 
 __all__ = [
     "CONSTANT_PRESETS",
@@ -16,6 +18,7 @@ __all__ = [
     "Controller",
     "Cost",
     "Law",
+    "PositionControl",
     "constant_preset",
     "impedance_cost",
     "oiac_preset",

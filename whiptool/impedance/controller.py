@@ -1,4 +1,4 @@
-"""The controller that drives the arm: an impedance law, gravity compensation, and what a real motor adds."""
+"""The controller that drives the arm: a law, gravity compensation, and what a real motor adds."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.impedance.law import Law
 from whiptool.impedance.oiac import oiac_preset
+from whiptool.impedance.position import PositionControl
 from whiptool.models.parameters import ArmParameters, number
 from whiptool.models.spatial_arm import SpatialArm
 
@@ -25,7 +26,8 @@ class Controller:
     """What turns tracking errors into torques (Eq. 2): the law, gravity compensation (Eq. 3) always with it.
 
     Args:
-        law: Constant or online-adaptive impedance; default: OIAC with the preset `table4`.
+        law: Constant or online-adaptive impedance, or position control, beside which there is nothing else; default:
+            OIAC with the preset `table4`.
         feedforward: Add the torque that the bare arm needs to follow the reference, `I(q_d) ddq_d` with its velocity
             and viscous terms. Eq. 2 has none; the law's authors use one in later work.
         torque_limit: Largest torque of every joint, or one for each [N m; N where a joint slides]; None: no limit.
@@ -34,7 +36,8 @@ class Controller:
             None: those of the model that it is rolled out with. A rig's controller has the masses of the nominal model.
 
     Raises:
-        InputError: A number is not positive, or `feedforward` is neither true nor false.
+        InputError: A number is not positive, `feedforward` is neither true nor false, or an option is set that
+            position control has no use for.
     """
 
     law: Law = field(default_factory=lambda: oiac_preset("table4"))
@@ -59,6 +62,15 @@ class Controller:
             object.__setattr__(self, "torque_limit", tuple(each))
         elif limit is not None:
             object.__setattr__(self, "torque_limit", number("torque_limit", limit, low=0, strict=True))
+        if self.prescribed:
+            for name in ("feedforward", "torque_limit", "control_period", "compensated"):
+                if getattr(self, name) not in (None, False):
+                    raise InputError(name, getattr(self, name), "nothing beside position control")
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether the arm's joints are exactly on the reference, and no torque is computed from errors."""
+        return isinstance(self.law, PositionControl)
 
     def check_fits(self, arm: ArmParameters | SpatialArm) -> None:
         """Refuse a law whose matrices are of another arm.
@@ -79,6 +91,8 @@ class Controller:
 
     def reckoning_with(self, model: Model) -> Controller:
         """The same controller, whose gravity compensation stays that of this model, whatever it is rolled out with."""
+        if self.prescribed:
+            return self
         return replace(self, compensated=(*model.arm.per_link("mass").tolist(), float(model.whip.mass)))
 
     def parameters(self) -> dict[str, float]:
@@ -101,7 +115,13 @@ class Controller:
         return np.clip(tau, -limit, limit)
 
     def bind(self, arm: Arm, strike: Strike) -> ControlLoop:
-        """The controller at work: for one arm and one strike."""
+        """The controller at work: for one arm and one strike.
+
+        Raises:
+            InputError: It is position control, which gives no torques.
+        """
+        if self.prescribed:
+            raise InputError("controller", "position", "a law that gives torques: oiac, constant")
         return ControlLoop(self, arm, strike)
 
 

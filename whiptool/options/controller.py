@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from whiptool.impedance.law import Law
 
 Preset = Literal["printed", "table4", "nah2020", "nah2023", "ur5e", "panda"]
-LAWS = ("oiac", "constant")
-CONTROLLERS = "{oiac,constant}|FILE.toml"
+LAWS = ("oiac", "constant", "position")
+CONTROLLERS = "{oiac,constant,position}|FILE.toml"
 LONGEST_PERIOD = 0.1  # [s]; an arm that is looked at more rarely is not controlled
 
 
@@ -28,8 +28,9 @@ class LawOptions(OptionGroup):
     usual_preset: ClassVar[Preset] = "table4"
 
     controller: Annotated[str | None, arg(metavar=CONTROLLERS)] = None
-    """Control law, or a file with a table [controller] (a run has one); default: constant for nah2023, ur5e and panda,
-    which have an impedance of their own, else oiac."""
+    """Control law, or a file with a table [controller] (a run has one); position: the joints are exactly on their path,
+    as stiff robots are. Default: constant for nah2023, ur5e and panda, which have an impedance of their own, else
+    oiac."""
     preset: Preset | None = None
     """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4.
     Constant impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
@@ -83,10 +84,14 @@ class LawOptions(OptionGroup):
             raise InputError(option, value, f"nothing beside --controller {self.law_or_file}", "write it into the file")
 
     def _named_law(self) -> Law:
-        from whiptool.impedance import constant_preset, oiac_preset
+        from whiptool.impedance import PositionControl, constant_preset, oiac_preset
 
         if self.law_or_file not in LAWS:
             raise InputError("--controller", self.law_or_file, ", ".join(LAWS) + ", or a .toml file")
+        if self.law_or_file == "position":
+            if self.preset is not None:
+                raise InputError("--preset", self.preset, "nothing beside --controller position, which has no numbers")
+            return PositionControl()
         try:
             if self.law_or_file == "oiac":
                 return oiac_preset(self.usual_preset if self.preset is None else self.preset)
@@ -106,6 +111,8 @@ class LawOptions(OptionGroup):
         """The law in words, for people."""
         if self.in_file:
             return f"the controller of {Path(self.law_or_file).name}"
+        if self.law_or_file == "position":
+            return "position control"
         if self.law_or_file == "constant":
             return "constant impedance" + (f" {self._constant}" if self._constant != "nah2020" else "")
         return f"OIAC {self.usual_preset if self.preset is None else self.preset}"

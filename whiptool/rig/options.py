@@ -70,6 +70,8 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
         if controller.control_period is not None:
             allowed = "one without control_period: a rig holds every torque for a cycle of --rate"
             raise InputError("--controller", self.controller, allowed)
+        if controller.prescribed:
+            raise InputError("--controller", self.controller, "one that gives torques: oiac, constant, or their file")
         return controller
 
 

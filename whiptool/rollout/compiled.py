@@ -9,6 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from whiptool.dynamics.columns import outcome_columns, row_columns
+from whiptool.dynamics.modes import explicit_timestep
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.dynamics.structure import Structure, arm_column
@@ -32,7 +33,8 @@ class CompiledRollout(Rollout):
     Args:
         model: Whip, arm, gravity.
         controller: Law and options.
-        timestep: Largest step of the integrator [s].
+        timestep: Largest step of the integrator [s]. Under position control it is the classical Runge-Kutta method,
+            of fourth order, at steps at which that is stable, else as under every other controller ROS2.
         engine: `simd`, `scalar` or `interpreter`; default: the environment variable WHIPTOOL_ENGINE, or the best that
             works here.
         free: Names of parameters along which derivatives will be taken although their terms are zero in this model.
@@ -60,7 +62,8 @@ class CompiledRollout(Rollout):
         self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
         self.free = tuple(free)
         self._sag = sag
-        self.structure = Structure.of(model, controller, free=free)
+        explicit = controller.prescribed and self.timestep <= explicit_timestep(model)
+        self.structure = Structure.of(model, controller, free=free, explicit=explicit)
         controller.check_fits(model.arm)
         self._rung, self._threads = engine or wanted_rung(), threads
         self.engine: str = self._engine(forward=False).rung

@@ -3,8 +3,8 @@
 // that along one direction per lane.
 //
 // Compiled together with GENERATED (defined on the command line): sizes and columns as constants, then the C that CasADi
-// generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD, each 0 or 1, and FASTEST, the norm of
-// all joint speeds [rad/s] above which a lane counts as diverged.
+// generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD, PRESCRIBED, EXPLICIT, each 0 or 1,
+// and FASTEST, the norm of all joint speeds [rad/s] above which a lane counts as diverged.
 #include <math.h>
 
 #include <cmath>
@@ -73,12 +73,14 @@ struct In {
 };
 
 struct Out {
-  real* x;
+  real* x = nullptr;  // not wanted
 #if FORWARD
-  real* d;
+  real* d = nullptr;
+  Out() = default;
   template <int N>
   Out(Numbers<N>& of, int first = 0) : x(of.x + first), d(of.d + first) {}
 #else
+  Out() = default;
   template <int N>
   Out(Numbers<N>& of, int first = 0) : x(of.x + first) {}
 #endif
@@ -110,41 +112,62 @@ void clear(Numbers<N>& numbers) {
   }
 }
 
+template <int N>
+void copy(const Numbers<N>& from, int j, Numbers<N>& to) {
+  to.x[j] = from.x[j];
+#if FORWARD
+  to.d[j] = from.d[j];
+#endif
+}
+
 // One stage of the integrator: accelerations of all joints, by one pass out, one in and one out over the links.
 struct Stage {
   Numbers<DIMENSION * N_DRIVE> ends;
   Numbers<ANGLES> angles;
+  Numbers<DRIVE_MOVING> drive_moving;
   Numbers<N_DRIVE> tau;
   Numbers<FRAME> frame[N_LINKS + 1];  // where each link begins; the last is the tip
   Numbers<NQ> qdd;
 
-  template <bool FIRST>
+  // LED: the drive is where it was already, by an earlier stage at the same instant.
+  template <bool FIRST, bool LED = false>
   void take(const Numbers<NX>& x, const Numbers<1>& t, const Numbers<1>& h, const Numbers<NP>& p,
             const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before) {
     Numbers<MOVING> moving[N_LINKS];
     Numbers<JOINT> joint[N_LINKS];
     Numbers<LINK_SIZE> torque[N_LINKS];
     Numbers<ARMATURE> armature[N_LINKS];
-    Numbers<DRIVE_MOVING> drive_moving;
-    call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0)}, {frame[0], ends, angles, drive_moving});
+    if constexpr (!LED) call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0)}, {frame[0], ends, angles, drive_moving});
     for (int i = 0; i < N_LINKS; ++i) {
       const int j = N_DRIVE + LINK_SIZE * i;
-      if constexpr (FIRST)
+      if constexpr (FIRST || EXPLICIT)
         call<outward>({frame[i], In(x, j), In(x, NQ + j), w[i], h}, {frame[i + 1], moving[i], torque[i], armature[i]});
+#if !EXPLICIT
       else  // of the frames only what is needed to go on
         call<outward_again>({frame[i], In(x, j), In(x, NQ + j), w[i], h, In(before, j)},
                             {frame[i + 1], moving[i], torque[i], armature[i]});
+#endif
     }
     Numbers<CARRIED> carried[N_LINKS + 1];  // by each link's joint; nothing at the tip
     clear(carried[N_LINKS]);
     for (int i = N_LINKS - 1; i >= 0; --i)
       call<inward>({carried[i + 1], moving[i], w[i], torque[i], armature[i]}, {carried[i], joint[i]});
     Numbers<ACCELERATION> at[N_LINKS + 1];
-    call<react>({t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), drive_moving, carried[0]},
-                {Out(qdd, 0), at[0], tau});
+    const In moved[] = {t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), drive_moving, carried[0]};
+    if constexpr (FIRST || !PRESCRIBED)
+      call<react>(moved, {Out(qdd, 0), at[0], tau});
+    else  // nobody asks for later stages' torques
+      call<react>(moved, {Out(qdd, 0), at[0], Out()});
     for (int i = 0; i < N_LINKS; ++i)
       call<accelerate>({at[i], joint[i], moving[i]}, {at[i + 1], Out(qdd, N_DRIVE + LINK_SIZE * i)});
   }
+
+#if EXPLICIT
+  // Puts the drive where it is in another stage.
+  void lead_as(const Stage& other) {
+    frame[0] = other.frame[0], ends = other.ends, angles = other.angles, drive_moving = other.drive_moving;
+  }
+#endif
 
   // Tip: position and velocity.
   void tip(Numbers<TIP>& to) const {
@@ -311,7 +334,11 @@ struct Roll {
   }
 
   void set_inputs(int64_t i) {
-#if HELD
+#if PRESCRIBED  // at later instants it is the last step's `u_end`
+    if (i > 0) return;
+    Numbers<N_DRIVE> q, v;
+    call<lead>({now, p}, {q, v, u});
+#elif HELD
     if (i % io.hold == 0) call<control>({x, now, p}, {u});
     u_end = u;
 #else
@@ -430,34 +457,109 @@ struct Roll {
     }
   }
 
+#if EXPLICIT
+  // Adds a stage's share to the mean speeds and accelerations of the links.
+  void share(Numbers<NX>& mean, double weight, const Numbers<NX>& at, const Numbers<NQ>& qdd) const {
+    for (int j = N_DRIVE; j < NQ; ++j) {
+      mean.x[j] += weight * at.x[NQ + j], mean.x[NQ + j] += weight * qdd.x[j];
+#if FORWARD
+      mean.d[j] += weight * at.d[NQ + j], mean.d[NQ + j] += weight * qdd.d[j];
+#endif
+    }
+  }
+
+  // The state a step later, by the classical Runge-Kutta method; `later` ends as the stage at the step's end.
+  void runge_kutta(const Stage& one, Stage& later, Numbers<NX>& next) {
+    constexpr double AT[] = {0.5, 0.5, 1}, WEIGHT[] = {1 / 3., 1 / 3., 1 / 6.};
+    Numbers<NX> mean, ahead = x;
+    Numbers<NQ> k = one.qdd, none;
+    clear(mean), clear(none);
+    share(mean, 1 / 6., x, k);
+    for (int s = 0; s < 3; ++s) {
+      Numbers<1> t, part;
+      part.x[0] = AT[s] * dt.x[0], t.x[0] = now.x[0] + part.x[0];
+#if FORWARD
+      part.d[0] = AT[s] * dt.d[0], t.d[0] = now.d[0] + part.d[0];
+#endif
+      Numbers<NX> to;
+      if (s == 1)
+        for (int j = 0; j < N_DRIVE; ++j) copy(ahead, j, to), copy(ahead, NQ + j, to);
+      else
+        call<lead>({t, p}, {Out(to, 0), Out(to, NQ), u_end});
+      for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
+        call<follow_link>({In(x, j), In(x, NQ + j), In(ahead, NQ + j), In(k, j), part}, {Out(to, j), Out(to, NQ + j)});
+      if (s == 1)  // at the instant of the stage before
+        later.take<false, true>(to, t, part, p, w, u_end, none);
+      else
+        later.take<false>(to, t, part, p, w, u_end, none);
+      ahead = to, k = later.qdd;
+      share(mean, WEIGHT[s], ahead, k);
+    }
+    for (int j = 0; j < N_DRIVE; ++j) copy(ahead, j, next), copy(ahead, NQ + j, next);
+    for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
+      call<follow_link>({In(x, j), In(x, NQ + j), In(mean, j), In(mean, NQ + j), dt}, {Out(next, j), Out(next, NQ + j)});
+  }
+#else
+  // The state a step later, by the Rosenbrock-W method.
+  void rosenbrock(const Stage& one, Numbers<NX>& next) {
+    Stage two;
+    Numbers<NX> ahead;
+    Numbers<1> later;
+    later.x[0] = now.x[0] + dt.x[0];
+#if FORWARD
+    later.d[0] = now.d[0] + dt.d[0];
+#endif
+#if PRESCRIBED
+    call<lead>({later, p}, {Out(ahead, 0), Out(ahead, NQ), u_end});
+#else
+    for (int j = 0; j < N_DRIVE; ++j)
+      call<predict>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
+#endif
+    for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
+      call<predict_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
+    two.take<false>(ahead, later, dt, p, w, u_end, one.qdd);
+    for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
+      call<advance_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt},
+                         {Out(next, j), Out(next, NQ + j)});
+#if PRESCRIBED
+    for (int j = 0; j < N_DRIVE; ++j) copy(ahead, j, next), copy(ahead, NQ + j, next);
+#else
+    for (int j = 0; j < N_DRIVE; ++j)
+      call<advance>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt}, {Out(next, j), Out(next, NQ + j)});
+#endif
+  }
+#endif
+
   void run() {
-    Stage one, two;
+    Stage one;
+#if EXPLICIT
+    Stage later;
+#endif
     Numbers<NQ> none;
     clear(none);
     for (int64_t i = 0; i <= longest; ++i) {  // one first stage more than steps: the final state has a tip, too
       set_time(i);
       set_inputs(i);
-      one.take<true>(x, now, dt, p, w, u, none);
+#if EXPLICIT
+      if (i > 0) {  // the last step's end
+        one.lead_as(later);
+        one.take<true, true>(x, now, dt, p, w, u, none);
+      } else
+#endif
+        one.take<true>(x, now, dt, p, w, u, none);
       one.tip(tip);
       note(i, one);
       alive = alive && !(real(static_cast<double>(i)) == steps);
       if (!any_of(alive)) break;
-      Numbers<NX> ahead, next;
-      Numbers<1> later;
-      later.x[0] = now.x[0] + dt.x[0];
-#if FORWARD
-      later.d[0] = now.d[0] + dt.d[0];
+      Numbers<NX> next;
+#if EXPLICIT
+      runge_kutta(one, later, next);
+#else
+      rosenbrock(one, next);
 #endif
-      for (int j = 0; j < N_DRIVE; ++j)
-        call<predict>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
-      for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
-        call<predict_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
-      two.take<false>(ahead, later, dt, p, w, u_end, one.qdd);
-      for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
-        call<advance_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt},
-                           {Out(next, j), Out(next, NQ + j)});
-      for (int j = 0; j < N_DRIVE; ++j)
-        call<advance>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt}, {Out(next, j), Out(next, NQ + j)});
+#if PRESCRIBED
+      u = u_end;
+#endif
       move_to(next);
     }
     write_outcome();

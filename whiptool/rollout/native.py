@@ -75,7 +75,14 @@ class NativeEngine:
     @classmethod
     def compiled(cls, system: System, *, forward: bool, simd: bool) -> NativeEngine | None:
         """Return the system's engine, from the cache or freshly compiled; None where no compiler works."""
-        defines = {"HELD": int(system.held), "FASTEST": FASTEST, "SIMD": int(simd), "FORWARD": int(forward)}
+        defines = {
+            "HELD": int(system.held),
+            "PRESCRIBED": int(system.prescribed),
+            "EXPLICIT": int(system.explicit),
+            "FASTEST": FASTEST,
+            "SIMD": int(simd),
+            "FORWARD": int(forward),
+        }
         driver = files("whiptool.rollout").joinpath("driver.cpp").read_text()
         library = load_library(generate_c(system, forward=forward), driver, defines)
         return None if library is None else cls(library, system, "simd" if simd else "scalar")

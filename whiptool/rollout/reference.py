@@ -32,7 +32,9 @@ class ReferenceRollout(Rollout):
 
     A torque written to `ctrl` once a step is held over the integrator's stages, which makes any of them first order.
     A continuous controller therefore acts through MuJoCo's control callback, at every stage. Drag and smoothed
-    friction, which MuJoCo lacks, act there too, at bodies and joints.
+    friction, which MuJoCo lacks, act there too, at bodies and joints. Under position control the motors get the torques
+    with which MuJoCo's own equations have the arm's joints accelerate as the reference does, and the arm begins every
+    step on it.
 
     Args:
         model: Whip, arm, gravity.
@@ -87,7 +89,7 @@ class ReferenceRollout(Rollout):
         (vector,) = strike_vectors(strike, a)
         strike = Strike.from_vector(vector)
         gave_up: list[str] = []  # what MuJoCo warns of: it resets the state, or drops the control, and goes on
-        loop = self.controller.bind(self._arm, strike)
+        loop = None if self.controller.prescribed else self.controller.bind(self._arm, strike)
         grid = time_grid(
             np.array([strike.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
         )
@@ -105,10 +107,12 @@ class ReferenceRollout(Rollout):
             nonlocal unrecorded
             if acting._address != own:  # the callback is one per process: leave other simulations alone
                 return
-            if not hold:
-                data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
             if self.has_forces:
                 self.apply_forces(data)
+            if loop is None:
+                data.ctrl[:] = self._leading_torque(strike.reference(data.time)[2])
+            elif not hold:
+                data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
             if unrecorded == i:
                 times[i], q[i], v[i], tau[i] = data.time, data.qpos, data.qvel, data.ctrl
                 tip[i], velocity[i] = data.site_xpos[self._tip, self._axes], self._tip_velocity()
@@ -123,7 +127,9 @@ class ReferenceRollout(Rollout):
                     t = i * h if i < steps else (i - 1) * h + h_last
                     data.time = t
                     mj.opt.timestep = h_last if i + 1 == steps else h
-                    if hold and i % hold == 0:
+                    if loop is None:
+                        data.qpos[:a], data.qvel[:a], _ = strike.reference(t)
+                    elif hold and i % hold == 0:
                         data.ctrl[:] = loop.torque(t, data.qpos[:a], data.qvel[:a])
                     if i == steps:
                         mujoco.mj_forward(mj, data)
@@ -166,6 +172,20 @@ class ReferenceRollout(Rollout):
                 braked = u - (1 - self.model.whip.drag_ratio) * along * axes
             speed = np.sqrt(np.einsum("ij,ij->i", u, u) + 1e-12)
             data.xfrc_applied[self._nodes, :3] = -(self._drag * speed)[:, None] * braked
+
+    def _leading_torque(self, wanted: np.ndarray) -> np.ndarray:
+        """Return the torques (a,) under which the arm's joints have the accelerations `wanted` (a,).
+
+        With A the arm's columns of `M^-1`, accelerations are those without torque, and `A tau` more.
+        """
+        mj, data, a, n = self._mj, self._data, len(wanted), self.model.n
+        force = data.qfrc_passive - data.qfrc_bias + data.qfrc_applied
+        for body in np.arange(mj.nbody)[self._nodes] if self._drag.any() else ():
+            drag = data.xfrc_applied[body, :3]
+            mujoco.mj_applyFT(mj, data, drag, np.zeros(3), data.xipos[body], body, force)
+        given, found = np.vstack([np.eye(a, n), force]), np.empty((a + 1, n))
+        mujoco.mj_solveM(mj, data, found, given)
+        return np.linalg.solve(found[:a, :a], wanted - found[a, :a])
 
     def _tip_velocity(self) -> np.ndarray:
         velocity = np.empty(6)

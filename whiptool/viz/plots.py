@@ -318,7 +318,7 @@ def save_strike_figures(
     hit_radius: float,
     controller_label: str,
 ) -> list[Path]:
-    """Write `strike.png`, `distance.png`, `tracking.png`, `torque.png` and `gains.png` into a folder.
+    """Write `strike.png`, `distance.png`, `tracking.png`, `torque.png` and, if there are gains, `gains.png`.
 
     Args:
         folder: Where to; it is made if missing.
@@ -334,13 +334,15 @@ def save_strike_figures(
     goal, joints = Target(tuple(target), hit_radius), model.arm.joints
     slides = _slides(model)
     with matplotlib.rc_context(STYLE):
-        sizes = {"distance": _DISTANCE_SIZE, "tracking": (7.6, 6.4), "torque": _DISTANCE_SIZE, "gains": (7.6, 6.4)}
+        sizes = {"distance": _DISTANCE_SIZE, "tracking": (7.6, 6.4), "torque": _DISTANCE_SIZE}
+        sizes |= {"gains": (7.6, 6.4)} if trajectory.K.any() or trajectory.B.any() else {}
         figures = {name: Figure(size, layout="constrained") for name, size in sizes.items()}
         figures["strike"] = _strike_figure(trajectory, model, goal)
         plot_distance(trajectory, goal, ax=figures["distance"].subplots())
         plot_tracking(figures["tracking"].subplots(2, sharex=True), trajectory, joints, slides=slides)
         plot_torque(figures["torque"].subplots(), trajectory, joints, slides=slides)
-        plot_gains(figures["gains"].subplots(2, sharex=True), trajectory, joints)
+        if "gains" in figures:
+            plot_gains(figures["gains"].subplots(2, sharex=True), trajectory, joints)
         for figure in figures.values():
             figure.suptitle(f"{model.name}, {controller_label}", fontsize=12, fontweight="bold", x=0.02, ha="left")
         return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]

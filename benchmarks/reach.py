@@ -1,0 +1,144 @@
+"""How surely and how soon do robots reach a target? Random targets in space, to 1 mm, within the arm's limits.
+
+Targets of the UR5e and the Panda with stick and rope are uniform in the shell of 0.9 to 1.6 m around the base, above
+the ground and in front of the robot. The joints follow their reference exactly (position control); limits of position,
+velocity and torque are kept. Each target is searched until the tip comes within 0.9 mm. The strike is played
+again at a quarter of the step, and is a hit if it is within 1 mm there; within the limits, if it is so there. One
+target after another, each on all cores.
+
+    python benchmarks/reach.py [--quick] [--json] [--out FILE.jsonl]
+
+With --out, what is found stands in that file, a line a target, and a run that was broken off goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from whiptool.impedance import Controller, PositionControl
+from whiptool.models import Model, preset
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.strike import Strike
+from whiptool.objective import Objective
+from whiptool.optimizers import search
+from whiptool.rollout import CompiledRollout
+from whiptool.target import Target
+
+MODELS = ("ur5e", "panda")
+RADIUS = 1e-3  # [m]
+SEARCHED = 0.9 * RADIUS  # what the step changes is left free
+NEAR, FAR = 0.9, 1.6  # [m] from the base
+TIMESTEP = 1.5e-3  # [s]
+LONGEST = 120.0  # [s] a target
+METHOD = "gradient"
+
+
+def of_rods(name: str) -> Model:
+    """The preset with its rope of rods."""
+    model = preset(name)
+    return replace(model, whip=replace(model.whip, joints="rod", node_inertia=0.0))
+
+
+def targets(count: int) -> np.ndarray:
+    """Random targets (count, 3) [m], uniform in the half shell before the robot and above the ground."""
+    rng, found = np.random.default_rng(1), []
+    while len(found) < count:
+        point = rng.uniform((0, -FAR, 0), FAR)
+        if NEAR <= np.linalg.norm(point) <= FAR:
+            found.append(point)
+    return np.array(found)
+
+
+def reached(model: Model, target: np.ndarray, seed: int) -> dict:
+    """What the search of one target came to."""
+    controller, limits = Controller(PositionControl()), ArmLimits.of(model.arm)
+    goal = Target(tuple(target.tolist()), SEARCHED)
+    rollout = CompiledRollout(model, controller, timestep=TIMESTEP)
+    objective = Objective(rollout, goal, limits=limits, max_time=LONGEST, stop_at_hit=True)
+    result = search(objective, METHOD, seed=seed)
+    assert result.strike is not None
+    assert result.outcome is not None
+    again = CompiledRollout(model, controller, timestep=TIMESTEP / 4).approach(result.strike, target)
+    return {
+        "miss": result.outcome.miss_distance,
+        "hit": result.outcome.hit and bool(again.distance[0] <= RADIUS),
+        "miss_at_finer_step": float(again.distance[0]),
+        "usage": 1.0 + float(limits.violation_of_peaks(again)[0]),
+        "trials": result.n_trials,
+        "seconds": result.wall_time,
+        "tip_speed": result.outcome.tip_speed,
+    }
+
+
+def warm_up(model: Model) -> None:
+    """Compile and import before the clock starts."""
+    rollout = CompiledRollout(model, Controller(PositionControl()), timestep=TIMESTEP)
+    middle = np.array([np.mean([s.limits.position for s in model.arm.links], axis=1)])
+    strike = Strike.from_vector(np.r_[middle[0], middle[0] + 0.1, 0.5])
+    rollout.gradient(strike, np.array([1.0, 0.0, 0.5]))
+    limits = ArmLimits.of(model.arm)
+    search(Objective(rollout, Target((1.0, 0.0, 0.5), SEARCHED), limits=limits, max_trials=70), METHOD, seed=0)
+
+
+def report_of(rows: list[dict]) -> dict:
+    """Shares and medians over targets."""
+    change = [abs(row["miss_at_finer_step"] - row["miss"]) for row in rows if row["hit"]]
+    seconds = [row["seconds"] for row in rows]
+    return {
+        "targets": len(rows),
+        "share_within_1_mm": float(np.mean([row["hit"] for row in rows])),
+        "share_within_limits": float(np.mean([row["usage"] <= 1.0 for row in rows if row["hit"]] or [0.0])),
+        "median_seconds": float(np.median(seconds)),
+        "p95_seconds": float(np.percentile(seconds, 95)),
+        "largest_seconds": max(seconds),
+        "median_trials": float(np.median([row["trials"] for row in rows])),
+        "median_tip_speed": float(np.median([row["tip_speed"] for row in rows])),
+        "largest_miss": max(row["miss"] for row in rows),
+        "median_change": float(np.median(change)) if change else None,
+        "largest_change": max(change, default=None),
+    }
+
+
+def main() -> None:
+    """Search and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="5 targets a robot")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    parser.add_argument("--out", type=Path, help="file of what is found, a line a target, to go on from")
+    arguments = parser.parse_args()
+    points = targets(5 if arguments.quick else 100)
+    known = arguments.out.read_text().splitlines() if arguments.out and arguments.out.exists() else []
+    done = {(row["model"], row["target"]): row for row in map(json.loads, known)}
+    report = {}
+    for name in MODELS:
+        model, rows = of_rods(name), []
+        if any((name, i) not in done for i in range(len(points))):
+            warm_up(model)
+        for i, point in enumerate(tqdm(points, desc=name, leave=False)):
+            if (name, i) not in done:
+                done[name, i] = {"model": name, "target": i, **reached(model, point, seed=i)}
+                if arguments.out:
+                    with arguments.out.open("a") as file:
+                        file.write(json.dumps(done[name, i]) + "\n")
+            rows.append(done[name, i])
+        report[name] = report_of(rows)
+    if arguments.json:
+        print(json.dumps({"radius": RADIUS, "timestep": TIMESTEP, "method": METHOD, **report}))
+        return
+    for name, r in report.items():
+        print(
+            f"{name:6s} {r['targets']} targets: {100 * r['share_within_1_mm']:.0f} % within 1 mm, "
+            f"{100 * r['share_within_limits']:.0f} % of them within all limits at a finer step; time median "
+            f"{r['median_seconds']:.2f}, 95 % {r['p95_seconds']:.2f}, largest {r['largest_seconds']:.2f} s; trials "
+            f"median {r['median_trials']:g}; a finer step changes the miss by {1e3 * (r['median_change'] or 0):.3f} mm"
+        )
+
+
+if __name__ == "__main__":
+    main()
