@@ -6,8 +6,8 @@ whip as a uniform profile, and tapered. The profile is lumped into N = 12, 24 an
 36 nodes; the hand's path in that strike, what the whip did to the arm included, moves the handle of a PyElastica rod of
 the same profile, extrapolated to infinitely many elements, stiff and thin. `tip`: distance of the two tips when ours is
 closest to the target. `miss`: difference of the two closest approaches. `largest`: of the two tips over the whole
-strike. `same_elements`: like `tip`, of a rod of N elements (first strikes of each case): what remains is no matter of
-how many nodes there are. `unspun`: likewise, of N elements that cannot turn about their own axes, as the rods of our
+strike. `same_elements`: like `tip`, of a rod of N elements (two strikes of each case, N = 12): what remains is
+no matter of how many nodes there are. `unspun`: likewise, of N elements that cannot turn about their own axes, as the rods of our
 chains cannot. `oracle`: how far the extrapolation moved the rod's tip, several times its error.
 
     python benchmarks/cosserat.py [--quick] [--json] [--strikes 100] [--folder FOLDER]
@@ -21,7 +21,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from itertools import product
@@ -32,7 +31,7 @@ import numpy as np
 from tqdm import tqdm
 
 from whiptool.impedance import Controller, constant_preset
-from whiptool.models import Model, WhipProfile, preset
+from whiptool.models import WhipProfile, preset
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import default_bounds, shortened
 from whiptool.rollout import CompiledRollout
@@ -48,44 +47,34 @@ NODES = (12, 24, 36)
 KINDS = {"lemon2024": ("hinge",), "nah2023": ("rod", "universal"), "ur5e": ("rod", "universal")}
 WHIPS = ("uniform", "tapered")
 TARGETS = {"lemon2024": np.array(TARGET), "nah2023": np.array([1.995, 0.0, 0.0]), "ur5e": np.array([1.2, 0.3, 0.5])}
-ELEMENTS = {"lemon2024": 24, "nah2023": 48, "ur5e": 48}
+ELEMENTS = {"lemon2024": 24, "nah2023": 36, "ur5e": 32}
 NEAR = 0.3  # [m]: how near a random strike has to pass
-TRACED = 5  # strikes of each case that a rod of N elements follows, too
+TRACED = 2  # strikes of each case that rods of N elements follow, too
+KEYS = ("tip", "miss", "largest", "same_elements", "unspun", "oracle")
 
 
 class Unit(NamedTuple):
-    """One strike of one chain.
+    """One strike of all chains of a case.
 
     Args:
         arm, whip: Which case: of KINDS and of WHIPS.
         number: Of the strike.
-        joints, N: Of the chain.
     """
 
     arm: str
     whip: str
     number: int
-    joints: str
-    N: int
 
     @property
     def name(self) -> str:
         """What its file is called."""
         return "-".join(map(str, self))
 
-    @property
-    def chain(self) -> tuple[str, str, str, int]:
-        """Which row of the table it belongs to."""
-        return self.arm, self.whip, self.joints, self.N
 
-
-def units(count: int, nodes: tuple[int, ...]) -> Iterator[Unit]:
-    """All work, strike by strike, so that what is done first is of all cases."""
+def units(count: int) -> list[Unit]:
+    """All work, by turns of the cases, so that what is done first is of all of them."""
     cases = list(product(KINDS, WHIPS))
-    for i in range(count):
-        arm, whip = cases[i % len(cases)]
-        for joints, N in product(KINDS[arm], nodes):
-            yield Unit(arm, whip, i // len(cases), joints, N)
+    return [Unit(*cases[i % len(cases)], i // len(cases)) for i in range(count)]
 
 
 def profile(arm: str, whip: str) -> WhipProfile:
@@ -103,20 +92,15 @@ def profile(arm: str, whip: str) -> WhipProfile:
     return replace(uniform, density_taper=0.3, stiffness_taper=0.1, damping_taper=0.1)
 
 
-def model_of(unit: Unit) -> Model:
-    """The arm with its whip lumped into N nodes."""
-    base, whip = preset(unit.arm), profile(unit.arm, unit.whip)
-    inertia = 0.0
-    if unit.joints == "universal":  # the preset's, shared out among N
-        inertia = float(base.whip.per_node("node_inertia").sum()) / unit.N
-    return replace(base, whip=whip.lump(unit.N, joints=unit.joints, node_inertia=inertia))  # type: ignore[arg-type]
-
-
 @lru_cache
-def rollout_of(unit: Unit) -> CompiledRollout:
-    """Ours; `unit` is the first of its chain."""
-    controller = Controller() if unit.arm == "lemon2024" else Controller(constant_preset(unit.arm))
-    return CompiledRollout(model_of(unit), controller, timestep=TIMESTEP)
+def rollout_of(arm: str, whip: str, joints: str, N: int) -> CompiledRollout:
+    """Ours, of the arm with its whip lumped into N nodes."""
+    base, inertia = preset(arm), 0.0
+    if joints == "universal":  # the preset's, shared out among N
+        inertia = float(base.whip.per_node("node_inertia").sum()) / N
+    lumped = profile(arm, whip).lump(N, joints=joints, node_inertia=inertia)  # type: ignore[arg-type]
+    controller = Controller() if arm == "lemon2024" else Controller(constant_preset(arm))
+    return CompiledRollout(replace(base, whip=lumped), controller, timestep=TIMESTEP)
 
 
 @lru_cache
@@ -124,7 +108,7 @@ def strikes_of(arm: str, whip: str, count: int) -> np.ndarray:
     """The first random strikes of a case that pass near its target, (count, 2 a + 1); no faster than its joints are."""
     described = preset(arm).arm
     rng, found = np.random.default_rng(WHIPS.index(whip)), np.empty((0, 2 * described.n + 1))
-    rollout = rollout_of(Unit(arm, whip, 0, KINDS[arm][0], 12))
+    rollout = rollout_of(arm, whip, KINDS[arm][0], 12)
     while len(found) < count:
         some = default_bounds(described).sample(rng, 200)
         if ArmLimits.are_in(described):
@@ -134,34 +118,42 @@ def strikes_of(arm: str, whip: str, count: int) -> np.ndarray:
     return found[:count]
 
 
-def compared(unit: Unit, count: int) -> dict:
-    """How far our tip is from the rod's, or that our strike diverged; `count` strikes are drawn of each case."""
-    rollout = rollout_of(unit._replace(number=0))
-    strike, target = strikes_of(unit.arm, unit.whip, count)[unit.number], TARGETS[unit.arm]
-    path = rollout.trajectory(strike)
-    if path.diverged:
-        return {"diverged": True}
-    approach = path.approach(target)
-    time, hand = float(approach.time[0]), hand_path(rollout.model, path)
-    rod = CosseratWhip(profile(unit.arm, unit.whip), elements=ELEMENTS[unit.arm], gravity=rollout.model.gravity)
-    limits, finite = rod.limit([hand])
-    truth = limits.curve(0)
-    place = in_space(target)
-    nearest = closest_on_curve(truth, place, samples=len(limits.t))
-    result = {
-        "diverged": False,
-        "time": time,
-        "speed": float(approach.speed[0]),
-        "tip": away(path, truth, time),
-        "miss": abs(float(np.linalg.norm(truth(nearest) - place)) - float(approach.distance[0])),
-        "largest": max(away(path, truth, t) for t in path.t[::10]),
-        "oracle": float(np.linalg.norm(truth(time) - finite.curve(0)(time))),
-    }
-    if unit.number < TRACED:
-        for key, spins in (("same_elements", True), *([("unspun", False)] if unit.joints == "rod" else [])):
-            same = CosseratWhip(rod.profile, elements=unit.N, gravity=rod.gravity, spins=spins)
-            result[key] = away(path, same.limit([hand], elements=False)[0].curve(0), time)
-    return result
+def compared(unit: Unit, nodes: tuple[int, ...], count: int) -> dict[str, dict]:
+    """How far our tips are from the rods', by chain; `count` strikes are drawn of each case."""
+    arm, whip, number = unit
+    strike, target = strikes_of(arm, whip, count)[number], TARGETS[arm]
+    chains = list(product(KINDS[arm], nodes))
+    paths = {chain: rollout_of(arm, whip, *chain).trajectory(strike) for chain in chains}
+    ended = [chain for chain in chains if not paths[chain].diverged]
+    hands = [hand_path(rollout_of(arm, whip, *chain).model, paths[chain]) for chain in ended]
+    rod = CosseratWhip(profile(arm, whip), elements=ELEMENTS[arm], gravity=preset(arm).gravity)
+    limits, finite = rod.limit(hands)
+    results: dict[str, dict] = {chain_name(*chain): {"diverged": True} for chain in chains}
+    for i, (joints, N) in enumerate(ended):
+        path, truth = paths[joints, N], limits.curve(i)
+        approach, place = path.approach(target), in_space(target)
+        time = float(approach.time[0])
+        nearest = closest_on_curve(truth, place, samples=len(limits.t))
+        result = {
+            "diverged": False,
+            "time": time,
+            "speed": float(approach.speed[0]),
+            "tip": away(path, truth, time),
+            "miss": abs(float(np.linalg.norm(truth(nearest) - place)) - float(approach.distance[0])),
+            "largest": max(away(path, truth, t) for t in path.t[::10]),
+            "oracle": float(np.linalg.norm(truth(time) - finite.curve(i)(time))),
+        }
+        if number < TRACED and min(nodes) == N:
+            for key, spins in (("same_elements", True), ("unspun", False))[: 1 + (joints == "rod")]:
+                same = CosseratWhip(rod.profile, elements=N, gravity=rod.gravity, spins=spins)
+                result[key] = away(path, same.limit([hands[i]], elements=False)[0].curve(0), time)
+        results[chain_name(joints, N)] = result
+    return results
+
+
+def chain_name(joints: str, N: int) -> str:
+    """What a chain's results are called in a strike's file."""
+    return f"{joints}-{N}"
 
 
 def in_space(places: np.ndarray) -> np.ndarray:
@@ -175,8 +167,8 @@ def away(path: Trajectory, truth, time: float) -> float:
     return float(np.linalg.norm(tip - truth(time)))
 
 
-def results(todo: list[Unit], folder: Path | None) -> dict[Unit, dict]:
-    """Every unit's result, read where it was kept."""
+def results(todo: list[Unit], nodes: tuple[int, ...], folder: Path | None) -> dict[Unit, dict[str, dict]]:
+    """Every strike's results, read where they were kept."""
     found, count = {}, 1 + max(unit.number for unit in todo)
     with tqdm(todo, leave=False, unit=" strikes") as bar:
         for unit in bar:
@@ -185,32 +177,33 @@ def results(todo: list[Unit], folder: Path | None) -> dict[Unit, dict]:
             if kept is not None and kept.exists():
                 found[unit] = json.loads(kept.read_text())
                 continue
-            found[unit] = compared(unit, count)
+            found[unit] = compared(unit, nodes, count)
             if kept is not None:
                 write_whole(kept, json.dumps(found[unit]))
     return found
 
 
-def summary(found: dict[Unit, dict]) -> list[dict]:
-    """A row for each chain: medians and 95th percentiles [m]."""
+def summary(found: dict[Unit, dict[str, dict]], nodes: tuple[int, ...]) -> list[dict]:
+    """A row for each chain of each case: medians, and a 95th percentile [m]."""
     rows = []
-    for chain in dict.fromkeys(unit.chain for unit in found):
-        mine = [x for unit, x in found.items() if unit.chain == chain]
-        ended = [x for x in mine if not x["diverged"]]
-        row = dict(zip(("arm", "whip", "joints", "N"), chain, strict=True))
-        row |= {"strikes": len(ended), "diverged": len(mine) - len(ended)}
-        for key in ("tip", "miss", "largest", "oracle", "same_elements", "unspun", "speed"):
-            values = [x[key] for x in ended if key in x]
-            row[key] = float(np.median(values)) if values else None
-        row["tip_p95"] = float(np.percentile([x["tip"] for x in ended], 95)) if ended else None
-        rows.append(row)
+    for arm, whip in dict.fromkeys(unit[:2] for unit in found):
+        for joints, N in product(KINDS[arm], nodes):
+            mine = [x[chain_name(joints, N)] for unit, x in found.items() if unit[:2] == (arm, whip)]
+            ended = [x for x in mine if not x["diverged"]]
+            row = {"arm": arm, "whip": whip, "joints": joints, "N": N, "strikes": len(ended)}
+            row["diverged"] = len(mine) - len(ended)
+            for key in (*KEYS, "speed"):
+                values = [x[key] for x in ended if key in x]
+                row[key] = float(np.median(values)) if values else None
+            row["tip_p95"] = float(np.percentile([x["tip"] for x in ended], 95)) if ended else None
+            rows.append(row)
     return rows
 
 
-def uniform_tip(found: dict[Unit, dict], N: int) -> float:
+def uniform_tip(found: dict[Unit, dict[str, dict]], N: int) -> float:
     """Median of `tip` over uniform whips of N nodes, on hinges or of rods [m]."""
-    mine = (unit for unit in found if unit.whip == "uniform" and unit.joints != "universal" and unit.N == N)
-    return float(np.median([found[unit]["tip"] for unit in mine if not found[unit]["diverged"]]))
+    mine = [x[chain_name(KINDS[unit.arm][0], N)] for unit, x in found.items() if unit.whip == "uniform"]
+    return float(np.median([x["tip"] for x in mine if not x["diverged"]]))
 
 
 def main() -> None:
@@ -223,31 +216,29 @@ def main() -> None:
     arguments = parser.parse_args()
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != here]  # Numba would import `coverage` here
-    todo = list(units(1, (12,)) if arguments.quick else units(arguments.strikes, NODES))
+    nodes, todo = (NODES[:1], units(1)) if arguments.quick else (NODES, units(arguments.strikes))
     if arguments.folder is None:
-        found = results(todo, None)
+        found = results(todo, nodes, None)
     else:
         path = arguments.folder
         is_run = (path / "config.toml").exists()
         with RunFolder.open(path) if is_run else RunFolder.create(path, {"version": code_version()}) as run:
-            found = results(todo, run.path)
-    rows = summary(found)
-    headline = {f"uniform_tip_{N}": uniform_tip(found, N) for N in sorted({unit.N for unit in found})}
+            found = results(todo, nodes, run.path)
+    rows = summary(found, nodes)
+    headline = {f"uniform_tip_{N}": uniform_tip(found, N) for N in nodes}
     if arguments.json:
-        print(json.dumps({**headline, "strikes": len({unit[:3] for unit in found}), "rows": rows}))
+        print(json.dumps({**headline, "strikes": len(found), "rows": rows}))
         return
     print("tips of our chains against a Cosserat rod, medians over strikes [mm]; 95 %: 95th percentile of `tip`")
-    print("                                     strikes    tip   95 %   miss  largest  same elements  unspun  oracle")
+    names = ("strikes", "tip", "95 %", "miss", "largest", "same", "unspun", "oracle")
+    print(" " * 35 + f"{names[0]:>6s}" + "".join(f"{name:>8s}" for name in names[1:]))
     for row in rows:
-        mm = {key: "   -  " if row[key] is None else f"{1e3 * row[key]:6.2f}" for key in row if key in KEYS}
-        print(
-            f"  {row['arm']:10s} {row['whip']:8s} {row['joints']:10s} {row['N']:3d} {row['strikes']:5d} {mm['tip']} "
-            f"{mm['tip_p95']} {mm['miss']}   {mm['largest']}         {mm['same_elements']}  {mm['unspun']}  {mm['oracle']}"
-        )
-    print("  uniform, hinges and rods: " + ", ".join(f"{1e3 * x:.2f} mm ({key[12:]} nodes)" for key, x in headline.items()))
+        which = f"{row['arm']:10s} {row['whip']:8s} {row['joints']:10s} {row['N']:3d} {row['strikes']:5d}"
+        values = (row[key] for key in ("tip", "tip_p95", "miss", "largest", "same_elements", "unspun", "oracle"))
+        print(f"  {which}" + "".join("       -" if x is None else f"{1e3 * x:8.2f}" for x in values))
+    for N in nodes:
+        print(f"  uniform, on hinges or of rods, {N} nodes: {1e3 * headline[f'uniform_tip_{N}']:.2f} mm")
 
-
-KEYS = ("tip", "tip_p95", "miss", "largest", "same_elements", "unspun", "oracle")
 
 if __name__ == "__main__":
     main()
