@@ -2,13 +2,15 @@
 
 Random strikes that pass the target within 0.3 m, of three arms: that of the paper in the plane (`lemon2024`, hinges), a
 person's in space (`nah2023`) and a robot with a rope (`ur5e`), these with rods and with universal joints; each with its
-whip as a uniform profile, and tapered. The profile is lumped into N = 12, 24 and
-36 nodes; the hand's path in that strike, what the whip did to the arm included, moves the handle of a PyElastica rod of
-the same profile, extrapolated to infinitely many elements, stiff and thin. `tip`: distance of the two tips when ours is
-closest to the target. `miss`: difference of the two closest approaches. `largest`: of the two tips over the whole
-strike. `same_elements`: like `tip`, of a rod of N elements (two strikes of each case, N = 12): what remains is
-no matter of how many nodes there are. `unspun`: likewise, of N elements that cannot turn about their own axes, as the rods of our
-chains cannot. `oracle`: how far the extrapolation moved the rod's tip, several times its error.
+whip as a uniform profile, and tapered. The profile is lumped into N = 12, 24 and 36 nodes; the hand's path in that
+strike, what the whip did to the arm included, moves the handle of a PyElastica rod of the same profile, extrapolated to
+infinitely many elements, stiff and thin. In millimetres, medians over strikes:
+
+- `tip`: distance of the two tips when ours is closest to the target; `95 %`: its 95th percentile.
+- `miss`: difference of the two closest approaches; `largest`: of the two tips over the whole strike.
+- `same`: like `tip`, of a rod of N elements (two strikes of each case, N = 12): no matter of how many nodes there are.
+- `unspun`: likewise, of N elements that cannot turn about their own axes, as the rods of our chains cannot.
+- `oracle`: how far the extrapolation moved the rod's tip, several times its error.
 
     python benchmarks/cosserat.py [--quick] [--json] [--strikes 100] [--folder FOLDER]
 
