@@ -12,7 +12,7 @@ infinitely many elements, stiff and thin. In millimetres, medians over strikes:
 - `unspun`: likewise, of N elements that cannot turn about their own axes, as the rods of our chains cannot.
 - `oracle`: how far the extrapolation moved the rod's tip, several times its error.
 
-    python benchmarks/cosserat.py [--quick] [--json] [--strikes 100] [--folder FOLDER]
+    python benchmarks/cosserat.py [--quick] [--json] [--strikes 100] [--undamped] [--folder FOLDER]
 
 `--strikes` in all, by turns of the six cases. With `--folder` each strike is kept there, and the same command goes on.
 Needs the extra `oracle`.
@@ -61,33 +61,35 @@ class Unit(NamedTuple):
     Args:
         arm, whip: Which case: of KINDS and of WHIPS.
         number: Of the strike.
+        damped: Whether the whip is; otherwise its nodes have no moment of inertia, either.
     """
 
     arm: str
     whip: str
     number: int
+    damped: bool = True
 
     @property
     def name(self) -> str:
         """What its file is called."""
-        return "-".join(map(str, self))
+        return "-".join(map(str, self[:3])) + ("" if self.damped else "-undamped")
 
 
-def units(count: int) -> list[Unit]:
+def units(count: int, damped: bool) -> list[Unit]:
     """All work, by turns of the cases, so that what is done first is of all of them."""
     cases = list(product(KINDS, WHIPS))
-    return [Unit(*cases[i % len(cases)], i // len(cases)) for i in range(count)]
+    return [Unit(*cases[i % len(cases)], i // len(cases), damped) for i in range(count)]
 
 
-def profile(arm: str, whip: str) -> WhipProfile:
-    """The preset's whip as a profile, uniform or tapered."""
+def profile(arm: str, whip: str, damped: bool) -> WhipProfile:
+    """The preset's whip as a profile, uniform or tapered, with its damping or without."""
     lumped = preset(arm).whip
     link = float(lumped.per_node("l")[1])
     uniform = WhipProfile(
         length=lumped.length,
         linear_density=lumped.mass / lumped.length,
         bending_stiffness=float(lumped.per_node("k")[1]) * link,
-        bending_damping=float(lumped.per_node("b")[1]) * link,
+        bending_damping=damped * float(lumped.per_node("b")[1]) * link,
     )
     if whip == "uniform":
         return uniform
@@ -95,12 +97,12 @@ def profile(arm: str, whip: str) -> WhipProfile:
 
 
 @lru_cache
-def rollout_of(arm: str, whip: str, joints: str, N: int) -> CompiledRollout:
+def rollout_of(arm: str, whip: str, damped: bool, joints: str, N: int) -> CompiledRollout:
     """Ours, of the arm with its whip lumped into N nodes."""
     base, inertia = preset(arm), 0.0
-    if joints == "universal":  # the preset's, shared out among N
+    if joints == "universal" and damped:  # the preset's, shared out among N
         inertia = float(base.whip.per_node("node_inertia").sum()) / N
-    lumped = profile(arm, whip).lump(N, joints=joints, node_inertia=inertia)  # type: ignore[arg-type]
+    lumped = profile(arm, whip, damped).lump(N, joints=joints, node_inertia=inertia)  # type: ignore[arg-type]
     controller = Controller() if arm == "lemon2024" else Controller(constant_preset(arm))
     return CompiledRollout(replace(base, whip=lumped), controller, timestep=TIMESTEP)
 
@@ -110,7 +112,7 @@ def strikes_of(arm: str, whip: str, count: int) -> np.ndarray:
     """The first random strikes of a case that pass near its target, (count, 2 a + 1); no faster than its joints are."""
     described = preset(arm).arm
     rng, found = np.random.default_rng(WHIPS.index(whip)), np.empty((0, 2 * described.n + 1))
-    rollout = rollout_of(arm, whip, KINDS[arm][0], 12)
+    rollout = rollout_of(arm, whip, True, KINDS[arm][0], 12)
     while len(found) < count:
         some = default_bounds(described).sample(rng, 200)
         if ArmLimits.are_in(described):
@@ -122,13 +124,13 @@ def strikes_of(arm: str, whip: str, count: int) -> np.ndarray:
 
 def compared(unit: Unit, nodes: tuple[int, ...], count: int) -> dict[str, dict]:
     """How far our tips are from the rods', by chain; `count` strikes are drawn of each case."""
-    arm, whip, number = unit
+    arm, whip, number, damped = unit
     strike, target = strikes_of(arm, whip, count)[number], TARGETS[arm]
     chains = list(product(KINDS[arm], nodes))
-    paths = {chain: rollout_of(arm, whip, *chain).trajectory(strike) for chain in chains}
+    paths = {chain: rollout_of(arm, whip, damped, *chain).trajectory(strike) for chain in chains}
     ended = [chain for chain in chains if not paths[chain].diverged]
-    hands = [hand_path(rollout_of(arm, whip, *chain).model, paths[chain]) for chain in ended]
-    rod = CosseratWhip(profile(arm, whip), elements=ELEMENTS[arm], gravity=preset(arm).gravity)
+    hands = [hand_path(rollout_of(arm, whip, damped, *chain).model, paths[chain]) for chain in ended]
+    rod = CosseratWhip(profile(arm, whip, damped), elements=ELEMENTS[arm], gravity=preset(arm).gravity)
     limits, finite = rod.limit(hands)
     results: dict[str, dict] = {chain_name(*chain): {"diverged": True} for chain in chains}
     for i, (joints, N) in enumerate(ended):
@@ -214,11 +216,15 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one strike in the plane, of 12 nodes")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     parser.add_argument("--strikes", type=int, default=100, help="in all (default 100)")
+    parser.add_argument(
+        "--undamped", action="store_true", help="whips without damping, nodes without moment of inertia"
+    )
     parser.add_argument("--folder", type=Path, help="keep each strike there, and go on where it was left")
     arguments = parser.parse_args()
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != here]  # Numba would import `coverage` here
-    nodes, todo = (NODES[:1], units(1)) if arguments.quick else (NODES, units(arguments.strikes))
+    damped = not arguments.undamped
+    nodes, todo = (NODES[:1], units(1, damped)) if arguments.quick else (NODES, units(arguments.strikes, damped))
     if arguments.folder is None:
         found = results(todo, nodes, None)
     else:

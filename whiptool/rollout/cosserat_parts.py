@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import elastica as ea
+import elastica as ea  # pyright: ignore[reportMissingImports]  # of the extra `oracle`
 import numpy as np
-from numba import njit
+from numba import njit  # pyright: ignore[reportMissingImports]
 
 
 class Bench(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):
