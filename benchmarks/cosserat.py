@@ -12,9 +12,9 @@ infinitely many elements, stiff and thin. In millimetres, medians over strikes:
 - `unspun`: likewise, of N elements that cannot turn about their own axes, as the rods of our chains cannot.
 - `oracle`: how far the extrapolation moved the rod's tip, several times its error.
 
-    python benchmarks/cosserat.py [--quick] [--json] [--strikes 100] [--undamped] [--folder FOLDER]
+    python benchmarks/cosserat.py [--quick] [--json] [--strikes 100] [--arms ARM ...] [--undamped] [--folder FOLDER]
 
-`--strikes` in all, by turns of the six cases. With `--folder` each strike is kept there, and the same command goes on.
+`--strikes` in all, by turns of the cases. With `--folder` each strike is kept there, and the same command goes on.
 Needs the extra `oracle`.
 """
 
@@ -75,9 +75,9 @@ class Unit(NamedTuple):
         return "-".join(map(str, self[:3])) + ("" if self.damped else "-undamped")
 
 
-def units(count: int, damped: bool) -> list[Unit]:
+def units(count: int, damped: bool, arms: list[str]) -> list[Unit]:
     """All work, by turns of the cases, so that what is done first is of all of them."""
-    cases = list(product(KINDS, WHIPS))
+    cases = list(product(arms, WHIPS))
     return [Unit(*cases[i % len(cases)], i // len(cases), damped) for i in range(count)]
 
 
@@ -219,12 +219,17 @@ def main() -> None:
     parser.add_argument(
         "--undamped", action="store_true", help="whips without damping, nodes without moment of inertia"
     )
+    parser.add_argument("--arms", nargs="+", choices=list(KINDS), default=list(KINDS), help="of these only")
     parser.add_argument("--folder", type=Path, help="keep each strike there, and go on where it was left")
     arguments = parser.parse_args()
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != here]  # Numba would import `coverage` here
     damped = not arguments.undamped
-    nodes, todo = (NODES[:1], units(1, damped)) if arguments.quick else (NODES, units(arguments.strikes, damped))
+    nodes, todo = (
+        (NODES[:1], units(1, damped, list(KINDS)))
+        if arguments.quick
+        else (NODES, units(arguments.strikes, damped, arguments.arms))
+    )
     if arguments.folder is None:
         found = results(todo, nodes, None)
     else:
