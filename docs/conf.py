@@ -5,6 +5,7 @@ from __future__ import annotations
 import pkgutil
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -32,6 +33,8 @@ nb_execution_mode = "off"  # the tests execute the notebooks; here they come wit
 autodoc_default_options = {"members": True, "ignore-module-all": True}
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
+# of the extra `oracle`, which a base class comes from
+autodoc_mock_imports = [name for name in ("elastica", "numba") if find_spec(name) is None]
 autodoc_typehints = "signature"
 napoleon_numpy_docstring = False
 napoleon_preprocess_types = False

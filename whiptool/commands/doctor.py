@@ -23,6 +23,7 @@ EXTRAS = {
     "rig": ("dynamixel-sdk", "pyrealsense2"),
     "io": ("pyarrow", "rosbags", "ezc3d"),
     "cluster": ("ray",),
+    "oracle": ("pyelastica", "numba"),
 }
 
 

@@ -1,0 +1,224 @@
+"""An oracle for whips: the profile as a Cosserat rod in PyElastica, which shares no formula with our chains.
+
+The rod hangs on the hand by a ball joint, as a whip's free first joint has it, and the hand's path is given. It is what
+a `WhipProfile` describes before it is lumped: linear density, bending stiffness and damping are taken where they stand,
+the tip's mass rides on the last node. What an inextensible beam without sections has not, a rod must have; it is chosen
+so that it does not matter:
+
+- Extension and shear have the stiffness `linear_density wave_speed^2`, so that stretching waves run at `wave_speed`: a
+  whip whose parts move with v stretches by the order of (v / wave_speed)^2.
+- Sections turn with the inertia of a round rod of `radius`, `linear_density radius^2 / 4` per length, alike about all
+  axes: waves shorter than some radii are slowed.
+
+The largest stable step is `1 / (wave_speed sqrt(1 / element^2 + 1 / radius^2))`; a whip that must be truer costs more.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from whiptool.errors import InputError, WhiptoolError
+from whiptool.models.kinematics import arm_frames
+from whiptool.models.numbers import number, whole
+from whiptool.models.parameters import Model
+from whiptool.models.profile import WhipProfile
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.rollout.energy import joint_velocities
+from whiptool.rollout.trajectory import Trajectory, joint_points
+
+_SHARE_OF_LIMIT = 0.9  # of the largest stable step
+
+
+def hand_path(model: Model, trajectory: Trajectory) -> CubicHermiteSpline:
+    """Return the hand's position over time (3,) [m] in a trajectory, as a smooth curve through its instants.
+
+    What the whip did to the arm is in it. In the plane, the path is in x and z.
+    """
+    a, q, v = model.arm.n, trajectory.q, trajectory.v
+    if isinstance(model.arm, SpatialArm):
+        hand = arm_frames(model.arm, q[:, :a], v[:, :a])[-1]
+        return CubicHermiteSpline(trajectory.t, hand.origin, hand.velocity)
+    points, velocities = joint_points(model, q)[:, a], joint_velocities(model, q, v)[:, a]
+    zero = np.zeros(len(points))
+    place, speed = (np.stack([x[:, 0], zero, x[:, 1]], axis=1) for x in (points, velocities))
+    return CubicHermiteSpline(trajectory.t, place, speed)
+
+
+class TipPaths(NamedTuple):
+    """How the tips of B rods moved.
+
+    Args:
+        t: Times [s], (T,).
+        tip: [m], (B, T, 3).
+        velocity: [m/s], (B, T, 3).
+    """
+
+    t: np.ndarray
+    tip: np.ndarray
+    velocity: np.ndarray
+
+    def curve(self, i: int) -> CubicHermiteSpline:
+        """Return the smooth path of tip i."""
+        return CubicHermiteSpline(self.t, self.tip[i], self.velocity[i])
+
+
+class CosseratWhip:
+    """A whip as a Cosserat rod.
+
+    Args:
+        profile: Without rest curvature.
+        elements: Of the rod, at least 3.
+        wave_speed: Of stretching and shearing [m/s].
+        radius: Of the sections, for their inertia [m].
+        gravity: [m/s^2]
+        timestep: [s]; default: somewhat below the largest that is stable.
+        spins: Whether sections turn about the rod's own axis, as they do; False: they cannot, as in our chains of rods.
+
+    Raises:
+        InputError: A number is out of range, or the profile is curved at rest.
+        WhiptoolError: PyElastica is missing.
+    """
+
+    def __init__(
+        self,
+        profile: WhipProfile,
+        *,
+        elements: int = 24,
+        wave_speed: float = 400.0,
+        radius: float = 0.016,
+        gravity: float = 9.81,
+        timestep: float | None = None,
+        spins: bool = True,
+    ) -> None:
+        if profile.rest_curvature:
+            raise InputError("rest_curvature", profile.rest_curvature, "0 for a whip that hangs straight down")
+        self._elastica, self._parts = elastica()
+        self.profile, self.elements = profile, whole("elements", elements, low=3)
+        self.wave_speed = number("wave_speed", wave_speed, low=0, strict=True)
+        self.radius = number("radius", radius, low=0, strict=True)
+        self.gravity, self.spins = number("gravity", gravity), spins
+        shortest = math.hypot(self.elements / profile.length, 1 / self.radius)  # [1/m]
+        limit = 1 / (self.wave_speed * shortest)
+        self.timestep = number("timestep", timestep or _SHARE_OF_LIMIT * limit, low=0, high=limit, strict=True)
+
+    def swing(self, hands: Sequence[CubicHermiteSpline], *, rate: float = 1000.0) -> TipPaths:
+        """Return how the tip moves while the hand follows a path, for each of B paths; all are computed at once.
+
+        Args:
+            hands: Positions over time from 0 on (3,) [m]. The whip hangs at rest at first; where a path ends before the
+                longest, its hand stays.
+            rate: Times a second that the tip is recorded [1/s].
+
+        Raises:
+            WhiptoolError: A rod left all bounds: the step is too large.
+        """
+        end = max(float(hand.x[-1]) for hand in hands)
+        per_sample = max(1, math.ceil(1 / (rate * self.timestep)))
+        h = 1 / (rate * per_sample)
+        samples = math.ceil(end * rate - 1e-9)
+        halves = np.arange(2 * samples * per_sample + 1) * (h / 2)
+        bench, rods = self._parts.Bench(), []
+        for hand in hands:
+            rods.append(self.add_hanging(bench, hand(0.0), h))
+            times = np.minimum(halves, hand.x[-1])
+            path = {"places": hand(times), "velocities": hand(times, 1), "half": h / 2}
+            bench.constrain(rods[-1]).using(self._parts.MovedHand, **path)
+        bench.finalize()
+        tips, velocities = np.empty((2, len(hands), samples + 1, 3))
+        stepper, time = self._elastica.PositionVerlet(), np.float64(0.0)
+        for i in range(samples + 1):
+            for _ in range(per_sample if i else 0):
+                time = stepper.step(bench, time, h)
+            for k, rod in enumerate(rods):
+                tips[k, i], velocities[k, i] = rod.position_collection[:, -1], rod.velocity_collection[:, -1]
+        if not np.isfinite(tips).all():
+            raise WhiptoolError(f"the Cosserat rod left all bounds at a step of {h:.3g} s: make it smaller")
+        return TipPaths(np.arange(samples + 1) / rate, tips, velocities)
+
+    def limit(
+        self, hands: Sequence[CubicHermiteSpline], *, rate: float = 1000.0, elements: bool = True
+    ) -> tuple[TipPaths, TipPaths]:
+        """Return how the tip moves where the rod is infinitely fine and stiff, and, to judge that by, this rod's.
+
+        What elements, waves and sections do is of second order in each: Richardson's extrapolation from this rod and
+        the one that is twice as coarse in all of them takes it away.
+
+        Args:
+            hands, rate: See `swing`.
+            elements: Whether elements are made infinitely fine, too; otherwise there are as many as this rod has.
+
+        Raises:
+            InputError: The number of elements is odd and to be halved.
+            WhiptoolError: See `swing`.
+        """
+        if elements and self.elements % 2:
+            raise InputError("elements", self.elements, "an even number, to be halved")
+        coarse = CosseratWhip(
+            self.profile,
+            elements=self.elements // 2 if elements else self.elements,
+            wave_speed=self.wave_speed / 2,
+            radius=2 * self.radius,
+            gravity=self.gravity,
+            spins=self.spins,
+        )
+        ours, other = self.swing(hands, rate=rate), coarse.swing(hands, rate=rate)
+        tip, velocity = ((4 * x - y) / 3 for x, y in zip(ours[1:], other[1:], strict=True))
+        return TipPaths(ours.t, tip, velocity), ours
+
+    def add_hanging(self, bench: Any, place: np.ndarray, h: float) -> Any:
+        """Return a rod at rest straight below a place (3,), with its weight, damping and drag in a bench of step h."""
+        profile, n = self.profile, self.elements
+        element = profile.length / n
+        middles, inner = (np.arange(n) + 0.5) / n, np.arange(1, n) / n  # of the elements, and nodes between them
+        density = profile.linear_density * profile.density_taper**middles  # [kg/m]
+        stiffness = profile.bending_stiffness * profile.stiffness_taper**inner
+        damping = profile.bending_damping * profile.damping_taper**inner
+        rod = self._elastica.CosseratRod.straight_rod(
+            n,
+            place,
+            np.array([0.0, 0.0, -1.0]),
+            np.array([0.0, 1.0, 0.0]),
+            profile.length,
+            self.radius,
+            density / (math.pi * self.radius**2),
+            youngs_modulus=1.0,  # stiffness is given below
+        )
+        inertia = density * element * self.radius**2 / 4
+        unit = np.eye(3)[..., None]
+        rod.mass_second_moment_of_inertia[:] = inertia * unit
+        rod.inv_mass_second_moment_of_inertia[:] = unit / inertia
+        rod.shear_matrix[:] = density * self.wave_speed**2 * unit
+        rod.bend_matrix[:] = stiffness * unit
+        if not self.spins:
+            rod.bend_matrix[2, 2] = 0.0
+        rod.mass[-1] += profile.tip_mass
+        below = np.cumsum(rod.mass[:0:-1])[::-1]  # what hangs on each element [kg]
+        strain = self.gravity * below / (density * self.wave_speed**2)
+        rod.position_collection[2, 1:] -= np.cumsum(strain * element)
+        bench.append(rod)
+        bench.add_forcing_to(rod).using(self._elastica.GravityForces, np.array([0.0, 0.0, -self.gravity]))
+        if damping.any() or not self.spins:
+            damper = self._parts.BendingDamper if self.spins else self._parts.UnspunDamper
+            bench.dampen(rod).using(damper, damping=damping, inertia=inertia, timestep=h)
+        if profile.drag:
+            drag = profile.drag * element * np.r_[0.5, np.ones(n - 1), 0.5]
+            bench.add_forcing_to(rod).using(self._parts.Drag, drag)
+        return rod
+
+
+def elastica() -> tuple[Any, Any]:
+    """Return PyElastica and our parts for it.
+
+    Raises:
+        WhiptoolError: It is not installed, or does not load.
+    """
+    try:
+        return importlib.import_module("elastica"), importlib.import_module("whiptool.rollout.cosserat_parts")
+    except ImportError as error:
+        raise WhiptoolError(f"PyElastica does not load ({error}): pip install whiptool[oracle]") from error

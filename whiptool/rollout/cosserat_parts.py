@@ -1,0 +1,128 @@
+"""What PyElastica lacks for a whip: a hand that moves, bending damped as Kelvin and Voigt have it, quadratic drag.
+
+Imported where PyElastica is needed; see `whiptool.rollout.cosserat`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import elastica as ea  # pyright: ignore[reportMissingImports]  # of the extra `oracle`
+import numpy as np
+from numba import njit  # pyright: ignore[reportMissingImports]
+
+
+class Bench(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):
+    """Rods that are moved, forced and damped."""
+
+
+class MovedHand(ea.ConstraintBase):
+    """A rod's first node follows a path; the rod turns about it freely.
+
+    Args:
+        places, velocities: At every half step, (2 steps + 1, 3) [m], [m/s].
+        half: Half a step [s].
+    """
+
+    def __init__(self, places: np.ndarray, velocities: np.ndarray, half: float, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.places, self.velocities, self.half = places, velocities, half
+
+    def constrain_values(self, system: Any, time: Any) -> None:
+        """Put the node where the hand is."""
+        system.position_collection[:, 0] = self.places[round(time / self.half)]
+
+    def constrain_rates(self, system: Any, time: Any) -> None:
+        """Give the node the hand's velocity."""
+        system.velocity_collection[:, 0] = self.velocities[round(time / self.half)]
+
+
+class BendingDamper(ea.DamperBase):
+    """Neighbouring elements resist turning against each other: a moment `damping` per rate of curvature.
+
+    The step is implicit in the angular velocities, so that no damping is too large: with W those of the elements in the
+    world, `inertia (W' - W) / h = damping's moments at W'`, a system with three diagonals, whose factors do not change.
+
+    Args:
+        damping: Of every inner node, (elements - 1,) [N m^2 s].
+        inertia: Moment of inertia of every element, the same about all axes, (elements,) [kg m^2].
+        timestep: [s]
+    """
+
+    def __init__(self, damping: np.ndarray, inertia: np.ndarray, timestep: float, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        beside = timestep * damping / self._system.rest_voronoi_lengths
+        self.inertia, self.beside = inertia, beside
+        diagonal = inertia + np.r_[0.0, beside] + np.r_[beside, 0.0]
+        for i in range(1, len(diagonal)):  # Gauss's elimination
+            diagonal[i] -= beside[i - 1] ** 2 / diagonal[i - 1]
+        self.diagonal = diagonal
+
+    def dampen_rates(self, system: Any, time: Any) -> None:
+        """Take a step."""
+        _dampen(system.director_collection, system.omega_collection, self.inertia, self.beside, self.diagonal)
+
+
+@njit(cache=True)  # type: ignore
+def _dampen(
+    directors: np.ndarray, omega: np.ndarray, inertia: np.ndarray, beside: np.ndarray, diagonal: np.ndarray
+) -> None:
+    """Solve for the new angular velocities, in the elements' own axes (3, elements), in place."""
+    n = omega.shape[1]
+    turning = np.zeros((n, 3))  # in the world
+    for i in range(n):
+        for j in range(3):
+            for k in range(3):
+                turning[i, j] += inertia[i] * directors[k, j, i] * omega[k, i]
+        if i > 0:
+            for j in range(3):
+                turning[i, j] += beside[i - 1] / diagonal[i - 1] * turning[i - 1, j]
+    for j in range(3):
+        turning[n - 1, j] /= diagonal[n - 1]
+    for i in range(n - 2, -1, -1):
+        for j in range(3):
+            turning[i, j] = (turning[i, j] + beside[i] * turning[i + 1, j]) / diagonal[i]
+    for i in range(n):
+        for k in range(3):
+            omega[k, i] = 0.0
+            for j in range(3):
+                omega[k, i] += directors[k, j, i] * turning[i, j]
+
+
+class UnspunDamper(BendingDamper):
+    """The same between elements that do not turn about their own axes: what of a moment is along them is lost.
+
+    No material is so. Our chains' rods are, `whiptool.dynamics.rods`; this shows what that does.
+    """
+
+    def __init__(self, damping: np.ndarray, inertia: np.ndarray, timestep: float, **kwargs: Any) -> None:
+        super().__init__(damping, inertia, timestep, **kwargs)
+        self.between = np.diag(np.r_[0.0, self.beside] + np.r_[self.beside, 0.0])
+        self.between -= np.diag(self.beside, 1) + np.diag(self.beside, -1)
+
+    def dampen_rates(self, system: Any, time: Any) -> None:
+        """Take a step, in the two directions across each element."""
+        Q, omega = system.director_collection, system.omega_collection
+        n = len(self.inertia)
+        facing = np.einsum("kci,lcj->ikjl", Q[:2], Q[:2])  # an element's axes across in another's, (n, 2, n, 2)
+        moments = (self.between[:, None, :, None] * facing).reshape(2 * n, 2 * n)
+        inertia = np.repeat(self.inertia, 2)
+        turning = np.linalg.solve(np.diag(inertia) + moments, inertia * omega[:2].T.ravel())
+        omega[:2], omega[2] = turning.reshape(n, 2).T, 0.0
+
+
+class Drag(ea.NoForces):
+    """Quadratic drag of each node, the same in all directions: `-drag |v| v`.
+
+    Args:
+        drag: Of each node, (elements + 1,) [N s^2/m^2].
+    """
+
+    def __init__(self, drag: np.ndarray) -> None:
+        super().__init__()
+        self.drag = drag
+
+    def apply_forces(self, system: Any, time: Any = 0.0) -> None:
+        """Add the force."""
+        v = system.velocity_collection
+        system.external_forces -= self.drag * np.sqrt((v**2).sum(axis=0)) * v
