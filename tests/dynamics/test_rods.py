@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from random_space import held, loop_of, pinocchio_arm_of, random_arm, random_whip
+from random_space import held, loop_of, pinocchio_arm_of, random_arm, random_rods, random_whip
 from slopes import compare
 
 from whiptool.dynamics.closed_loop import Structure
@@ -20,12 +20,6 @@ from whiptool.models.parameters import Model, WhipParameters
 from whiptool.models.spatial_arm import SpatialArm, SpatialLink
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.engine import RUNGS
-
-
-def random_rods(seed: int, a: int, N: int, *, forces: bool = True) -> Model:
-    rng = np.random.default_rng(seed)
-    whip = replace(random_whip(rng, N, forces=forces), joints="rod", node_inertia=0.0)
-    return Model(whip, random_arm(rng, a, prismatic=1 if a > 2 and seed % 2 else -1))
 
 
 def random_state(model: Model, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

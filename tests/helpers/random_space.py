@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -87,6 +89,13 @@ def random_model(seed: int, a: int, N: int, *, forces: bool = False) -> Model:
     prismatic = int(rng.integers(a)) if a > 2 and seed % 2 else -1
     massless = 0 if a > 2 and prismatic != 0 and seed % 4 == 0 else -1
     return Model(random_whip(rng, N, forces=forces), random_arm(rng, a, prismatic=prismatic, massless=massless))
+
+
+def random_rods(seed: int, a: int, N: int, *, forces: bool = True) -> Model:
+    """A whip of rods on a random arm, of which one joint may slide; with drag and dry friction if `forces`."""
+    rng = np.random.default_rng(seed)
+    whip = replace(random_whip(rng, N, forces=forces), joints="rod", node_inertia=0.0)
+    return Model(whip, random_arm(rng, a, prismatic=1 if a > 2 and seed % 2 else -1))
 
 
 def held(a: int) -> Controller:

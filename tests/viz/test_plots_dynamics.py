@@ -57,12 +57,16 @@ def test_speeds_in_space_are_those_of_the_places():
     np.testing.assert_allclose(ax.lines[0].get_ydata(), speed, rtol=1e-4)
 
 
-def test_what_is_for_the_plane_says_so():
-    model, e = preset("nah2023"), energies(LEMON, turning())
-    with pytest.raises(InputError, match="in the plane, for an image of energies"):
-        plots_dynamics.plot_energy_flow(Figure().subplots(), e, model)
-    with pytest.raises(InputError, match="in the plane, for mode shapes"):
-        plots_dynamics.plot_mode_shapes(Figure().subplots(), hanging_modes(LEMON), model)
+def test_energies_in_space_are_drawn_node_by_node():
+    model = preset("nah2023")
+    path = swing(model, instants=50)
+    e = energies(model, path)
+    image, *_ = plots_dynamics.plot_energy_flow(Figure().subplots(), e, model).collections
+    shown = np.asarray(image.get_array())
+    speed = np.linalg.norm(np.gradient(joint_points(model, path.q), path.t, axis=0, edge_order=2), axis=-1)[:, 5:]
+    expected = 1e3 * model.whip.per_node("m") * speed**2 / 2
+    assert shown.shape == (25, 50)
+    np.testing.assert_allclose(shown[:, 25], expected[25], rtol=0.05)
 
 
 def test_the_image_shows_each_node_where_it_is():

@@ -101,14 +101,26 @@ def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tu
     return np.concatenate([points, nodes], axis=-2), np.concatenate([velocities, speeds], axis=-2)
 
 
-def _universal(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities (..., N, 3) of nodes on universal joints, q and v (..., 2 N)."""
+def universal_frames(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> list[MovingFrame]:
+    """Return the frame at each of N universal nodes.
+
+    Args:
+        hand: The frame of the hand, for states of any shape (...).
+        lengths: Of the links [m], (N,).
+        q, v: Positions and speeds of the hinges [rad, rad/s], (..., 2 N).
+    """
     frame, frames = hand, []
     for i, length in enumerate(lengths):
         for j, axis in enumerate(UNIVERSAL, start=2 * i):
             frame = frame.hinged(axis, q[..., j], v[..., j])
         frame = frame.carried((0.0, 0.0, -length))
         frames.append(frame)
+    return frames
+
+
+def _universal(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (..., N, 3) of nodes on universal joints, q and v (..., 2 N)."""
+    frames = universal_frames(hand, lengths, q, v)
     return np.stack([f.origin for f in frames], axis=-2), np.stack([f.velocity for f in frames], axis=-2)
 
 

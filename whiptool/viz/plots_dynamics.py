@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 
 from whiptool.dynamics.modes import Modes
 from whiptool.errors import InputError
-from whiptool.models.kinematics import chain_motion
 from whiptool.models.parameters import Model
 from whiptool.rollout.energy import Energies, joint_velocities
 from whiptool.rollout.trajectory import Trajectory
@@ -31,11 +30,7 @@ def plot_energy_flow(ax: Axes, energies: Energies, model: Model) -> Axes:
     """Kinetic energy of every node [mJ] over time [s] and distance from the hand [m], as an image with a colour bar.
 
     The line follows the centre of the whip's kinetic energy, where it has at least 2 % of its largest.
-
-    Raises:
-        InputError: The model is in space.
     """
-    _check_plane(model, "an image of energies")
     s, kinetic = along_whip(model), energies.kinetic[:, model.arm.n :]  # (T, N)
     # each node's cell reaches halfway to its neighbours; the hand's own half has no node
     edges = np.r_[s[0], (s[1:-1] + s[2:]) / 2, s[-1]] if model.whip.N > 1 else s
@@ -122,10 +117,7 @@ def plot_speed_along_whip(
         color: A key of `whiptool.viz.plots.COLORS`.
         marker: Of matplotlib.
     """
-    if model.dimension == 3:
-        velocity = chain_motion(model, trajectory.q, trajectory.v)[1][:, model.arm.n :]  # (T, N + 1, 3)
-    else:
-        velocity = joint_velocities(model, trajectory.q, trajectory.v)[:, model.arm.n :]  # (T, N + 1, 2)
+    velocity = joint_velocities(model, trajectory.q, trajectory.v)[:, model.arm.n :]  # (T, N + 1, 2 or 3)
     largest = np.linalg.norm(velocity, axis=-1).max(axis=0)
     ax.plot(along_whip(model), largest, marker=marker, markersize=4.5, color=COLORS[color], label=label)
     ax.set(xlabel="distance from the hand [m]", ylabel="largest speed [m/s]")
