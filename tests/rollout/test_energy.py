@@ -126,7 +126,9 @@ def test_what_is_stored_in_space_is_the_work_less_the_losses(joints):
     """Of arms with friction and whips with drag, dry friction, dampers and cubic springs."""
     model = SPACE[joints]
     found = [
-        energies(model, CompiledRollout(model, STIFF, timestep=h, engine="interpreter").trajectory(IN_SPACE, t_stay=0.1))
+        energies(
+            model, CompiledRollout(model, STIFF, timestep=h, engine="interpreter").trajectory(IN_SPACE, t_stay=0.1)
+        )
         for h in (5e-4, 2.5e-4)
     ]
     assert found[1].work.max() > 0.5

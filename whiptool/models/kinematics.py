@@ -1,4 +1,4 @@
-"""Where the joints of an arm and whip in space are, and how they move: forward kinematics in NumPy."""
+"""Where the joints of an arm and whip are and, in space, how they move: forward kinematics in NumPy."""
 
 from __future__ import annotations
 
@@ -77,6 +77,19 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
         frame = move(link.axis, q[..., i], v[..., i])
         frames.append(frame)
     return [*frames, frame.carried(arm.hand_position).turned(arm.hand_rotation)]
+
+
+def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
+    """Positions of shoulder, joints and tip [m], shape (..., n + 1, 2), for joint positions q of shape (..., n).
+
+    In space those of the a joints of the arm, the hand and the N nodes, (..., a + 1 + N, 3).
+    """
+    if model.dimension == 3:
+        return chain_motion(model, q)[0]
+    theta = np.cumsum(q, axis=-1)
+    l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
+    steps = np.stack([l * np.sin(theta), -l * np.cos(theta)], axis=-1)
+    return np.concatenate([np.zeros((*steps.shape[:-2], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
 
 
 def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -151,7 +151,9 @@ def _in_space(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
         bends, slips = (x[:, a:].reshape(len(q), whip.N, 2) ** 2 for x in (q, v))
         springs = sum(_spring_energy(model, bends[..., i]) for i in range(2))
         braking = sum(_braking_power(model, slips[..., i]) for i in range(2))
-        spin = np.stack([frame.spin for frame in universal_frames(hand, whip.per_node("l"), q[:, a:], v[:, a:])], axis=1)
+        spin = np.stack(
+            [frame.spin for frame in universal_frames(hand, whip.per_node("l"), q[:, a:], v[:, a:])], axis=1
+        )
         turning[:, a:] = whip.per_node("node_inertia") * (spin**2).sum(axis=2) / 2
     return _Moving(
         points=points,

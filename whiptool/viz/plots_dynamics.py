@@ -16,11 +16,6 @@ from whiptool.rollout.trajectory import Trajectory
 from whiptool.viz.plots import COLORS
 
 
-def _check_plane(model: Model, what: str) -> None:
-    if model.dimension != 2:
-        raise InputError("model", model.name, f"a model in the plane, for {what}")
-
-
 def along_whip(model: Model) -> np.ndarray:
     """Distance of hand, nodes and tip from the hand along the whip [m], (N + 1,)."""
     return np.r_[0.0, np.cumsum(model.whip.per_node("l"))]
@@ -71,6 +66,8 @@ def plot_energy_balance(ax: Axes, energies: Energies) -> Axes:
 def plot_mode_shapes(ax: Axes, modes: Modes, model: Model, *, count: int = 4) -> Axes:
     """The hanging whip bent into its lowest modes: sideways displacement, largest 1, and depth below the hand [m].
 
+    In space each mode is seen along the direction in which it moves most.
+
     Args:
         ax: To draw into.
         modes: Of the whip on a fixed arm.
@@ -78,18 +75,18 @@ def plot_mode_shapes(ax: Axes, modes: Modes, model: Model, *, count: int = 4) ->
         count: How many modes.
 
     Raises:
-        InputError: `count` is not from 1 to the number of modes, or the model is in space.
+        InputError: `count` is not from 1 to the number of modes.
     """
-    _check_plane(model, "mode shapes")
     if not 1 <= count <= len(modes.frequencies):
         raise InputError("count", count, f"a whole number from 1 to {len(modes.frequencies)}")
     colors, styles = ("blue", "vermilion", "green", "pink", "orange", "sky", "black"), ("-", "--", "-.", ":")
-    theta = np.cumsum(modes.shapes[:count, model.arm.n :], axis=1)
-    x = np.hstack([np.zeros((count, 1)), np.cumsum(model.whip.per_node("l") * theta, axis=1)])  # (count, N + 1)
+    moved = modes.displacements[:count]  # (count, N + 1, d)
+    farthest = moved[np.arange(count), np.linalg.norm(moved, axis=2).argmax(axis=1)]
+    x = (moved @ farthest[:, :, None])[..., 0]  # (count, N + 1)
     for i, (shape, frequency, ratio) in enumerate(zip(x, modes.frequencies, modes.damping_ratios, strict=False)):
         damping = "overdamped" if np.isnan(ratio) else rf"$\zeta$ = {ratio:.3g}"
         ax.plot(
-            shape / shape[np.abs(shape).argmax()],
+            shape / np.abs(shape).max(),
             along_whip(model),
             "o",
             linestyle=styles[i % len(styles)],
