@@ -98,6 +98,13 @@ def random_rods(seed: int, a: int, N: int, *, forces: bool = True) -> Model:
     return Model(whip, random_arm(rng, a, prismatic=1 if a > 2 and seed % 2 else -1))
 
 
+def bent(model: Model, seed: int = 0) -> Model:
+    """The model with rest angles of both hinges of each universal node, -0.5..0.5 rad."""
+    rng, N = np.random.default_rng(seed), model.whip.N
+    angles = {name: tuple(rng.uniform(-0.5, 0.5, N)) for name in ("rest_angle", "rest_angle_x")}
+    return replace(model, whip=replace(model.whip, **angles))
+
+
 def held(a: int) -> Controller:
     """A controller whose torque is an input of the compiled step."""
     none = tuple(map(tuple, np.zeros((a, a))))
@@ -164,7 +171,7 @@ def passive(model: Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Torques of springs, dampers and smoothed friction of all joints, without drag, (n,)."""
     a, whip = model.arm.n, model.whip
     k, cubic, b, dry = (np.repeat(whip.per_node(x), 2) for x in ("k", "cubic_stiffness", "b", "dry_friction"))
-    bent, speed = q[a:], v[a:]
+    bent, speed = q[a:] - whip.rest_angles, v[a:]
     of_whip = -k * bent - cubic * bent**3 - b * speed - dry * speed / np.hypot(speed, whip.friction_velocity)
     return np.r_[-model.arm.per_link("friction") * v[:a], of_whip]
 

@@ -6,7 +6,7 @@ import casadi as ca
 import mujoco
 import numpy as np
 import pytest
-from random_space import random_model, random_rods, random_state
+from random_space import bent, random_model, random_rods, random_state
 
 from whiptool.dynamics.chain import chain_of, kinetic_energy, potential_energy
 from whiptool.errors import InputError
@@ -89,7 +89,7 @@ def test_a_trajectory_of_another_model_is_refused():
 # ---------------------------------------------------------------------------------------------------------------------
 # In space
 
-SPACE = {"universal": random_model(2, 3, 4, forces=True), "rod": random_rods(2, 3, 4)}  # every term
+SPACE = {"universal": bent(random_model(2, 3, 4, forces=True)), "rod": random_rods(2, 3, 4)}  # every term
 STIFF = Controller(
     ConstantImpedance(K=tuple(map(tuple, 30 * np.eye(3))), B=tuple(map(tuple, 3 * np.eye(3)))), torque_limit=20.0
 )
@@ -105,8 +105,8 @@ def states_of(q, v):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_energies_in_space_are_mujocos(seed):
-    """A sliding joint, a link without mass, rotors, inertias of nodes, the hinge mass and cubic springs are among them."""
-    model = random_model(seed, 3, 5)
+    """Slides, links without mass, rotors, inertias of nodes, the hinge mass and cubic springs are among them."""
+    model = bent(random_model(seed, 3, 5), seed)
     q, v = (np.array(x) for x in zip(*(random_state(model, i)[:2] for i in range(5)), strict=True))
     e = energies(model, states_of(q, v))
     mj = build_spec(model).compile()

@@ -22,11 +22,11 @@ from whiptool.rollout.trajectory import complete_trajectory, joint_points
 
 
 def planar_model() -> Model:
-    """Every term that is defined in the plane and in space: the hinge free, nothing bent at rest."""
+    """Every term that is defined in the plane and in space: the hinge free."""
     model = everything()
     whip = model.whip
     free = {name: (0.0, *getattr(whip, name)[1:]) for name in ("k", "b", "cubic_stiffness", "dry_friction")}
-    return dataclasses.replace(model, whip=dataclasses.replace(whip, rest_angle=0.0, **free))
+    return dataclasses.replace(model, whip=dataclasses.replace(whip, **free))
 
 
 def put_in_space(model: Model, *, turned: float = 0.0) -> Model:

@@ -21,6 +21,7 @@ __all__ = ["ClosedLoop", "Structure", "closed_loop"]
 _UNTURNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _LINK = {  # quantities of a link: what they are called in a whip
     "length": "l", "mass": "m", "stiffness": "k", "damping": "b", "rest_angle": "rest_angle",
+    "rest_angle_x": "rest_angle_x",
     "dry_friction": "dry_friction", "drag": "drag", "cubic_stiffness": "cubic_stiffness", "drag_ratio": "drag_ratio",
     "friction_velocity": "friction_velocity", "inertia": "node_inertia",
 }  # fmt: skip

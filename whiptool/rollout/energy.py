@@ -128,7 +128,7 @@ def _in_plane(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
         centres=points[:, :-1] + share * np.diff(points, axis=1),
         speeds=velocities[:, :-1] + share * np.diff(velocities, axis=1),
         turning=turning,
-        springs=_spring_energy(model, (q[:, a:] - whip.per_node("rest_angle")) ** 2),
+        springs=_spring_energy(model, (q[:, a:] - whip.rest_angles) ** 2),
         braking=_braking_power(model, v[:, a:] ** 2).sum(axis=1),
     )
 
@@ -148,7 +148,7 @@ def _in_space(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
         squares, slips = _bends_of_rods(hand, q[:, a:], v[:, a:])
         springs, braking = _spring_energy(model, squares), _braking_power(model, slips)
     else:
-        bends, slips = (x[:, a:].reshape(len(q), whip.N, 2) ** 2 for x in (q, v))
+        bends, slips = (x.reshape(len(q), whip.N, 2) ** 2 for x in (q[:, a:] - whip.rest_angles, v[:, a:]))
         springs = sum(_spring_energy(model, bends[..., i]) for i in range(2))
         braking = sum(_braking_power(model, slips[..., i]) for i in range(2))
         spin = np.stack(

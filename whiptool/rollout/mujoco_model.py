@@ -164,8 +164,9 @@ def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -
 
 
 def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -> None:
-    names = ("l", "m", "k", "b", "rest_angle", "cubic_stiffness", "node_inertia")
-    for i, (l, m, k, b, rest, cubic, own) in enumerate(zip(*(whip.per_node(name) for name in names), strict=True)):
+    names = ("l", "m", "k", "b", "cubic_stiffness", "node_inertia")
+    slack = iter(whip.rest_angles)
+    for i, (l, m, k, b, cubic, own) in enumerate(zip(*(whip.per_node(name) for name in names), strict=True)):
         stiffness = [k, 0, cubic]  # MuJoCo's polynomial
         for ending, axis in _NODE_JOINTS[whip.joints]:
             place = place.with_joint(
@@ -174,7 +175,7 @@ def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 stiffness=stiffness,
                 damping=b,
-                springref=rest,
+                springref=next(slack),
             )
         body = place.add_body(f"whip{i + 1}", mass=m, com=(0, 0, -l), inertia=(own,) * 3 + (0.0,) * 3, least=least)
         add_capsule(body, (0, 0, -l), (0.011 - 0.005 * i / whip.N) * reach, "whip")
