@@ -105,7 +105,7 @@ class _Run:
 
         self.options = options
         self.model, self.controller = options.build_model(), options.build_controller()
-        self.target = options.build_target()
+        self.target = options.build_target(self.model)
         self.target.check_reach(self.model)
         self.controller.check_fits(self.model.arm)
         self.rollout = options.build_rollout(self.model, self.controller)

@@ -174,7 +174,8 @@ class _Run:
         model, controller = options.build_model(), options.build_controller()
         self.zone = self._zone(model)
         rollout = options.build_compiled(model, controller)
-        options.warn_if_coarse(model, controller, options.target, options.t_stay)
+        target = options.build_target(model).position
+        options.warn_if_coarse(model, controller, target, options.t_stay)
 
         def task() -> StrikeTask:
             return StrikeTask(
