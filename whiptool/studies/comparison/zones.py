@@ -20,11 +20,8 @@ FAST = "fast"
 SPEED = 3.0  # [m/s] at least, of the tip in the fast region
 STRIKES, QUICK_STRIKES = 1_000_000, 2_048  # random ones that find the fast region
 CELL = 0.02  # [m]
-STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE, CELL_IN_SPACE = (
-    100_000,
-    2_048,
-    0.1,
-)  # a strike costs ten times more there, and cells are more
+STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE = 100_000, 2_048  # a strike costs ten times more there,
+CELL_IN_SPACE = 0.1  # [m], and cells are more
 
 
 @dataclass(frozen=True, kw_only=True)
