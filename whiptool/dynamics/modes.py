@@ -111,7 +111,7 @@ def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
         raise InputError("q0", directions.tolist(), "unit vectors, for rods")
     if np.abs((d * rate).sum(axis=1)).max() > 1e-9 * max(1.0, np.abs(rate).max()):
         raise InputError("v0", rates.tolist(), "rates across the rods' directions")
-    return block_diag(*(_least_turn(row)[:, :2] for row in d))
+    return np.asarray(block_diag(*(_least_turn(row)[:, :2] for row in d)))
 
 
 def _least_turn(d: np.ndarray) -> np.ndarray:

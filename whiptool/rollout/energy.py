@@ -149,8 +149,8 @@ def _in_space(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
         springs, braking = _spring_energy(model, squares), _braking_power(model, slips)
     else:
         bends, slips = (x.reshape(len(q), whip.N, 2) ** 2 for x in (q[:, a:] - whip.rest_angles, v[:, a:]))
-        springs = sum(_spring_energy(model, bends[..., i]) for i in range(2))
-        braking = sum(_braking_power(model, slips[..., i]) for i in range(2))
+        springs = _spring_energy(model, bends[..., 0]) + _spring_energy(model, bends[..., 1])
+        braking = _braking_power(model, slips[..., 0]) + _braking_power(model, slips[..., 1])
         spin = np.stack(
             [frame.spin for frame in universal_frames(hand, whip.per_node("l"), q[:, a:], v[:, a:])], axis=1
         )
