@@ -49,7 +49,8 @@ class Target:
         if len(self.position) != model.dimension:
             where = "in space" if model.dimension == 3 else "in the plane"
             rule = f"{_COORDINATES[model.dimension]} in m, for the model {model.name}, which is {where}"
-            raise InputError("target", self.position, rule)
+            ahead = [round(0.6 * model.reach, 1), 0, 0][: model.dimension]
+            raise InputError("target", self.position, rule, "such as " + " ".join(f"{x:g}" for x in ahead))
 
     def check_radius(self, model: Model) -> None:
         """Refuse a hit radius that holds all that is within reach.

@@ -8,13 +8,16 @@ import casadi as ca
 import mujoco
 import numpy as np
 import pytest
+from random_space import loop_of, random_model, random_rods, random_state
 from scipy.linalg import eigh
 from scipy.special import jn_zeros, roots_laguerre
 
 from whiptool.dynamics.chain import bias_forces, chain_of, forward_dynamics, passive_torque, potential_energy
 from whiptool.dynamics.modes import explicit_timestep, hanging_modes, linearise, steady_timestep
+from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
+from whiptool.models.kinematics import rotation_about
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
@@ -284,6 +287,136 @@ def test_a_whip_in_space_has_every_mode_of_the_plane_twice():
     space = Model(dataclasses.replace(planar.whip, joints="universal", node_inertia=0.0), in_space(ARM))
     flat, both = hanging_modes(planar), hanging_modes(space)
     np.testing.assert_allclose(both.frequencies, np.repeat(flat.frequencies, 2), rtol=1e-9)
-    rods = dataclasses.replace(space, whip=dataclasses.replace(space.whip, joints="rod"))
-    with pytest.raises(InputError, match="universal"):
-        linearise(rods, np.zeros(rods.n))
+
+
+def put_in_space(planar: Model, joints: str) -> Model:
+    return Model(dataclasses.replace(planar.whip, joints=joints), in_space(planar.arm), gravity=planar.gravity)
+
+
+@pytest.mark.parametrize("joints", ["universal", "rod"])
+def test_a_long_chain_in_space_swings_at_the_zeros_of_bessel_in_every_direction(joints: str):
+    """Below an arm in any posture, in pairs of one frequency and of two directions."""
+    exact, errors = jn_zeros(0, 2) / 2 * np.sqrt(G / 1.3), []
+    for N in (10, 20):
+        whip = WhipProfile(length=1.3, linear_density=0.2, bending_stiffness=1e-12, bending_damping=0).lump(N)
+        modes = hanging_modes(put_in_space(Model(whip, ARM), joints), count=4, posture=np.array([0.7, -0.4]))
+        pairs = 2 * np.pi * modes.frequencies.reshape(2, 2)
+        np.testing.assert_allclose(pairs[:, 0], pairs[:, 1], rtol=1e-9)
+        errors.append(np.abs(pairs[:, 0] / exact - 1))
+        for pair in modes.displacements.reshape(2, 2, N + 1, 3):
+            np.testing.assert_allclose(pair[..., 2], 0, atol=1e-9)  # level
+            assert np.linalg.matrix_rank(pair[:, -1], tol=1e-3 * np.abs(pair).max()) == 2
+    assert np.log2(errors[0] / errors[1]).min() > 1.9
+    assert errors[1].max() < 2e-2
+
+
+def test_rods_swing_as_universal_nodes_do():
+    """Below a robot in any posture, with all that bends and brakes, free to move and held."""
+    rng = np.random.default_rng(4)
+    universal = random_model(1, 3, 5, forces=True)
+    straight = dataclasses.replace(
+        universal.whip, k=0.1, cubic_stiffness=0.1, b=0.01, dry_friction=0.0, node_inertia=0.0
+    )
+    universal = dataclasses.replace(universal, whip=straight)
+    rods = dataclasses.replace(universal, whip=dataclasses.replace(straight, joints="rod"))
+    for fixed in (True, False):
+        posture = rng.uniform(-0.5, 0.5, 3)
+        ours, its = (hanging_modes(model, posture=posture, fixed_arm=fixed) for model in (rods, universal))
+        assert ours.shapes.shape == its.shapes.shape == (10 if fixed else 13, 13)
+        np.testing.assert_allclose(ours.frequencies, its.frequencies, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(ours.eigenvalues, its.eigenvalues, rtol=1e-6, atol=1e-6)
+    with pytest.raises(InputError, match="posture"):
+        hanging_modes(rods, posture=np.zeros(2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_linearised_in_space_as_by_mujoco(seed: int):
+    """Its derivatives of one explicit step, from a moving posture that torques hold."""
+    model = random_model(seed, 3, 4)
+    q, v, _ = random_state(model, seed)
+    q, n, h = 0.5 * q, model.n, 1e-5
+    mj = build_spec(model).compile()
+    mj.opt.timestep = h
+    mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    data = mujoco.MjData(mj)
+    data.qpos[:], data.qvel[:] = q, v
+    mujoco.mj_forward(mj, data)
+    data.qfrc_applied[:] = data.qfrc_bias - data.qfrc_passive
+    mujoco.mj_forward(mj, data)
+    assert np.abs(data.qacc).max() < 1e-6
+    steps = np.zeros((2 * n, 2 * n))
+    mujoco.mjd_transitionFD(mj, data, 1e-6, True, steps, None, None, None)
+    its = (steps[n:] - np.hstack([np.zeros((n, n)), np.eye(n)])) / h
+    np.testing.assert_allclose(linearise(model, q, v).A[n:], its, rtol=0, atol=1e-5 * np.abs(its).max())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rods_linearised_at_rest_are_the_slopes_of_their_accelerations(seed: int):
+    """About a bent whip in balance on an arm that torques hold, against differences of the articulated pass."""
+    model = random_rods(seed, 3, 4)
+    q0 = start_posture(model, np.array([[0.4, -0.3, 0.6]]))[0]
+    loop, p = loop_of(model)
+    still, n, a, h = np.zeros(loop.n), model.n, 3, 1e-6
+    hold = float_column(ca.Function("hold", [loop.p], [loop.inverse_dynamics(q0, still, still)[:a]])(p))
+    assert np.abs(loop.acceleration(np.r_[q0, still], 0, p, hold).full()).max() < 1e-8
+    d = q0[a:].reshape(-1, 3)
+    assert np.abs(d[:, :2]).max() > 0.1  # it is bent
+    A = linearise(model, q0).A
+    for i in range(n):  # a turn of one joint, or of one rod towards one of its axes
+        turned = np.zeros(loop.n)
+        if i < a:
+            turned[i] = 1
+        else:
+            rod, which = divmod(i - a, 2)
+            turned[a + 3 * rod : a + 3 * rod + 3] = turn_from_down(d[rod])[:, which]
+        for column, change in ((i, np.r_[turned, still]), (n + i, np.r_[still, turned])):
+            ends = [loop.acceleration(np.r_[q0, still] + s * h * change, 0, p, hold).full()[:, 0] for s in (1, -1)]
+            slope = (ends[0] - ends[1]) / (2 * h)
+            of_rods = [turn_from_down(x)[:, :2].T @ y for x, y in zip(d, slope[a:].reshape(-1, 3), strict=True)]
+            expected = np.r_[slope[:a], np.concatenate(of_rods)]
+            np.testing.assert_allclose(A[n:, column], expected, rtol=0, atol=1e-5 * np.abs(A[n:]).max())
+
+
+def float_column(x) -> np.ndarray:
+    return np.array(x)[:, 0]
+
+
+def turn_from_down(d: np.ndarray) -> np.ndarray:
+    """The least rotation that takes -z to d, by its rotation vector."""
+    axis = np.cross([0, 0, -1], d)
+    sine = np.linalg.norm(axis)
+    return rotation_about(axis / sine, np.arctan2(sine, -d[2]))
+
+
+def test_inverse_dynamics_of_moving_rods_undoes_their_forward_dynamics():
+    """With drag, friction and all else: no torque but the arm's turns a joint or a rod."""
+    for seed in range(3):
+        model = random_rods(seed, 3, 5)
+        loop, p = loop_of(model)
+        rng, a = np.random.default_rng(seed), 3
+        d = rng.normal(size=(5, 3))
+        d /= np.linalg.norm(d, axis=1, keepdims=True)
+        rate = np.cross(rng.uniform(-4, 4, (5, 3)), d)
+        q, v, tau = (
+            np.r_[rng.uniform(-1, 1, a), d.ravel()],
+            np.r_[rng.uniform(-2, 2, a), rate.ravel()],
+            rng.uniform(-1, 1, a),
+        )
+        qdd = loop.acceleration(np.r_[q, v], 0, p, tau).full()[:, 0]
+        found = float_column(ca.Function("inverse", [loop.p], [loop.inverse_dynamics(q, v, qdd)])(p))
+        np.testing.assert_allclose(found[:a], tau, atol=1e-9)
+        assert np.abs(np.cross(found[a:].reshape(5, 3), d)).max() < 1e-9  # along it, a rod has no inertia
+
+
+def test_rods_are_linearised_at_unit_vectors_that_turn():
+    model = random_rods(0, 3, 2)
+    q0 = start_posture(model, np.zeros((1, 3)))[0]
+    with pytest.raises(InputError, match="unit vectors"):
+        linearise(model, 2 * q0)
+    along = np.r_[np.zeros(3), q0[3:]]
+    with pytest.raises(InputError, match="across"):
+        linearise(model, q0, along)
+    with pytest.raises(InputError, match="9 finite numbers"):
+        linearise(model, np.zeros(model.n))
+    upright = np.r_[np.zeros(3), 0, 0, 1, 0, 0, 1]
+    assert np.isfinite(linearise(model, upright).A).all()

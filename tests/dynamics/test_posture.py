@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 import pytest
-from random_space import held, passive, pinocchio_of, random_model
+from random_space import bent, passive, pinocchio_of, random_model
 from rich_model import everything
 from scipy.optimize import minimize
+from start_slopes import check_start_slopes
 
 from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import _settle, hangs_straight, hinge_is_free, start_derivative, start_posture
@@ -155,13 +156,15 @@ def test_behind_a_free_hinge_the_whips_shape_does_not_know_the_arm():
 # In space
 
 
-@pytest.mark.parametrize("sprung", [False, True])
-def test_a_whip_in_space_starts_in_static_balance(sprung: bool):
+@pytest.mark.parametrize("kind", ["straight", "sprung", "bent"])
+def test_a_whip_in_space_starts_in_static_balance(kind: str):
     """A free first joint: straight down. Else where nothing pulls, and no torque is needed but the arm's."""
     for seed in range(3):
         model = random_model(seed, 3, 5)
-        if not sprung:
+        if kind != "sprung":
             model = dataclasses.replace(model, whip=dataclasses.replace(model.whip, k=0.2, cubic_stiffness=0.1))
+        if kind == "bent":
+            model = bent(model, seed)
         q_i = np.random.default_rng(seed).uniform(-1, 1, (4, 3))
         q = start_posture(model, q_i)
         its = pinocchio_of(model)
@@ -173,29 +176,16 @@ def test_a_whip_in_space_starts_in_static_balance(sprung: bool):
             pin.forwardKinematics(its, data, row)
             down = -np.array([data.oMi[its.getJointId(f"y{i}")].rotation[:, 2] for i in range(5)])
             straight = np.abs(down - [0, 0, -1]).max() < 1e-9
-            assert straight != sprung
+            assert straight == (kind == "straight")
 
 
-@pytest.mark.parametrize("sprung", [False, True])
-def test_a_start_in_space_moves_as_differences_say(sprung: bool):
-    model = random_model(5, 3, 4)
-    if not sprung:
+@pytest.mark.parametrize("kind", ["straight", "sprung", "bent"])
+def test_a_start_in_space_moves_as_differences_say(kind: str):
+    model, names = random_model(5, 3, 4), ["gravity", "arm.mass[1]"]
+    if kind != "sprung":
         model = dataclasses.replace(model, whip=dataclasses.replace(model.whip, k=0.2, cubic_stiffness=0.0))
-    controller = held(3)
-    structure = Structure.of(model, controller)
-    strike = np.array([[0.3, -0.4, 0.6, 1.0, 1.0, 1.0, 0.5]])
-    p = structure.pack(model, controller, strike)
-    names = [None, None, None, "whip.m[3]" if sprung else "gravity", "whip.k[1]" if sprung else "arm.mass[1]"]
-    for k, name in enumerate(names):
-        dp, sides, h = np.zeros_like(p), [], 1e-6
-        for sign in (1, -1):
-            moved, q_i = model, strike[:, :3].copy()
-            if name is None:
-                q_i[0, k] += sign * h
-                dp[0, k] = 1
-            else:
-                moved = model.with_parameters({name: model.parameters()[name] + sign * h})
-                dp += sign * (structure.pack(moved, controller, strike) - p) / (2 * h)
-            sides.append(start_posture(moved, q_i))
-        ours = start_derivative(model, structure, start_posture(model, strike[:, :3]), p, dp)
-        np.testing.assert_allclose(ours, (sides[0] - sides[1]) / (2 * h), rtol=1e-6, atol=1e-7)
+    if kind == "bent":
+        model = bent(model)
+    if kind != "straight":
+        names = ["whip.m[3]", "whip.k[1]"] if kind == "sprung" else ["whip.rest_angle[1]", "whip.rest_angle_x[2]"]
+    check_start_slopes(model, np.array([0.3, -0.4, 0.6]), names, rtol=1e-6)

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from random_space import (
+    bent,
     by_mujoco,
     by_pinocchio,
     drag_torque,
@@ -51,6 +52,20 @@ def test_three_engines_agree_on_accelerations(a: int, N: int):
             ours = loop.acceleration(np.r_[q, v], 0, p, tau).full()[:, 0]
             assert worst(ours, by_mujoco(model, q, v, tau)) < 1e-9
             assert worst(ours, by_pinocchio(model, q, v, tau)) < 1e-9
+
+
+@pytest.mark.parametrize(("a", "N"), [(1, 6), (4, 5)])
+def test_three_engines_agree_on_bent_whips(a: int, N: int):
+    """Each hinge of a node has its own angle at which its spring is slack."""
+    for seed in range(3):
+        straight = random_model(seed, a, N)
+        model = bent(straight, seed)
+        loop, p = loop_of(model)
+        q, v, tau = random_state(model, seed)
+        ours = loop.acceleration(np.r_[q, v], 0, p, tau).full()[:, 0]
+        assert worst(ours, by_mujoco(model, q, v, tau)) < 1e-9
+        assert worst(ours, by_pinocchio(model, q, v, tau)) < 1e-9
+        assert worst(ours, by_mujoco(straight, q, v, tau)) > 1e-3
 
 
 @pytest.mark.parametrize(("a", "N"), [(2, 4), (6, 8)])
@@ -165,9 +180,10 @@ def put_in_space(model: Model) -> Model:
 
 @pytest.mark.parametrize("law", ["constant", "oiac"])
 def test_a_planar_state_moves_in_space_as_in_the_plane(law: str):
-    """One step with everything but a rest angle, at random states of the plane: to 1e-10."""
+    """One step with everything that a whip can have, at random states of the plane: to 1e-10."""
     base = preset("lemon2024")
     whip = replace(base.whip, N=6, drag=2e-3, drag_ratio=0.3, dry_friction=5e-3, cubic_stiffness=0.05, hinge_mass=0.01)
+    whip = replace(whip, rest_angle=(0.1, 0.2, -0.3, 0.1, 0.2, -0.1))
     planar = replace(base, whip=whip)
     controller = Controller(
         ConstantImpedance() if law == "constant" else OIAC(a=5e-3), feedforward=True, torque_limit=5.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -89,6 +91,20 @@ def random_model(seed: int, a: int, N: int, *, forces: bool = False) -> Model:
     return Model(random_whip(rng, N, forces=forces), random_arm(rng, a, prismatic=prismatic, massless=massless))
 
 
+def random_rods(seed: int, a: int, N: int, *, forces: bool = True) -> Model:
+    """A whip of rods on a random arm, of which one joint may slide; with drag and dry friction if `forces`."""
+    rng = np.random.default_rng(seed)
+    whip = replace(random_whip(rng, N, forces=forces), joints="rod", node_inertia=0.0)
+    return Model(whip, random_arm(rng, a, prismatic=1 if a > 2 and seed % 2 else -1))
+
+
+def bent(model: Model, seed: int = 0) -> Model:
+    """The model with rest angles of both hinges of each universal node, -0.5..0.5 rad."""
+    rng, N = np.random.default_rng(seed), model.whip.N
+    angles = {name: tuple(rng.uniform(-0.5, 0.5, N)) for name in ("rest_angle", "rest_angle_x")}
+    return replace(model, whip=replace(model.whip, **angles))
+
+
 def held(a: int) -> Controller:
     """A controller whose torque is an input of the compiled step."""
     none = tuple(map(tuple, np.zeros((a, a))))
@@ -155,7 +171,7 @@ def passive(model: Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Torques of springs, dampers and smoothed friction of all joints, without drag, (n,)."""
     a, whip = model.arm.n, model.whip
     k, cubic, b, dry = (np.repeat(whip.per_node(x), 2) for x in ("k", "cubic_stiffness", "b", "dry_friction"))
-    bent, speed = q[a:], v[a:]
+    bent, speed = q[a:] - whip.rest_angles, v[a:]
     of_whip = -k * bent - cubic * bent**3 - b * speed - dry * speed / np.hypot(speed, whip.friction_velocity)
     return np.r_[-model.arm.per_link("friction") * v[:a], of_whip]
 

@@ -1,6 +1,14 @@
-"""A small robot, written as URDF and as MJCF: a slide and two hinges, a fixed bracket, and a finger beside the tip."""
+"""A small robot, written as URDF and as MJCF: a slide and two hinges, a fixed bracket, and a finger beside the tip;
+and arms of presets as the packages of their makers write them."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from whiptool.models import SpatialArm
 
 URDF = """<robot name="small">
   <link name="base"><inertial><mass value="5"/>
@@ -69,3 +77,76 @@ MJCF = """<mujoco model="small">
   <actuator><motor joint="shoulder-joint" gear="2" forcerange="-10 10"/></actuator>
   <equality><joint joint1="finger_joint"/></equality>
 </mujoco>"""
+
+
+def as_urdf(arm: SpatialArm, *, before: str = "", behind: str = "") -> str:
+    """An arm of hinges as URDF, its links named link0, link1, ... and `last`, as expanded xacro is, without meshes.
+
+    Args:
+        arm: Its hand is not written.
+        before: Elements before the first link, `link0`.
+        behind: Elements behind the last link, `last`, with `{hand}` for the hand's place.
+    """
+    names = ["link0", *(f"link{i + 1}" for i in range(arm.n - 1)), "last"]
+    parts = [f'<robot name="arm">{before}<link name="link0"><visual/></link>']
+    for i, (joint, link) in enumerate(zip(arm.joints, arm.links, strict=True)):
+        low, high = link.limits.position
+        moments = zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), link.inertia, strict=True)
+        numbers = " ".join(f'{name}="{x!r}"' for name, x in moments)
+        parts.append(
+            f'<joint name="{joint}" type="revolute"><parent link="{names[i]}"/><child link="{names[i + 1]}"/>'
+            f'<origin xyz="{_row(link.position)}" rpy="{_row(_rpy(link.rotation))}"/><axis xyz="{_row(link.axis)}"/>'
+            f'<limit lower="{low}" upper="{high}" velocity="{link.limits.velocity}" effort="{link.limits.torque}"/>'
+            "</joint>"
+            f'<link name="{names[i + 1]}"><visual/><inertial><origin xyz="{_row(link.com)}"/>'
+            f'<mass value="{link.mass!r}"/><inertia {numbers}/></inertial></link>'
+        )
+    return "\n".join([*parts, behind.replace("{hand}", _row(arm.hand_position)), "</robot>"])
+
+
+def _row(numbers: Iterable[float]) -> str:
+    return " ".join(f"{x!r}" for x in map(float, numbers))
+
+
+def _rpy(rotation: Sequence[Sequence[float]]) -> np.ndarray:
+    """Turns about the fixed axes x, y and z, in this order."""
+    return Rotation.from_matrix(np.array(rotation)).as_euler("xyz")
+
+
+def _frame(name: str, parent: str, *, xyz: str = "0 0 0", rpy: str = "0 0 0", inside: str = "") -> str:
+    """A link on a fixed joint, a mere frame if there is nothing inside."""
+    return (
+        f'<link name="{name}">{inside}</link><joint name="{parent}-{name}" type="fixed"><parent link="{parent}"/>'
+        f'<child link="{name}"/><origin xyz="{xyz}" rpy="{rpy}"/></joint>'
+    )
+
+
+def _inertial(mass: float) -> str:
+    moments = 'ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"'
+    return f'<inertial><mass value="{mass}"/><inertia {moments}/></inertial>'
+
+
+# ur_description: a world, the base as its controller has it, the base's inertia, the flange and the tool's frame
+UR_BASE = '<link name="world"/><link name="base_link"/>' + (
+    '<joint name="base_joint" type="fixed"><parent link="world"/><child link="base_link"/></joint>'
+    '<joint name="base_link-base_link_inertia" type="fixed"><parent link="base_link"/><child link="link0"/></joint>'
+    + _frame("base", "base_link", rpy="0 0 3.141592653589793")
+)
+UR_FLANGE = (
+    _frame("ft_frame", "last", rpy="3.141592653589793 0 0")
+    + _frame("flange", "last", rpy="0 -1.5707963267948966 -1.5707963267948966")
+    + _frame("tool0", "last", xyz="{hand}")
+)
+# franka_description: the flange, the hand, the frame between its fingers, and those, of which one mimics the other
+FRANKA_HAND = (
+    _frame("panda_link8", "last", xyz="{hand}")
+    + _frame("panda_hand", "panda_link8", rpy="0 0 -0.7853981633974483", inside=_inertial(0.73))
+    + _frame("panda_hand_tcp", "panda_hand", xyz="0 0 0.1034")
+    + "".join(
+        f'<link name="panda_{side}finger">{_inertial(0.015)}</link>'
+        f'<joint name="panda_finger_joint{i}" type="prismatic"><parent link="panda_hand"/>'
+        f'<child link="panda_{side}finger"/><origin xyz="0 0 0.0584"/><axis xyz="0 {sign} 0"/>'
+        f'<limit lower="0" upper="0.04" velocity="0.2" effort="20"/>{mimic}</joint>'
+        for i, side, sign, mimic in ((1, "left", 1, ""), (2, "right", -1, '<mimic joint="panda_finger_joint1"/>'))
+    )
+)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_files import MJCF, URDF
+from robot_files import FRANKA_HAND, MJCF, UR_BASE, UR_FLANGE, URDF, as_urdf
 
 from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
@@ -13,7 +15,7 @@ from whiptool.models import Model, SpatialArm, WhipParameters
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.mjcf import read_mjcf
-from whiptool.models.robots import PANDA_ARM
+from whiptool.models.robots import PANDA_ARM, UR5E_ARM
 from whiptool.models.urdf import read_urdf
 
 WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="universal")
@@ -114,7 +116,8 @@ def test_the_whip_goes_on_outward(read):
         (URDF.replace('<child link="finger"/>', '<child link="tool"/>'), TIP, "link tool: .*without loops"),
         (URDF.replace('<child link="finger"/>', '<child link="base"/>'), TIP, "links: got 'tool'; .*without loops"),
         (URDF.replace('<child link="finger"/>', '<child link="thumb"/>'), TIP, "joint finger_joint: got 'child thumb'"),
-        (URDF.replace('<mass value="1.2"/>', '<mass value="0"/>'), TIP, "joint shoulder-joint: got 'mass 0 kg'"),
+        (URDF.replace('<mass value="2"/>', '<mass value="0"/>'), TIP, "joint rail: got 'mass 0 kg'"),  # it has a shape
+        (re.sub("<mass value=.*?/>", '<mass value="0"/>', URDF), TIP, "joint elbow: got 'mass 0 kg'"),  # nothing has
         (URDF.replace('<parent link="upper"/>', ""), TIP, "joint elbow: got 'parent '"),
     ],
 )  # fmt: skip
@@ -124,6 +127,46 @@ def test_what_is_wrong_with_a_file_is_said_in_one_line(read, capfd, text, choice
     assert "\n" not in str(caught.value)
     assert "small.urdf: " in str(caught.value)
     assert capfd.readouterr() == ("", "")  # nor does Pinocchio say anything
+
+
+def test_a_moving_link_without_mass_is_a_frame_between_two_hinges(read):
+    """It adds nothing: the robot's inertia is Pinocchio's, whether the link has no mass or no inertial."""
+    upper = re.search('<link name="upper">.*?</link>', URDF, re.DOTALL)
+    for bare in ('<link name="upper"/>', re.sub('(mass value|i[xyz]{2})=".*?"', r'\1="0"', upper[0])):
+        text = URDF.replace(upper[0], bare)
+        arm, whole = read(TIP, text), pin.buildModelFromXML(text)
+        assert [link.mass > 0 for link in arm.links] == [True, False, True]
+        q = np.array([0.1, np.cos(0.4), np.sin(0.4), -0.7, 0.0])
+        M = pin.crba(whole, whole.createData(), q)
+        M = np.triu(M) + np.triu(M, 1).T
+        np.testing.assert_allclose(Arm(Model(WHIP, arm)).inertia([0.1, 0.4, -0.7]), M[:3, :3], atol=1e-13)
+
+
+def test_the_urdf_of_ur_description_is_the_preset(read):
+    """Its frames without mass, as xacro writes them, and its three dead ends, of which one is the tool frame."""
+    arm = read(None, as_urdf(UR5E_ARM, before=UR_BASE, behind=UR_FLANGE))
+    assert arm.joints == UR5E_ARM.joints
+    for ours, its in zip(arm.links, UR5E_ARM.links, strict=True):
+        for name in ("mass", "com", "inertia", "axis", "position", "rotation"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(its, name), atol=1e-9, err_msg=name)
+        assert ours.limits.position == pytest.approx(its.limits.position)
+    np.testing.assert_allclose(arm.hand_position, UR5E_ARM.hand_position, atol=1e-12)
+
+
+def test_the_urdf_of_franka_description_with_its_hand(read):
+    """The fingers branch off, and mimic each other; the hand's tool frame is the tip, the fingers are locked."""
+    text = as_urdf(PANDA_ARM, behind=FRANKA_HAND)
+    arm = read(None, text)
+    assert arm.joints == PANDA_ARM.joints
+    assert arm.links[-1].mass == pytest.approx(PANDA_ARM.links[-1].mass + 0.73 + 2 * 0.015)
+    for ours, its in zip(arm.links[:-1], PANDA_ARM.links, strict=False):
+        np.testing.assert_allclose(ours.inertia, its.inertia, atol=1e-9)
+    without = text.replace("panda_hand_tcp", "panda_hand_end")
+    with pytest.raises(InputError, match=r"tip: .*panda_hand_end, panda_leftfinger, panda_rightfinger; name it"):
+        read(None, without)
+    bare = re.sub("<inertial>.*?</inertial>", "<visual/>", text, flags=re.DOTALL)
+    with pytest.raises(InputError, match=r"joint .*7: got 'mass 0 kg'; allowed: an <inertial>"):
+        read(None, bare)  # as franka_description was for years
 
 
 def test_files_that_are_not_there(tmp_path):

@@ -82,13 +82,20 @@ def test_bad_whips_are_named(changes, name):
         ({"joints": "ball"}, "joints: got 'ball'; allowed: hinge, universal, rod"),
         ({"node_inertia": 1e-6}, "node_inertia: .*0 for joints of the kind hinge"),
         ({"joints": "rod", "node_inertia": 1e-6}, "node_inertia: .*0 for joints of the kind rod"),
-        ({"joints": "universal", "rest_angle": 0.1}, "rest_angle: .*0 in space"),
-        ({"joints": "rod", "rest_angle": (0, 0, 0.1)}, "rest_angle: .*0 in space"),
+        ({"rest_angle_x": 0.1}, "rest_angle_x: .*0 for joints of the kind hinge"),
+        ({"joints": "rod", "rest_angle": (0, 0, 0.1)}, "rest_angle: .*0 for rods, which do not twist"),
+        ({"joints": "rod", "rest_angle_x": 0.1}, "rest_angle_x: .*0 for joints of the kind rod"),
     ],
 )
 def test_quantities_that_such_joints_do_not_have_are_refused(wrong, message):
     with pytest.raises(InputError, match=f"^{message}"):
         _whip(**wrong)
+
+
+def test_hinges_of_universal_joints_have_rest_angles_of_their_own():
+    whip = WhipParameters(N=3, l=0.1, m=0.01, k=0.1, b=0, joints="universal", rest_angle=0.3, rest_angle_x=(1, 2, 3))
+    np.testing.assert_array_equal(whip.rest_angles, [1, 0, 2, 0.3, 3, 0.3])  # x, then -y; the free hinge
+    np.testing.assert_array_equal(_whip(N=3, rest_angle=0.3).rest_angles, [0, 0.3, 0.3])
 
 
 def test_a_single_number_says_nothing_of_the_free_hinge_and_a_row_does():

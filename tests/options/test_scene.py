@@ -130,3 +130,17 @@ def test_models_that_there_are_none_of_are_named(given, name):
         SpaceOptions(**given).build_model()
     assert (caught.value.name, caught.value.given) == (name, "ur10")
     assert "lemon2024" in caught.value.allowed
+
+
+@pytest.mark.parametrize("name", ["nah2023", "ur5e", "panda"])
+def test_the_usual_target_of_a_model_in_space_is_straight_ahead_of_it_and_within_reach(name):
+    model = preset(name)
+    target = ZoneOptions().build_target(model)
+    assert target.position == (1.3, 0.0, 0.0)
+    target.check_reach(model)
+    assert ZoneOptions().build_disc(model).box[0] == pytest.approx([1.2, -0.1, -0.1])
+    assert ZoneOptions(target=(1.2, 0.0)).build_target(model).position == (
+        1.2,
+        0.0,
+    )  # which is refused where it is used
+    assert ZoneOptions().build_target(preset("lemon2024")).position == (1.3, 0.0)

@@ -7,8 +7,9 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
+from random_space import random_rods
 from rich_model import everything
-from spatial_arms import ARMS, random_model
+from spatial_arms import ARMS, random_arm, random_model
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller, constant_preset
@@ -22,11 +23,11 @@ from whiptool.rollout.trajectory import complete_trajectory, joint_points
 
 
 def planar_model() -> Model:
-    """Every term that is defined in the plane and in space: the hinge free, nothing bent at rest."""
+    """Every term that is defined in the plane and in space: the hinge free."""
     model = everything()
     whip = model.whip
     free = {name: (0.0, *getattr(whip, name)[1:]) for name in ("k", "b", "cubic_stiffness", "dry_friction")}
-    return dataclasses.replace(model, whip=dataclasses.replace(whip, rest_angle=0.0, **free))
+    return dataclasses.replace(model, whip=dataclasses.replace(whip, **free))
 
 
 def put_in_space(model: Model, *, turned: float = 0.0) -> Model:
@@ -145,8 +146,7 @@ def test_compiled_strikes_are_replayed_in_mujoco(name):
 
 def test_rods_are_where_the_compiled_rollout_has_them():
     """The page and the pictures work out from directions what the engine summed up."""
-    model = preset("ur5e")
-    model = dataclasses.replace(model, whip=dataclasses.replace(model.whip, joints="rod", node_inertia=0.0))
+    model = rods_of("ur5e")
     strike = Strike((0, -1.5, 1.0, 0, 0.5, 0), (0.3, -0.5, 0.5, 0.2, 0.5, 0), 0.4)
     rollout = CompiledRollout(model, Controller(constant_preset("ur5e"), feedforward=True), timestep=5e-4)
     path = rollout.trajectory(strike, t_stay=0.0)
@@ -158,15 +158,50 @@ def test_rods_are_where_the_compiled_rollout_has_them():
     assert preset("ur5e").coordinates == preset("ur5e").n == 46
 
 
-def test_rods_and_flat_targets_are_refused():
-    model = preset("ur5e")
-    rods = dataclasses.replace(model, whip=dataclasses.replace(model.whip, joints="rod", node_inertia=0.0))
-    with pytest.raises(InputError, match=r"^whip\.joints: got 'rod'; allowed: hinge, universal, in MuJoCo"):
-        ReferenceRollout(rods, Controller())
+def rods_of(name: str) -> Model:
+    model = preset(name)
+    return dataclasses.replace(model, whip=dataclasses.replace(model.whip, joints="rod", node_inertia=0.0))
+
+
+def test_flat_targets_are_refused():
     strike = Strike((0,) * 6, (0.1,) * 6, 0.01)
-    path = ReferenceRollout(model, Controller(constant_preset("ur5e")), timestep=1e-3).trajectory(strike, t_stay=0.0)
+    controller = Controller(constant_preset("ur5e"))
+    path = ReferenceRollout(preset("ur5e"), controller, timestep=1e-3).trajectory(strike, t_stay=0.0)
     with pytest.raises(InputError, match=r"^target: got .*in space"):
         path.approach((1.0, 0.0))
+
+
+def test_rods_move_in_mujoco_as_in_the_compiled_rollout():
+    """With bending, cubic too, dampers, dry friction and drag; in the same coordinates."""
+    model = random_rods(3, 3, 4)  # of which one joint slides
+    stiff, soft = (tuple(map(tuple, size * np.eye(3))) for size in (30, 3))
+    controller = Controller(ConstantImpedance(K=stiff, B=soft))
+    strike = Strike.from_vector([0.3, -0.4, 0.5, -0.2, 0.4, -0.3, 0.2])
+    path = ReferenceRollout(model, controller, timestep=4e-4).trajectory(strike, t_stay=0.0)
+    ours = CompiledRollout(model, controller, timestep=1e-4, engine="interpreter").trajectory(strike, t_stay=0.0)
+    assert path.q.shape == (501, model.coordinates)
+    assert np.linalg.norm(ours.tip[-1] - ours.tip[0]) > 0.03
+    np.testing.assert_allclose(path.tip, ours.tip[::4], atol=1e-6)
+    np.testing.assert_allclose(path.tip_velocity, ours.tip_velocity[::4], atol=1e-4)
+    np.testing.assert_allclose(path.q, ours.q[::4], atol=1e-5)
+    np.testing.assert_allclose(path.v, ours.v[::4], atol=1e-3)
+
+
+def test_a_robots_rods_are_replayed_in_mujoco():
+    model = rods_of("ur5e")
+    controller = Controller(constant_preset("ur5e"), feedforward=True)
+    strike = Strike((0, -1.5, 1.0, 0, 0.5, 0), (0.3, -0.5, 0.5, 0.2, 0.5, 0), 0.2)
+    ours = CompiledRollout(model, controller, timestep=2.5e-4).trajectory(strike, t_stay=0.0)
+    path = ReferenceRollout(model, controller, timestep=2.5e-4).trajectory(strike, t_stay=0.0)
+    assert np.linalg.norm(ours.tip[-1] - ours.tip[0]) > 0.15
+    np.testing.assert_allclose(path.tip, ours.tip, atol=1e-4)
+
+
+def test_rods_need_a_body_at_the_hand():
+    arm = random_arm(2, np.random.default_rng(0), massless=(1,))
+    whip = dataclasses.replace(rods_of("ur5e").whip, hinge_mass=0.0)
+    with pytest.raises(InputError, match=r"^arm\.links"):
+        ReferenceRollout(Model(whip, arm), Controller())
 
 
 def test_a_model_in_space_is_exported(tmp_path):

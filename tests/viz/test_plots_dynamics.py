@@ -13,9 +13,11 @@ from space_swing import swing
 
 from whiptool.dynamics import hanging_modes
 from whiptool.errors import InputError
-from whiptool.models import WhipProfile, preset
+from whiptool.models import Model, WhipProfile, preset
+from whiptool.models.spatial_arm import in_space
 from whiptool.rollout import Trajectory
 from whiptool.rollout.energy import Energies, energies
+from whiptool.rollout.trajectory import joint_points
 from whiptool.viz import plots_dynamics
 from whiptool.viz.posture import arm_and_whip
 
@@ -57,12 +59,17 @@ def test_speeds_in_space_are_those_of_the_places():
     np.testing.assert_allclose(ax.lines[0].get_ydata(), speed, rtol=1e-4)
 
 
-def test_what_is_for_the_plane_says_so():
-    model, e = preset("nah2023"), energies(LEMON, turning())
-    with pytest.raises(InputError, match="in the plane, for an image of energies"):
-        plots_dynamics.plot_energy_flow(Figure().subplots(), e, model)
-    with pytest.raises(InputError, match="in the plane, for mode shapes"):
-        plots_dynamics.plot_mode_shapes(Figure().subplots(), hanging_modes(LEMON), model)
+def test_energies_in_space_are_drawn_node_by_node():
+    model = preset("nah2023")
+    model = replace(model, whip=replace(model.whip, node_inertia=0.0))
+    path = swing(model, instants=500)
+    e = energies(model, path)
+    image, *_ = plots_dynamics.plot_energy_flow(Figure().subplots(), e, model).collections
+    shown = np.asarray(image.get_array())
+    speed = np.linalg.norm(np.gradient(joint_points(model, path.q), path.t, axis=0, edge_order=2), axis=-1)[:, 5:]
+    expected = 1e3 * model.whip.per_node("m") * speed**2 / 2
+    assert shown.shape == (25, 500)
+    np.testing.assert_allclose(shown[:, 250], expected[250], rtol=1e-3, atol=1e-3)
 
 
 def test_the_image_shows_each_node_where_it_is():
@@ -101,6 +108,20 @@ def test_mode_i_crosses_the_vertical_i_times():
         assert x[-1] * x == pytest.approx(j0(jn_zeros(0, 3)[i] * np.sqrt(above.clip(0))), abs=0.03)
     with pytest.raises(InputError, match="count"):
         plots_dynamics.plot_mode_shapes(ax, hanging_modes(LIMP, count=3), LIMP)
+
+
+@pytest.mark.parametrize("joints", ["universal", "rod"])
+def test_modes_in_space_are_drawn_like_those_of_the_plane(joints):
+    """Each twice, whatever the directions that it moves in."""
+    limp = replace(LEMON, whip=CHAIN.lump(8))
+    space = Model(replace(limp.whip, joints=joints), in_space(LEMON.arm))
+    posture = np.array([0.5, 0.4])
+    flat = plots_dynamics.plot_mode_shapes(Figure().subplots(), hanging_modes(limp), limp, count=2)
+    both = plots_dynamics.plot_mode_shapes(Figure().subplots(), hanging_modes(space, posture=posture), space, count=4)
+    for i, line in enumerate(both.lines[:4]):
+        expected = flat.lines[i // 2].get_xdata()
+        np.testing.assert_allclose(line.get_xdata(), expected, atol=1e-6)
+        assert "Hz" in both.get_legend().get_texts()[i].get_text()
 
 
 def test_the_legend_says_what_is_overdamped():

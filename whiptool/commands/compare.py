@@ -195,7 +195,8 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
     from whiptool.studies.comparison.zones import fast_region, words
 
     scene = comparison.scene
-    options.warn_if_coarse(scene.model, scene.controller, options.target, scene.t_stay)
+    target = options.build_target(scene.model).position
+    options.warn_if_coarse(scene.model, scene.controller, target, scene.t_stay)
     store = Store(folder.path, workers=options.processes(), cluster=options.cluster)
     if options.zone == "fast":
         region = fast_region(comparison.scene, store, quick=options.quick)

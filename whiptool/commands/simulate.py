@@ -85,7 +85,7 @@ def _export(options: SimulateOptions, model) -> None:
     from whiptool.rollout.mujoco_model import export_xml
 
     assert options.export is not None
-    target = options.build_target()
+    target = options.build_target(model)
     target.check_dimension(model)
     xml, missing = export_xml(model, target=np.array(target.position))
     try:
@@ -103,7 +103,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.rollout.refinement import refine
     from whiptool.runs import code_version
 
-    controller, target = options.build_controller(), options.build_target()
+    controller, target = options.build_controller(), options.build_target(model)
     target.check_dimension(model)
     target.check_radius(model)
     rollout = options.build_rollout(model, controller)

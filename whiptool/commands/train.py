@@ -226,7 +226,7 @@ class _Run:
         self.options = options
         model, controller = options.build_model(), options.build_controller()
         self.training, self.tests = build_training(options), build_task(options)
-        options.warn_if_coarse(model, controller, options.target, options.t_stay)
+        options.warn_if_coarse(model, controller, options.build_target(model).position, options.t_stay)
         settings = settings_of(options)
         config = cli.configuration(options, "train", model, controller, settings=cli.as_plain(settings))
         self.folder = cli.open_folder(options, options.method, config)

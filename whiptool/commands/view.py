@@ -140,7 +140,7 @@ def read_strike(folder: Path) -> StrikeRun:
         }
         struck = _part(TargetOptions, table)
         label = _part(_Controlled, table).controller_label()
-        target = struck.build_target()
+        target = struck.build_target(model)
     except InputError as error:
         raise error.within(f"{folder / CONFIG}: ") from None
     try:

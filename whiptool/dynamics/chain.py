@@ -47,6 +47,8 @@ class Chain:
     def __post_init__(self) -> None:
         sizes = {f.name: ca.SX(getattr(self, f.name)).numel() for f in fields(self)}
         scalars = ("drag_ratio", "friction_velocity", "gravity")
+        hinges = sizes.pop("rest_angle")  # one for each of a universal joint's two
+        assert hinges in (self.n, 2 * self.n), hinges
         assert all(size == (1 if name in scalars else self.n) for name, size in sizes.items()), sizes
 
     @property

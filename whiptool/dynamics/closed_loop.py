@@ -21,6 +21,7 @@ __all__ = ["ClosedLoop", "Structure", "closed_loop"]
 _UNTURNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _LINK = {  # quantities of a link: what they are called in a whip
     "length": "l", "mass": "m", "stiffness": "k", "damping": "b", "rest_angle": "rest_angle",
+    "rest_angle_x": "rest_angle_x",
     "dry_friction": "dry_friction", "drag": "drag", "cubic_stiffness": "cubic_stiffness", "drag_ratio": "drag_ratio",
     "friction_velocity": "friction_velocity", "inertia": "node_inertia",
 }  # fmt: skip
@@ -303,8 +304,7 @@ class ClosedLoop(System):
 
     def inverse_dynamics(self, q: ca.SX, v: ca.SX, qdd: ca.SX) -> ca.SX:
         """Return the torques of all joints (n, 1) [N m] that give accelerations `qdd` beside those of springs, dampers,
-        friction and drag, by recursive Newton-Euler; of hinges, not of rods."""
-        assert self.hinges
+        friction and drag, by recursive Newton-Euler; of a rod the torque on its turning, in the world's axes (3, 1)."""
         a, K, gravity = self.n_drive, self.link_size, self.parameters["gravity"]
         motion = self.arm.motion(q[:a], v[:a], gravity, [])
         hand = motion.drift + ca.mtimes(motion.jacobian, qdd[:a])
@@ -314,14 +314,21 @@ class ClosedLoop(System):
             w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
             own, link = slice(a + K * i, a + K * (i + 1)), self.link(w)[0]
             frame, moving, passive, _ = self.move_link(frame, q[own], v[own], w, ca.SX(0), None)
-            angular = angular + moving.turning + ca.mtimes(moving.axes, qdd[own])
-            linear = linear + ca.cross(angular, moving.r) + moving.centripetal
+            if self.hinges:
+                angular = angular + moving.turning + ca.mtimes(moving.axes, qdd[own])
+                linear = linear + ca.cross(angular, moving.r) + moving.centripetal
+            else:
+                linear = linear + link.length * qdd[own]
             links.append((moving, passive, link.mass * linear - moving.drag, link.inertia * angular))
         torques, force, moment = [], ca.SX.zeros(3), ca.SX.zeros(3)
         for moving, passive, own_force, own_moment in reversed(links):
             force = force + own_force
-            moment = moment + own_moment + ca.cross(moving.r, force)
-            torques.append(ca.mtimes(moving.axes.T, moment) - passive)
+            if self.hinges:
+                moment = moment + own_moment + ca.cross(moving.r, force)
+                torques.append(ca.mtimes(moving.axes.T, moment) - passive)
+            else:  # what is before a rod feels its joint's torque alone
+                torques.append(ca.cross(moving.r, force) - passive + moment)
+                moment = passive
         of_arm = self.arm.inverse(q[:a], v[:a], qdd[:a], gravity) + self._friction * v[:a]
         of_arm += ca.mtimes(motion.jacobian.T, ca.vertcat(moment, force))
         return ca.vertcat(of_arm, *reversed(torques))

@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 from scipy.optimize import linear_sum_assignment
 
 from whiptool.dynamics.chain import Chain, bias_forces, chain_of, mass_matrix, passive_torque
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
+from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, whole
 
 
@@ -19,6 +20,9 @@ from whiptool.models.parameters import ArmLink, ArmParameters, Model, whole
 class Linearisation:
     """`M ddx + C dx + K x = tau` for small deviations x [rad] of the n joints from a posture, and torques tau [N m]
     beyond those that hold it.
+
+    A rod has two deviations: turns towards what its x and y axes are, when the turn that is least takes -z to its
+    direction. Of a rod that hangs they are tilts towards x and y.
 
     Args:
         M: Mass matrix [kg m^2], (n, n).
@@ -41,18 +45,19 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
 
     Args:
         chain: Of numbers; or a model, whose whole chain of arm and whip is meant.
-        q0: Joint positions [rad], (n,).
-        v0: Joint velocities [rad/s], (n,); default: at rest.
+        q0: Coordinates as a trajectory holds them: joint positions [rad], of rods unit vectors, (coordinates,).
+        v0: How fast they change [rad/s], (coordinates,); default: at rest.
 
     Raises:
-        InputError: A length is not n, a number is not finite, or the whip is of rods.
+        InputError: A length is wrong, a number is not finite, a rod's direction is not a unit vector, or its rate is
+            not across it.
     """
-    n = chain.n
+    size = chain.coordinates if isinstance(chain, Model) else chain.n
     states = []
-    for name, given in (("q0", q0), ("v0", np.zeros(n) if v0 is None else v0)):
+    for name, given in (("q0", q0), ("v0", np.zeros(size) if v0 is None else v0)):
         state = np.asarray(given, float)
-        if state.shape != (n,) or not np.isfinite(state).all():
-            raise InputError(name, given, f"{n} finite numbers, one per joint")
+        if state.shape != (size,) or not np.isfinite(state).all():
+            raise InputError(name, given, f"{size} finite numbers, one per joint or three per rod")
         states.append(state)
     M, C, K = (_in_space if isinstance(chain, Model) and chain.dimension == 3 else _in_plane)(chain, *states)  # type: ignore[arg-type]
     M = (M + M.T) / 2  # of rounding
@@ -70,29 +75,76 @@ def _in_plane(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray) -> list[np.n
 
 
 def _in_space(model: Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
-    """M, C and K of an arm and a whip of universal nodes.
-
-    Raises:
-        InputError: The whip is of rods, which have no joint angles.
-    """
+    """M, C and K of an arm and whip in space."""
     from whiptool.dynamics.closed_loop import Structure, closed_loop
     from whiptool.impedance.controller import Controller
 
-    if model.whip.joints == "rod":
-        raise InputError("whip.joints", "rod", "universal")
     controller = Controller()  # any: only arm and whip are used
     structure = Structure.of(model, controller)
-    loop, n = closed_loop(structure), model.n
-    q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
-    force = loop.inverse_dynamics(q, v, a)
-    slopes = ca.Function("linearise", [q, v, a, loop.p], [ca.jacobian(force, x) for x in (a, v, q)], {"cse": True})
-    p = structure.pack(model, controller, np.ones((1, 2 * model.arm.n + 1)))[0]
-    return [np.array(x) for x in slopes(q0, v0, 0, p)]
+    loop, n, a = closed_loop(structure), model.n, model.arm.n
+    x, dx, ddx = (ca.SX.sym(name, n) for name in ("x", "dx", "ddx"))
+    if loop.hinges:
+        start, rate = q0, v0
+        force = loop.inverse_dynamics(x, dx, ddx)
+    else:
+        across = _across_rods(q0[a:], v0[a:])
+        start, rate = np.r_[q0[:a], np.zeros(n - a)], np.r_[v0[:a], across.T @ v0[a:]]
+        q, turns = _near_rods(a, q0, across, x)
+        v = ca.jtimes(q, x, dx)
+        qdd = ca.jtimes(v, x, dx) + ca.jtimes(q, x, ddx)
+        force = ca.mtimes(turns.T, loop.inverse_dynamics(q, v, qdd))
+    slopes = ca.Function(
+        "linearise", [x, dx, ddx, loop.p], [ca.jacobian(force, s) for s in (ddx, dx, x)], {"cse": True}
+    )
+    p = structure.pack(model, controller, np.ones((1, 2 * a + 1)))[0]
+    return [np.array(matrix) for matrix in slopes(start, rate, 0, p)]
+
+
+def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Two unit vectors across each of N rods (3 N,), as columns of a matrix (3 N, 2 N).
+
+    Raises:
+        InputError: A direction is not a unit vector, or its rate is not across it.
+    """
+    d, rate = directions.reshape(-1, 3), rates.reshape(-1, 3)
+    if np.abs((d**2).sum(axis=1) - 1).max() > 1e-9:
+        raise InputError("q0", directions.tolist(), "unit vectors, for rods")
+    if np.abs((d * rate).sum(axis=1)).max() > 1e-9 * max(1.0, np.abs(rate).max()):
+        raise InputError("v0", rates.tolist(), "rates across the rods' directions")
+    return np.asarray(block_diag(*(_least_turn(row)[:, :2] for row in d)))
+
+
+def _least_turn(d: np.ndarray) -> np.ndarray:
+    """The least rotation that takes -z to a unit vector (3,), (3, 3); to z, that about x."""
+    if d[2] > 1 - 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    axis = np.cross([0, 0, -1], d)
+    W = np.cross(np.eye(3), axis)
+    return np.eye(3) + W + W @ W / (1 - d[2])
+
+
+def _near_rods(a: int, q0: np.ndarray, across: np.ndarray, x: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Coordinates (a + 3 N, 1) of deviations x (a + 2 N, 1), and how these turn joints and rods (a + 3 N, a + 2 N)."""
+    moved = q0[a:] + ca.mtimes(across, x[a:])
+    directions = [d / ca.norm_2(d) for d in ca.vertsplit(moved, 3)]
+    q = ca.vertcat(x[:a], *directions)
+    slopes = ca.jacobian(q, x)
+    rods = [ca.mtimes(ca.skew(d), slopes[a + 3 * i : a + 3 * i + 3, :]) for i, d in enumerate(directions)]
+    return q, ca.vertcat(slopes[:a, :], *rods)
 
 
 def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
     n = len(M)
     return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])  # (2 n, 2 n)
+
+
+def _displacement(model: Model, q: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """How hand, nodes and tip move with small deviations x (n,) of the joints from q, (N + 1, d)."""
+    a, step = model.arm.n, 1e-6
+    if model.whip.joints == "rod":
+        x = np.r_[x[:a], _across_rods(q[a:], 0 * q[a:]) @ x[a:]]
+    ahead, behind = joint_points(model, np.stack([q + step * x, q - step * x]))
+    return (ahead - behind)[a:] / (2 * step)
 
 
 @dataclass(frozen=True)
@@ -104,7 +156,9 @@ class Modes:
         damping_ratios: Of the damped whip, (k,): `-Re(lambda) / |lambda|` of the pair of complex eigenvalues whose
             motion is most like the undamped mode. NaN where no pair is left for a mode: an overdamped mode does
             not swing, its eigenvalues are real, and with several such modes nothing says which two belong together.
-        shapes: Joint angles of each undamped mode, (k, n), the largest being 1; zero for locked joints.
+        shapes: Joint angles of each undamped mode, of rods their tilts towards x and y, (k, n), the largest being 1;
+            zero for locked joints.
+        displacements: Of hand, nodes and tip in each undamped mode, per unit of its shape [m], (k, N + 1, 2 or 3).
         eigenvalues: All 2 m of the damped motion of the m free joints [1/s], slowest first, (2 m,): complex in
             conjugate pairs, or real for overdamped motion.
     """
@@ -112,6 +166,7 @@ class Modes:
     frequencies: np.ndarray
     damping_ratios: np.ndarray
     shapes: np.ndarray
+    displacements: np.ndarray
     eigenvalues: np.ndarray
 
 
@@ -165,28 +220,39 @@ def explicit_timestep(model: Model) -> float:
         if not own.all():
             return 0.0
         locked = float((2 * damping / own).max())
-    whip = replace(whip, joints="hinge", node_inertia=0.0, b=tuple(damping.tolist()))
+    whip = replace(whip, joints="hinge", node_inertia=0.0, rest_angle_x=0.0, b=tuple(damping.tolist()))
     alone = Model(whip, ArmParameters((ArmLink(mass=1.0, length=1.0),)), gravity=model.gravity)
     return float(_RUNGE_KUTTA / max(locked, np.abs(hanging_modes(alone).eigenvalues).max()))
 
 
-def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = None) -> Modes:
-    """Modes of the whip that hangs at rest below the straight, hanging arm.
+def hanging_modes(
+    model: Model, *, fixed_arm: bool = True, count: int | None = None, posture: np.ndarray | None = None
+) -> Modes:
+    """Modes of the whip that hangs at rest below the arm.
+
+    In space each has its like in another direction, of the same frequency where nothing tells the two apart; of two
+    such modes the directions are any.
 
     Args:
         model: Whip, arm and gravity.
         fixed_arm: The arm is locked and the whip swings alone from the hand; otherwise all joints are free.
         count: How many modes; default: as many as joints are free.
+        posture: Joint positions of the arm [rad], (a,), held by constant torques; default: 0, of a planar arm straight
+            down.
 
     Raises:
-        InputError: `count` is not in 1 .. number of free joints, or the whip is of rods.
+        InputError: `count` is not in 1 .. number of free joints, or the posture is of another arm.
     """
     a, n = model.arm.n, model.n
+    at = np.zeros(a) if posture is None else np.asarray(posture, float)
+    if at.shape != (a,) or not np.isfinite(at).all():
+        raise InputError("posture", posture, f"{a} finite numbers, one per joint of the arm")
     free = slice(a if fixed_arm else 0, n)
     m = n - a if fixed_arm else n
     k = m if count is None else count
     k = whole("count", k, high=m)
-    linear = linearise(model, start_posture(model, np.zeros((1, a)))[0])
+    hanging = start_posture(model, at[None])[0]
+    linear = linearise(model, hanging)
     M, C, K = (matrix[free, free] for matrix in (linear.M, linear.C, linear.K))
     squares, undamped = eigh(K, M)  # columns with x^T M x = 1
     eigenvalues, damped = np.linalg.eig(_state_matrix(M, C, K))
@@ -205,5 +271,6 @@ def hanging_modes(model: Model, *, fixed_arm: bool = True, count: int | None = N
         frequencies=np.sqrt(np.maximum(squares, 0))[:k] / (2 * np.pi),
         damping_ratios=ratios[:k],
         shapes=shapes[:k],
+        displacements=np.array([_displacement(model, hanging, shape) for shape in shapes[:k]]),
         eigenvalues=eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))],
     )

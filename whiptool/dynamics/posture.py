@@ -18,7 +18,7 @@ _FEW = 6  # one by one is as fast
 
 def hangs_straight(model: Model) -> bool:
     """Whether the whip hangs straight down: its hinge has no spring, and no joint a rest angle."""
-    return hinge_is_free(model) and not model.whip.per_node("rest_angle").any()
+    return hinge_is_free(model) and not model.whip.rest_angles.any()
 
 
 def hinge_is_free(model: Model) -> bool:
@@ -99,7 +99,8 @@ def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.nd
         return dq
     springs = ["whip.k", *(["whip.cubic_stiffness"] if "cubic_stiffness" in structure.optional else [])]
     hinge = [structure.columns(name).start for name in springs]  # a spring at the hinge would bend the whip
-    if hangs_straight(model) and "rest_angle" not in structure.optional and not dp[:, hinge].any():
+    bent = {"rest_angle", "rest_angle_x"} & set(structure.optional)
+    if hangs_straight(model) and not bent and not dp[:, hinge].any():
         if structure.joints == "universal":
             assert isinstance(model.arm, SpatialArm)
             dq[:, a : a + 2] = _hanging_change(model.arm, q[:, :a], dq[:, :a])

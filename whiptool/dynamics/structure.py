@@ -16,7 +16,7 @@ from whiptool.impedance.position import PositionControl
 from whiptool.models.parameters import ArmParameters, Model, SpatialArm
 from whiptool.models.spatial_arm import MOMENTS, XYZ
 
-PER_NODE = ("rest_angle", "dry_friction", "drag", "cubic_stiffness")  # generated only where used
+PER_NODE = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness")  # generated only where used
 _ONE = ("drag_ratio", "hinge_mass")  # numbers of a whip, likewise
 _ARM = {"mass": 1, "com": 3, "inertia": 6, "position": 3, "friction": 1, "armature": 1}  # numbers of a link in space
 Matrix = tuple[tuple[float, ...], ...]

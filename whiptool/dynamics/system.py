@@ -163,6 +163,8 @@ class System(ABC):
         quantities["com"] = of.get("com", of["length"])
         quantities["drag_ratio"] = of.get("drag_ratio", ca.SX(1))
         quantities["friction_velocity"] = of.get("friction_velocity", ca.SX(1))
+        if len(self.hinges) == 2:
+            quantities["rest_angle"] = ca.vertcat(of.get("rest_angle_x", zero), quantities["rest_angle"])
         link = Link(*(quantities[name] for name in Link._fields))
         return link, Chain(**quantities, gravity=0.0)
 

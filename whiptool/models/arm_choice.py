@@ -14,6 +14,8 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.numbers import number, numbers
 
+_TOOL_FRAMES = ("tool0", "_tcp")  # what the names of tool frames end with
+
 
 @dataclass(frozen=True)
 class ArmChoice:
@@ -77,20 +79,31 @@ class ArmChoice:
     def only_tip(self, ends: Sequence[str], frames: Sequence[str]) -> str:
         """Return the name of the tip.
 
+        Where none is named and the robot branches, it is the end that is called as tool frames are: `tool0`, the frame
+        of the flange by the ROS-Industrial convention (REP 199), or `..._tcp`.
+
         Args:
             ends: Names of what carries nothing.
             frames: Names of all that a tip can be.
 
         Raises:
-            InputError: There is none of that name, or none is named and the robot branches.
+            InputError: There is none of that name, or none is named, the robot branches, and not just one end is a tool
+                frame.
         """
         if self.tip:
             if self.tip not in frames:
                 raise InputError("tip", self.tip, "one of " + ", ".join(frames))
             return self.tip
-        if len(ends) != 1:
-            raise InputError("tip", "none", "the name of one end, as the robot branches: " + ", ".join(ends))
-        return ends[0]
+        tools = [name for name in ends if name.endswith(_TOOL_FRAMES)]
+        found = ends if len(ends) == 1 else tools
+        if len(found) != 1:
+            raise InputError(
+                "tip",
+                "none",
+                "the name of one end, as the robot branches: " + ", ".join(ends),
+                "name it in a model file, beside the arm's",
+            )
+        return found[0]
 
     @property
     def hand(self) -> np.ndarray:

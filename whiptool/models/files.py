@@ -15,7 +15,7 @@ from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
 from whiptool.models.robots import rope
 from whiptool.models.tables import build_from, read_toml
-from whiptool.models.whip import WhipParameters
+from whiptool.models.whip import UNIVERSAL_ONLY, WhipParameters
 from whiptool.whole_files import write_whole
 
 
@@ -52,7 +52,8 @@ def model_to_table(model: Model) -> dict:
     """The model as nested plain data; `model_from_table` gives the same model back."""
     whip = {k: list(v) if isinstance(v, tuple) else v for k, v in dataclasses.asdict(model.whip).items()}
     if model.whip.joints == "hinge":  # what is of space stays out of the plane
-        del whip["joints"], whip["node_inertia"]
+        for name in ("joints", *UNIVERSAL_ONLY):
+            del whip[name]
     return {"name": model.name, "gravity": model.gravity, "whip": whip, "arm": arm_to_table(model.arm)}
 
 

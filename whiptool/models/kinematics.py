@@ -1,4 +1,4 @@
-"""Where the joints of an arm and whip in space are, and how they move: forward kinematics in NumPy."""
+"""Where the joints of an arm and whip are and, in space, how they move: forward kinematics in NumPy."""
 
 from __future__ import annotations
 
@@ -79,6 +79,19 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
     return [*frames, frame.carried(arm.hand_position).turned(arm.hand_rotation)]
 
 
+def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
+    """Positions of shoulder, joints and tip [m], shape (..., n + 1, 2), for joint positions q of shape (..., n).
+
+    In space those of the a joints of the arm, the hand and the N nodes, (..., a + 1 + N, 3).
+    """
+    if model.dimension == 3:
+        return chain_motion(model, q)[0]
+    theta = np.cumsum(q, axis=-1)
+    l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
+    steps = np.stack([l * np.sin(theta), -l * np.cos(theta)], axis=-1)
+    return np.concatenate([np.zeros((*steps.shape[:-2], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
+
+
 def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return where the arm's joints, the hand and the whip's nodes are, and how fast.
 
@@ -101,14 +114,26 @@ def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tu
     return np.concatenate([points, nodes], axis=-2), np.concatenate([velocities, speeds], axis=-2)
 
 
-def _universal(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities (..., N, 3) of nodes on universal joints, q and v (..., 2 N)."""
+def universal_frames(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> list[MovingFrame]:
+    """Return the frame at each of N universal nodes.
+
+    Args:
+        hand: The frame of the hand, for states of any shape (...).
+        lengths: Of the links [m], (N,).
+        q, v: Positions and speeds of the hinges [rad, rad/s], (..., 2 N).
+    """
     frame, frames = hand, []
     for i, length in enumerate(lengths):
         for j, axis in enumerate(UNIVERSAL, start=2 * i):
             frame = frame.hinged(axis, q[..., j], v[..., j])
         frame = frame.carried((0.0, 0.0, -length))
         frames.append(frame)
+    return frames
+
+
+def _universal(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (..., N, 3) of nodes on universal joints, q and v (..., 2 N)."""
+    frames = universal_frames(hand, lengths, q, v)
     return np.stack([f.origin for f in frames], axis=-2), np.stack([f.velocity for f in frames], axis=-2)
 
 

@@ -11,7 +11,7 @@ from whiptool.errors import InputError
 from whiptool.models.numbers import number, whole
 from whiptool.models.planar_arm import ArmLink, ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
-from whiptool.models.whip import PerNode, WhipParameters
+from whiptool.models.whip import UNIVERSAL_ONLY, PerNode, WhipParameters
 
 __all__ = ["ArmLink", "ArmParameters", "Model", "PerNode", "SpatialArm", "WhipParameters", "number", "whole"]
 
@@ -69,9 +69,9 @@ class Model:
         named: dict[str, float] = {}
         for f in dataclasses.fields(self.whip):
             value = getattr(self.whip, f.name)
-            if f.name in ("N", "joints") or (f.name == "node_inertia" and self.whip.joints != "universal"):
+            if f.name in ("N", "joints") or (f.name in UNIVERSAL_ONLY and self.whip.joints != "universal"):
                 continue
-            if f.name == "rest_angle" and self.dimension == 3:
+            if f.name == "rest_angle" and self.whip.joints == "rod":
                 continue
             if isinstance(value, tuple):
                 named.update({f"whip.{f.name}[{i}]": v for i, v in enumerate(value)})

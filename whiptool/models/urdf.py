@@ -21,12 +21,13 @@ _TYPES = (*_MOVABLE, "fixed")
 def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of a URDF file, its base frame that of the root link.
 
-    Bodies on fixed or locked joints count with the link that carries them. Shapes are not looked at. Dry friction of
+    Bodies on fixed or locked joints count with the link that carries them. Shapes are not looked at, but for this: a
+    moving link without mass is a mere frame, as between two hinges at one point, if it has no shape. Dry friction of
     joints has no part in the model.
 
     Args:
         path: Of the file; xacro has to be expanded.
-        choice: Which chain; default: all of a robot that does not branch.
+        choice: Which chain; default: all of a robot that does not branch, or the one to its only tool frame.
 
     Raises:
         InputError: The file cannot be read, is no tree of links, has joints of an unknown type or moving links without
@@ -36,7 +37,9 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     text = _text(Path(path))
     try:
         parents = _tree(text)
-        tip = choice.only_tip([link for link in parents if link not in _carriers(parents)], list(parents))
+        ends = [link for link in parents if link not in _carriers(parents)]
+        moving = [link for link in ends if _movable(_path(parents, link))]
+        tip = choice.only_tip(moving or ends, list(parents))
         movers = choice.movers(_movable(_path(parents, tip)), _movable(parents.values()))
         return _arm(text, choice, tip, movers)
     except InputError as error:
@@ -124,6 +127,7 @@ def _arm(text: str, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialAr
     model = pin.buildReducedModel(whole, locked, pin.integrate(whole, pin.neutral(whole), at))
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
+    _check_masses(model, _shaped(text))
     links = tuple(_link(model, data, i) for i in range(1, model.njoints))
     frame = model.frames[model.getFrameId(tip)]
     hand = frame.placement.rotation @ choice.hand
@@ -131,13 +135,34 @@ def _arm(text: str, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialAr
     return SpatialArm(links, tuple(joint_name(name) for name in model.names[1:]), (x, y, z), _rows(hand))
 
 
+def _shaped(text: str) -> set[str]:
+    """Names of the links that have a shape: those are bodies, and no mere frames."""
+    links = ET.fromstring(text).findall("link")
+    return {x.get("name", "") for x in links if x.find("visual") is not None or x.find("collision") is not None}
+
+
+def _check_masses(model: Any, shaped: set[str]) -> None:
+    """Refuse joints that move nothing with a mass, and shapes without one.
+
+    Raises:
+        InputError: There is such a joint.
+    """
+    import pinocchio as pin  # pyright: ignore[reportMissingImports]
+
+    beyond = 0.0
+    for i in reversed(range(1, model.njoints)):
+        mass = model.inertias[i].mass
+        beyond += mass
+        moved = {f.name for f in model.frames if f.parentJoint == i and f.type == pin.FrameType.BODY}
+        if beyond <= 0 or (mass <= 0 and moved & shaped):
+            rule = "an <inertial> with a mass > 0 on the link that it moves, or on one fixed to that"
+            raise InputError(f"joint {model.names[i]}", f"mass {mass:g} kg", rule)
+
+
 def _link(model: Any, data: Any, i: int) -> SpatialLink:
     """Joint i and what it moves."""
-    name, v, q = model.names[i], model.idx_vs[i], model.idx_qs[i]
+    v, q = model.idx_vs[i], model.idx_qs[i]
     body, place = model.inertias[i], model.jointPlacements[i]
-    if body.mass <= 0:
-        rule = "an <inertial> with a mass > 0 on the link that it moves, or on one fixed to that"
-        raise InputError(f"joint {name}", f"mass {body.mass:g} kg", rule)
     slide, turn = np.split(np.ravel(data.joints[i].S), 2)
     prismatic = bool(np.any(slide))
     bounded = model.nqs[i] == 1  # a continuous joint is a cosine and a sine
@@ -150,7 +175,7 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
     I = body.inertia
     return SpatialLink(
         mass=float(body.mass),
-        com=tuple(body.lever.tolist()),  # type: ignore[arg-type]
+        com=tuple(body.lever.tolist()) if body.mass else (0.0, 0.0, 0.0),  # type: ignore[arg-type]
         inertia=tuple(I[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist()),
         axis=tuple((slide if prismatic else turn).tolist()),  # type: ignore[arg-type]
         position=tuple(place.translation.tolist()),  # type: ignore[arg-type]

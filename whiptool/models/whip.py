@@ -14,6 +14,7 @@ from whiptool.models.numbers import number, whole
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 Joints: TypeAlias = Literal["hinge", "universal", "rod"]
 JOINTS = get_args(Joints)
+UNIVERSAL_ONLY = ("node_inertia", "rest_angle_x")  # quantities that no other joints have
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,8 @@ class WhipParameters:
     """Lumped whip (Fig. 2, Table 2): N point masses on massless links, joined by springs and dampers.
 
     Each quantity is one number or one value per node. Joint 1 is the hinge that joins the whip to the hand. It is
-    free (Sect. 2.1): a single number of `k`, `cubic_stiffness`, `b`, `rest_angle` or `dry_friction` speaks of joints
-    2..N only; a value per node speaks of all joints, the hinge first.
+    free (Sect. 2.1): a single number of `k`, `cubic_stiffness`, `b`, `dry_friction` or a rest angle speaks of
+    joints 2..N only; a value per node speaks of all joints, the hinge first.
 
     Args:
         N: Number of nodes.
@@ -30,7 +31,8 @@ class WhipParameters:
         m: Node mass at the far end of each link [kg].
         k: Joint stiffness [N m/rad].
         b: Joint damping [N m s/rad].
-        rest_angle: Joint angle at which the spring is slack [rad].
+        rest_angle: Joint angle at which the spring is slack [rad]; of universal joints that of the second hinge, which
+            is the plane's.
         dry_friction: Friction torque of a joint at high speed [N m].
         friction_velocity: Joint speed around which dry friction turns over smoothly [rad/s]: the torque is
             `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
@@ -47,6 +49,7 @@ class WhipParameters:
         node_inertia: Moment of inertia of each node about its own centre, the same about all axes, as of a small
             sphere [kg m^2]; of universal joints only. Without it, a node that hangs at a right angle to the first of
             its hinges has no inertia about it.
+        rest_angle_x: Angle of a universal joint's first hinge at which its spring is slack [rad]: `rest_angle` across.
 
     Raises:
         InputError: A value is not finite, out of range, or its length is not N, or the whip's joints have no such
@@ -67,6 +70,7 @@ class WhipParameters:
     cubic_stiffness: PerNode = 0.0
     joints: Joints = "hinge"
     node_inertia: PerNode = 0.0
+    rest_angle_x: PerNode = 0.0
 
     # lowest value of each quantity, and whether it is itself excluded
     _LOW: ClassVar = {
@@ -79,9 +83,10 @@ class WhipParameters:
         "drag": (0.0, False),
         "cubic_stiffness": (0.0, False),
         "node_inertia": (0.0, False),
+        "rest_angle_x": (-math.inf, False),
     }
     # quantities of joints, zero at the free hinge
-    _JOINT: ClassVar = ("k", "b", "rest_angle", "dry_friction", "cubic_stiffness")
+    _JOINT: ClassVar = ("k", "b", "rest_angle", "rest_angle_x", "dry_friction", "cubic_stiffness")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "N", whole("N", self.N, high=200))
@@ -100,10 +105,12 @@ class WhipParameters:
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
         if self.joints not in JOINTS:
             raise InputError("joints", self.joints, ", ".join(JOINTS))
-        if self.joints != "universal" and self.per_node("node_inertia").any():
-            raise InputError("node_inertia", self.node_inertia, f"0 for joints of the kind {self.joints}")
-        if self.joints != "hinge" and self.per_node("rest_angle").any():
-            raise InputError("rest_angle", self.rest_angle, "0 in space, where a bend has a direction, too")
+        for name in UNIVERSAL_ONLY:
+            if self.joints != "universal" and self.per_node(name).any():
+                raise InputError(name, getattr(self, name), f"0 for joints of the kind {self.joints}")
+        if self.joints == "rod" and self.per_node("rest_angle").any():
+            rule = "0 for rods, which do not twist with the hand: nothing says which way they would bend"
+            raise InputError("rest_angle", self.rest_angle, rule)
 
     @property
     def joints_per_node(self) -> int:
@@ -121,6 +128,12 @@ class WhipParameters:
     def per_joint(self, name: str) -> np.ndarray:
         """Quantity `name` of every joint: of a node in space twice, shape (N,) or (2 N,)."""
         return np.repeat(self.per_node(name), self.joints_per_node)
+
+    @property
+    def rest_angles(self) -> np.ndarray:
+        """Angle of every joint at which its spring is slack [rad], shape (N,), or (2 N,) of nodes in space."""
+        along = self.per_node("rest_angle")
+        return along if self.joints == "hinge" else np.stack([self.per_node("rest_angle_x"), along], axis=1).ravel()
 
     @property
     def length(self) -> float:

@@ -26,7 +26,8 @@ class TargetOptions(OptionGroup):
     """What is struck at, and for how long the tip is watched."""
 
     target: tuple[float, ...] = (1.3, 0.0)
-    """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up."""
+    """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up, usually
+    1.3 0 0."""
     hit_radius: float = 0.06
     """The target is hit when the tip comes this close [m]."""
     t_stay: float = T_STAY
@@ -40,11 +41,12 @@ class TargetOptions(OptionGroup):
         self.build_target()
         number("--t-stay", self.t_stay, low=0, high=LONGEST_STAY)
 
-    def build_target(self) -> Target:
-        """Target position and hit radius."""
-        from whiptool.target import Target
+    def build_target(self, model: Model | None = None) -> Target:
+        """Target position and hit radius; for a model in space the usual target is straight ahead of the base."""
+        from whiptool.target import TARGET, Target
 
-        return Target(self.target, self.hit_radius)
+        in_space = model is not None and model.dimension == 3
+        return Target((*TARGET, 0.0) if in_space and self.target == TARGET else self.target, self.hit_radius)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +73,9 @@ class ZoneOptions(TargetOptions):
         """
         from whiptool.zone import Disc, disc_within_reach
 
-        self.build_target().check_reach(model)
-        disc = Disc(self.target, self.zone_radius)
+        target = self.build_target(model)
+        target.check_reach(model)
+        disc = Disc(target.position, self.zone_radius)
         return disc_within_reach(disc, model.reach)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.kinematics import MovingFrame, arm_frames, chain_motion, universal_frames
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Trajectory, joint_points
@@ -14,13 +16,14 @@ from whiptool.rollout.trajectory import Trajectory, joint_points
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies over T instants of a chain of n links: those of the arm, then the whip's nodes on theirs.
+    """Energies over T instants: those of the a links of the arm, then those of the whip's N nodes.
 
     Args:
         t: Times [s], (T,).
-        kinetic: Of each arm link and each node [J], (T, n); the whip's `hinge_mass` counts with the arm's last link.
-        weight: Potential energy of their weight [J], (T, n), from the shoulder's height.
-        springs: Energy in the spring of each joint [J], (T, n).
+        kinetic: Of each arm link and each node [J], (T, a + N); an arm link's includes its rotor's, and the whip's
+            `hinge_mass` counts with the arm's last link.
+        weight: Potential energy of their weight [J], (T, a + N), from the base's height.
+        springs: Energy in the springs of each joint of the arm and of each node [J], (T, a + N).
         work: Done by the arm's motors so far [J], (T,).
         lost: To dampers, friction and drag so far [J], (T,).
     """
@@ -44,8 +47,10 @@ class Energies:
 
 
 def joint_velocities(model: Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Velocities of shoulder, joints and tip [m/s], shape (..., n + 1, 2), for joint positions q [rad] and velocities
-    v [rad/s] of shape (..., n); the points are those of `joint_points`."""
+    """Velocities of base, joints and tip [m/s] for joint positions q [rad] and velocities v [rad/s] of shape (..., n);
+    the points are those of `joint_points`: (..., n + 1, 2) in the plane, (..., a + 1 + N, 3) in space."""
+    if model.dimension == 3:
+        return chain_motion(model, q, v)[1]
     theta, omega = np.cumsum(q, axis=-1), np.cumsum(v, axis=-1)
     l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
     steps = (l * omega)[..., None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)
@@ -53,7 +58,7 @@ def joint_velocities(model: Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def energies(model: Model, trajectory: Trajectory) -> Energies:
-    """Energies along a strike.
+    """Energies along a strike, in the plane or in space.
 
     Work and losses are the trapezoidal integrals of power, of second order in the trajectory's steps where the torque
     is continuous, and of first order where it is held for a control period.
@@ -65,41 +70,129 @@ def energies(model: Model, trajectory: Trajectory) -> Energies:
     Raises:
         InputError: The trajectory is of another number of joints.
     """
-    arm, whip, a, n = model.arm, model.whip, model.arm.n, model.n
+    whip, a, n = model.whip, model.arm.n, model.coordinates
     t, q, v = trajectory.t, trajectory.q, trajectory.v
-    if isinstance(arm, SpatialArm):
-        raise InputError("model", model.name, "a model in the plane, for energies")
     if q.shape[1] != n:
         raise InputError("trajectory", f"of {q.shape[1]} joints", f"one of the model's {n}")
-    points, velocities = joint_points(model, q), joint_velocities(model, q, v)
-    square = (velocities**2).sum(axis=2)  # (T, n + 1)
+    of_chain = _in_space if isinstance(model.arm, SpatialArm) else _in_plane
+    moving = of_chain(model, q, v)
 
-    mass = np.r_[arm.per_link("mass"), whip.per_node("m")]
-    share = np.r_[arm.per_link("com") / arm.per_link("length"), np.ones(whip.N)][:, None]  # of the link, to the mass
-    centre = points[:, :-1] + share * np.diff(points, axis=1)  # (T, n, 2)
-    speed = velocities[:, :-1] + share * np.diff(velocities, axis=1)
-    kinetic = mass * (speed**2).sum(axis=2) / 2  # (T, n)
-    kinetic[:, :a] += arm.per_link("inertia") * np.cumsum(v, axis=1)[:, :a] ** 2 / 2
-    kinetic[:, a - 1] += whip.hinge_mass * square[:, a] / 2
-    weight = mass * model.gravity * centre[:, :, 1]
-    weight[:, a - 1] += whip.hinge_mass * model.gravity * points[:, a, 1]
+    mass = np.r_[model.arm.per_link("mass"), whip.per_node("m")]
+    kinetic = mass * (moving.speeds**2).sum(axis=2) / 2 + moving.turning  # (T, a + N)
+    kinetic[:, a - 1] += whip.hinge_mass * (moving.velocities[:, a] ** 2).sum(axis=1) / 2
+    weight = mass * model.gravity * moving.centres[:, :, -1]
+    weight[:, a - 1] += whip.hinge_mass * model.gravity * moving.points[:, a, -1]
 
-    joints = ("k", "cubic_stiffness", "rest_angle", "b", "dry_friction")
-    k, cubic, rest, b, dry = (np.r_[np.zeros(a), whip.per_node(x)] for x in joints)
-    b[:a] = arm.per_link("friction")
-    losses = b * v**2 + dry * v**2 / np.sqrt(v**2 + whip.friction_velocity**2)  # (T, n)
-    theta = np.cumsum(q, axis=1)[:, a:]
-    along = velocities[:, a + 1 :, 0] * np.sin(theta) - velocities[:, a + 1 :, 1] * np.cos(theta)  # (T, N)
-    braked = square[:, a + 1 :] - (1 - whip.drag_ratio) * along**2
-    drag = whip.per_node("drag") * np.sqrt(square[:, a + 1 :]) * braked  # (T, N)
+    lost = (model.arm.per_link("friction") * v[:, :a] ** 2).sum(axis=1) + moving.braking
+    lost += _drag(model, np.diff(moving.points[:, a:], axis=1), moving.velocities[:, a + 1 :])
     return Energies(
         t=t,
         kinetic=kinetic,
         weight=weight,
-        springs=k * (q - rest) ** 2 / 2 + cubic * (q - rest) ** 4 / 4,
+        springs=np.hstack([np.zeros((len(t), a)), moving.springs]),
         work=_integral((trajectory.tau * v[:, :a]).sum(axis=1), t),
-        lost=_integral(losses.sum(axis=1) + drag.sum(axis=1), t),
+        lost=_integral(lost, t),
     )
+
+
+class _Moving(NamedTuple):
+    """How a chain moves at T instants, in d coordinates.
+
+    Args:
+        points, velocities: Of base, joints and tip [m, m/s], (T, a + 1 + N, d).
+        centres, speeds: Of the masses of the arm's links and of the nodes [m, m/s], (T, a + N, d).
+        turning: Kinetic energy of each link's or node's turning about its centre, and of its rotor [J], (T, a + N).
+        springs: Energy in the springs of each node [J], (T, N).
+        braking: Power that the dampers and dry friction of the whip's joints take [W], (T,).
+    """
+
+    points: np.ndarray
+    velocities: np.ndarray
+    centres: np.ndarray
+    speeds: np.ndarray
+    turning: np.ndarray
+    springs: np.ndarray
+    braking: np.ndarray
+
+
+def _in_plane(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
+    """The motion of a planar chain."""
+    arm, whip, a = model.arm, model.whip, model.arm.n
+    points, velocities = joint_points(model, q), joint_velocities(model, q, v)
+    share = np.r_[arm.per_link("com") / arm.per_link("length"), np.ones(whip.N)][:, None]  # of the link, to the mass
+    turning = np.zeros((len(q), a + whip.N))
+    turning[:, :a] = arm.per_link("inertia") * np.cumsum(v[:, :a], axis=1) ** 2 / 2
+    return _Moving(
+        points=points,
+        velocities=velocities,
+        centres=points[:, :-1] + share * np.diff(points, axis=1),
+        speeds=velocities[:, :-1] + share * np.diff(velocities, axis=1),
+        turning=turning,
+        springs=_spring_energy(model, (q[:, a:] - whip.rest_angles) ** 2),
+        braking=_braking_power(model, v[:, a:] ** 2).sum(axis=1),
+    )
+
+
+def _in_space(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
+    """The motion of an arm and whip in space."""
+    arm, whip, a = model.arm, model.whip, model.arm.n
+    assert isinstance(arm, SpatialArm)
+    points, velocities = chain_motion(model, q, v)
+    *frames, hand = arm_frames(arm, q[:, :a], v[:, :a])
+    centres = [frame.carried(link.com) for frame, link in zip(frames, arm.links, strict=True)]
+    spins = (np.einsum("tji,tj->ti", frame.rotation, frame.spin) for frame in frames)  # in the links' axes, (T, 3)
+    turning = np.zeros((len(q), a + whip.N))
+    for i, (link, spin) in enumerate(zip(arm.links, spins, strict=True)):
+        turning[:, i] = np.einsum("ti,ij,tj->t", spin, link.inertia_matrix, spin) / 2 + link.armature * v[:, i] ** 2 / 2
+    if whip.joints == "rod":
+        squares, slips = _bends_of_rods(hand, q[:, a:], v[:, a:])
+        springs, braking = _spring_energy(model, squares), _braking_power(model, slips)
+    else:
+        bends, slips = (x.reshape(len(q), whip.N, 2) ** 2 for x in (q[:, a:] - whip.rest_angles, v[:, a:]))
+        springs = _spring_energy(model, bends[..., 0]) + _spring_energy(model, bends[..., 1])
+        braking = _braking_power(model, slips[..., 0]) + _braking_power(model, slips[..., 1])
+        spin = np.stack(
+            [frame.spin for frame in universal_frames(hand, whip.per_node("l"), q[:, a:], v[:, a:])], axis=1
+        )
+        turning[:, a:] = whip.per_node("node_inertia") * (spin**2).sum(axis=2) / 2
+    return _Moving(
+        points=points,
+        velocities=velocities,
+        centres=np.concatenate([np.stack([at.origin for at in centres], axis=1), points[:, a + 1 :]], axis=1),
+        speeds=np.concatenate([np.stack([at.velocity for at in centres], axis=1), velocities[:, a + 1 :]], axis=1),
+        turning=turning,
+        springs=springs,
+        braking=braking.sum(axis=1),
+    )
+
+
+def _bends_of_rods(hand: MovingFrame, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Squares of each rod's bend, by the series of `dynamics.rods`, and of its turning past the rod before, (T, N)."""
+    d, rate = (x.reshape(len(x), -1, 3) for x in (q, v))
+    directions = np.concatenate([-hand.rotation[:, None, :, 2], d], axis=1)  # (T, N + 1, 3)
+    turns = np.concatenate([hand.spin[:, None], np.cross(d, rate)], axis=1)
+    u = 1 - (directions[:, :-1] * directions[:, 1:]).sum(axis=2)
+    return 2 * (u + u**2 / 6 + 2 / 45 * u**3), (np.diff(turns, axis=1) ** 2).sum(axis=2)
+
+
+def _spring_energy(model: Model, squares: np.ndarray) -> np.ndarray:
+    """Of joints whose bends have these squares [rad^2], (T, N): [J]."""
+    return model.whip.per_node("k") * squares / 2 + model.whip.per_node("cubic_stiffness") * squares**2 / 4
+
+
+def _braking_power(model: Model, squares: np.ndarray) -> np.ndarray:
+    """Of dampers and dry friction of joints whose speeds have these squares [rad^2/s^2], (T, N): [W]."""
+    whip = model.whip
+    root = np.sqrt(squares + whip.friction_velocity**2)
+    return (whip.per_node("b") + whip.per_node("dry_friction") / root) * squares
+
+
+def _drag(model: Model, links: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    """Power that drag takes [W], (T,), from nodes at the ends of these links and of these velocities, (T, N, d)."""
+    whip = model.whip
+    square = (velocities**2).sum(axis=2)
+    along = (velocities * links).sum(axis=2) / whip.per_node("l")
+    return (whip.per_node("drag") * np.sqrt(square) * (square - (1 - whip.drag_ratio) * along**2)).sum(axis=1)
 
 
 def _integral(power: np.ndarray, t: np.ndarray) -> np.ndarray:

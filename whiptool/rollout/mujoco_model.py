@@ -21,7 +21,7 @@ from whiptool.rollout.mujoco_scene import add_ball, add_capsule, add_scene, add_
 NODE_INERTIA = 1e-12
 
 _HINGE = (("", (0.0, -1.0, 0.0)),)  # a node's joints: what its name ends with, and their axes
-_NODE_JOINTS = {"hinge": _HINGE, "universal": tuple(zip(("x", "y"), UNIVERSAL, strict=True))}
+_NODE_JOINTS = {"hinge": _HINGE, "universal": tuple(zip(("x", "y"), UNIVERSAL, strict=True)), "rod": ()}
 
 
 def not_native(model: Model) -> list[str]:
@@ -31,6 +31,8 @@ def not_native(model: Model) -> list[str]:
         missing.append("quadratic air drag of the nodes")
     if model.whip.per_node("dry_friction").any():
         missing.append("smoothed dry friction of the joints")
+    if model.whip.joints == "rod":
+        missing.append("bending stiffness and damping of the rods")
     return missing
 
 
@@ -38,7 +40,8 @@ def build_spec(
     model: Model, *, target: np.ndarray | None = None, target_radius: float = 0.06, node_inertia: float = NODE_INERTIA
 ) -> mujoco.MjSpec:
     """Arm, whip and scene; the arm's joints have their names, the whip's are `whip1` .. `whipN`, of universal nodes
-    `whip1x`, `whip1y` and so on, the nodes' bodies are `whip1` .. `whipN`, and the tip is the site `tip`.
+    `whip1x`, `whip1y` and so on, of rods ball joints that nothing bends or brakes; the nodes' bodies are `whip1` ..
+    `whipN`, and the tip is the site `tip`.
 
     Args:
         model: Whip, arm, gravity.
@@ -47,10 +50,8 @@ def build_spec(
         node_inertia: Inertia of each whip node [kg m^2], > 0, where its own is less.
 
     Raises:
-        InputError: The whip's nodes are rods, which MuJoCo has no joints for.
+        InputError: A whip of rods is on an arm whose last link has no mass, and so no body that they could pull.
     """
-    if model.whip.joints not in _NODE_JOINTS:
-        raise InputError("whip.joints", model.whip.joints, ", ".join(_NODE_JOINTS) + ", in MuJoCo")
     spec = mujoco.MjSpec()
     spec.modelname = model.name
     spec.option.gravity = [0, 0, -model.gravity]
@@ -164,9 +165,14 @@ def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -
 
 
 def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -> None:
-    names = ("l", "m", "k", "b", "rest_angle", "cubic_stiffness", "node_inertia")
-    for i, (l, m, k, b, rest, cubic, own) in enumerate(zip(*(whip.per_node(name) for name in names), strict=True)):
+    if whip.joints == "rod" and place.joints:
+        raise InputError("arm.links", "a last one without mass", "one with mass, for a whip of rods in MuJoCo")
+    names = ("l", "m", "k", "b", "cubic_stiffness", "node_inertia")
+    slack = iter(whip.rest_angles)
+    for i, (l, m, k, b, cubic, own) in enumerate(zip(*(whip.per_node(name) for name in names), strict=True)):
         stiffness = [k, 0, cubic]  # MuJoCo's polynomial
+        if whip.joints == "rod":
+            place = place.with_joint(f"whip{i + 1}", (0, 0, 1), type=mujoco.mjtJoint.mjJNT_BALL)
         for ending, axis in _NODE_JOINTS[whip.joints]:
             place = place.with_joint(
                 f"whip{i + 1}{ending}",
@@ -174,7 +180,7 @@ def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 stiffness=stiffness,
                 damping=b,
-                springref=rest,
+                springref=next(slack),
             )
         body = place.add_body(f"whip{i + 1}", mass=m, com=(0, 0, -l), inertia=(own,) * 3 + (0.0,) * 3, least=least)
         add_capsule(body, (0, 0, -l), (0.011 - 0.005 * i / whip.N) * reach, "whip")

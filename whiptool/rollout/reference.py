@@ -19,6 +19,8 @@ from whiptool.models.strike import T_STAY, Strike
 from whiptool.rollout.interface import Rollout, strike_vectors
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
+from whiptool.rollout.mujoco_rods import MujocoRods
+from whiptool.rollout.mujoco_rods import stable_timestep as rods_timestep
 from whiptool.rollout.trajectory import Trajectory, complete_trajectory
 
 Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
@@ -29,6 +31,8 @@ _callback = threading.Lock()  # MuJoCo's control callback is one per process
 
 class ReferenceRollout(Rollout):
     """Rolls strikes of one model and controller out in MuJoCo.
+
+    Rods are bodies on ball joints there, on which their own torques act from outside: see `mujoco_rods`.
 
     A torque written to `ctrl` once a step is held over the integrator's stages, which makes any of them first order.
     A continuous controller therefore acts through MuJoCo's control callback, at every stage. Drag and smoothed
@@ -58,11 +62,13 @@ class ReferenceRollout(Rollout):
             check_integrator(integrator)
         controller.check_fits(model.arm)
         self.model, self.controller = model, controller
+        rods = model.whip.joints == "rod"
         self._mj = build_spec(model).compile()
+        self._rods = MujocoRods(model, self._mj) if rods else None
         if timestep is None:
-            stable = _stable_timestep(self._mj, model)
+            stable = rods_timestep(model) if rods else _stable_timestep(self._mj, model)
             timestep = min(TIMESTEP, max(stable, SMALLEST_TIMESTEP))
-            integrator = integrator or ("RK4" if stable >= SMALLEST_TIMESTEP else "implicitfast")
+            integrator = integrator or ("RK4" if rods or stable >= SMALLEST_TIMESTEP else "implicitfast")
         integrator = integrator or "RK4"
         self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
         self._mj.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
@@ -71,13 +77,13 @@ class ReferenceRollout(Rollout):
         self._tip = self._mj.site("tip").id
         whip = model.whip
         self._axes = [0, 1, 2] if model.dimension == 3 else [0, 2]  # of MuJoCo's, ours
-        self._friction = np.r_[np.zeros(model.arm.n), whip.per_joint("dry_friction")]
+        self._friction = np.r_[np.zeros(model.arm.n), (0 if rods else 1) * whip.per_joint("dry_friction")]
         self._drag = whip.per_node("drag")
         first = self._mj.body("whip1").id
         self._nodes = slice(first, first + whip.N)  # bodies of a chain are numbered along it
         self._root = self._mj.body_rootid[first]
         self._rubs, self._brakes = bool(self._friction.any()), bool(self._drag.any())
-        self.has_forces = self._rubs or self._brakes
+        self.has_forces = rods or self._rubs or self._brakes
 
     def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """The whole strike of `D + t_stay` seconds, at every step.
@@ -85,7 +91,7 @@ class ReferenceRollout(Rollout):
         Raises:
             InputError: The strike is of another arm, or needs too many steps.
         """
-        a, n = self.model.arm.n, self.model.n
+        a, n = self.model.arm.n, self.model.coordinates
         (vector,) = strike_vectors(strike, a)
         strike = Strike.from_vector(vector)
         gave_up: list[str] = []  # what MuJoCo warns of: it resets the state, or drops the control, and goes on
@@ -97,7 +103,8 @@ class ReferenceRollout(Rollout):
         hold = grid[3] if self.controller.control_period is not None else 0
         mj, data = self._mj, self._data
         mujoco.mj_resetData(mj, data)
-        data.qpos[:] = start_posture(self.model, np.array([strike.q_i]))[0]
+        start = start_posture(self.model, np.array([strike.q_i]))[0]
+        data.qpos[:] = start if self._rods is None else self._rods.positions(start)
         times, q, v = np.empty(steps + 1), np.empty((steps + 1, n)), np.empty((steps + 1, n))
         tau, (tip, velocity) = np.empty((steps + 1, a)), np.empty((2, steps + 1, self.model.dimension))
         diverged, i, unrecorded = False, 0, 0
@@ -114,7 +121,8 @@ class ReferenceRollout(Rollout):
             elif not hold:
                 data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
             if unrecorded == i:
-                times[i], q[i], v[i], tau[i] = data.time, data.qpos, data.qvel, data.ctrl
+                times[i], tau[i] = data.time, data.ctrl
+                q[i], v[i] = (data.qpos, data.qvel) if self._rods is None else self._rods.coordinates(data)
                 tip[i], velocity[i] = data.site_xpos[self._tip, self._axes], self._tip_velocity()
                 unrecorded = i + 1
 
@@ -155,8 +163,10 @@ class ReferenceRollout(Rollout):
         )
 
     def apply_forces(self, data: mujoco.MjData) -> None:
-        """Write smoothed friction and drag at the data's velocities into its applied forces."""
+        """Write smoothed friction and drag, and the joints' torques of rods, into the data's applied forces."""
         v = data.qvel
+        if self._rods is not None:
+            self._rods.apply(data)
         if self._rubs:
             data.qfrc_applied[:] = -self._friction * v / np.sqrt(v**2 + self.model.whip.friction_velocity**2)
         if self._brakes:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from whiptool.models.kinematics import chain_motion
+from whiptool.models.kinematics import chain_motion, joint_points
 from whiptool.models.parameters import Model
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.points import Points, target_points
@@ -141,19 +141,6 @@ class Trajectory:
         with np.load(path, allow_pickle=False) as data:
             arrays = {f.name: data[f.name] for f in fields(cls)}
         return cls(**{**arrays, "diverged": bool(arrays["diverged"])})
-
-
-def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
-    """Positions of shoulder, joints and tip [m], shape (..., n + 1, 2), for joint positions q of shape (..., n).
-
-    In space those of the a joints of the arm, the hand and the N nodes, (..., a + 1 + N, 3).
-    """
-    if model.dimension == 3:
-        return chain_motion(model, q)[0]
-    theta = np.cumsum(q, axis=-1)
-    l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
-    steps = np.stack([l * np.sin(theta), -l * np.cos(theta)], axis=-1)
-    return np.concatenate([np.zeros((*steps.shape[:-2], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
 
 
 def complete_trajectory(

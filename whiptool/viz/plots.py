@@ -106,11 +106,27 @@ def plot_strike(
             return _fit_width(plot_strike(trajectory, model, target, ax=_new_axes(_STRIKE_SIZE)))
     goal = as_target(target)
     goal.check_dimension(model)
-    place, hit_radius = np.array(goal.position), goal.hit_radius
-    near, n = trajectory.approach(place), model.arm.n
-    t, t_near = trajectory.t, float(near.time[0])
+    near, t = trajectory.approach(np.array(goal.position)), trajectory.t
+    t_near = float(near.time[0])
     # What comes after the closest approach would cover what led to it
-    until = t_near if t_near > 0.3 * t[-1] else t[-1]
+    until = t_near if t_near > 0.3 * t[-1] else float(t[-1])
+    _draw_postures(ax, trajectory, model, until)
+    ax.plot(*trajectory.tip[t <= until].T, color="0.45", linewidth=0.9, zorder=1.5, label="path of the tip")
+    ax.plot(*trajectory.tip[t >= until].T, color="0.6", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
+    _draw_target(ax, goal)
+    _draw_nearest(ax, trajectory, model, t_near)
+    title = f"closest approach {length_text(near.distance[0])} at {near.speed[0]:.1f} m/s"
+    if trajectory.diverged:
+        title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
+    ax.set(xlabel="x, forward [m]", ylabel="y, up [m]", title=title)
+    _scale_alike(ax)
+    legend_above(ax, ncols=2)
+    return ax
+
+
+def _draw_postures(ax: Axes, trajectory: Trajectory, model: Model, until: float) -> None:
+    """Arm and whip at even steps up to an instant [s], coloured by time, with a colour bar."""
+    t, n = trajectory.t, model.arm.n
     times = np.linspace(t[0], until, _POSTURES)
     points = joint_points(model, at_times(times, t, trajectory.q))  # (12, n + 1, 2)
     norm = Normalize(t[0], max(until, t[0] + 1e-3))
@@ -126,33 +142,6 @@ def plot_strike(
                 zorder=2,
             )
         )
-    ax.plot(*trajectory.tip[t <= until].T, color="0.45", linewidth=0.9, zorder=1.5, label="path of the tip")
-    ax.plot(*trajectory.tip[t >= until].T, color="0.6", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
-    ax.add_patch(Circle(tuple(place), hit_radius, facecolor=COLORS["orange"], alpha=0.35, edgecolor="none", zorder=1))
-    ax.add_patch(Circle(tuple(place), hit_radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
-    ax.plot(
-        [],
-        [],
-        "o",
-        color="#F8E1B0",
-        markeredgecolor=COLORS["orange"],
-        markersize=9,
-        label=f"target, hit radius {hit_radius:g} m",
-    )
-    p = joint_points(model, at_times(np.array([t_near]), t, trajectory.q))[0]
-    ax.plot(*p[: n + 1].T, color=COLORS["black"], linewidth=5, zorder=4)
-    ax.plot(*p[n:].T, color=COLORS["black"], linewidth=2.4, zorder=4, label=f"closest approach, {t_near:.3f} s")
-    ax.plot(*p[: n + 1].T, "o", color="white", markeredgecolor=COLORS["black"], markersize=5, zorder=5)
-    ax.plot(*p[-1], "o", color=COLORS["vermilion"], markersize=6, zorder=6, label="tip")
-    title = f"closest approach {length_text(near.distance[0])} at {near.speed[0]:.1f} m/s"
-    if trajectory.diverged:
-        title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
-    ax.set(xlabel="x, forward [m]", ylabel="y, up [m]", title=title)
-    ax.set_aspect("equal", adjustable="datalim")  # a box that shrinks would leave a blank
-    ax.margins(0.06)
-    extent = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1).max()
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MultipleLocator(0.25 if extent < 2 else 0.5 if extent < 5 else 1.0))
     figure = ax.get_figure()
     assert figure is not None
     figure.colorbar(
@@ -160,8 +149,35 @@ def plot_strike(
         cax=ax.inset_axes((1.03, 0.15, 0.04, 0.7)),  # with ax=ax it would stand beside the legend, where that is wider
         label=f"time [s], a posture every {times[1] - times[0]:.3f} s",
     )
-    legend_above(ax, ncols=2)
-    return ax
+
+
+def _draw_target(ax: Axes, goal: Target) -> None:
+    """The target's disc of the hit radius, and its entry in the legend."""
+    x, y = goal.position
+    disc, rim = (x, y), COLORS["orange"]
+    ax.add_patch(Circle(disc, goal.hit_radius, facecolor=rim, alpha=0.35, edgecolor="none", zorder=1))
+    ax.add_patch(Circle(disc, goal.hit_radius, fill=False, edgecolor=rim, linewidth=1.6, zorder=3))
+    label = f"target, hit radius {goal.hit_radius:g} m"
+    ax.plot([], [], "o", color="#F8E1B0", markeredgecolor=rim, markersize=9, label=label)
+
+
+def _draw_nearest(ax: Axes, trajectory: Trajectory, model: Model, t_near: float) -> None:
+    """Arm and whip at the closest approach, in black, and the tip."""
+    n = model.arm.n
+    p = joint_points(model, at_times(np.array([t_near]), trajectory.t, trajectory.q))[0]
+    ax.plot(*p[: n + 1].T, color=COLORS["black"], linewidth=5, zorder=4)
+    ax.plot(*p[n:].T, color=COLORS["black"], linewidth=2.4, zorder=4, label=f"closest approach, {t_near:.3f} s")
+    ax.plot(*p[: n + 1].T, "o", color="white", markeredgecolor=COLORS["black"], markersize=5, zorder=5)
+    ax.plot(*p[-1], "o", color=COLORS["vermilion"], markersize=6, zorder=6, label="tip")
+
+
+def _scale_alike(ax: Axes) -> None:
+    """The same scale and the same ticks along x and y."""
+    ax.set_aspect("equal", adjustable="datalim")  # a box that shrinks would leave a blank
+    ax.margins(0.06)
+    extent = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1).max()
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MultipleLocator(0.25 if extent < 2 else 0.5 if extent < 5 else 1.0))
 
 
 def _plot_strike_in_space(

@@ -10,16 +10,10 @@ from matplotlib.axes import Axes
 
 from whiptool.dynamics.modes import Modes
 from whiptool.errors import InputError
-from whiptool.models.kinematics import chain_motion
 from whiptool.models.parameters import Model
 from whiptool.rollout.energy import Energies, joint_velocities
 from whiptool.rollout.trajectory import Trajectory
 from whiptool.viz.plots import COLORS
-
-
-def _check_plane(model: Model, what: str) -> None:
-    if model.dimension != 2:
-        raise InputError("model", model.name, f"a model in the plane, for {what}")
 
 
 def along_whip(model: Model) -> np.ndarray:
@@ -31,11 +25,7 @@ def plot_energy_flow(ax: Axes, energies: Energies, model: Model) -> Axes:
     """Kinetic energy of every node [mJ] over time [s] and distance from the hand [m], as an image with a colour bar.
 
     The line follows the centre of the whip's kinetic energy, where it has at least 2 % of its largest.
-
-    Raises:
-        InputError: The model is in space.
     """
-    _check_plane(model, "an image of energies")
     s, kinetic = along_whip(model), energies.kinetic[:, model.arm.n :]  # (T, N)
     # each node's cell reaches halfway to its neighbours; the hand's own half has no node
     edges = np.r_[s[0], (s[1:-1] + s[2:]) / 2, s[-1]] if model.whip.N > 1 else s
@@ -76,6 +66,8 @@ def plot_energy_balance(ax: Axes, energies: Energies) -> Axes:
 def plot_mode_shapes(ax: Axes, modes: Modes, model: Model, *, count: int = 4) -> Axes:
     """The hanging whip bent into its lowest modes: sideways displacement, largest 1, and depth below the hand [m].
 
+    In space each mode is seen along the direction in which it moves most.
+
     Args:
         ax: To draw into.
         modes: Of the whip on a fixed arm.
@@ -83,18 +75,18 @@ def plot_mode_shapes(ax: Axes, modes: Modes, model: Model, *, count: int = 4) ->
         count: How many modes.
 
     Raises:
-        InputError: `count` is not from 1 to the number of modes, or the model is in space.
+        InputError: `count` is not from 1 to the number of modes.
     """
-    _check_plane(model, "mode shapes")
     if not 1 <= count <= len(modes.frequencies):
         raise InputError("count", count, f"a whole number from 1 to {len(modes.frequencies)}")
     colors, styles = ("blue", "vermilion", "green", "pink", "orange", "sky", "black"), ("-", "--", "-.", ":")
-    theta = np.cumsum(modes.shapes[:count, model.arm.n :], axis=1)
-    x = np.hstack([np.zeros((count, 1)), np.cumsum(model.whip.per_node("l") * theta, axis=1)])  # (count, N + 1)
+    moved = modes.displacements[:count]  # (count, N + 1, d)
+    farthest = moved[np.arange(count), np.linalg.norm(moved, axis=2).argmax(axis=1)]
+    x = (moved @ farthest[:, :, None])[..., 0]  # (count, N + 1)
     for i, (shape, frequency, ratio) in enumerate(zip(x, modes.frequencies, modes.damping_ratios, strict=False)):
         damping = "overdamped" if np.isnan(ratio) else rf"$\zeta$ = {ratio:.3g}"
         ax.plot(
-            shape / shape[np.abs(shape).argmax()],
+            shape / np.abs(shape).max(),
             along_whip(model),
             "o",
             linestyle=styles[i % len(styles)],
@@ -122,10 +114,7 @@ def plot_speed_along_whip(
         color: A key of `whiptool.viz.plots.COLORS`.
         marker: Of matplotlib.
     """
-    if model.dimension == 3:
-        velocity = chain_motion(model, trajectory.q, trajectory.v)[1][:, model.arm.n :]  # (T, N + 1, 3)
-    else:
-        velocity = joint_velocities(model, trajectory.q, trajectory.v)[:, model.arm.n :]  # (T, N + 1, 2)
+    velocity = joint_velocities(model, trajectory.q, trajectory.v)[:, model.arm.n :]  # (T, N + 1, 2 or 3)
     largest = np.linalg.norm(velocity, axis=-1).max(axis=0)
     ax.plot(along_whip(model), largest, marker=marker, markersize=4.5, color=COLORS[color], label=label)
     ax.set(xlabel="distance from the hand [m]", ylabel="largest speed [m/s]")

@@ -20,7 +20,8 @@ FAST = "fast"
 SPEED = 3.0  # [m/s] at least, of the tip in the fast region
 STRIKES, QUICK_STRIKES = 1_000_000, 2_048  # random ones that find the fast region
 CELL = 0.02  # [m]
-STRIKES_IN_SPACE, CELL_IN_SPACE = 100_000, 0.1  # a strike costs ten times more there, and cells are more
+STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE = 100_000, 2_048  # a strike costs ten times more there,
+CELL_IN_SPACE = 0.1  # [m], and cells are more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +53,8 @@ class RegionUnit:
 def fast_region(scene: Scene, store: Store, *, quick: bool = False) -> Region:
     """All cells through which the tip passes with at least `SPEED`; found once and kept in the store."""
     in_space = scene.model.dimension == 3
-    strikes = QUICK_STRIKES if quick else STRIKES_IN_SPACE if in_space else STRIKES
+    usual, few = (STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE) if in_space else (STRIKES, QUICK_STRIKES)
+    strikes = few if quick else usual
     unit = RegionUnit(scene=scene, strikes=strikes, cell=CELL_IN_SPACE if in_space else CELL)
     known = store.results([unit], desc="region")[unit.name]
     return Region(np.array(known["corners"]), known["cell"])

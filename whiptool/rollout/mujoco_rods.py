@@ -1,0 +1,90 @@
+"""Whips of rods in MuJoCo: bodies on ball joints, on which the rods' own torques act from outside.
+
+MuJoCo has no joint with a rod's bending: a ball joint's spring is another function of the bend, and its damper also
+brakes twist. A rod has no twist: torques have no part along it, and its body keeps the spin of 0 that it starts with.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from whiptool.dynamics.modes import linearise
+from whiptool.dynamics.posture import start_posture
+from whiptool.models.kinematics import arm_frames
+from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.rollout.mujoco_import import mujoco
+
+
+class MujocoRods:
+    """The joints of a whip of rods in MuJoCo: their torques, and states in the coordinates of rods.
+
+    Args:
+        model: With a whip of N rods on an arm of a joints.
+        mj: Its arm and whip, as `build_spec` gives them.
+    """
+
+    def __init__(self, model: Model, mj: mujoco.MjModel) -> None:
+        assert isinstance(model.arm, SpatialArm)
+        whip, self._arm = model.whip, model.arm
+        self._nodes = np.array([mj.body(f"whip{i + 1}").id for i in range(whip.N)])
+        self._hand = mj.body_parentid[self._nodes[0]]
+        self._turning = np.flatnonzero([link.kind == "revolute" for link in model.arm.links])
+        data = mujoco.MjData(mj)
+        mujoco.mj_kinematics(mj, data)
+        hand = data.xmat[self._hand].reshape(3, 3)
+        self._down = hand.T @ -arm_frames(model.arm, np.zeros(model.arm.n))[-1].rotation[:, 2]  # in the hand's body
+        names = ("k", "cubic_stiffness", "b", "dry_friction")
+        self._k, self._cubic, self._b, self._dry = (whip.per_node(name)[:, None] for name in names)
+        self._smooth = whip.friction_velocity
+
+    def positions(self, q: np.ndarray) -> np.ndarray:
+        """Return MuJoCo's positions (a + 4 N,), of which a rod has a quaternion, for coordinates of rods (a + 3 N,)."""
+        a = self._arm.n
+        frame, quaternions = arm_frames(self._arm, q[:a])[-1].rotation, []
+        for d in q[a:].reshape(-1, 3):
+            x, y, z = frame.T @ d
+            turn = (
+                np.array([1 - z, y, -x, 0.0]) if z < 1 - 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])
+            )  # the least from -z
+            turn /= np.linalg.norm(turn)
+            quaternions.append(turn)
+            matrix = np.empty(9)
+            mujoco.mju_quat2Mat(matrix, turn)
+            frame = frame @ matrix.reshape(3, 3)
+        return np.r_[q[:a], np.concatenate(quaternions)]
+
+    def coordinates(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rods' coordinates and how they change, (a + 3 N,) each, of data at which places and speeds are."""
+        directions, spins = self._rods(data)
+        rates = np.cross(spins, directions)
+        a = self._arm.n
+        return np.r_[data.qpos[:a], directions[1:].ravel()], np.r_[data.qvel[:a], rates[1:].ravel()]
+
+    def apply(self, data: mujoco.MjData) -> None:
+        """Write the joints' torques at the data's places and speeds into its applied forces."""
+        directions, spins = self._rods(data)
+        across = spins - (spins * directions).sum(axis=1, keepdims=True) * directions
+        across[0] = spins[0]  # the hand's whole turning
+        slip = np.diff(across, axis=0)
+        u = 1 - (directions[:-1] * directions[1:]).sum(axis=1, keepdims=True)
+        half_square, slope = u + u**2 / 6 + 2 / 45 * u**3, 1 + u / 3 + 2 / 15 * u**2
+        spring = (self._k + 2 * self._cubic * half_square) * slope * np.cross(directions[:-1], directions[1:])
+        root = np.sqrt((slip**2).sum(axis=1, keepdims=True) + self._smooth**2)
+        torques = -spring - (self._b + self._dry / root) * slip  # (N, 3), on each rod
+        on_rods = torques - np.vstack([torques[1:], np.zeros(3)])
+        on_rods -= (on_rods * directions[1:]).sum(axis=1, keepdims=True) * directions[1:]
+        data.xfrc_applied[self._nodes, 3:] = on_rods
+        data.qfrc_applied[self._turning] = -data.xaxis[self._turning] @ torques[0]
+
+    def _rods(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Directions and angular velocities of the hand and the rods' bodies, (N + 1, 3) each."""
+        hand = data.xmat[self._hand].reshape(3, 3) @ self._down
+        rods = -data.xmat[self._nodes].reshape(-1, 3, 3)[:, :, 2]
+        return np.vstack([hand, rods]), np.vstack([data.cvel[self._hand, :3], data.cvel[self._nodes, :3]])
+
+
+def stable_timestep(model: Model) -> float:
+    """Return a step [s] well inside RK4's stability limit for the hanging rods' motion."""
+    hanging = start_posture(model, np.zeros((1, model.arm.n)))[0]
+    return 1.0 / np.abs(np.linalg.eigvals(linearise(model, hanging).A)).max()
