@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from whiptool.models.robots import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.studies.reproduction.context import Context
 from whiptool.studies.reproduction.nah2023 import claims, pictures, published
+from whiptool.studies.reproduction.nah2023.nearest import EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.statistics import Share
 from whiptool.studies.reproduction.nah2023.units import (
     BOUNDS,
@@ -29,28 +31,36 @@ SUBTITLE = (
     "and what was measured here. Verdicts are computed from the data."
 )
 GRADIENT_CAP = 200
-FAR_STARTS = 40  # at full reach, where some lead to nothing
+FAR_STARTS = 64  # at full reach, where some lead to nothing
+TRIAL_SEEDS, EVOLUTION_SEEDS = 2, 2
 _TARGETS = range(len(published.TARGETS))
-_FAR = slice(published.WITHIN_REACH, None)
+_FAR = range(published.WITHIN_REACH, len(published.TARGETS))
 Results = list[dict[str, Any]]
 
 
 def sections(context: Context) -> list[Section]:
     """Evaluations, how near the tip comes, the claims on the hand's movement and on sensitivity, conventions."""
-    cap = 45 if context.quick else published.CAP
+    quick = context.quick
+    cap = 45 if quick else published.CAP
     by_rule = [DirectUnit(target=i, nodes=published.LAST_NODES, cap=cap) for i in _TARGETS]
     by_tip = [DirectUnit(target=i, nodes=1, cap=cap) for i in _TARGETS]
-    gradient = [GradientUnit(target=i, cap=80 if context.quick else GRADIENT_CAP) for i in _TARGETS]
-    solutions = [_solutions(i, quick=context.quick) for i in _TARGETS]
-    known = PublishedUnit(perturbed=4 if context.quick else published.PERTURBED)
-    units = [known, *by_rule, *by_tip, *gradient, *solutions]
+    gradient = [GradientUnit(target=i, cap=80 if quick else GRADIENT_CAP) for i in _TARGETS]
+    solutions = [_solutions(i, quick=quick) for i in _TARGETS]
+    known = PublishedUnit(perturbed=4 if quick else published.PERTURBED)
+    trials = [_trials(i, quick=quick) for i in _FAR]
+    evolution = [_evolution(i, quick=quick) for i in _FAR]
+    units = [known, *by_rule, *by_tip, *gradient, *solutions, *sum(trials + evolution, [])]
     results = context.results(units, "nah2023")
     rule, tip, slopes, found = ([results[u.name] for u in some] for some in (by_rule, by_tip, gradient, solutions))
+    tried, evolved = ([[results[u.name] for u in of_target] for of_target in some] for some in (trials, evolution))
+    nearest = nearest_strikes(found, tried, evolved)
+    replays = [] if quick else [ReplayUnit(target=i, strike=tuple(strike)) for i, strike in enumerate(nearest)]
+    replayed = context.results(replays, "nah2023 in MuJoCo")
     theirs = results[known.name]
     return [
         _evaluations(rule, tip, slopes),
         _agreement(theirs),
-        _nearest(found),
+        *_nearest(found, tried, evolved, nearest, [replayed[u.name] for u in replays]),
         _hand(found, theirs),
         _sensitivity(found, theirs),
     ]
@@ -58,9 +68,30 @@ def sections(context: Context) -> list[Section]:
 
 def _solutions(target: int, *, quick: bool) -> SolutionsUnit:
     if quick:
-        return SolutionsUnit(target=target, random=128, starts=4, kept=3, perturbed=4, replay=False)
-    far = target >= published.WITHIN_REACH
-    return SolutionsUnit(target=target, starts=FAR_STARTS) if far else SolutionsUnit(target=target)
+        return SolutionsUnit(target=target, random=128, starts=4, kept=3, perturbed=4)
+    return SolutionsUnit(target=target, starts=FAR_STARTS) if target in _FAR else SolutionsUnit(target=target)
+
+
+def _trials(target: int, *, quick: bool) -> list[TrialsUnit]:
+    if quick:
+        return [TrialsUnit(target=target, seed=0, trials=2, random=64)]
+    return [TrialsUnit(target=target, seed=seed) for seed in range(TRIAL_SEEDS)]
+
+
+def _evolution(target: int, *, quick: bool) -> list[EvolutionUnit]:
+    if quick:
+        return [EvolutionUnit(target=target, seed=0, cap=100)]
+    return [EvolutionUnit(target=target, seed=seed) for seed in range(EVOLUTION_SEEDS)]
+
+
+def nearest_strikes(found: Results, tried: Sequence[Results], evolved: Sequence[Results]) -> list[np.ndarray]:
+    """Return the nearest strike at each target: of the solutions, at full reach also of the trials and CMA-ES."""
+    nearest = []
+    for i, solutions in enumerate(found):
+        also = [] if i not in _FAR else [*tried[i - _FAR.start], *evolved[i - _FAR.start]]
+        ends = [(solutions["misses"][0], solutions["strikes"][0]), *((r["ends"][0], r["strikes"][0]) for r in also)]
+        nearest.append(np.array(min(ends)[1]))
+    return nearest
 
 
 def facts() -> dict[str, str]:
