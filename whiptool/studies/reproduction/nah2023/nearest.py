@@ -1,0 +1,148 @@
+"""How near the tip comes at full reach: many independent trials down to where none beside is nearer, and CMA-ES."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.models.strike import Strike
+from whiptool.studies.reproduction.nah2023 import published
+from whiptool.studies.reproduction.nah2023.solutions import descend, left_to_gain
+from whiptool.studies.reproduction.nah2023.units import (
+    BOUNDS,
+    COARSE,
+    CONTROLLER,
+    NAH2023,
+    STAY,
+    by_merit,
+    simulator,
+)
+from whiptool.target import Target
+
+CLOSE = published.HIT_RADIUS  # [m]: descents that end farther away are not followed on
+_GAIN, _LAST_GAIN = 1e-3, 1e-6  # of a step, of the descents with the finer step, and of the nearest
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialsUnit:
+    """Independent trials, all alike: of some random strikes the nearest, from there down to where none is nearer.
+
+    Args:
+        target: Which, from 0.
+        seed: Of the random strikes.
+        trials: How many.
+        random: Random strikes of each.
+    """
+
+    target: int
+    seed: int
+    trials: int = 32
+    random: int = 32
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        return f"nah2023-trials-target{self.target + 1}-seed{self.seed}-{self.trials}x{self.random}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Return where the trials ended and how far from the target [m], the nearest first, and what is left to gain
+        from the nearest [m]."""
+        start, target = time.monotonic(), np.array(published.TARGETS[self.target])
+        rollout, coarse = simulator(threads), simulator(threads, timestep=COARSE)
+        drawn = BOUNDS.sample(np.random.default_rng([self.target, self.seed]), self.trials * self.random)
+        misses = coarse.approach(drawn, target, t_stay=STAY).distance.reshape(self.trials, self.random)
+        starts = drawn.reshape(self.trials, self.random, -1)[np.arange(self.trials), misses.argmin(axis=1)]
+        strikes, ends = descend(coarse, BOUNDS, starts, target, t_stay=STAY)
+        near = ends <= CLOSE
+        strikes[near], ends[near] = descend(rollout, BOUNDS, strikes[near], target, t_stay=STAY, gain=_GAIN)
+        strikes, ends = by_merit(strikes, ends)
+        strikes[:1], ends[:1] = descend(rollout, BOUNDS, strikes[:1], target, t_stay=STAY, gain=_LAST_GAIN)
+        return {
+            "ends": ends.tolist(),
+            "strikes": strikes.tolist(),
+            "left": left_to_gain(rollout, BOUNDS, strikes[0], target, t_stay=STAY),
+            "wall_time": time.monotonic() - start,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvolutionUnit:
+    """CMA-ES with restarts over the whole box, and a descent from the nearest that it finds.
+
+    Args:
+        target: Which, from 0.
+        seed: Of the search.
+        cap: Rollouts.
+    """
+
+    target: int
+    seed: int
+    cap: int = 12_000
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        return f"nah2023-cmaes-target{self.target + 1}-seed{self.seed}-cap{self.cap}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Return the end's distance from the target [m], its strike, and what is left to gain [m]."""
+        from whiptool.objective import Objective
+        from whiptool.optimizers import search
+
+        start, target = time.monotonic(), np.array(published.TARGETS[self.target])
+        rollout, coarse = simulator(threads), simulator(threads, timestep=COARSE)
+        sought = Target(published.TARGETS[self.target], published.HIT_RADIUS)
+        objective = Objective(coarse, sought, t_stay=STAY, bounds=BOUNDS, max_trials=self.cap)
+        found = search(objective, "cmaes", seed=self.seed)
+        if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
+            raise KeyboardInterrupt
+        nearest = min(found.trace, key=lambda trial: trial.outcome.miss_distance)
+        first = np.array(nearest.strike.vector)[None]
+        strikes, ends = descend(rollout, BOUNDS, first, target, t_stay=STAY, gain=_LAST_GAIN)
+        return {
+            "ends": ends.tolist(),
+            "strikes": strikes.tolist(),
+            "left": left_to_gain(rollout, BOUNDS, strikes[0], target, t_stay=STAY),
+            "wall_time": time.monotonic() - start,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayUnit:
+    """A strike in MuJoCo, at the step that it needs there.
+
+    Args:
+        target: Which, from 0.
+        strike: Its vector.
+    """
+
+    target: int
+    strike: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        digest = hashlib.sha256(np.array(self.strike).tobytes()).hexdigest()[:12]
+        return f"nah2023-replay-target{self.target + 1}-{digest}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Return the miss here and in MuJoCo [m], None where it diverges there, the step there [s], whether both agree,
+        and how far the shoulder's second joint turned until the closest approach [rad]."""
+        from whiptool.rollout.reference import replay
+
+        start, target, strike = time.monotonic(), np.array(published.TARGETS[self.target]), np.array(self.strike)
+        path = simulator(threads).trajectory(strike, t_stay=STAY)
+        here = path.approach(target)
+        expected, until = float(here.distance[0]), path.t <= here.time[0]
+        found = replay(NAH2023, CONTROLLER, Strike.from_vector(strike), target, t_stay=STAY, expected=expected)
+        return {
+            "expected": expected,
+            **asdict(found),
+            "abduction": float(np.abs(path.q[until, 1]).max()),
+            "wall_time": time.monotonic() - start,
+        }
