@@ -63,6 +63,7 @@ class TrialsUnit:
         strikes, ends = by_merit(strikes, ends)
         strikes[:1], ends[:1] = descend(rollout, BOUNDS, strikes[:1], target, t_stay=STAY, gain=_LAST_GAIN)
         return {
+            "random": self.random,
             "ends": ends.tolist(),
             "strikes": strikes.tolist(),
             "left": left_to_gain(rollout, BOUNDS, strikes[0], target, t_stay=STAY),
@@ -105,6 +106,7 @@ class EvolutionUnit:
         first = np.array(nearest.strike.vector)[None]
         strikes, ends = descend(rollout, BOUNDS, first, target, t_stay=STAY, gain=_LAST_GAIN)
         return {
+            "rollouts": self.cap,
             "ends": ends.tolist(),
             "strikes": strikes.tolist(),
             "left": left_to_gain(rollout, BOUNDS, strikes[0], target, t_stay=STAY),

@@ -77,6 +77,28 @@ def strikes_in_space(paths: Sequence[Trajectory], times: Sequence[float]) -> Fig
     return figure
 
 
+def ends_of_trials(ends: Sequence[np.ndarray], by_cmaes: Sequence[np.ndarray]) -> Figure:
+    """Distances at which trials end, in order, and those of CMA-ES, at the targets at full reach [m]."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((9, 4.6), layout="constrained")
+        ax: Any = figure.subplots()
+        first, markers = published.WITHIN_REACH, ("o", "s", "^")
+        for i, (trials, others, marker) in enumerate(zip(ends, by_cmaes, markers, strict=True)):
+            color = TARGET_COLORS[first + i]
+            share, y = 100 * np.arange(1, len(trials) + 1) / len(trials), 1e3 * trials
+            ax.plot(share, y, marker, color=color, markersize=5, label=f"target {first + i + 1}")
+            ax.plot(np.full(len(others), -3.0), 1e3 * others, "D", color=color, markersize=7, markerfacecolor="none")
+        ax.axhline(1e3 * published.HIT_RADIUS, color="0.4", linestyle="--", linewidth=1.2)
+        ax.set(xlabel="share of the trials [%]", ylabel="distance at the end [mm]", yscale="log", xlim=(-6, 102))
+        handles, labels = ax.get_legend_handles_labels()
+        handles += [
+            Line2D([], [], color="0.3", marker="D", markerfacecolor="none", linestyle="none"),
+            Line2D([], [], color="0.4", linestyle="--", linewidth=1.2),
+        ]
+        figure.legend(handles, [*labels, "CMA-ES", "hit radius"], loc="outside upper center", ncols=5)
+    return figure
+
+
 def distributions(
     solutions: Sequence[dict[str, np.ndarray]], random: Sequence[dict[str, np.ndarray]], theirs
 ) -> Figure:

@@ -10,7 +10,7 @@ import numpy as np
 from whiptool.models.robots import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.studies.reproduction.context import Context
-from whiptool.studies.reproduction.nah2023 import claims, pictures, published
+from whiptool.studies.reproduction.nah2023 import claims, how_near, pictures, published
 from whiptool.studies.reproduction.nah2023.nearest import EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.statistics import Share
 from whiptool.studies.reproduction.nah2023.units import (
@@ -21,7 +21,6 @@ from whiptool.studies.reproduction.nah2023.units import (
     GradientUnit,
     PublishedUnit,
     SolutionsUnit,
-    simulator,
 )
 from whiptool.viz.report import Claims, Picture, Section, Table, Text
 
@@ -34,7 +33,7 @@ GRADIENT_CAP = 200
 FAR_STARTS = 64  # at full reach, where some lead to nothing
 TRIAL_SEEDS, EVOLUTION_SEEDS = 2, 2
 _TARGETS = range(len(published.TARGETS))
-_FAR = range(published.WITHIN_REACH, len(published.TARGETS))
+_FAR = how_near.FAR
 Results = list[dict[str, Any]]
 
 
@@ -60,7 +59,7 @@ def sections(context: Context) -> list[Section]:
     return [
         _evaluations(rule, tip, slopes),
         _agreement(theirs),
-        *_nearest(found, tried, evolved, nearest, [replayed[u.name] for u in replays]),
+        how_near.section(found, tried, evolved, nearest, [replayed[u.name] for u in replays]),
         _hand(found, theirs),
         _sensitivity(found, theirs),
     ]
@@ -171,37 +170,6 @@ def _agreement(theirs: dict[str, Any]) -> Section:
         "our simulation:"
     )
     return Section("The published strikes in our simulation", [Text(about), Table(rows), Text(logs), Table(log_rows)])
-
-
-def _nearest(found: Results) -> Section:
-    header = ["target", "nearest of random", "nearest followed down", "second", "within 1 mm of it", "within 5 cm"]
-    rows = [[*header, "slope left [mm per width]", "replayed in MuJoCo [mm]"]]
-    for i, r in enumerate(found):
-        ends = np.array(r["ends"])
-        best = float(ends.min())
-        replayed = "-" if r["replayed"] is None else f"{1e3 * r['replayed']:.2f}"
-        near = f"{(ends <= best + 1e-3).sum()} of {len(ends)}", str((ends <= published.HIT_RADIUS).sum())
-        first = f"{1e3 * r['random_best']:.0f} mm", f"{1e3 * best:.3f} mm", f"{1e3 * np.sort(ends)[1]:.3f} mm"
-        slope = "-" if i < published.WITHIN_REACH else f"{1e3 * r['slope']:.2g}"
-        rows.append([str(i + 1), *first, *near, slope, replayed])
-    far = [f"target {i + 1}: {1e3 * min(r['ends']):.2f} mm" for i, r in enumerate(found)][_FAR]
-    about = (
-        "How near the tip alone comes. Of many random strikes the nearest are followed down together, by Levenberg "
-        "and Marquardt's method with exact derivatives of the tip's path. Targets 4 to 6 lie at exactly full reach: "
-        "the tip is there only if arm and whip are straight and point at it, all 54 joints at once, which a movement "
-        f"of nine numbers meets but approximately. The nearest that was found: {', '.join(far)}. That is a search, "
-        "not a bound: what speaks for it is the slope that is left there (the largest derivative that does not lead "
-        "out of the box; 0 at a minimum), and how many other descents ended as near."
-    )
-    times, paths = [], []
-    rollout = simulator(None)
-    for place, r in zip(published.TARGETS, found, strict=True):
-        strike = np.array(r["strikes"][0])
-        paths.append(rollout.trajectory(strike, t_stay=STAY))
-        times.append(float(paths[-1].approach(np.array(place)).time[0]))
-    caption = "The nearest strike at each target, until the closest approach of the tip."
-    picture = Picture(pictures.strikes_in_space(paths, times), caption, vector=False)
-    return Section("How near the tip comes", [Text(about), Table(rows), picture])
 
 
 def _hits(r: dict[str, Any]) -> np.ndarray:

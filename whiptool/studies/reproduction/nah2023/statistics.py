@@ -53,3 +53,11 @@ def median_of(values: np.ndarray, unit: str = "", digits: int = 2) -> str:
     """Return a median with its interval, in words."""
     low, high = median_interval(values)
     return f"{np.median(values):.{digits}g}{unit} ({low:.{digits}g} to {high:.{digits}g})"
+
+
+def share_nearer(trials: int) -> float:
+    """Return the share of trials that come nearer than the nearest of so many, which is not exceeded at 95 %.
+
+    Whatever the distances' distribution is, that share is distributed as the least of so many uniform numbers.
+    """
+    return float(1 - (1 - LEVEL) ** (1 / trials))
