@@ -10,6 +10,7 @@ import numpy as np
 from whiptool.models.robots import NAH2023
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.studies.reproduction.nah2023 import pictures, published
+from whiptool.studies.reproduction.nah2023.nearest import BESIDE
 from whiptool.studies.reproduction.nah2023.statistics import LEVEL, share_nearer
 from whiptool.studies.reproduction.nah2023.units import STAY, simulator
 from whiptool.viz.report import Picture, Section, Table, Text
@@ -31,8 +32,8 @@ _FULL = (
     "the nearest, followed down until the descent ends (those still farther than 5 cm at twice the step are left "
     "there). CMA-ES with restarts, over the whole box, {cap:,} rollouts for each of {seeds} seeds, and a descent from "
     "its nearest. The next trial comes nearer than all {trials} with a probability of 1 in {next}; the share of such "
-    "trials is below {share:.1f} % ({level:.0f} % confidence). 'Left to gain' is what the quadratic model of the last "
-    "step still promises within the box."
+    "trials is below {share:.1f} % ({level:.0f} % confidence). Around the nearest of all CMA-ES searches once more, in "
+    "boxes of {boxes} of the whole one's width, {beside:,} rollouts each, the next box around the nearest so far."
 )
 _REPLAY = (
     "The nearest strikes in MuJoCo (RK4), whose step is halved until both simulators agree within 0.3 mm. Where the "
@@ -43,13 +44,19 @@ _REPLAY = (
 
 
 def section(
-    found: Results, tried: Sequence[Results], evolved: Sequence[Results], nearest: list[np.ndarray], replays: Results
+    found: Results,
+    tried: Sequence[Results],
+    evolved: Sequence[Results],
+    refined: Results,
+    nearest: list[np.ndarray],
+    replays: Results,
 ) -> Section:
     """How near the tip comes to each target.
 
     Args:
         found: Solutions by target.
         tried, evolved: Trials, and ends of CMA-ES, by target from the fourth.
+        refined: What lies beside the nearest, likewise.
         nearest: The nearest strike at each target.
         replays: Each of these in MuJoCo; none: left out.
     """
@@ -62,13 +69,13 @@ def section(
     parts: list[Text | Table | Picture] = [
         Text(_WITHIN),
         Table(_descents(found), "Descents from the nearest of random strikes: how near they end."),
-        Text(_full(tried, evolved)),
-        Table(_full_reach(ends, by_cmaes, tried, evolved), "At exactly full reach, by two searches."),
+        Text(_full(tried, evolved, refined)),
+        Table(_full_reach(ends, by_cmaes, refined), "At exactly full reach, by two searches."),
         Picture(pictures.ends_of_trials(ends, by_cmaes), "Where the trials end, in order; diamonds: CMA-ES."),
         Table(
             [["target", "miss [mm]", "by the links' angles [mm]", "links' angle, rms [deg]", "largest [deg]"]]
             + [_straightness(i, paths[i], times[i], float(at[i].distance[0])) for i in FAR],
-            "The nearest strikes at the closest approach: how straight the chain is, and the miss that this alone makes.",
+            "The nearest strikes at the closest approach: how straight the chain is, and what that alone misses by.",
         ),
     ]
     if replays:
@@ -89,7 +96,7 @@ def _descents(found: Results) -> list[list[str]]:
     return rows
 
 
-def _full(tried: Sequence[Results], evolved: Sequence[Results]) -> str:
+def _full(tried: Sequence[Results], evolved: Sequence[Results], refined: Results) -> str:
     trials = sum(len(r["ends"]) for r in tried[0])
     return _FULL.format(
         random=tried[0][0]["random"],
@@ -99,17 +106,19 @@ def _full(tried: Sequence[Results], evolved: Sequence[Results]) -> str:
         next=trials + 1,
         share=100 * share_nearer(trials),
         level=100 * LEVEL,
+        boxes=", ".join(f"{100 * share:g} %" for share in BESIDE),
+        beside=refined[0]["rollouts"],
     )
 
 
-def _full_reach(ends, by_cmaes, tried: Sequence[Results], evolved: Sequence[Results]) -> list[list[str]]:
-    rows = [["target", "trials", "within 5 cm", "nearest three of them [mm]", "CMA-ES [mm]", "nearest of all [mm]"]]
-    rows[0].append("left to gain [mm]")
-    for i, trials, others, first, second in zip(FAR, ends, by_cmaes, tried, evolved, strict=True):
-        best = min([*first, *second], key=lambda r: r["ends"][0])
+def _full_reach(ends: Sequence[np.ndarray], by_cmaes: Sequence[np.ndarray], refined: Results) -> list[list[str]]:
+    rows = [["target", "trials", "within 5 cm", "nearest three of them [mm]", "CMA-ES [mm]"]]
+    rows[0] += ["nearest of all, and after each smaller box [mm]"]
+    for i, trials, others, last in zip(FAR, ends, by_cmaes, refined, strict=True):
         row = [str(i + 1), str(len(trials)), str((trials <= published.HIT_RADIUS).sum())]
-        row += [", ".join(f"{1e3 * x:.2f}" for x in some) for some in (trials[:3], others)]
-        rows.append([*row, f"{1e3 * best['ends'][0]:.2f}", f"{1e3 * best['left']:.2g}"])
+        rows.append(
+            [*row, *(", ".join(f"{1e3 * x:.2f}" for x in some) for some in (trials[:3], others, last["misses"]))]
+        )
     return rows
 
 

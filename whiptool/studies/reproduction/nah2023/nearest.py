@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.models.strike import Strike
+from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.rollout import CompiledRollout
 from whiptool.studies.reproduction.nah2023 import published
-from whiptool.studies.reproduction.nah2023.solutions import descend, left_to_gain
+from whiptool.studies.reproduction.nah2023.solutions import descend
 from whiptool.studies.reproduction.nah2023.units import (
     BOUNDS,
     COARSE,
@@ -25,6 +26,7 @@ from whiptool.studies.reproduction.nah2023.units import (
 from whiptool.target import Target
 
 CLOSE = published.HIT_RADIUS  # [m]: descents that end farther away are not followed on
+BESIDE = (0.4, 0.1, 0.02)  # widths of the boxes around a strike, of the whole box
 _GAIN, _LAST_GAIN = 1e-3, 1e-6  # of a step, of the descents with the finer step, and of the nearest
 
 
@@ -50,8 +52,7 @@ class TrialsUnit:
         return f"nah2023-trials-target{self.target + 1}-seed{self.seed}-{self.trials}x{self.random}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Return where the trials ended and how far from the target [m], the nearest first, and what is left to gain
-        from the nearest [m]."""
+        """Return where the trials ended and how far from the target [m], the nearest first."""
         start, target = time.monotonic(), np.array(published.TARGETS[self.target])
         rollout, coarse = simulator(threads), simulator(threads, timestep=COARSE)
         drawn = BOUNDS.sample(np.random.default_rng([self.target, self.seed]), self.trials * self.random)
@@ -66,7 +67,6 @@ class TrialsUnit:
             "random": self.random,
             "ends": ends.tolist(),
             "strikes": strikes.tolist(),
-            "left": left_to_gain(rollout, BOUNDS, strikes[0], target, t_stay=STAY),
             "wall_time": time.monotonic() - start,
         }
 
@@ -91,27 +91,68 @@ class EvolutionUnit:
         return f"nah2023-cmaes-target{self.target + 1}-seed{self.seed}-cap{self.cap}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Return the end's distance from the target [m], its strike, and what is left to gain [m]."""
-        from whiptool.objective import Objective
-        from whiptool.optimizers import search
-
+        """Return where the search ended and how far from the target [m]."""
         start, target = time.monotonic(), np.array(published.TARGETS[self.target])
         rollout, coarse = simulator(threads), simulator(threads, timestep=COARSE)
-        sought = Target(published.TARGETS[self.target], published.HIT_RADIUS)
-        objective = Objective(coarse, sought, t_stay=STAY, bounds=BOUNDS, max_trials=self.cap)
-        found = search(objective, "cmaes", seed=self.seed)
-        if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
-            raise KeyboardInterrupt
-        nearest = min(found.trace, key=lambda trial: trial.outcome.miss_distance)
-        first = np.array(nearest.strike.vector)[None]
-        strikes, ends = descend(rollout, BOUNDS, first, target, t_stay=STAY, gain=_LAST_GAIN)
+        first, _ = cmaes(coarse, self.target, BOUNDS, self.cap, self.seed)
+        strikes, ends = descend(rollout, BOUNDS, first[None], target, t_stay=STAY, gain=_LAST_GAIN)
         return {
             "rollouts": self.cap,
             "ends": ends.tolist(),
             "strikes": strikes.tolist(),
-            "left": left_to_gain(rollout, BOUNDS, strikes[0], target, t_stay=STAY),
             "wall_time": time.monotonic() - start,
         }
+
+
+def cmaes(rollout: CompiledRollout, target: int, bounds: StrikeBounds, cap: int, seed: int) -> tuple[np.ndarray, float]:
+    """Return the nearest strike that CMA-ES finds within bounds, and its miss [m]."""
+    from whiptool.objective import Objective
+    from whiptool.optimizers import search
+
+    sought = Target(published.TARGETS[target], published.HIT_RADIUS)
+    found = search(Objective(rollout, sought, t_stay=STAY, bounds=bounds, max_trials=cap), "cmaes", seed=seed)
+    if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
+        raise KeyboardInterrupt
+    nearest = min(found.trace, key=lambda trial: trial.outcome.miss_distance)
+    return nearest.strike.vector, nearest.outcome.miss_distance
+
+
+@dataclass(frozen=True, kw_only=True)
+class BesideUnit:
+    """CMA-ES in smaller and smaller boxes around a strike, each around the nearest so far: is there a nearer beside it?
+
+    Args:
+        target: Which, from 0.
+        strike: Its vector.
+        cap: Rollouts in each box.
+    """
+
+    target: int
+    strike: tuple[float, ...]
+    cap: int = 4000
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        return f"nah2023-beside-target{self.target + 1}-{_digest(self.strike)}-cap{self.cap}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Return the nearest strike, and the least miss before and after each box [m]."""
+        start, rollout, strike = time.monotonic(), simulator(threads), np.array(self.strike)
+        target, (lower, upper) = np.array(published.TARGETS[self.target]), BOUNDS.box
+        misses = [float(rollout.approach(strike[None], target, t_stay=STAY).distance[0])]
+        for seed, share in enumerate(BESIDE):
+            half = share / 2 * (upper - lower)
+            box = StrikeBounds(tuple(np.maximum(lower, strike - half)), tuple(np.minimum(upper, strike + half)))
+            other, miss = cmaes(rollout, self.target, box, self.cap, seed)
+            strike = other if miss < misses[-1] else strike
+            misses.append(min(miss, misses[-1]))
+        wall_time = time.monotonic() - start
+        return {"strike": strike.tolist(), "misses": misses, "rollouts": self.cap, "wall_time": wall_time}
+
+
+def _digest(strike: tuple[float, ...]) -> str:
+    return hashlib.sha256(np.array(strike).tobytes()).hexdigest()[:12]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +170,7 @@ class ReplayUnit:
     @property
     def name(self) -> str:
         """Name of the unit."""
-        digest = hashlib.sha256(np.array(self.strike).tobytes()).hexdigest()[:12]
-        return f"nah2023-replay-target{self.target + 1}-{digest}"
+        return f"nah2023-replay-target{self.target + 1}-{_digest(self.strike)}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Return the miss here and in MuJoCo [m], None where it diverges there, the step there [s], whether both agree,

@@ -156,14 +156,16 @@ def sensitivities(scaled: Sequence[np.ndarray]) -> Figure:
         figure = Figure((12, 5.6), layout="constrained")
         axes = figure.subplots(2, 3, sharex=True, sharey=True)
         for i, (ax, values) in enumerate(zip(axes.ravel(), scaled, strict=True)):
+            ax.set_title(f"target {i + 1}: {len(values)} solutions")
+            ax.set_xticks(range(len(labels)), labels, fontsize=9)
+            ax.grid(axis="x", visible=False)
+            if not len(values):
+                continue
             low, middle, high = np.percentile(values, (25, 50, 75), axis=0)
             colors = [COLORS["blue"]] * (len(labels) - 1) + [COLORS["vermilion"]]
             ax.bar(
                 range(len(labels)), middle, color=colors, yerr=(middle - low, high - middle), ecolor="0.3", capsize=3
             )
-            ax.set_title(f"target {i + 1}: {len(values)} solutions")
-            ax.set_xticks(range(len(labels)), labels, fontsize=9)
-            ax.grid(axis="x", visible=False)
         for ax in axes[:, 0]:
             ax.set_ylabel("path moves [m per width]")
         for ax in axes[1]:

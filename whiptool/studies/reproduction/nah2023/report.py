@@ -11,7 +11,7 @@ from whiptool.models.robots import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.studies.reproduction.context import Context
 from whiptool.studies.reproduction.nah2023 import claims, how_near, pictures, published
-from whiptool.studies.reproduction.nah2023.nearest import EvolutionUnit, ReplayUnit, TrialsUnit
+from whiptool.studies.reproduction.nah2023.nearest import BesideUnit, EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.statistics import Share
 from whiptool.studies.reproduction.nah2023.units import (
     BOUNDS,
@@ -48,18 +48,25 @@ def sections(context: Context) -> list[Section]:
     known = PublishedUnit(perturbed=4 if quick else published.PERTURBED)
     trials = [_trials(i, quick=quick) for i in _FAR]
     evolution = [_evolution(i, quick=quick) for i in _FAR]
-    units = [known, *by_rule, *by_tip, *gradient, *solutions, *sum(trials + evolution, [])]
+    far = [unit for of_target in [*trials, *evolution] for unit in of_target]
+    units = [known, *by_rule, *by_tip, *gradient, *solutions, *far]
     results = context.results(units, "nah2023")
     rule, tip, slopes, found = ([results[u.name] for u in some] for some in (by_rule, by_tip, gradient, solutions))
     tried, evolved = ([[results[u.name] for u in of_target] for of_target in some] for some in (trials, evolution))
     nearest = nearest_strikes(found, tried, evolved)
+    beside = [BesideUnit(target=i, strike=tuple(nearest[i]), cap=60 if quick else BesideUnit.cap) for i in _FAR]
+    refined = context.results(beside, "nah2023 beside the nearest")
+    for unit in beside:
+        nearest[unit.target] = np.array(refined[unit.name]["strike"])
     replays = [] if quick else [ReplayUnit(target=i, strike=tuple(strike)) for i, strike in enumerate(nearest)]
     replayed = context.results(replays, "nah2023 in MuJoCo")
     theirs = results[known.name]
     return [
         _evaluations(rule, tip, slopes),
         _agreement(theirs),
-        how_near.section(found, tried, evolved, nearest, [replayed[u.name] for u in replays]),
+        how_near.section(
+            found, tried, evolved, [refined[u.name] for u in beside], nearest, [replayed[u.name] for u in replays]
+        ),
         _hand(found, theirs),
         _sensitivity(found, theirs),
     ]
@@ -67,13 +74,13 @@ def sections(context: Context) -> list[Section]:
 
 def _solutions(target: int, *, quick: bool) -> SolutionsUnit:
     if quick:
-        return SolutionsUnit(target=target, random=128, starts=4, kept=3, perturbed=4)
+        return SolutionsUnit(target=target, random=64, starts=2, kept=2, perturbed=2)
     return SolutionsUnit(target=target, starts=FAR_STARTS) if target in _FAR else SolutionsUnit(target=target)
 
 
 def _trials(target: int, *, quick: bool) -> list[TrialsUnit]:
     if quick:
-        return [TrialsUnit(target=target, seed=0, trials=2, random=64)]
+        return [TrialsUnit(target=target, seed=0, trials=1, random=64)]
     return [TrialsUnit(target=target, seed=seed) for seed in range(TRIAL_SEEDS)]
 
 
@@ -193,7 +200,7 @@ def _hand(found: Results, theirs: dict[str, Any]) -> Section:
     for i, (s, r, p) in enumerate(zip(solutions, random, published_ones, strict=True)):
         held = (r["outside"] <= claims.PLANAR, r["task"] > claims.HALF, r["joint"] > claims.HALF)
         distances = (s["rms"], r["rms"], p["rms"])
-        medians = [f"{1e3 * np.median(x):.1f}" for x in distances]
+        medians = [f"{1e3 * np.median(x):.1f}" if np.size(x) else "-" for x in distances]
         rows.append([str(i + 1), str(len(s["rms"])), *medians, *(str(Share(int(x.sum()), len(x))) for x in held)])
     about = (
         "Solutions are what the descents led to, where the tip hits within 5 cm. Until D, the hand's places, 60 a "
@@ -226,7 +233,8 @@ def _sensitivity(found: Results, theirs: dict[str, Any]) -> Section:
     rows = [["target", *(name for name in strike_names(NAH2023.arm)), "noise: initial", "final", "D [mm]"]]
     for i, (x, n) in enumerate(zip(scaled, noise, strict=True)):
         means = [f"{1e3 * np.median(n[g]):.0f}" if len(n[g]) else "-" for g in ("initial", "final", "D")]
-        rows.append([str(i + 1), *(f"{v:.2f}" for v in np.median(x, axis=0)), *means])
+        moved = [f"{v:.2f}" for v in np.median(x, axis=0)] if len(x) else ["-"] * x.shape[1]
+        rows.append([str(i + 1), *moved, *means])
     mean = theirs["mean_miss"]
     theirs_said = "; ".join(
         f"target {i + 1}: {1e3 * mean['initial'][i]:.0f}, {1e3 * mean['final'][i]:.0f}, {1e3 * mean['D'][i]:.0f}"

@@ -67,10 +67,10 @@ def descend(
 def model_rows(links: LinksThen, r: np.ndarray, width: np.ndarray) -> np.ndarray:
     """Return rows A such that A'A is about the Hessian of half the squared miss; its gradient is r' of the first three.
 
-    The Hessian is J'J + sum r . d2(link). A link d of fixed length l only turns: d . d2(d) = -|dd|^2. Where the residual
-    r points against it, as where the chain is stretched and the target lies beyond, the second term is therefore close
-    to -(r . d) |dd|^2 / l^2. It is all there is to follow at full reach, where the tip's derivatives J along the chain
-    vanish. The instant of the closest approach is free, too, and eliminated.
+    The Hessian is J'J + sum r . d2(link). A link d of fixed length l only turns: d . d2(d) = -|dd|^2. Where the
+    residual r points against it, as where the chain is stretched and the target lies beyond, the second term is
+    therefore close to -(r . d) |dd|^2 / l^2. It is all there is to follow at full reach, where the tip's derivatives J
+    along the chain vanish. The instant of the closest approach is free, too, and eliminated.
 
     Args:
         links: k links of B strikes.
@@ -113,19 +113,3 @@ def distinct(strikes: np.ndarray, bounds: StrikeBounds, *, apart: float = 0.01) 
         if all(np.abs(u[i] - u[j]).max() > apart for j in kept):
             kept.append(i)
     return kept
-
-
-def left_to_gain(
-    rollout: CompiledRollout, bounds: StrikeBounds, strike: np.ndarray, target: np.ndarray, *, t_stay: float
-) -> float:
-    """Return by how much the quadratic model says that a strike's miss can still fall within the box [m].
-
-    As near as any strike beside it, it is 0.
-    """
-    lower, upper = bounds.box
-    near = rollout.approach(strike[None], target, t_stay=t_stay)
-    r, u = near.tip[0] - target, np.clip((strike - lower) / (upper - lower), 0, 1)
-    A = model_rows(links_at(rollout, strike[None], near.time, t_stay=t_stay), r[None], upper - lower)[0]
-    step = bounded_step(A, r, u, damping=_LEAST)
-    falls = -r @ A[:3] @ step - (A @ step) @ (A @ step) / 2  # of half the squared miss
-    return float(near.distance[0] - np.sqrt(max(r @ r - 2 * falls, 0.0)))
