@@ -26,7 +26,7 @@ from whiptool.studies.reproduction.nah2023.units import (
 from whiptool.target import Target
 
 CLOSE = published.HIT_RADIUS  # [m]: descents that end farther away are not followed on
-BESIDE = (0.4, 0.1, 0.02)  # widths of the boxes around a strike, of the whole box
+BESIDE = (0.2, 0.04)  # widths of the boxes around a strike, of the whole box
 _GAIN, _LAST_GAIN = 1e-3, 1e-6  # of a step, of the descents with the finer step, and of the nearest
 
 
@@ -129,7 +129,7 @@ class BesideUnit:
 
     target: int
     strike: tuple[float, ...]
-    cap: int = 4000
+    cap: int = 2000
 
     @property
     def name(self) -> str:

@@ -31,7 +31,7 @@ SUBTITLE = (
 )
 GRADIENT_CAP = 200
 FAR_STARTS = 64  # at full reach, where some lead to nothing
-TRIAL_SEEDS, EVOLUTION_SEEDS = 2, 2
+TRIAL_SEEDS, EVOLUTION_SEEDS = 1, 2
 _TARGETS = range(len(published.TARGETS))
 _FAR = how_near.FAR
 Results = list[dict[str, Any]]
