@@ -43,7 +43,7 @@ class TrialsUnit:
 
     target: int
     seed: int
-    trials: int = 32
+    trials: int = 16
     random: int = 32
 
     @property
@@ -83,7 +83,7 @@ class EvolutionUnit:
 
     target: int
     seed: int
-    cap: int = 12_000
+    cap: int = 10_000
 
     @property
     def name(self) -> str:
@@ -129,7 +129,7 @@ class BesideUnit:
 
     target: int
     strike: tuple[float, ...]
-    cap: int = 2000
+    cap: int = 1000
 
     @property
     def name(self) -> str:
