@@ -114,7 +114,7 @@ def cmaes(rollout: CompiledRollout, target: int, bounds: StrikeBounds, cap: int,
     if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
         raise KeyboardInterrupt
     nearest = min(found.trace, key=lambda trial: trial.outcome.miss_distance)
-    return nearest.strike.vector, nearest.outcome.miss_distance
+    return np.array(nearest.strike), nearest.outcome.miss_distance
 
 
 @dataclass(frozen=True, kw_only=True)
