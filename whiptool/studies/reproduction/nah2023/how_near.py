@@ -27,13 +27,14 @@ _FULL = (
     "Targets 4 to 6 lie at exactly full reach. With L the length of arm and whip, and theta the angle of a link of "
     "length l to the direction of the target, a miss is at least the sum of l (1 - cos theta), less the target's "
     "distance from full reach (0.02 mm at most): 0 only if all 27 links point at the target at once, which a movement "
-    "of nine numbers meets but approximately. No bound above 0 is known for what it can meet; what follows is a search "
-    "in two ways that share nothing but the simulator. Trials, all alike and independent: of {random} random strikes "
-    "the nearest, followed down until the descent ends (those still farther than 5 cm at twice the step are left "
-    "there). CMA-ES with restarts, over the whole box, {cap:,} rollouts for each of {seeds} seeds, and a descent from "
-    "its nearest. The next trial comes nearer than all {trials} with a probability of 1 in {next}; the share of such "
-    "trials is below {share:.1f} % ({level:.0f} % confidence). Around the nearest of all CMA-ES searches once more, in "
-    "boxes of {boxes} of the whole one's width, {beside:,} rollouts each, the next box around the nearest so far."
+    "of nine numbers meets but approximately. No bound above 0 is known for what it can meet; what follows is a "
+    "search, in two ways. Trials, all alike and independent: of {random} random strikes the nearest, followed down "
+    "until the descent ends (those still farther than 5 cm at twice the step are left there). CMA-ES with restarts, "
+    "over the whole box ({cap:,} rollouts for each of {seeds}), and a descent from its nearest. The next trial comes "
+    "nearer than all {trials} with a probability of 1 in {next}; the share of such trials is below {share:.0f} % "
+    "({level:.0f} % confidence). Around the nearest of all that is known, the descents above included, CMA-ES "
+    "searches once more, in boxes of {boxes} of the whole one's width, {beside:,} rollouts each, the next box around "
+    "the nearest so far."
 )
 _REPLAY = (
     "The nearest strikes in MuJoCo (RK4), whose step is halved until both simulators agree within 0.3 mm. Where the "
@@ -91,9 +92,13 @@ def _descents(found: Results) -> list[list[str]]:
     for i, r in enumerate(found):
         ends = np.sort(r["ends"])
         near = f"{(ends <= ends[0] + 1e-3).sum()} of {len(ends)}", str((ends <= published.HIT_RADIUS).sum())
-        first = f"{1e3 * r['random_best']:.0f} mm", *(f"{1e3 * x:.3f} mm" for x in ends[:2])
+        first = f"{1e3 * r['random_best']:.0f} mm", *(_millimetres(x) for x in ends[:2])
         rows.append([str(i + 1), *first, *near])
     return rows
+
+
+def _millimetres(distance: float) -> str:
+    return "< 0.01 mm" if distance < 1e-5 else f"{1e3 * distance:.2f} mm"
 
 
 def _full(tried: Sequence[Results], evolved: Sequence[Results], refined: Results) -> str:
@@ -101,12 +106,12 @@ def _full(tried: Sequence[Results], evolved: Sequence[Results], refined: Results
     return _FULL.format(
         random=tried[0][0]["random"],
         cap=evolved[0][0]["rollouts"],
-        seeds=len(evolved[0]),
+        seeds="one seed" if len(evolved[0]) == 1 else f"{len(evolved[0])} seeds",
         trials=trials,
         next=trials + 1,
         share=100 * share_nearer(trials),
         level=100 * LEVEL,
-        boxes=", ".join(f"{100 * share:g} %" for share in BESIDE),
+        boxes=" and ".join(f"{100 * share:g} %" for share in BESIDE),
         beside=refined[0]["rollouts"],
     )
 

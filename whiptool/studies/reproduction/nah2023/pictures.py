@@ -65,6 +65,7 @@ def strikes_in_space(paths: Sequence[Trajectory], times: Sequence[float]) -> Fig
             ax.set(xlim=(-2, 2.4), ylim=(-2.2, 2.2), zlim=(-2.2, 2.2), xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
             ax.set_title(f"target {i + 1}")
             ax.view_init(elev=12, azim=-62)
+            ax.set_box_aspect((4.4, 4.4, 4.4), zoom=1.1)
         names = {
             "arm and whip, start": "0.6",
             "at the closest approach": COLORS["black"],
@@ -151,7 +152,7 @@ def sensitivities(scaled: Sequence[np.ndarray]) -> Figure:
     Args:
         scaled: By target, (solutions, parameters) [m per width of the box].
     """
-    labels = [_short(name) for name in strike_names(NAH2023.arm)]
+    labels = [short_name(name).replace(" ", "\n") for name in strike_names(NAH2023.arm)]
     with matplotlib.rc_context(STYLE):
         figure = Figure((12, 5.6), layout="constrained")
         axes = figure.subplots(2, 3, sharex=True, sharey=True)
@@ -173,10 +174,10 @@ def sensitivities(scaled: Sequence[np.ndarray]) -> Figure:
     return figure
 
 
-def _short(name: str) -> str:
+def short_name(name: str) -> str:
     """`q_shoulder_flexion_i` as `flex i`."""
     parts = name.split("_")
     if len(parts) == 1:
         return name
     stem = {"flexion": "flex", "abduction": "abd", "rotation": "rot", "elbow": "elb"}[parts[-2]]
-    return f"{stem}\n{parts[-1]}"
+    return f"{stem} {parts[-1]}"

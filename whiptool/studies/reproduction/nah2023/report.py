@@ -230,7 +230,8 @@ def _sensitivity(found: Results, theirs: dict[str, Any]) -> Section:
     raw = [np.array(r["sensitivity"])[_hits(r)] for r in found]
     scaled = [x * (upper - lower) for x in raw]
     noise = [{name: np.array(x)[_hits(r)] for name, x in r["perturbed"].items()} for r in found]
-    rows = [["target", *(name for name in strike_names(NAH2023.arm)), "noise: initial", "final", "D [mm]"]]
+    names = [pictures.short_name(name) for name in strike_names(NAH2023.arm)]
+    rows = [["target", *names, "noise: initial", "final", "D [mm]"]]
     for i, (x, n) in enumerate(zip(scaled, noise, strict=True)):
         means = [f"{1e3 * np.median(n[g]):.0f}" if len(n[g]) else "-" for g in ("initial", "final", "D")]
         moved = [f"{v:.2f}" for v in np.median(x, axis=0)] if len(x) else ["-"] * x.shape[1]
