@@ -25,7 +25,7 @@ def test_quick_form_ends_and_resumes(tmp_path):
     result = run("nah2023", "--quick", "--out", "run")
     page = (tmp_path / "run" / "report.html").read_text()
     assert len(result["claims"]) == page.count("<b class=") == 6
-    assert page.count("<img") == 6
+    assert page.count("<img") == 5
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
     for said in ("Evaluations until a target is hit", "How near the tip comes", "CMA-ES", "most sensitive to"):
         assert said in page

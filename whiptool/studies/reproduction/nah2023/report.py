@@ -43,7 +43,7 @@ def sections(context: Context) -> list[Section]:
     cap = 45 if quick else published.CAP
     by_rule = [DirectUnit(target=i, nodes=published.LAST_NODES, cap=cap) for i in _TARGETS]
     by_tip = [DirectUnit(target=i, nodes=1, cap=cap) for i in _TARGETS]
-    gradient = [GradientUnit(target=i, cap=80 if quick else GRADIENT_CAP) for i in _TARGETS]
+    gradient = [GradientUnit(target=i, cap=68 if quick else GRADIENT_CAP) for i in _TARGETS]
     solutions = [_solutions(i, quick=quick) for i in _TARGETS]
     known = PublishedUnit(perturbed=4 if quick else published.PERTURBED)
     trials = [_trials(i, quick=quick) for i in _FAR]
@@ -86,7 +86,7 @@ def _trials(target: int, *, quick: bool) -> list[TrialsUnit]:
 
 def _evolution(target: int, *, quick: bool) -> list[EvolutionUnit]:
     if quick:
-        return [EvolutionUnit(target=target, seed=0, cap=100)]
+        return [EvolutionUnit(target=target, seed=0, cap=40)]
     return [EvolutionUnit(target=target, seed=seed) for seed in range(EVOLUTION_SEEDS)]
 
 
