@@ -30,7 +30,7 @@ _FULL = (
     "of nine numbers meets but approximately. No bound above 0 is known for what it can meet; what follows is a "
     "search, in two ways. Trials, all alike and independent: of {random} random strikes the nearest, followed down "
     "until the descent ends (those still farther than 5 cm at twice the step are left there). CMA-ES with restarts, "
-    "over the whole box ({cap:,} rollouts for each of {seeds}), and a descent from its nearest. The next trial comes "
+    "over the whole box ({cap:,} rollouts, {seeds}), and a descent from its nearest. The next trial comes "
     "nearer than all {trials} with a probability of 1 in {next}; the share of such trials is below {share:.0f} % "
     "({level:.0f} % confidence). Around the nearest of all that is known, the descents above included, CMA-ES "
     "searches once more, in boxes of {boxes} of the whole one's width, {beside:,} rollouts each, the next box around "
