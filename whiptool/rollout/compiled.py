@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -25,6 +26,20 @@ from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajector
 TIMESTEP = 2.5e-4  # [s]; benchmarks/accuracy.py shows why
 _AT_ONCE = 8192  # strikes packed at once: bounds the memory
 _TRAJECTORIES_AT_ONCE = 64
+
+
+class ChainPath(NamedTuple):
+    """Where a chain's links end, over one strike.
+
+    Args:
+        t: Instants (S,) [s].
+        points: Far ends of the links, from the shoulder to the tip, (S, links, d) [m]; NaN from where it diverged.
+        slopes: Their derivatives by m parameters, (S, links, d, m).
+    """
+
+    t: np.ndarray
+    points: np.ndarray
+    slopes: np.ndarray
 
 
 class CompiledRollout(Rollout):
@@ -219,6 +234,32 @@ class CompiledRollout(Rollout):
             if m:
                 slopes[part] = both[..., d:].transpose(0, 2, 3, 1)
         return np.arange(S) / rate, paths, slopes
+
+    def chain_paths(
+        self, strikes: Strikes, *, t_stay: float = T_STAY, names: Sequence[str], stride: int = 1
+    ) -> Iterator[ChainPath]:
+        """Paths of all links' far ends, and their exact derivatives; only a few strikes are in memory at a time.
+
+        Args:
+            strikes, t_stay: As in `approach`.
+            names: m parameters, as in `gradient`.
+            stride: Steps of the integrator from one sample to the next. A strike's samples are its steps, which D
+                shifts: derivatives by it hold a share of the velocity.
+        """
+        strikes = strike_vectors(strikes, self.model.arm.n)
+        directions, d = self.directions(names), self.model.dimension
+        ends = self.model.arm.n + self.model.whip.N
+        m, at_once = len(directions), max(1, _TRAJECTORIES_AT_ONCE // len(directions))
+        for first in range(0, len(strikes), at_once):
+            some = strikes[first : first + at_once]
+            batch = self._forward_batch(some, np.zeros((len(some), d)), t_stay, directions)
+            batch.columns, batch.stride = np.arange(ends * d), stride
+            paths, slopes = self._engine(forward=True)(batch, threads=self._threads).observed()
+            for i in range(len(some)):
+                path, interval = paths[i * m], float(batch.h[i * m]) * stride
+                slope = np.stack(slopes[i * m : (i + 1) * m], axis=-1)
+                shape = (len(path), ends, d)
+                yield ChainPath(np.arange(len(path)) * interval, path.reshape(shape), slope.reshape(*shape, m))
 
     def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """The whole strike, at every step of the integrator."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from whiptool.studies.reproduction.nah2023.statistics import Share, median_interval
+from whiptool.studies.reproduction.nah2023.statistics import Share, median_interval, median_of, share_nearer
 
 
 @pytest.mark.parametrize(("count", "of"), [(0, 20), (7, 24), (20, 20)])
@@ -32,3 +32,14 @@ def test_interval_of_a_median_covers_it():
     inside = [low <= np.log(2) <= high for low, high in map(median_interval, drawn)]
     assert 0.945 < np.mean(inside) < 0.98
     assert median_interval(np.array([1.0, 2.0, 3.0])) == (1.0, 3.0)
+
+
+def test_share_of_nearer_trials_is_covered_in_95_percent():
+    """Of uniform numbers that share is the least of them."""
+    least = np.random.default_rng(0).uniform(size=(20_000, 64)).min(axis=1)
+    assert np.mean(least <= share_nearer(64)) == pytest.approx(0.95, abs=0.006)
+
+
+def test_median_in_words():
+    assert median_of(np.array([1.0, 2.0, 3.0]), " %") == "2 % (1 to 3)"
+    assert median_of(np.array([])) == "-"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from whiptool.studies.reproduction.nah2023 import published, units
+from whiptool.studies.reproduction.nah2023.nearest import EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.units import (
     BOUNDS,
     CONTROLLER,
@@ -28,6 +29,8 @@ UNITS = [
     GradientUnit(target=0, cap=200),
     SolutionsUnit(target=0),
     PublishedUnit(),
+    TrialsUnit(target=3, seed=0),
+    EvolutionUnit(target=3, seed=0),
 ]
 
 
@@ -43,6 +46,13 @@ def test_units_that_differ_have_names_that_differ(unit):
         other = (not value) if isinstance(value, bool) else value + 1
         assert replace(unit, **{field.name: other}).name != unit.name, field.name
     assert len({x.name for x in UNITS}) == len(UNITS)
+
+
+def test_replays_of_strikes_that_differ_have_names_that_differ():
+    one = ReplayUnit(target=0, strike=(0.1,) * 9)
+    assert one.name == ReplayUnit(target=0, strike=(0.1,) * 9).name
+    assert one.name != ReplayUnit(target=0, strike=(0.1,) * 8 + (0.1 + 1e-12,)).name
+    assert one.name != replace(one, target=1).name
 
 
 def test_groups_are_all_of_a_strikes_vector():

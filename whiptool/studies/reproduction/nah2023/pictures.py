@@ -65,6 +65,7 @@ def strikes_in_space(paths: Sequence[Trajectory], times: Sequence[float]) -> Fig
             ax.set(xlim=(-2, 2.4), ylim=(-2.2, 2.2), zlim=(-2.2, 2.2), xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
             ax.set_title(f"target {i + 1}")
             ax.view_init(elev=12, azim=-62)
+            ax.set_box_aspect((4.4, 4.4, 4.4), zoom=1.1)
         names = {
             "arm and whip, start": "0.6",
             "at the closest approach": COLORS["black"],
@@ -74,6 +75,28 @@ def strikes_in_space(paths: Sequence[Trajectory], times: Sequence[float]) -> Fig
         handles = [Line2D([], [], color=color) for color in names.values()]
         handles.append(Line2D([], [], color=COLORS["green"], marker="o", linestyle="none"))
         figure.legend(handles, [*names, "target"], loc="outside upper center", ncols=5)
+    return figure
+
+
+def ends_of_trials(ends: Sequence[np.ndarray], by_cmaes: Sequence[np.ndarray]) -> Figure:
+    """Distances at which trials end, in order, and those of CMA-ES, at the targets at full reach [m]."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((9, 4.6), layout="constrained")
+        ax: Any = figure.subplots()
+        first, markers = published.WITHIN_REACH, ("o", "s", "^")
+        for i, (trials, others, marker) in enumerate(zip(ends, by_cmaes, markers, strict=True)):
+            color = TARGET_COLORS[first + i]
+            share, y = 100 * np.arange(1, len(trials) + 1) / len(trials), 1e3 * trials
+            ax.plot(share, y, marker, color=color, markersize=5, label=f"target {first + i + 1}")
+            ax.plot(np.full(len(others), -3.0), 1e3 * others, "D", color=color, markersize=7, markerfacecolor="none")
+        ax.axhline(1e3 * published.HIT_RADIUS, color="0.4", linestyle="--", linewidth=1.2)
+        ax.set(xlabel="share of the trials [%]", ylabel="distance at the end [mm]", yscale="log", xlim=(-6, 102))
+        handles, labels = ax.get_legend_handles_labels()
+        handles += [
+            Line2D([], [], color="0.3", marker="D", markerfacecolor="none", linestyle="none"),
+            Line2D([], [], color="0.4", linestyle="--", linewidth=1.2),
+        ]
+        figure.legend(handles, [*labels, "CMA-ES", "hit radius"], loc="outside upper center", ncols=5)
     return figure
 
 
@@ -129,19 +152,21 @@ def sensitivities(scaled: Sequence[np.ndarray]) -> Figure:
     Args:
         scaled: By target, (solutions, parameters) [m per width of the box].
     """
-    labels = [_short(name) for name in strike_names(NAH2023.arm)]
+    labels = [short_name(name).replace(" ", "\n") for name in strike_names(NAH2023.arm)]
     with matplotlib.rc_context(STYLE):
         figure = Figure((12, 5.6), layout="constrained")
         axes = figure.subplots(2, 3, sharex=True, sharey=True)
         for i, (ax, values) in enumerate(zip(axes.ravel(), scaled, strict=True)):
+            ax.set_title(f"target {i + 1}: {len(values)} solutions")
+            ax.set_xticks(range(len(labels)), labels, fontsize=9)
+            ax.grid(axis="x", visible=False)
+            if not len(values):
+                continue
             low, middle, high = np.percentile(values, (25, 50, 75), axis=0)
             colors = [COLORS["blue"]] * (len(labels) - 1) + [COLORS["vermilion"]]
             ax.bar(
                 range(len(labels)), middle, color=colors, yerr=(middle - low, high - middle), ecolor="0.3", capsize=3
             )
-            ax.set_title(f"target {i + 1}: {len(values)} solutions")
-            ax.set_xticks(range(len(labels)), labels, fontsize=9)
-            ax.grid(axis="x", visible=False)
         for ax in axes[:, 0]:
             ax.set_ylabel("path moves [m per width]")
         for ax in axes[1]:
@@ -149,10 +174,10 @@ def sensitivities(scaled: Sequence[np.ndarray]) -> Figure:
     return figure
 
 
-def _short(name: str) -> str:
+def short_name(name: str) -> str:
     """`q_shoulder_flexion_i` as `flex i`."""
     parts = name.split("_")
     if len(parts) == 1:
         return name
     stem = {"flexion": "flex", "abduction": "abd", "rotation": "rot", "elbow": "elb"}[parts[-2]]
-    return f"{stem}\n{parts[-1]}"
+    return f"{stem} {parts[-1]}"

@@ -38,7 +38,7 @@ STRIKES = (
         ]
     )
 )
-PERTURBED = 100  # strikes around each of them; theirs 200
+PERTURBED = 200  # strikes around each of them, as theirs
 NOISE = 0.05  # of the bounds' width to either side, uniform
 
 # Distances that their logs of 2021 give for DIRECT-L's first 19 strikes, the middle of the box and a third of it to

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ import numpy as np
 from whiptool.models.robots import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.studies.reproduction.context import Context
-from whiptool.studies.reproduction.nah2023 import claims, pictures, published
+from whiptool.studies.reproduction.nah2023 import claims, how_near, pictures, published
+from whiptool.studies.reproduction.nah2023.nearest import BesideUnit, EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.statistics import Share
 from whiptool.studies.reproduction.nah2023.units import (
     BOUNDS,
@@ -19,7 +21,6 @@ from whiptool.studies.reproduction.nah2023.units import (
     GradientUnit,
     PublishedUnit,
     SolutionsUnit,
-    simulator,
 )
 from whiptool.viz.report import Claims, Picture, Section, Table, Text
 
@@ -29,28 +30,43 @@ SUBTITLE = (
     "and what was measured here. Verdicts are computed from the data."
 )
 GRADIENT_CAP = 200
-FAR_STARTS = 40  # at full reach, where some lead to nothing
+FAR_STARTS = 64  # at full reach, where some lead to nothing
+TRIAL_SEEDS, EVOLUTION_SEEDS = 1, 1
 _TARGETS = range(len(published.TARGETS))
-_FAR = slice(published.WITHIN_REACH, None)
+_FAR = how_near.FAR
 Results = list[dict[str, Any]]
 
 
 def sections(context: Context) -> list[Section]:
     """Evaluations, how near the tip comes, the claims on the hand's movement and on sensitivity, conventions."""
-    cap = 45 if context.quick else published.CAP
+    quick = context.quick
+    cap = 45 if quick else published.CAP
     by_rule = [DirectUnit(target=i, nodes=published.LAST_NODES, cap=cap) for i in _TARGETS]
     by_tip = [DirectUnit(target=i, nodes=1, cap=cap) for i in _TARGETS]
-    gradient = [GradientUnit(target=i, cap=80 if context.quick else GRADIENT_CAP) for i in _TARGETS]
-    solutions = [_solutions(i, quick=context.quick) for i in _TARGETS]
-    known = PublishedUnit(perturbed=4 if context.quick else published.PERTURBED)
-    units = [known, *by_rule, *by_tip, *gradient, *solutions]
+    gradient = [GradientUnit(target=i, cap=68 if quick else GRADIENT_CAP) for i in _TARGETS]
+    solutions = [_solutions(i, quick=quick) for i in _TARGETS]
+    known = PublishedUnit(perturbed=4 if quick else published.PERTURBED)
+    trials = [_trials(i, quick=quick) for i in _FAR]
+    evolution = [_evolution(i, quick=quick) for i in _FAR]
+    far = [unit for of_target in [*evolution, *trials] for unit in of_target]
+    units = [known, *by_rule, *by_tip, *gradient, *solutions, *far]
     results = context.results(units, "nah2023")
     rule, tip, slopes, found = ([results[u.name] for u in some] for some in (by_rule, by_tip, gradient, solutions))
+    tried, evolved = ([[results[u.name] for u in of_target] for of_target in some] for some in (trials, evolution))
+    nearest = nearest_strikes(found, tried, evolved)
+    beside = [BesideUnit(target=i, strike=tuple(nearest[i]), cap=60 if quick else BesideUnit.cap) for i in _FAR]
+    refined = context.results(beside, "nah2023 beside the nearest")
+    for unit in beside:
+        nearest[unit.target] = np.array(refined[unit.name]["strike"])
+    replays = [] if quick else [ReplayUnit(target=i, strike=tuple(strike)) for i, strike in enumerate(nearest)]
+    replayed = context.results(replays, "nah2023 in MuJoCo")
     theirs = results[known.name]
     return [
         _evaluations(rule, tip, slopes),
         _agreement(theirs),
-        _nearest(found),
+        how_near.section(
+            found, tried, evolved, [refined[u.name] for u in beside], nearest, [replayed[u.name] for u in replays]
+        ),
         _hand(found, theirs),
         _sensitivity(found, theirs),
     ]
@@ -58,9 +74,30 @@ def sections(context: Context) -> list[Section]:
 
 def _solutions(target: int, *, quick: bool) -> SolutionsUnit:
     if quick:
-        return SolutionsUnit(target=target, random=128, starts=4, kept=3, perturbed=4, replay=False)
-    far = target >= published.WITHIN_REACH
-    return SolutionsUnit(target=target, starts=FAR_STARTS) if far else SolutionsUnit(target=target)
+        return SolutionsUnit(target=target, random=64, starts=2, kept=2, perturbed=2)
+    return SolutionsUnit(target=target, starts=FAR_STARTS) if target in _FAR else SolutionsUnit(target=target)
+
+
+def _trials(target: int, *, quick: bool) -> list[TrialsUnit]:
+    if quick:
+        return [TrialsUnit(target=target, seed=0, trials=1, random=64)]
+    return [TrialsUnit(target=target, seed=seed) for seed in range(TRIAL_SEEDS)]
+
+
+def _evolution(target: int, *, quick: bool) -> list[EvolutionUnit]:
+    if quick:
+        return [EvolutionUnit(target=target, seed=0, cap=40)]
+    return [EvolutionUnit(target=target, seed=seed) for seed in range(EVOLUTION_SEEDS)]
+
+
+def nearest_strikes(found: Results, tried: Sequence[Results], evolved: Sequence[Results]) -> list[np.ndarray]:
+    """Return the nearest strike at each target: of the solutions, at full reach also of the trials and CMA-ES."""
+    nearest = []
+    for i, solutions in enumerate(found):
+        also = [] if i not in _FAR else [*tried[i - _FAR.start], *evolved[i - _FAR.start]]
+        ends = [(solutions["misses"][0], solutions["strikes"][0]), *((r["ends"][0], r["strikes"][0]) for r in also)]
+        nearest.append(np.array(min(ends)[1]))
+    return nearest
 
 
 def facts() -> dict[str, str]:
@@ -142,37 +179,6 @@ def _agreement(theirs: dict[str, Any]) -> Section:
     return Section("The published strikes in our simulation", [Text(about), Table(rows), Text(logs), Table(log_rows)])
 
 
-def _nearest(found: Results) -> Section:
-    header = ["target", "nearest of random", "nearest followed down", "second", "within 1 mm of it", "within 5 cm"]
-    rows = [[*header, "slope left [mm per width]", "replayed in MuJoCo [mm]"]]
-    for i, r in enumerate(found):
-        ends = np.array(r["ends"])
-        best = float(ends.min())
-        replayed = "-" if r["replayed"] is None else f"{1e3 * r['replayed']:.2f}"
-        near = f"{(ends <= best + 1e-3).sum()} of {len(ends)}", str((ends <= published.HIT_RADIUS).sum())
-        first = f"{1e3 * r['random_best']:.0f} mm", f"{1e3 * best:.3f} mm", f"{1e3 * np.sort(ends)[1]:.3f} mm"
-        slope = "-" if i < published.WITHIN_REACH else f"{1e3 * r['slope']:.2g}"
-        rows.append([str(i + 1), *first, *near, slope, replayed])
-    far = [f"target {i + 1}: {1e3 * min(r['ends']):.2f} mm" for i, r in enumerate(found)][_FAR]
-    about = (
-        "How near the tip alone comes. Of many random strikes the nearest are followed down together, by Levenberg "
-        "and Marquardt's method with exact derivatives of the tip's path. Targets 4 to 6 lie at exactly full reach: "
-        "the tip is there only if arm and whip are straight and point at it, all 54 joints at once, which a movement "
-        f"of nine numbers meets but approximately. The nearest that was found: {', '.join(far)}. That is a search, "
-        "not a bound: what speaks for it is the slope that is left there (the largest derivative that does not lead "
-        "out of the box; 0 at a minimum), and how many other descents ended as near."
-    )
-    times, paths = [], []
-    rollout = simulator(None)
-    for place, r in zip(published.TARGETS, found, strict=True):
-        strike = np.array(r["strikes"][0])
-        paths.append(rollout.trajectory(strike, t_stay=STAY))
-        times.append(float(paths[-1].approach(np.array(place)).time[0]))
-    caption = "The nearest strike at each target, until the closest approach of the tip."
-    picture = Picture(pictures.strikes_in_space(paths, times), caption, vector=False)
-    return Section("How near the tip comes", [Text(about), Table(rows), picture])
-
-
 def _hits(r: dict[str, Any]) -> np.ndarray:
     """Which of the solutions hit."""
     return np.array(r["misses"]) <= published.HIT_RADIUS
@@ -194,7 +200,7 @@ def _hand(found: Results, theirs: dict[str, Any]) -> Section:
     for i, (s, r, p) in enumerate(zip(solutions, random, published_ones, strict=True)):
         held = (r["outside"] <= claims.PLANAR, r["task"] > claims.HALF, r["joint"] > claims.HALF)
         distances = (s["rms"], r["rms"], p["rms"])
-        medians = [f"{1e3 * np.median(x):.1f}" for x in distances]
+        medians = [f"{1e3 * np.median(x):.1f}" if np.size(x) else "-" for x in distances]
         rows.append([str(i + 1), str(len(s["rms"])), *medians, *(str(Share(int(x.sum()), len(x))) for x in held)])
     about = (
         "Solutions are what the descents led to, where the tip hits within 5 cm. Until D, the hand's places, 60 a "
@@ -224,10 +230,12 @@ def _sensitivity(found: Results, theirs: dict[str, Any]) -> Section:
     raw = [np.array(r["sensitivity"])[_hits(r)] for r in found]
     scaled = [x * (upper - lower) for x in raw]
     noise = [{name: np.array(x)[_hits(r)] for name, x in r["perturbed"].items()} for r in found]
-    rows = [["target", *(name for name in strike_names(NAH2023.arm)), "noise: initial", "final", "D [mm]"]]
+    names = [pictures.short_name(name) for name in strike_names(NAH2023.arm)]
+    rows = [["target", *names, "noise: initial", "final", "D [mm]"]]
     for i, (x, n) in enumerate(zip(scaled, noise, strict=True)):
         means = [f"{1e3 * np.median(n[g]):.0f}" if len(n[g]) else "-" for g in ("initial", "final", "D")]
-        rows.append([str(i + 1), *(f"{v:.2f}" for v in np.median(x, axis=0)), *means])
+        moved = [f"{v:.2f}" for v in np.median(x, axis=0)] if len(x) else ["-"] * x.shape[1]
+        rows.append([str(i + 1), *moved, *means])
     mean = theirs["mean_miss"]
     theirs_said = "; ".join(
         f"target {i + 1}: {1e3 * mean['initial'][i]:.0f}, {1e3 * mean['final'][i]:.0f}, {1e3 * mean['D'][i]:.0f}"

@@ -1,6 +1,8 @@
-"""How far a strike's parameters move the tip's path where it passes the target: exact derivatives."""
+"""How far a strike's parameters move the links at an instant, and the tip's path: exact derivatives."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,27 +10,38 @@ from whiptool.models.strike import strike_names
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.trajectory import Approach
 
-_RATE = 1000.0  # [1/s] at which the tip's derivatives are taken; in between they change linearly
+_INTERVAL = 1e-3  # [s] at which derivatives are taken; in between they change linearly
 
 
-def tip_jacobian(rollout: CompiledRollout, strikes: np.ndarray, time: np.ndarray, *, t_stay: float) -> np.ndarray:
-    """Return the derivatives of the tip's place at given instants by the strike's parameters, (B, 3, 2 a + 1).
+class LinksThen(NamedTuple):
+    """The k links of B chains, each at an instant; their sum is the tip's place.
 
     Args:
-        rollout: What rolls strikes out, with derivatives.
-        strikes: (B, 2 a + 1).
-        time: Instant of each (B,) [s].
-        t_stay: [s]
-
-    Returns:
-        [m/rad], and by D [m/s].
+        vectors: From one link's far end to the next one's, from the base to the tip, (B, k, 3) [m].
+        velocities: Their rates (B, k, 3) [m/s].
+        slopes: Their derivatives by the strike's parameters, (B, k, 3, 2 a + 1) [m/rad]; by D [m/s], up to a share of
+            the velocity.
     """
-    _, path, slopes = rollout.tip_path(strikes, t_stay=t_stay, rate=_RATE, names=strike_names(rollout.model.arm))
-    known = np.isfinite(path[:, :, 0]).sum(axis=1)
-    before = np.minimum((time * _RATE).astype(int), known - 2)
-    share = (time * _RATE - before)[:, None, None]
-    each = np.arange(len(strikes))
-    return (1 - share) * slopes[each, before] + share * slopes[each, before + 1]
+
+    vectors: np.ndarray
+    velocities: np.ndarray
+    slopes: np.ndarray
+
+
+def links_at(rollout: CompiledRollout, strikes: np.ndarray, time: np.ndarray, *, t_stay: float) -> LinksThen:
+    """Return the links of strikes (B, 2 a + 1) at given instants (B,) [s], with the strikes' derivatives."""
+    found = []
+    names, stride = strike_names(rollout.model.arm), max(1, round(_INTERVAL / rollout.timestep))
+    paths = rollout.chain_paths(strikes, t_stay=t_stay, names=names, stride=stride)
+    for path, instant in zip(paths, time, strict=True):
+        known, interval = int(np.isfinite(path.points[:, 0, 0]).sum()), float(path.t[1])
+        before = min(int(instant / interval), known - 2)
+        share = instant / interval - before
+        near = slice(before, before + 2)
+        vectors, slopes = (np.diff(x[near], axis=1, prepend=0.0) for x in (path.points, path.slopes))
+        between = ((1 - share) * x[0] + share * x[1] for x in (vectors, slopes))
+        found.append((next(between), (vectors[1] - vectors[0]) / interval, next(between)))
+    return LinksThen(*(np.array(x) for x in zip(*found, strict=True)))
 
 
 def across(velocity: np.ndarray) -> np.ndarray:
@@ -43,5 +56,5 @@ def path_sensitivity(rollout: CompiledRollout, strikes: np.ndarray, near: Approa
     The miss distance itself has no derivative where the strike hits, for a distance has a kink at zero: there it grows
     by this much to either side.
     """
-    J = across(near.velocity) @ tip_jacobian(rollout, strikes, near.time, t_stay=t_stay)
-    return np.linalg.norm(J, axis=1)
+    slopes = links_at(rollout, strikes, near.time, t_stay=t_stay).slopes.sum(axis=1)
+    return np.linalg.norm(across(near.velocity) @ slopes, axis=1)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from whiptool.models.strike import StrikeBounds
 from whiptool.rollout import CompiledRollout
-from whiptool.studies.reproduction.nah2023.sensitivity import across, tip_jacobian
+from whiptool.studies.reproduction.nah2023.sensitivity import LinksThen, links_at
 
-_STEPS = 40
 _DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at each step, times the last that helped
-_FIRST, _LEAST, _MOST = 1e-2, 1e-8, 1e6
+_FIRST, _LEAST, _MOST = 1e-2, 1e-10, 1e6
 _NEAR = 1e-5  # [m]: near enough
+_STEPS = 40
 GAIN = 1e-2
 
 
@@ -26,23 +27,27 @@ def descend(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the strikes to which starts (B, 2 a + 1) lead, within bounds, and their miss distances (B,) [m].
 
-    Levenberg and Marquardt's method on the vector from target to path, all starts together. What of a step would leave
-    the box is cut off. A descent ends where a step gains less than the share `gain` of the distance.
+    Levenberg and Marquardt's method on the vector from target to tip, with the curvature that straight links give it
+    (`model_rows`), each step the best within the box, all starts together. A descent ends where a step gains less than
+    the share `gain` of the distance.
     """
     lower, upper = bounds.box
     width = upper - lower
-    u, damping = (starts - lower) / width, np.full(len(starts), _FIRST)
+    u, damping = np.clip((starts - lower) / width, 0, 1), np.full(len(starts), _FIRST)
     near = rollout.approach(starts, target, t_stay=t_stay)
-    place, velocity, time, miss = near.tip.copy(), near.velocity.copy(), near.time.copy(), near.distance.copy()
+    place, time, miss = near.tip.copy(), near.time.copy(), near.distance.copy()
     live = np.flatnonzero(np.isfinite(miss) & (miss > _NEAR))
     for _ in range(_STEPS):
         if not len(live):
             break
-        J = tip_jacobian(rollout, lower + u[live] * width, time[live], t_stay=t_stay) * width
-        A, r = across(velocity[live]) @ J, place[live] - target
-        pulled = np.einsum("bij,bi->bj", A, r)  # half the gradient of the squared distance
-        A = np.where(_stuck(u[live], pulled)[:, None, :], 0.0, A)
-        tried = np.stack([_step(A, r, damping[live] * d) for d in _DAMPINGS], axis=1)  # (b, dampings, 2 a + 1)
+        links = links_at(rollout, lower + u[live] * width, time[live], t_stay=t_stay)
+        A = model_rows(links, place[live] - target, width)
+        tried = np.array(
+            [
+                [bounded_step(*given, damping=d) for d in damping[i] * _DAMPINGS]
+                for i, *given in zip(live, A, place[live] - target, u[live], strict=True)
+            ]
+        )  # (b, dampings, 2 a + 1)
         moved = np.clip(u[live, None] + tried, 0, 1)
         found = rollout.approach((lower + moved * width).reshape(-1, len(width)), target, t_stay=t_stay)
         distance = np.where(found.diverged, np.inf, found.distance).reshape(len(live), -1)
@@ -52,23 +57,52 @@ def descend(
         better = distance[each, best] < miss[live]
         rows, which = live[better], (each * len(_DAMPINGS) + best)[better]
         u[rows] = moved[each, best][better]
-        place[rows], velocity[rows] = found.tip[which], found.velocity[which]
-        time[rows], miss[rows] = found.time[which], found.distance[which]
+        place[rows], time[rows], miss[rows] = found.tip[which], found.time[which], found.distance[which]
         factor = np.where(better, _DAMPINGS[best], 100.0)
         damping[live] = np.clip(damping[live] * factor, _LEAST, None)
         live = live[(gained | (~better & (damping[live] < _MOST))) & (miss[live] > _NEAR)]
     return lower + u * width, miss
 
 
-def _stuck(u: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Whether a parameter stands at its bound, and would have to leave the box."""
-    return ((u <= 0) & (gradient > 0)) | ((u >= 1) & (gradient < 0))
+def model_rows(links: LinksThen, r: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Return rows A such that A'A is about the Hessian of half the squared miss; its gradient is r' of the first three.
+
+    The Hessian is J'J + sum r . d2(link). A link d of fixed length l only turns: d . d2(d) = -|dd|^2. Where the
+    residual r points against it, as where the chain is stretched and the target lies beyond, the second term is
+    therefore close to -(r . d) |dd|^2 / l^2. It is all there is to follow at full reach, where the tip's derivatives J
+    along the chain vanish. The instant of the closest approach is free, too, and eliminated.
+
+    Args:
+        links: k links of B strikes.
+        r: From the target to the tip (B, 3) [m].
+        width: Of the box (m,).
+
+    Returns:
+        By parameters in widths of the box, (B, 3 + 3 k, m).
+    """
+    B, k = links.vectors.shape[:2]
+    length = np.linalg.norm(links.vectors, axis=-1)
+    against = np.maximum(-np.einsum("bi,bki->bk", r, links.vectors), 0)
+    weight = np.sqrt(against) / np.where(length > 0, length, np.inf)  # (B, k)
+    turns = weight[:, :, None, None] * links.slopes, weight[:, :, None] * links.velocities
+    rows = np.concatenate([links.slopes.sum(axis=1), turns[0].reshape(B, 3 * k, -1)], axis=1)
+    along = np.concatenate([links.velocities.sum(axis=1), turns[1].reshape(B, 3 * k)], axis=1)
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    return (rows - along[:, :, None] * np.einsum("bi,bij->bj", along, rows)[:, None, :]) * width
 
 
-def _step(A: np.ndarray, r: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """Damped least squares `-A' inv(A A' + damping) r`, (b, 2 a + 1)."""
-    AA = A @ np.swapaxes(A, 1, 2) + damping[:, None, None] * np.eye(3)
-    return -np.einsum("bij,bi->bj", A, np.linalg.solve(AA, r[:, :, None])[:, :, 0])
+def bounded_step(A: np.ndarray, r: np.ndarray, u: np.ndarray, *, damping: float) -> np.ndarray:
+    """Return the step (m,) to the least of the damped quadratic model within the box (Stark and Parker 1995).
+
+    Args:
+        A: Rows of the model (n, m), the first three being those of the residual.
+        r: Residual (3,) [m].
+        u: Where the step begins, 0 to 1, (m,).
+        damping: Of the step's squared length [m^2].
+    """
+    Q, R = np.linalg.qr(A)
+    rows = np.vstack([R, np.sqrt(damping) * np.eye(len(u))])
+    return lsq_linear(rows, np.r_[-Q[:3].T @ r, np.zeros(len(u))], bounds=(-u, 1 - u), method="bvls").x
 
 
 def distinct(strikes: np.ndarray, bounds: StrikeBounds, *, apart: float = 0.01) -> list[int]:
@@ -79,18 +113,3 @@ def distinct(strikes: np.ndarray, bounds: StrikeBounds, *, apart: float = 0.01) 
         if all(np.abs(u[i] - u[j]).max() > apart for j in kept):
             kept.append(i)
     return kept
-
-
-def slope_within(
-    rollout: CompiledRollout, bounds: StrikeBounds, strike: np.ndarray, target: np.ndarray, *, t_stay: float
-):
-    """Return the largest derivative of the miss distance that does not lead out of the box [m per width of the box].
-
-    Where the strike is as near as any beside it, that is 0 (first-order condition).
-    """
-    lower, upper = bounds.box
-    width = upper - lower
-    _, slope = rollout.gradient(strike[None], target, t_stay=t_stay)
-    gradient = slope * width
-    free = np.where(_stuck((strike[None] - lower) / width, gradient), 0.0, gradient)
-    return float(np.abs(free).max())

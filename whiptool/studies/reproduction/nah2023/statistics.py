@@ -41,7 +41,10 @@ class Share:
 
 
 def median_interval(values: np.ndarray) -> tuple[float, float]:
-    """Return the 95 % interval of a median, between two of the values in order; all of them where there are few."""
+    """Return the 95 % interval of a median, between two of the values in order; all of them where there are few.
+
+    There has to be at least one.
+    """
     ordered = np.sort(values)
     # fewer than k values lie below a median with a probability of 2.5 % at most: the k-th is then the lower end
     k = int(np.sum(binom.cdf(np.arange(len(ordered) // 2), len(ordered), 0.5) <= (1 - LEVEL) / 2))
@@ -50,6 +53,16 @@ def median_interval(values: np.ndarray) -> tuple[float, float]:
 
 
 def median_of(values: np.ndarray, unit: str = "", digits: int = 2) -> str:
-    """Return a median with its interval, in words."""
+    """Return a median with its interval, in words; of no values a dash."""
+    if not len(values):
+        return "-"
     low, high = median_interval(values)
     return f"{np.median(values):.{digits}g}{unit} ({low:.{digits}g} to {high:.{digits}g})"
+
+
+def share_nearer(trials: int) -> float:
+    """Return the share of trials that come nearer than the nearest of so many, which is not exceeded at 95 %.
+
+    Whatever the distances' distribution is, that share is distributed as the least of so many uniform numbers.
+    """
+    return float(1 - (1 - LEVEL) ** (1 / trials))

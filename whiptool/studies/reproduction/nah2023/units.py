@@ -18,7 +18,7 @@ from whiptool.studies.reproduction.nah2023 import published
 from whiptool.studies.reproduction.nah2023.hand import measure
 from whiptool.studies.reproduction.nah2023.last_nodes import LastNodes
 from whiptool.studies.reproduction.nah2023.sensitivity import path_sensitivity
-from whiptool.studies.reproduction.nah2023.solutions import descend, distinct, slope_within
+from whiptool.studies.reproduction.nah2023.solutions import descend, distinct
 from whiptool.target import Target
 
 TIMESTEP = 5e-4  # [s]
@@ -111,7 +111,6 @@ class SolutionsUnit:
         starts: How many of them are followed down.
         kept: Of what they lead to, the nearest, which are measured.
         perturbed: Strikes with noise around each of these, in each group of parameters.
-        replay: Roll the nearest out in MuJoCo, too.
     """
 
     target: int
@@ -119,12 +118,11 @@ class SolutionsUnit:
     starts: int = 32
     kept: int = 24
     perturbed: int = 20
-    replay: bool = True
 
     @property
     def name(self) -> str:
         """Name of the unit."""
-        sizes = f"{self.random}-{self.starts}-{self.kept}-{self.perturbed}" + ("" if self.replay else "-quick")
+        sizes = f"{self.random}-{self.starts}-{self.kept}-{self.perturbed}"
         return f"nah2023-solutions-target{self.target + 1}-{sizes}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
@@ -136,8 +134,6 @@ class SolutionsUnit:
         nearest = np.argsort(misses, kind="stable")[: self.starts]
         strikes, _ = descend(coarse, BOUNDS, drawn[nearest], target, t_stay=STAY)
         strikes, ends = by_merit(*descend(rollout, BOUNDS, strikes, target, t_stay=STAY))
-        strikes[:3], ends[:3] = descend(rollout, BOUNDS, strikes[:3], target, t_stay=STAY, gain=1e-5)
-        strikes, ends = by_merit(strikes, ends)
         kept = strikes[distinct(strikes, BOUNDS)][: self.kept]
         near = rollout.approach(kept, target, t_stay=STAY)
         return {
@@ -145,8 +141,6 @@ class SolutionsUnit:
             "ends": ends.tolist(),
             "strikes": kept.tolist(),
             "misses": near.distance.tolist(),
-            "slope": slope_within(rollout, BOUNDS, kept[0], target, t_stay=STAY),
-            "replayed": _replayed(kept[0], target) if self.replay else None,
             "sensitivity": path_sensitivity(rollout, kept, near, t_stay=STAY).tolist(),
             "perturbed": _perturbed(rollout, kept, target, self.perturbed, rng),
             "measures": _measures(rollout, kept),
@@ -187,14 +181,6 @@ def _perturbed(
         misses = rollout.approach(around, target, t_stay=STAY).distance.reshape(len(strikes), count)
         found[name] = misses.mean(axis=1).tolist()
     return found
-
-
-def _replayed(strike: np.ndarray, target: np.ndarray) -> float | None:
-    """Miss of a strike in MuJoCo [m]; None where it diverges there."""
-    from whiptool.rollout import ReferenceRollout
-
-    near = ReferenceRollout(NAH2023, CONTROLLER).approach(strike, target, t_stay=STAY)
-    return None if near.diverged[0] else float(near.distance[0])
 
 
 @dataclass(frozen=True, kw_only=True)
