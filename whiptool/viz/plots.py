@@ -321,7 +321,9 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
     ax.set_ylabel("distance tip to target [m]")
     _time_axis(ax, trajectory)
     ax.set_ylim(bottom=0)
-    width = ax.get_position().width * ax.get_figure(root=True).get_figwidth()  # [inch]
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    width = ax.get_position().width * figure.get_figwidth()  # [inch]
     legend_above(ax, ncols=2 if width > 5 else 1)
     return ax
 
