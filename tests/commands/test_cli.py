@@ -43,14 +43,15 @@ def test_the_installed_command(tmp_path):
 def test_the_readme_examples_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     readme = (ROOT / "README.md").read_text()
-    (example,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
     names: dict = {}
-    exec(example, names)
+    for example in re.findall(r"```python\n(.*?)```", readme, re.DOTALL):  # as in one interpreter
+        exec(example, names)
     assert names["result"].outcome.hit
     assert names["path"].approach((1.2, 0.1)).distance[0] == pytest.approx(
         names["result"].outcome.miss_distance, abs=1e-4
     )
     assert (tmp_path / "strike.png").stat().st_size > 10_000
+    assert names["steps"][-1].hit
 
 
 @pytest.mark.parametrize("name", ["t_stay", "t stay"])
