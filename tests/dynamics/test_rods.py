@@ -13,6 +13,7 @@ from random_space import loop_of, pinocchio_arm_of, random_arm, random_rods, ran
 from slopes import compare
 from start_slopes import check_start_slopes
 
+from whiptool.dynamics import rods
 from whiptool.dynamics.posture import start_posture
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
@@ -33,25 +34,45 @@ def random_state(model: Model, seed: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def forces_of(model: Model) -> ca.Function:
-    """Forces on the hand (3, 1), its moment (3, 1), and forces on the nodes (3, N), of bending and damping: slopes of
-    energy and dissipation by the places and velocities of point masses."""
+    """Forces on the hand (3, 1), its moment (3, 1), forces on the nodes (3, N), and power that damping takes, of bending
+    and damping: slopes of energy and dissipation by the places and velocities of point masses."""
     N, whip = model.whip.N, model.whip
     x, u = ca.SX.sym("x", 3, N + 1), ca.SX.sym("u", 3, N + 1)
     first, turning = ca.SX.sym("first", 3), ca.SX.sym("turning", 3)
-    k, cubic, b, dry = (whip.per_node(name) for name in ("k", "cubic_stiffness", "b", "dry_friction"))
-    V, D, last, speed = ca.SX(0), ca.SX(0), first, turning
+    k, cubic = (whip.per_node(name) for name in ("k", "cubic_stiffness"))
+    V, last = ca.SX(0), first
     for i in range(N):
-        r, rate = x[:, i + 1] - x[:, i], u[:, i + 1] - u[:, i]
-        d, omega = r / ca.norm_2(r), ca.cross(r, rate) / ca.sumsqr(r)
+        r = x[:, i + 1] - x[:, i]
+        d = r / ca.norm_2(r)
         w = 1 - ca.dot(last, d)
         half_square = w + w**2 / 6 + 2 * w**3 / 45
         V += k[i] * half_square + cubic[i] * half_square**2
-        slip = ca.sumsqr(omega - speed)
-        D += b[i] * slip / 2 + dry[i] * ca.sqrt(slip + whip.friction_velocity**2)
-        last, speed = d, omega
-    force = -ca.gradient(V, x) - ca.gradient(D, u)
-    moment = -ca.cross(first, ca.gradient(V, first)) - ca.gradient(D, turning)
-    return ca.Function("forces", [x, u, first, turning], [force, moment])
+        last = d
+    D = dissipation_of(model, x, u, turning)
+    force = -ca.gradient(V, x) - ca.gradient(D[0], u)
+    moment = -ca.cross(first, ca.gradient(V, first)) - ca.gradient(D[0], turning)
+    return ca.Function("forces", [x, u, first, turning], ca.substitute([force, moment, 2 * D[0]], [D[1]], [D[2]]))
+
+
+def dissipation_of(model: Model, x: ca.SX, u: ca.SX, turning: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Half the power that damping takes, least by the spin; its dampings' symbols (N, 1); and what these are."""
+    N, whip = model.whip.N, model.whip
+    spin, damping, secants = ca.SX.sym("spin"), ca.SX.sym("damping", N), []
+    r, rate = ca.horzsplit(x[:, 1:] - x[:, :-1]), ca.horzsplit(u[:, 1:] - u[:, :-1])
+    d = [y / ca.norm_2(y) for y in r]
+    w = [ca.cross(y, z) / ca.sumsqr(y) for y, z in zip(r, rate, strict=True)]
+    s = [ca.dot(turning, d[0])]
+    for i in range(1, N):
+        s.append(s[-1] + (ca.dot(w[i - 1], d[i]) - ca.dot(w[i], d[i - 1])) / (1 + ca.dot(d[i], d[i - 1])))
+    D = rods.SWIVEL * spin**2 / 2
+    for i in range(N):
+        before = turning - ca.dot(turning, d[0]) * d[0] if i == 0 else w[i - 1] + (s[i - 1] + spin) * d[i - 1]
+        slip = ca.sumsqr(w[i] + (0 if i == 0 else (s[i] + spin) * d[i]) - before)
+        D += damping[i] * slip / 2
+        root = ca.sqrt(ca.substitute(slip, spin, 0) + whip.friction_velocity**2)
+        secants.append(whip.per_node("b")[i] + whip.per_node("dry_friction")[i] / root)
+    slope, curvature = (ca.substitute(y, spin, 0) for y in (ca.jacobian(D, spin), ca.hessian(D, spin)[0]))
+    return ca.substitute(D, spin, -slope / curvature), damping, ca.vertcat(*secants)
 
 
 def dense_acceleration(model: Model, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,7 +94,7 @@ def dense_acceleration(model: Model, q: np.ndarray, v: np.ndarray, tau: np.ndarr
     drift = ((ahead - behind) / (2 * h) @ v[:a])[:3]
     x = np.vstack([hand.translation, hand.translation + np.cumsum(l[:, None] * d, axis=0)])
     u = np.vstack([J[:3] @ v[:a], J[:3] @ v[:a] + np.cumsum(l[:, None] * rate, axis=0)])
-    force, moment = (y.full() for y in forces_of(model)(x.T, u.T, -hand.rotation[:, 2], J[3:] @ v[:a]))
+    force, moment, _ = (y.full() for y in forces_of(model)(x.T, u.T, -hand.rotation[:, 2], J[3:] @ v[:a]))
     nodes = force.T[1:] - m[:, None] * np.array([0, 0, model.gravity])
     speed = np.linalg.norm(u[1:], axis=1, keepdims=True)
     along = (u[1:] * d).sum(axis=1, keepdims=True) * d

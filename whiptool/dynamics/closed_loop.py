@@ -272,8 +272,12 @@ class ClosedLoop(System):
             weight = weight + own_weight
             turned = ca.cross(moving.r, ca.vertcat(0, 0, weight))
             moment = moment + turned
-            slopes.append(ca.mtimes(moving.axes.T, moment) - springs if self.hinges else turned - springs + beyond)
-            beyond = springs
+            if self.hinges:
+                slopes.append(ca.mtimes(moving.axes.T, moment) - springs)
+                continue
+            own = springs[:, 0]  # nothing spins
+            slopes.append(turned - own + beyond)
+            beyond = own
         return q, ca.vertcat(*reversed(slopes))
 
     # -----------------------------------------------------------------------------------------------------------------
@@ -320,15 +324,16 @@ class ClosedLoop(System):
             else:
                 linear = linear + link.length * qdd[own]
             links.append((moving, passive, link.mass * linear - moving.drag, link.inertia * angular))
-        torques, force, moment = [], ca.SX.zeros(3), ca.SX.zeros(3)
+        torques, force, moment, spin = [], ca.SX.zeros(3), ca.SX.zeros(3), self.spin(frame)
         for moving, passive, own_force, own_moment in reversed(links):
             force = force + own_force
             if self.hinges:
                 moment = moment + own_moment + ca.cross(moving.r, force)
                 torques.append(ca.mtimes(moving.axes.T, moment) - passive)
             else:  # what is before a rod feels its joint's torque alone
-                torques.append(ca.cross(moving.r, force) - passive + moment)
-                moment = passive
+                own = passive[:, 0] + spin * passive[:, 1]
+                torques.append(ca.cross(moving.r, force) - own + moment)
+                moment = own
         of_arm = self.arm.inverse(q[:a], v[:a], qdd[:a], gravity) + self._friction * v[:a]
         of_arm += ca.mtimes(motion.jacobian.T, ca.vertcat(moment, force))
         return ca.vertcat(of_arm, *reversed(torques))

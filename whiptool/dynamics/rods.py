@@ -1,14 +1,18 @@
 """Whips of rods: a node is a unit vector, which bends alike in all directions and does not twist.
 
-Rod i points along `d_i` from one node to the next and carries a point mass at its end. A joint's torque on rod i is
+Rod i points along `d_i` from one node to the next and carries a point mass at its end. A joint's spring turns it by
 
-    B_i = -(k + 2 c w) w'(u) d_{i-1} x d_i - b (omega_i - omega_{i-1}) - dry friction,    u = 1 - d_{i-1} . d_i,
-    w(u) = u + u^2 / 6 + 2 u^3 / 45,
+    -(k + 2 c w) w'(u) d_{i-1} x d_i,    u = 1 - d_{i-1} . d_i,    w(u) = u + u^2 / 6 + 2 u^3 / 45,
 
-omega_i = d_i x d d_i / dt being its turning without twist, and rod i - 1 feels -B_i. `w` is half the square of the
-bend's angle theta, expanded at the straight whip to the third order in u: the energy k w + c w^2 is that of an angular
-spring, k theta^2 / 2 + c theta^4 / 4, to a relative theta^6; the term in k is 0.7 % below at 75 degrees and 5 % at 110.
-There is neither sine nor cosine nor a singularity. What a torque has along d_i is lost: a rod has no inertia there.
+and rod i - 1 by the opposite. `w` is half the square of the bend's angle theta, expanded at the straight whip to the
+third order in u: the energy k w + c w^2 is that of an angular spring, k theta^2 / 2 + c theta^4 / 4, to a relative
+theta^6; the term in k is 0.7 % below at 75 degrees and 5 % at 110. There is neither sine nor cosine.
+
+A damper brakes the turning W_i - W_{i-1} of a rod past the one before. Rods do not twist against each other, so that
+(W_i - W_{i-1}) . (d_i + d_{i-1}) = 0, and spin about their own axes without inertia, all together as the dampers have
+it: the whip's whole spin sigma is that for which they take the least power. The joint before the first rod is a ball
+joint. So every joint's torque is `first + sigma per_spin`, sigma being known at the tip: docs/derivations.md, "Damping
+of rods". Torques on a rod have no part along it, where it has no inertia.
 
 A rod's joint gives way in its two directions across, so that its pass is that of `articulated`, and the arm feels it as
 it feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
@@ -17,6 +21,7 @@ it feels hinges. The integrator's damping acts between neighbours: on the differ
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import casadi as ca
@@ -35,19 +40,31 @@ from whiptool.dynamics.articulated import (
 from whiptool.dynamics.chain import Chain
 from whiptool.dynamics.integrator import GAMMA
 
+SWIVEL = 1e-9  # [N m s/rad]: damping of the first rod's spin past the hand; without it a straight whip's is 0 / 0
+
 
 class RodFrame(NamedTuple):
-    """Where a rod begins: direction and turning of the rod before and, in the second stage, its angular acceleration in
-    the first; velocity and place; each (3, 1)."""
+    """Where a rod begins, behind another or the hand; (3, 1) each unless said otherwise.
+
+    Attributes:
+        direction, speed: Of the rod before, and how it turns where the first rod has the hand's spin.
+        before: In the second stage, its angular acceleration without spin in the first.
+        sums: Over the joints so far, (2, 1): of b d . e and b e . e, b being the damping, d how a joint turns, and e by
+            how much more per spin.
+        twists: Whether it passes twist on (1, 1): 1; the hand 0.
+        velocity, place: Of its end.
+    """
 
     direction: ca.SX
     speed: ca.SX
     before: ca.SX
+    sums: ca.SX
+    twists: ca.SX
     velocity: ca.SX
     place: ca.SX
 
-    VELOCITY = 9  # where it begins among the entries
-    PLACE = 12
+    VELOCITY = 12  # where it begins among the entries
+    PLACE = 15
 
     def entries(self) -> list[ca.SX]:
         """All its numbers; velocity and place last."""
@@ -55,12 +72,19 @@ class RodFrame(NamedTuple):
 
     def with_entries(self, entries: Sequence[ca.SX]) -> RodFrame:
         """Return the frame of such numbers."""
-        return RodFrame(*(ca.vertcat(*entries[i : i + 3]) for i in range(0, 15, 3)))
+        at = (0, 3, 6, 9, 11, 12, 15, 18)
+        return RodFrame(*(ca.vertcat(*entries[i:j]) for i, j in pairwise(at)))
 
     @classmethod
     def at_hand(cls, hand: SpatialFrame, before: ca.SX) -> RodFrame:
         """At a hand's frame, along whose -z the whip goes; `before` is the hand's acceleration in the first stage."""
-        return cls(-hand.turned.matrix[:, 2], hand.speed, before, hand.velocity, hand.place)
+        direction, sums = -hand.turned.matrix[:, 2], ca.vertcat(0, SWIVEL)
+        return cls(direction, hand.speed, before, sums, ca.SX(0), hand.velocity, hand.place)
+
+    @property
+    def spin(self) -> ca.SX:
+        """At the tip: the whip's whole spin [rad/s] past the hand's, (1, 1)."""
+        return -self.sums[0] / self.sums[1]
 
 
 class RodJoint(NamedTuple):
@@ -83,16 +107,19 @@ class RodJoint(NamedTuple):
 
 
 def outward(frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | None) -> tuple[RodFrame, SpatialMoving]:
-    """Return the frame at a rod's end and how it moves, for its direction and that one's rate, (3, 1) each.
+    """Return the frame at a rod's end and how it moves, for its direction and that one's rate, (3, 1) each; its `sums`
+    are still those of the rod before.
 
     `before` is the direction's acceleration in the first stage (3, 1), in the second. Instead of hinges' axes, its
     movement has the direction, and what of its acceleration keeps it a unit vector.
     """
-    speed, r = ca.cross(d, rate), link.length * d
+    r, past = link.length * d, ca.cross(d, rate) - frame.speed
+    past = past - ca.dot(past, d) * d  # the rod before, across d
+    speed = frame.speed + past - (frame.twists * ca.dot(past, frame.direction) * _per_bisector(frame, d)) * d
     bound = -ca.sumsqr(rate) * d
     velocity = frame.velocity + link.length * rate
     last = ca.SX.zeros(3) if before is None else ca.cross(d, before)
-    end = RodFrame(d, speed, last, velocity, frame.place + r)
+    end = RodFrame(d, speed, last, frame.sums, ca.SX(1), velocity, frame.place + r)
     centripetal = link.length * bound
     none = ca.SX.zeros(3)
     drag = drag_force(link, velocity, d)
@@ -107,18 +134,30 @@ def bend(joint: Chain, before: ca.SX, d: ca.SX) -> tuple[ca.SX, ca.SX]:
     return -((k + 2 * cubic * w) * slope) * ca.cross(before, d), (k + cubic * w) * w
 
 
-def torque_and_gain(joint: Chain, frame: RodFrame, end: RodFrame, h: ca.SX, *, again: bool) -> tuple[ca.SX, ca.SX]:
-    """Return a joint's torque on its rod in this stage (3, 1), and the integrator's share of its damping [kg m^2]."""
-    spring, _ = bend(joint, frame.direction, end.direction)
-    turning = end.speed - frame.speed
-    damping, dry, smooth = (ca.SX(x) for x in (joint.damping, joint.dry_friction, joint.friction_velocity))
+def _per_bisector(frame: RodFrame, d: ca.SX) -> ca.SX:
+    """Return `1 / (1 + d' . d)`, d' the direction of the rod before; behind the hand 1."""
+    return 1 / (1 + frame.twists * ca.dot(frame.direction, d))
+
+
+def torque_and_gain(
+    joint: Chain, frame: RodFrame, end: RodFrame, h: ca.SX, *, again: bool
+) -> tuple[RodFrame, ca.SX, ca.SX]:
+    """Return a rod's end with its joint in the sums; in this stage the joint's torque on it and by how much more per
+    spin of the whip, (3, 2); and the integrator's share of its damping [kg m^2]."""
+    d, spring = end.direction, bend(joint, frame.direction, end.direction)[0]
+    turning, per_spin = end.speed - frame.speed, frame.twists * (d - frame.direction)
+    viscous, dry, smooth = (ca.SX(x) for x in (joint.damping, joint.dry_friction, joint.friction_velocity))
     square = ca.sumsqr(turning) + smooth**2
     root = ca.sqrt(square)
-    gain = GAMMA * h * (damping + dry * smooth**2 / (square * root))
-    torque = spring - (damping + dry / root) * turning
+    damping = viscous + dry / root
+    gain = GAMMA * h * (viscous + dry * smooth**2 / (square * root))
+    sums = frame.sums + damping * ca.vertcat(ca.dot(turning, per_spin), ca.sumsqr(per_spin))
+    along = _per_bisector(frame, d) * (d + frame.twists * frame.direction)
+    twisting = -ca.mtimes(along, ((sums + frame.sums) / 2).T)  # holds the torque along each rod
+    torque = twisting - damping * ca.horzcat(turning, per_spin) + ca.horzcat(spring, ca.SX.zeros(3))
     if again:
-        torque = torque + 2 * gain * (end.before - frame.before)
-    return torque, gain
+        torque[:, 0] += 2 * gain * (end.before - frame.before)
+    return end._replace(sums=sums), torque, gain
 
 
 def give_way(carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX) -> tuple[SpatialCarried, RodJoint]:

@@ -135,7 +135,7 @@ struct Stage {
             const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before) {
     Numbers<MOVING> moving[N_LINKS];
     Numbers<JOINT> joint[N_LINKS];
-    Numbers<LINK_SIZE> torque[N_LINKS];
+    Numbers<TORQUE> torque[N_LINKS];
     Numbers<ARMATURE> armature[N_LINKS];
     if constexpr (!LED) call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0)}, {frame[0], ends, angles, drive_moving});
     for (int i = 0; i < N_LINKS; ++i) {
@@ -149,9 +149,11 @@ struct Stage {
 #endif
     }
     Numbers<CARRIED> carried[N_LINKS + 1];  // by each link's joint; nothing at the tip
+    Numbers<1> whole;  // spin of a whip of rods
     clear(carried[N_LINKS]);
+    call<spin>({frame[N_LINKS]}, {whole});
     for (int i = N_LINKS - 1; i >= 0; --i)
-      call<inward>({carried[i + 1], moving[i], w[i], torque[i], armature[i]}, {carried[i], joint[i]});
+      call<inward>({carried[i + 1], moving[i], w[i], torque[i], armature[i], whole}, {carried[i], joint[i]});
     Numbers<ACCELERATION> at[N_LINKS + 1];
     const In moved[] = {t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), drive_moving, carried[0]};
     if constexpr (FIRST || !PRESCRIBED)

@@ -35,7 +35,8 @@ def _constants(system: System) -> str:
     numbers |= {"DIMENSION": system.dimension, "LINK_SIZE": system.link_size, "LINK": len(system.link_columns)}
     numbers |= {"FRAME": stored.frame.size, "DRIVE_MOVING": stored.motion.size, "MOVING": stored.moving.size}
     numbers |= {"CARRIED": stored.carried.size, "JOINT": stored.joint.size, "ACCELERATION": stored.acceleration.size}
-    numbers |= {"ARMATURE": system.functions["outward"].numel_out(3)}
+    outward = system.functions["outward"]
+    numbers |= {"TORQUE": outward.numel_out(2), "ARMATURE": outward.numel_out(3)}
     numbers |= {"ANGLES": system.functions["hand"].numel_out(2)}
     numbers |= {f"FRAME_{name}": column for name, column in system.frame_columns.items()}
     numbers |= outcome_columns(a, system.dimension).constants("OUT")
