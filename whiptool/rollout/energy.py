@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from whiptool.dynamics.rod_damping import RodDamping, rod_damping
 from whiptool.errors import InputError
 from whiptool.models.kinematics import MovingFrame, arm_frames, chain_motion, universal_frames
-from whiptool.models.parameters import Model
+from whiptool.models.parameters import Model, WhipParameters
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Trajectory, joint_points
 
@@ -145,8 +146,8 @@ def _in_space(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
     for i, (link, spin) in enumerate(zip(arm.links, spins, strict=True)):
         turning[:, i] = np.einsum("ti,ij,tj->t", spin, link.inertia_matrix, spin) / 2 + link.armature * v[:, i] ** 2 / 2
     if whip.joints == "rod":
-        squares, slips = _bends_of_rods(hand, q[:, a:], v[:, a:])
-        springs, braking = _spring_energy(model, squares), _braking_power(model, slips)
+        squares, bending = _bends_of_rods(hand, whip, q[:, a:], v[:, a:])
+        springs, braking = _spring_energy(model, squares), bending.power
     else:
         bends, slips = (x.reshape(len(q), whip.N, 2) ** 2 for x in (q[:, a:] - whip.rest_angles, v[:, a:]))
         springs = _spring_energy(model, bends[..., 0]) + _spring_energy(model, bends[..., 1])
@@ -166,13 +167,15 @@ def _in_space(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
     )
 
 
-def _bends_of_rods(hand: MovingFrame, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Squares of each rod's bend, by the series of `dynamics.rods`, and of its turning past the rod before, (T, N)."""
+def _bends_of_rods(
+    hand: MovingFrame, whip: WhipParameters, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, RodDamping]:
+    """Squares of each rod's bend, by the series of `dynamics.rods`, (T, N), and what damps it."""
     d, rate = (x.reshape(len(x), -1, 3) for x in (q, v))
     directions = np.concatenate([-hand.rotation[:, None, :, 2], d], axis=1)  # (T, N + 1, 3)
     turns = np.concatenate([hand.spin[:, None], np.cross(d, rate)], axis=1)
     u = 1 - (directions[:, :-1] * directions[:, 1:]).sum(axis=2)
-    return 2 * (u + u**2 / 6 + 2 / 45 * u**3), (np.diff(turns, axis=1) ** 2).sum(axis=2)
+    return 2 * (u + u**2 / 6 + 2 / 45 * u**3), rod_damping(whip, directions, turns)
 
 
 def _spring_energy(model: Model, squares: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Whips of rods in MuJoCo: bodies on ball joints, on which the rods' own torques act from outside.
 
-MuJoCo has no joint with a rod's bending: a ball joint's spring is another function of the bend, and its damper also
-brakes twist. A rod has no twist: torques have no part along it, and its body keeps the spin of 0 that it starts with.
+MuJoCo has no joint with a rod's bending: a ball joint's spring is another function of the bend, and its damper would
+brake spin. Torques have no part along a rod, so that its body keeps the spin of 0 that it starts with; how the whip
+spins is found as its dampers have it (`rod_damping`).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import numpy as np
 
 from whiptool.dynamics.modes import linearise
 from whiptool.dynamics.posture import start_posture
+from whiptool.dynamics.rod_damping import rod_damping
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
@@ -26,7 +28,7 @@ class MujocoRods:
 
     def __init__(self, model: Model, mj: mujoco.MjModel) -> None:
         assert isinstance(model.arm, SpatialArm)
-        whip, self._arm = model.whip, model.arm
+        whip, self._whip, self._arm = model.whip, model.whip, model.arm
         self._nodes = np.array([mj.body(f"whip{i + 1}").id for i in range(whip.N)])
         self._hand = mj.body_parentid[self._nodes[0]]
         self._turning = np.flatnonzero([link.kind == "revolute" for link in model.arm.links])
@@ -34,9 +36,7 @@ class MujocoRods:
         mujoco.mj_kinematics(mj, data)
         hand = data.xmat[self._hand].reshape(3, 3)
         self._down = hand.T @ -arm_frames(model.arm, np.zeros(model.arm.n))[-1].rotation[:, 2]  # in the hand's body
-        names = ("k", "cubic_stiffness", "b", "dry_friction")
-        self._k, self._cubic, self._b, self._dry = (whip.per_node(name)[:, None] for name in names)
-        self._smooth = whip.friction_velocity
+        self._k, self._cubic = (whip.per_node(name)[:, None] for name in ("k", "cubic_stiffness"))
 
     def positions(self, q: np.ndarray) -> np.ndarray:
         """Return MuJoCo's positions (a + 4 N,), of which a rod has a quaternion, for coordinates of rods (a + 3 N,)."""
@@ -64,14 +64,10 @@ class MujocoRods:
     def apply(self, data: mujoco.MjData) -> None:
         """Write the joints' torques at the data's places and speeds into its applied forces."""
         directions, spins = self._rods(data)
-        across = spins - (spins * directions).sum(axis=1, keepdims=True) * directions
-        across[0] = spins[0]  # the hand's whole turning
-        slip = np.diff(across, axis=0)
         u = 1 - (directions[:-1] * directions[1:]).sum(axis=1, keepdims=True)
         half_square, slope = u + u**2 / 6 + 2 / 45 * u**3, 1 + u / 3 + 2 / 15 * u**2
         spring = (self._k + 2 * self._cubic * half_square) * slope * np.cross(directions[:-1], directions[1:])
-        root = np.sqrt((slip**2).sum(axis=1, keepdims=True) + self._smooth**2)
-        torques = -spring - (self._b + self._dry / root) * slip  # (N, 3), on each rod
+        torques = rod_damping(self._whip, directions, spins).torques - spring  # (N, 3), on each rod
         on_rods = torques - np.vstack([torques[1:], np.zeros(3)])
         on_rods -= (on_rods * directions[1:]).sum(axis=1, keepdims=True) * directions[1:]
         data.xfrc_applied[self._nodes, 3:] = on_rods
