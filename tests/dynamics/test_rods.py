@@ -15,8 +15,10 @@ from start_slopes import check_start_slopes
 
 from whiptool.dynamics import rods
 from whiptool.dynamics.posture import start_posture
+from whiptool.dynamics.rod_damping import rod_damping
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
+from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model, WhipParameters
 from whiptool.models.spatial_arm import SpatialArm, SpatialLink
 from whiptool.rollout.compiled import CompiledRollout
@@ -60,14 +62,19 @@ def dissipation_of(model: Model, x: ca.SX, u: ca.SX, turning: ca.SX) -> tuple[ca
     spin, damping, secants = ca.SX.sym("spin"), ca.SX.sym("damping", N), []
     r, rate = ca.horzsplit(x[:, 1:] - x[:, :-1]), ca.horzsplit(u[:, 1:] - u[:, :-1])
     d = [y / ca.norm_2(y) for y in r]
-    w = [ca.cross(y, z) / ca.sumsqr(y) for y, z in zip(r, rate, strict=True)]
-    s = [ca.dot(turning, d[0])]
-    for i in range(1, N):
-        s.append(s[-1] + (ca.dot(w[i - 1], d[i]) - ca.dot(w[i], d[i - 1])) / (1 + ca.dot(d[i], d[i - 1])))
-    D = rods.SWIVEL * spin**2 / 2
+    D, W, last = rods.SWIVEL * spin**2 / 2, [], None
     for i in range(N):
-        before = turning - ca.dot(turning, d[0]) * d[0] if i == 0 else w[i - 1] + (s[i - 1] + spin) * d[i - 1]
-        slip = ca.sumsqr(w[i] + (0 if i == 0 else (s[i] + spin) * d[i]) - before)
+        w = ca.cross(r[i], rate[i]) / ca.sumsqr(r[i])
+        if last is None:  # the hand's spin, and what is free of it; the joint's damper does not brake spin
+            slip = ca.sumsqr(w - turning + ca.dot(turning, d[0]) * d[0])
+            W.append(w + (ca.dot(turning, d[0]) + spin) * d[0])
+        else:
+            past = w - W[-1] + ca.dot(W[-1], d[i]) * d[i]
+            near = 1 + ca.dot(d[i], last)
+            past -= near**3 / (near**4 + rods.FOLD**4) * ca.dot(past, last) * d[i]  # all but none along d + last
+            slip = ca.sumsqr(past)
+            W.append(W[-1] + past)
+        last = d[i]
         D += damping[i] * slip / 2
         root = ca.sqrt(ca.substitute(slip, spin, 0) + whip.friction_velocity**2)
         secants.append(whip.per_node("b")[i] + whip.per_node("dry_friction")[i] / root)
@@ -154,6 +161,75 @@ def fixed_arm() -> SpatialArm:
     """One joint about -y, too heavy to move."""
     link = SpatialLink(1e12, (0, 0, 0), (1e12, 1e12, 1e12, 0, 0, 0), (0, -1, 0), (0, 0, 0))
     return SpatialArm((link,))
+
+
+WITHOUT = {"b": 0.0, "dry_friction": 0.0}
+
+
+def turned_rigidly(model: Model, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A bent whip that turns with the arm's only joint: joint and unit vectors, and their rates."""
+    q, _, _ = random_state(model, seed)
+    axis = np.array(model.arm.links[0].axis)
+    return q, np.r_[3.0, 3.0 * np.cross(axis, q[1:].reshape(-1, 3)).ravel()]
+
+
+def test_a_bent_whip_that_turns_as_a_whole_is_not_damped():
+    """The joint's axis is across some rods, along others, in between with most: all of the whip turns about it."""
+    model = replace(random_rods(0, 1, 8), arm=fixed_arm())
+    damped, free = (replace(model, whip=replace(model.whip, **changes)) for changes in ({}, WITHOUT))
+    assert damped.whip.per_node("b").min() > 0
+    q, v = turned_rigidly(model, 0)
+    (loop, p), (without, p_free) = loop_of(damped), loop_of(free)
+    ours = loop.acceleration(np.r_[q, v], 0, p, [0.0]).full()
+    its = without.acceleration(np.r_[q, v], 0, p_free, [0.0]).full()
+    assert np.abs(ours - its).max() < 1e-9 * np.abs(its).max()
+    frame = arm_frames(model.arm, q[:1], v[:1])[-1]
+    hand, spin = -frame.rotation[:, 2], frame.spin
+    directions = np.vstack([hand, q[1:].reshape(-1, 3)])
+    turns = np.vstack([spin, np.cross(directions[1:], v[1:].reshape(-1, 3))])
+    power = rod_damping(model.whip, directions, turns).power
+    assert np.abs(power).max() < 1e-20
+    turns[4] += np.cross(directions[4], [1.0, 0, 0])
+    assert rod_damping(model.whip, directions, turns).power.sum() > 1e-3  # where not all turns together
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_damping_takes_the_power_of_its_dissipation_and_brakes_no_spin(seed: int):
+    """Its torques' work on hand and rods is minus the power; none is along a rod between two, and 1e-9 at the hand."""
+    model = random_rods(seed, 1, 7)
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(5, 8, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    turns = rng.uniform(-4, 4, (5, 8, 3))
+    damping = rod_damping(model.whip, directions, turns)
+    turns[:, 1:] -= (turns[:, 1:] * directions[:, 1:]).sum(axis=-1, keepdims=True) * directions[:, 1:]
+    work = (damping.torques * np.diff(turns, axis=1)).sum(axis=(1, 2))
+    np.testing.assert_allclose(work, -damping.power.sum(axis=1), rtol=1e-9)
+    net = damping.torques - np.concatenate([damping.torques[:, 1:], np.zeros((5, 1, 3))], axis=1)
+    assert np.abs((net * directions[:, 1:]).sum(axis=-1)).max() < 1e-12
+    assert np.abs((damping.torques * directions[:, 1:])[:, 0].sum(axis=-1)).max() < 1e-6
+
+
+def test_in_the_plane_damping_is_that_of_the_angles_between_rods():
+    model = random_rods(1, 1, 6)
+    whip, rng = model.whip, np.random.default_rng(2)
+    theta, omega = rng.uniform(-3, 3, 7), rng.uniform(-5, 5, 7)
+    directions = np.c_[np.sin(theta), 0 * theta, -np.cos(theta)]
+    turns = omega[:, None] * np.array([0, -1.0, 0])
+    slip = np.diff(omega)
+    root = np.sqrt(slip**2 + whip.friction_velocity**2)
+    expected = -(whip.per_node("b") + whip.per_node("dry_friction") / root) * slip
+    found = rod_damping(whip, directions, turns).torques
+    np.testing.assert_allclose(found, expected[:, None] * np.array([0, -1.0, 0]), atol=1e-13)
+
+
+def test_a_folding_rope_stays_bounded():
+    """Rods that fold onto each other let twist slip, instead of spinning without bound."""
+    whip = WhipParameters(N=3, l=0.1, m=0.01, k=0.0, b=1e-3, joints="rod")
+    turns = np.random.default_rng(0).uniform(-5, 5, (4, 3))
+    for near in (1e-2, 1e-5, 1e-9, 0.0):
+        directions = np.array([[0, 0, -1], [0, 0, -1], [np.sin(near), 0, np.cos(near)], [1, 0, 0]])
+        assert np.linalg.norm(rod_damping(whip, directions, turns).torques, axis=1).max() < 1e-3 * 50
 
 
 def test_small_planar_motion_is_that_of_universal_joints_to_the_second_order():

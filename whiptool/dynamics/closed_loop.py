@@ -10,7 +10,7 @@ import casadi as ca
 from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, SpatialFrame
 from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.integrator import GAMMA
-from whiptool.dynamics.rods import RodFrame, bend
+from whiptool.dynamics.rods import RodFrame, bend, torque_of
 from whiptool.dynamics.serial_arm import ArmMotion, Body, LedMotion, SerialArm, solve
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
@@ -275,7 +275,7 @@ class ClosedLoop(System):
             if self.hinges:
                 slopes.append(ca.mtimes(moving.axes.T, moment) - springs)
                 continue
-            own = springs[:, 0]  # nothing spins
+            own = springs[:3, 0]  # nothing turns
             slopes.append(turned - own + beyond)
             beyond = own
         return q, ca.vertcat(*reversed(slopes))
@@ -324,14 +324,14 @@ class ClosedLoop(System):
             else:
                 linear = linear + link.length * qdd[own]
             links.append((moving, passive, link.mass * linear - moving.drag, link.inertia * angular))
-        torques, force, moment, spin = [], ca.SX.zeros(3), ca.SX.zeros(3), self.spin(frame)
+        torques, force, moment, twist = [], ca.SX.zeros(3), ca.SX.zeros(3), self.twist(frame)
         for moving, passive, own_force, own_moment in reversed(links):
             force = force + own_force
             if self.hinges:
                 moment = moment + own_moment + ca.cross(moving.r, force)
                 torques.append(ca.mtimes(moving.axes.T, moment) - passive)
             else:  # what is before a rod feels its joint's torque alone
-                own = passive[:, 0] + spin * passive[:, 1]
+                own, twist = torque_of(passive, twist)
                 torques.append(ca.cross(moving.r, force) - own + moment)
                 moment = own
         of_arm = self.arm.inverse(q[:a], v[:a], qdd[:a], gravity) + self._friction * v[:a]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from whiptool.dynamics.rods import SWIVEL
+from whiptool.dynamics.rods import FOLD, SWIVEL
 from whiptool.models.parameters import WhipParameters
 
 
@@ -36,30 +36,42 @@ def rod_damping(whip: WhipParameters, directions: np.ndarray, turns: np.ndarray)
     """
     before, d = directions[..., :-1, :], directions[..., 1:, :]
     hand, across = turns[..., :1, :], turns[..., 1:, :] - _dot(turns[..., 1:, :], d) * d
-    near = 1 + _dot(before, d)[..., 1:, :]  # of the joints between rods
-    gains = (_dot(across[..., :-1, :], d[..., 1:, :]) - _dot(across[..., 1:, :], d[..., :-1, :])) / near
-    spins = np.cumsum(np.concatenate([_dot(hand, d[..., :1, :]), gains], axis=-2), axis=-2)  # (..., N, 1)
+    cosine = _dot(before, d)
+    hold = (1 + cosine) ** 3 / ((1 + cosine) ** 4 + FOLD**4)
+    hold[..., 0, :] = 0
+    passed = cosine + hold * (1 - cosine**2)  # of a spin, or of a torque along the rod, from joint to joint
+    passed[..., 0, :] = 1
+    gained = (1 - hold * cosine) * _dot(np.concatenate([hand, across[..., :-1, :]], axis=-2), d)
+    spins = _along(gained - hold * _dot(across, before), passed)
     slip = np.diff(np.concatenate([hand, across + spins * d], axis=-2), axis=-2)
-    per_spin = d - before
+    spun = np.cumprod(passed, axis=-2)
+    per_spin = spun * (d - before / passed)
     per_spin[..., 0, :] = 0
     root = np.sqrt(_dot(slip, slip) + whip.friction_velocity**2)
     damping = whip.per_node("b")[:, None] + whip.per_node("dry_friction")[:, None] / root
     resistance = SWIVEL + (damping * _dot(per_spin, per_spin)).sum(axis=-2, keepdims=True)
-    spin = -(damping * _dot(slip, per_spin)).sum(axis=-2, keepdims=True) / resistance  # the whole whip's, (..., 1, 1)
+    spin = -(damping * _dot(slip, per_spin)).sum(axis=-2, keepdims=True) / resistance  # of the first rod, (..., 1, 1)
     slip = slip + spin * per_spin
     power = damping * _dot(slip, slip)
     power[..., :1, :] += SWIVEL * spin**2
-    return RodDamping(_transmitted(-damping * slip, before, d), power[..., 0])
+
+    couples = -damping * slip
+    own = _dot(couples, before) - passed * _dot(couples, d)
+    none = np.zeros_like(own[..., :1, :])
+    from_tip = [np.flip(x, axis=-2) for x in (own[..., 1:, :], passed[..., 1:, :])]
+    beyond = np.concatenate([np.flip(_along(*from_tip), axis=-2), none], axis=-2)  # by the next joint, along each rod
+    twisting = (beyond - _dot(couples, d)) * (d + hold * (before - cosine * d))
+    return RodDamping(couples + twisting, power[..., 0])
 
 
-def _transmitted(couples: np.ndarray, before: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Return the joints' torques (..., N, 3): couples, and what of twist holds each rod's torque along itself."""
-    own = _dot(couples, d)
-    own[..., 0, :] = 0  # a ball joint's damper has none
-    beyond = 2 * (own - np.flip(np.cumsum(np.flip(own, axis=-2), axis=-2), axis=-2))  # by the joint behind, along d
-    twist = (beyond - own) / (1 + _dot(before, d)) * (before + d)
-    twist[..., 0, :] = (beyond * d)[..., 0, :]
-    return couples + twist
+def _along(gained: np.ndarray, passed: np.ndarray) -> np.ndarray:
+    """Return what there is after each of N joints (..., N, 1): what it passes on of what was there, and gains."""
+    found = np.empty_like(gained)
+    there = np.zeros_like(gained[..., 0, :])
+    for i in range(gained.shape[-2]):
+        there = passed[..., i, :] * there + gained[..., i, :]
+        found[..., i, :] = there
+    return found
 
 
 def _dot(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -11,8 +11,8 @@ theta^6; the term in k is 0.7 % below at 75 degrees and 5 % at 110. There is nei
 A damper brakes the turning W_i - W_{i-1} of a rod past the one before. Rods do not twist against each other, so that
 (W_i - W_{i-1}) . (d_i + d_{i-1}) = 0, and spin about their own axes without inertia, all together as the dampers have
 it: the whip's whole spin sigma is that for which they take the least power. The joint before the first rod is a ball
-joint. So every joint's torque is `first + sigma per_spin`, sigma being known at the tip: docs/derivations.md, "Damping
-of rods". Torques on a rod have no part along it, where it has no inertia.
+joint, and a joint that folds lets twist slip. A joint's torque is linear in sigma, which is known at the tip, and in
+the torque that it gets along its rod, where this has no inertia: docs/derivations.md, "Damping of rods".
 
 A rod's joint gives way in its two directions across, so that its pass is that of `articulated`, and the arm feels it as
 it feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
@@ -41,6 +41,7 @@ from whiptool.dynamics.chain import Chain
 from whiptool.dynamics.integrator import GAMMA
 
 SWIVEL = 1e-9  # [N m s/rad]: damping of the first rod's spin past the hand; without it a straight whip's is 0 / 0
+FOLD = 0.2  # 1 + cosine of a bend near which a joint begins to let twist slip: 143 degrees
 
 
 class RodFrame(NamedTuple):
@@ -50,7 +51,8 @@ class RodFrame(NamedTuple):
         direction, speed: Of the rod before, and how it turns where the first rod has the hand's spin.
         before: In the second stage, its angular acceleration without spin in the first.
         sums: Over the joints so far, (2, 1): of b d . e and b e . e, b being the damping, d how a joint turns, and e by
-            how much more per spin.
+            how much more per spin of the first rod.
+        spun: How much it spins per spin of the first rod, (1, 1).
         twists: Whether it passes twist on (1, 1): 1; the hand 0.
         velocity, place: Of its end.
     """
@@ -59,12 +61,13 @@ class RodFrame(NamedTuple):
     speed: ca.SX
     before: ca.SX
     sums: ca.SX
+    spun: ca.SX
     twists: ca.SX
     velocity: ca.SX
     place: ca.SX
 
-    VELOCITY = 12  # where it begins among the entries
-    PLACE = 15
+    VELOCITY = 13  # where it begins among the entries
+    PLACE = 16
 
     def entries(self) -> list[ca.SX]:
         """All its numbers; velocity and place last."""
@@ -72,19 +75,19 @@ class RodFrame(NamedTuple):
 
     def with_entries(self, entries: Sequence[ca.SX]) -> RodFrame:
         """Return the frame of such numbers."""
-        at = (0, 3, 6, 9, 11, 12, 15, 18)
+        at = (0, 3, 6, 9, 11, 12, 13, 16, 19)
         return RodFrame(*(ca.vertcat(*entries[i:j]) for i, j in pairwise(at)))
 
     @classmethod
     def at_hand(cls, hand: SpatialFrame, before: ca.SX) -> RodFrame:
         """At a hand's frame, along whose -z the whip goes; `before` is the hand's acceleration in the first stage."""
         direction, sums = -hand.turned.matrix[:, 2], ca.vertcat(0, SWIVEL)
-        return cls(direction, hand.speed, before, sums, ca.SX(0), hand.velocity, hand.place)
+        return cls(direction, hand.speed, before, sums, ca.SX(1), ca.SX(0), hand.velocity, hand.place)
 
     @property
-    def spin(self) -> ca.SX:
-        """At the tip: the whip's whole spin [rad/s] past the hand's, (1, 1)."""
-        return -self.sums[0] / self.sums[1]
+    def twist(self) -> ca.SX:
+        """At the tip: the first rod's spin past the hand's [rad/s], and the torque along the last rod, 0; (2, 1)."""
+        return ca.vertcat(-self.sums[0] / self.sums[1], 0)
 
 
 class RodJoint(NamedTuple):
@@ -108,18 +111,18 @@ class RodJoint(NamedTuple):
 
 def outward(frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | None) -> tuple[RodFrame, SpatialMoving]:
     """Return the frame at a rod's end and how it moves, for its direction and that one's rate, (3, 1) each; its `sums`
-    are still those of the rod before.
+    and `spun` are still those of the rod before.
 
     `before` is the direction's acceleration in the first stage (3, 1), in the second. Instead of hinges' axes, its
     movement has the direction, and what of its acceleration keeps it a unit vector.
     """
     r, past = link.length * d, ca.cross(d, rate) - frame.speed
     past = past - ca.dot(past, d) * d  # the rod before, across d
-    speed = frame.speed + past - (frame.twists * ca.dot(past, frame.direction) * _per_bisector(frame, d)) * d
+    speed = frame.speed + past - (_hold(frame, d) * ca.dot(past, frame.direction)) * d
     bound = -ca.sumsqr(rate) * d
     velocity = frame.velocity + link.length * rate
     last = ca.SX.zeros(3) if before is None else ca.cross(d, before)
-    end = RodFrame(d, speed, last, frame.sums, ca.SX(1), velocity, frame.place + r)
+    end = RodFrame(d, speed, last, frame.sums, frame.spun, ca.SX(1), velocity, frame.place + r)
     centripetal = link.length * bound
     none = ca.SX.zeros(3)
     drag = drag_force(link, velocity, d)
@@ -134,30 +137,47 @@ def bend(joint: Chain, before: ca.SX, d: ca.SX) -> tuple[ca.SX, ca.SX]:
     return -((k + 2 * cubic * w) * slope) * ca.cross(before, d), (k + cubic * w) * w
 
 
-def _per_bisector(frame: RodFrame, d: ca.SX) -> ca.SX:
-    """Return `1 / (1 + d' . d)`, d' the direction of the rod before; behind the hand 1."""
-    return 1 / (1 + frame.twists * ca.dot(frame.direction, d))
+def _hold(frame: RodFrame, d: ca.SX) -> ca.SX:
+    """Return how a joint turns against its rod's direction per turn along that of the rod before, (1, 1): so that it
+    does not twist, `1 / y`, y = 1 + the cosine of the bend; it lets go where it folds, and behind the hand."""
+    y = 1 + ca.dot(frame.direction, d)
+    return frame.twists * y**3 / (y**4 + FOLD**4)
 
 
-def torque_and_gain(
+def torques_and_gain(
     joint: Chain, frame: RodFrame, end: RodFrame, h: ca.SX, *, again: bool
 ) -> tuple[RodFrame, ca.SX, ca.SX]:
-    """Return a rod's end with its joint in the sums; in this stage the joint's torque on it and by how much more per
-    spin of the whip, (3, 2); and the integrator's share of its damping [kg m^2]."""
-    d, spring = end.direction, bend(joint, frame.direction, end.direction)[0]
-    turning, per_spin = end.speed - frame.speed, frame.twists * (d - frame.direction)
+    """Return a rod's end that has its joint in it, the joint's torques and the integrator's share of its damping
+    [kg m^2], in this stage.
+
+    Torques (4, 3): what turns the rod, and of it what the rod before gets along itself; by itself, per spin of the
+    first rod, and per torque along this one.
+    """
+    last, d, spring = frame.direction, end.direction, bend(joint, frame.direction, end.direction)[0]
+    hold, cosine = _hold(frame, d), ca.dot(frame.direction, d)
+    along = d + hold * (last - cosine * d)  # how a torque along the rod reaches the one before
+    spun = frame.spun * (1 - frame.twists + frame.twists * ca.dot(along, last))
+    turning, per_spin = end.speed - frame.speed, frame.twists * (spun * d - frame.spun * last)
     viscous, dry, smooth = (ca.SX(x) for x in (joint.damping, joint.dry_friction, joint.friction_velocity))
     square = ca.sumsqr(turning) + smooth**2
     root = ca.sqrt(square)
     damping = viscous + dry / root
     gain = GAMMA * h * (viscous + dry * smooth**2 / (square * root))
     sums = frame.sums + damping * ca.vertcat(ca.dot(turning, per_spin), ca.sumsqr(per_spin))
-    along = _per_bisector(frame, d) * (d + frame.twists * frame.direction)
-    twisting = -ca.mtimes(along, ((sums + frame.sums) / 2).T)  # holds the torque along each rod
-    torque = twisting - damping * ca.horzcat(turning, per_spin) + ca.horzcat(spring, ca.SX.zeros(3))
+    couples = [-damping * turning, -damping * per_spin]
+    columns = [*(couple - ca.dot(d, couple) * along for couple in couples), along]
+    torques = ca.horzcat(*(ca.vertcat(x, ca.dot(last, x)) for x in columns))
+    torques[:3, 0] += spring
     if again:
-        torque[:, 0] += 2 * gain * (end.before - frame.before)
-    return end._replace(sums=sums), torque, gain
+        torques[:3, 0] += 2 * gain * (end.before - frame.before)
+    return end._replace(sums=sums, spun=spun), torques, gain
+
+
+def torque_of(torques: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return a joint's torque (3, 1), and the twist (2, 1) for the joint before, for the spin of the first rod and the
+    torque along this one (2, 1)."""
+    found = ca.mtimes(torques, ca.vertcat(1, twist))
+    return found[:3], ca.vertcat(twist[0], found[3])
 
 
 def give_way(carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX) -> tuple[SpatialCarried, RodJoint]:

@@ -175,12 +175,12 @@ class System(ABC):
         self, frame: Any, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
     ) -> tuple[LinkFrame, SpatialMoving, ca.SX, ca.SX]:
         """Return the frame at a link's end, how it moves, its joint's torques and what the integrator adds to its
-        inertia, in this stage: of K hinges (K, 1) both, of a rod (3, 2), the second per spin of the whip, and (1, 1)."""
+        inertia, in this stage: of K hinges (K, 1) both, of a rod (4, 3), as `rods` has them, and (1, 1)."""
         link, joint = self.link(w)
         h = ca.SX(0) if self.explicit else h
         if not self.hinges:
             end, moving = rods.outward(frame, q, v, link, before)
-            end, *torque = rods.torque_and_gain(joint, frame, end, h, again=before is not None)
+            end, *torque = rods.torques_and_gain(joint, frame, end, h, again=before is not None)
             return end, moving, *torque
         end, moving = articulated.outward(frame, q, v, link, self.hinges)
         armature = GAMMA * h * damping_gain(joint, v)
@@ -207,22 +207,22 @@ class System(ABC):
         """The hand's acceleration, as the first link needs it."""
         return PointAcceleration(at.linear) if self.taut else at
 
-    def spin(self, tip: Any) -> ca.SX:
-        """Return the spin of a whip of rods (1, 1), for the frame at its tip; of hinges 0."""
-        return ca.SX(0) if self.hinges else tip.spin
+    def twist(self, tip: Any) -> ca.SX:
+        """Return how a whip of rods twists at its tip (2, 1), for the frame there; nothing (0, 1) of hinges."""
+        return ca.SX.zeros(0) if self.hinges else tip.twist
 
     def carry_link(
-        self, carried: Any, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX, spin: ca.SX
-    ) -> tuple[Carried, SpatialJoint | RodJoint | TautJoint]:
-        """Return what the link before carries of this one, and what its joint keeps; of rods by their whip's spin."""
+        self, carried: Any, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX, twist: ca.SX
+    ) -> tuple[Carried, SpatialJoint | RodJoint | TautJoint, ca.SX]:
+        """Return what the link before carries of this one, what its joint keeps, and the twist for the link before."""
         if not self.hinges:
-            torque = torque[:, 0] + spin * torque[:, 1]
+            torque, twist = rods.torque_of(torque, twist)
         if self.taut:
-            return taut_rods.give_way(carried, moving, self.link(w)[0], torque)
+            return *taut_rods.give_way(carried, moving, self.link(w)[0], torque), twist
         carried = articulated.inward(carried, moving, self.link(w)[0])
         if not self.hinges:
-            return rods.give_way(carried, moving.axes[:, 0], torque, armature)
-        return articulated.give_way(carried, moving.axes, torque, armature)
+            return *rods.give_way(carried, moving.axes[:, 0], torque, armature), twist
+        return *articulated.give_way(carried, moving.axes, torque, armature), twist
 
     def accelerate_link(self, at: Any, joint: Any, moving: SpatialMoving) -> tuple[ca.SX, LinkAcceleration]:
         """Return the accelerations of a link's coordinates (K, 1), and that at its far end."""
@@ -274,9 +274,9 @@ class System(ABC):
             frame, *link = self.move_link(frame, q[own], v[own], w, at.h, k1)
             frames.append(frame)
             links.append(link)
-        carried, joints, spin = self._nothing, [], self.spin(frame)
+        carried, joints, twist = self._nothing, [], self.twist(frame)
         for w, (moving, torque, armature) in zip(reversed(numbers), reversed(links), strict=True):
-            carried, joint = self.carry_link(carried, moving, w, torque, armature, spin)
+            carried, joint, twist = self.carry_link(carried, moving, w, torque, armature, twist)
             joints.append(joint)
         joints.reverse()
         reaction = self.react(at, None if before is None else before[:a], hand.motion, self._felt(carried))
@@ -386,10 +386,10 @@ class System(ABC):
     def _symbols(self) -> dict[str, ca.SX]:
         """Inputs of the functions of one link and of the drive."""
         a, K = self.n_drive, self.link_size
-        sizes = {"q": K, "v": K, "before": K, "armature": len(self.hinges) or 1, "spin": 1}
+        sizes = {"q": K, "v": K, "before": K, "armature": len(self.hinges) or 1, "twist": 0 if self.hinges else 2}
         sizes |= {"k1": K, "k2": K, "w": len(self.link_columns)}
         sizes |= {"qa": a, "va": a, "before_a": a, "u": self.n_inputs, "t": 1, "h": 1}
-        torque = ca.SX.sym("torque", K, 1 if self.hinges else 2)
+        torque = ca.SX.sym("torque", *((K, 1) if self.hinges else (4, 3)))
         return {name: ca.SX.sym(name, size) for name, size in sizes.items()} | {"torque": torque}
 
     @property
@@ -414,7 +414,7 @@ class System(ABC):
         moving = Stored.of(self.move_link(frame.record, s["q"], s["v"], s["w"], s["h"], None)[1], "moving")
 
         def carry(carried: Any) -> tuple[Any, Any]:
-            return self.carry_link(carried, moving.record, s["w"], s["torque"], self._armature, s["spin"])
+            return self.carry_link(carried, moving.record, s["w"], s["torque"], self._armature, s["twist"])[:2]
 
         def uses(carried: Any) -> ca.SX:
             at = Instant(s["t"], s["h"], s["qa"], s["va"], s["u"])
@@ -442,8 +442,8 @@ class System(ABC):
         # all that the second stage needs of a frame
         going_on = end.VELOCITY if self.link(w)[0].drag.is_zero() else end.PLACE
         turns = c.frame.column(end_again)[: len({i for i in c.frame.where[:going_on] if i is not None})]
-        carries, keeps = self.carry_link(
-            c.carried.record, c.moving.record, w, s["torque"], self._armature, s["spin"]
+        carries, keeps, twist = self.carry_link(
+            c.carried.record, c.moving.record, w, s["torque"], self._armature, s["twist"]
         )
         qdd, ahead = self.accelerate_link(c.acceleration.record, c.joint.record, c.moving.record)
         at = Instant(s["t"], h, s["qa"], s["va"], s["u"])
@@ -458,10 +458,10 @@ class System(ABC):
             ),
             "outward": ([frame, q, v, w, h], [c.frame.column(end), c.moving.column(moves), *first_torque]),
             "outward_again": ([frame, q, v, w, h, before], [turns, c.moving.column(moves), *again]),
-            "spin": ([frame], [self.spin(c.frame.record)]),
+            "twist": ([frame], [self.twist(c.frame.record)]),
             "inward": (
-                [carried, moving, w, s["torque"], s["armature"], s["spin"]],
-                [c.carried.column(carries), c.joint.column(keeps)],
+                [carried, moving, w, s["torque"], s["armature"], s["twist"]],
+                [c.carried.column(carries), c.joint.column(keeps), twist],
             ),
             "react": (
                 [s["t"], h, s["qa"], s["va"], self.p, s["u"], s["before_a"], c.motion.symbols, carried],

@@ -149,11 +149,12 @@ struct Stage {
 #endif
     }
     Numbers<CARRIED> carried[N_LINKS + 1];  // by each link's joint; nothing at the tip
-    Numbers<1> whole;  // spin of a whip of rods
+    Numbers<TWIST> twisting[N_LINKS + 1];
     clear(carried[N_LINKS]);
-    call<spin>({frame[N_LINKS]}, {whole});
+    call<twist>({frame[N_LINKS]}, {twisting[N_LINKS]});
     for (int i = N_LINKS - 1; i >= 0; --i)
-      call<inward>({carried[i + 1], moving[i], w[i], torque[i], armature[i], whole}, {carried[i], joint[i]});
+      call<inward>({carried[i + 1], moving[i], w[i], torque[i], armature[i], twisting[i + 1]},
+                   {carried[i], joint[i], twisting[i]});
     Numbers<ACCELERATION> at[N_LINKS + 1];
     const In moved[] = {t, h, In(x, 0), In(x, NQ), p, u, In(before, 0), drive_moving, carried[0]};
     if constexpr (FIRST || !PRESCRIBED)

@@ -37,6 +37,7 @@ def _constants(system: System) -> str:
     numbers |= {"CARRIED": stored.carried.size, "JOINT": stored.joint.size, "ACCELERATION": stored.acceleration.size}
     outward = system.functions["outward"]
     numbers |= {"TORQUE": outward.numel_out(2), "ARMATURE": outward.numel_out(3)}
+    numbers |= {"TWIST": system.functions["twist"].numel_out(0)}
     numbers |= {"ANGLES": system.functions["hand"].numel_out(2)}
     numbers |= {f"FRAME_{name}": column for name, column in system.frame_columns.items()}
     numbers |= outcome_columns(a, system.dimension).constants("OUT")
