@@ -9,7 +9,7 @@ infinitely many elements, stiff and thin. In millimetres, medians over strikes:
 - `tip`: distance of the two tips when ours is closest to the target; `95 %`: its 95th percentile.
 - `miss`: difference of the two closest approaches; `largest`: of the two tips over the whole strike.
 - `same`: like `tip`, of a rod of N elements (two strikes of each case, N = 12): no matter of how many nodes there are.
-- `unspun`: likewise, of N elements that cannot turn about their own axes, as the rods of our chains cannot.
+- `unspun`: likewise, of N elements that cannot turn about their own axes, which shows what that is worth.
 - `oracle`: how far the extrapolation moved the rod's tip, several times its error.
 
     python benchmarks/cosserat.py [--quick] [--json] [--strikes 100] [--arms ARM ...] [--undamped] [--folder FOLDER]

@@ -78,7 +78,7 @@ class CosseratWhip:
         radius: Of the sections, for their inertia [m].
         gravity: [m/s^2]
         timestep: [s]; default: somewhat below the largest that is stable.
-        spins: Whether sections turn about the rod's own axis, as they do; False: they cannot, as in our chains of rods.
+        spins: Whether sections turn about the rod's own axis, as they do; False: they cannot, which shows what that is worth.
 
     Raises:
         InputError: A number is out of range, or the profile is curved at rest.
