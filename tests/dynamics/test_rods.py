@@ -36,8 +36,8 @@ def random_state(model: Model, seed: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def forces_of(model: Model) -> ca.Function:
-    """Forces on the hand (3, 1), its moment (3, 1), forces on the nodes (3, N), and power that damping takes, of bending
-    and damping: slopes of energy and dissipation by the places and velocities of point masses."""
+    """Forces on the hand (3, 1), its moment (3, 1), and forces on the nodes (3, N), of bending and damping:
+    slopes of energy and dissipation by the places and velocities of point masses."""
     N, whip = model.whip.N, model.whip
     x, u = ca.SX.sym("x", 3, N + 1), ca.SX.sym("u", 3, N + 1)
     first, turning = ca.SX.sym("first", 3), ca.SX.sym("turning", 3)
@@ -53,7 +53,7 @@ def forces_of(model: Model) -> ca.Function:
     D = dissipation_of(model, x, u, turning)
     force = -ca.gradient(V, x) - ca.gradient(D[0], u)
     moment = -ca.cross(first, ca.gradient(V, first)) - ca.gradient(D[0], turning)
-    return ca.Function("forces", [x, u, first, turning], ca.substitute([force, moment, 2 * D[0]], [D[1]], [D[2]]))
+    return ca.Function("forces", [x, u, first, turning], ca.substitute([force, moment], [D[1]], [D[2]]))
 
 
 def dissipation_of(model: Model, x: ca.SX, u: ca.SX, turning: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -101,7 +101,7 @@ def dense_acceleration(model: Model, q: np.ndarray, v: np.ndarray, tau: np.ndarr
     drift = ((ahead - behind) / (2 * h) @ v[:a])[:3]
     x = np.vstack([hand.translation, hand.translation + np.cumsum(l[:, None] * d, axis=0)])
     u = np.vstack([J[:3] @ v[:a], J[:3] @ v[:a] + np.cumsum(l[:, None] * rate, axis=0)])
-    force, moment, _ = (y.full() for y in forces_of(model)(x.T, u.T, -hand.rotation[:, 2], J[3:] @ v[:a]))
+    force, moment = (y.full() for y in forces_of(model)(x.T, u.T, -hand.rotation[:, 2], J[3:] @ v[:a]))
     nodes = force.T[1:] - m[:, None] * np.array([0, 0, model.gravity])
     speed = np.linalg.norm(u[1:], axis=1, keepdims=True)
     along = (u[1:] * d).sum(axis=1, keepdims=True) * d

@@ -78,7 +78,7 @@ class CosseratWhip:
         radius: Of the sections, for their inertia [m].
         gravity: [m/s^2]
         timestep: [s]; default: somewhat below the largest that is stable.
-        spins: Whether sections turn about the rod's own axis, as they do; False: they cannot, which shows what that is worth.
+        spins: Whether sections turn about the rod's own axis, as they do; False: they cannot, to see what that does.
 
     Raises:
         InputError: A number is out of range, or the profile is curved at rest.
