@@ -81,7 +81,7 @@ class RodFrame(NamedTuple):
     @classmethod
     def at_hand(cls, hand: SpatialFrame, before: ca.SX) -> RodFrame:
         """At a hand's frame, along whose -z the whip goes; `before` is the hand's acceleration in the first stage."""
-        direction, sums = -hand.turned.matrix[:, 2], ca.vertcat(0, SWIVEL)
+        direction, sums = -hand.turned.matrix[:, 2], ca.vertcat(ca.SX(0), SWIVEL)
         return cls(direction, hand.speed, before, sums, ca.SX(1), ca.SX(0), hand.velocity, hand.place)
 
     @property

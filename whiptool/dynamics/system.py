@@ -180,8 +180,8 @@ class System(ABC):
         h = ca.SX(0) if self.explicit else h
         if not self.hinges:
             end, moving = rods.outward(frame, q, v, link, before)
-            end, *torque = rods.torques_and_gain(joint, frame, end, h, again=before is not None)
-            return end, moving, *torque
+            end, torques, gain = rods.torques_and_gain(joint, frame, end, h, again=before is not None)
+            return end, moving, torques, gain
         end, moving = articulated.outward(frame, q, v, link, self.hinges)
         armature = GAMMA * h * damping_gain(joint, v)
         torque = passive_torque(joint, q, v)
