@@ -89,14 +89,14 @@ def test_the_order_of_errors(model, order):
 @pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
 def test_derivatives_against_central_differences(model):
     rollout = CompiledRollout(model, POSITION, timestep=1e-3)
-    strikes, compared = STRIKES[:12], []
-    _, slopes = rollout.gradient(strikes, TARGETS[:12])
+    strikes, compared = STRIKES[12:], []
+    _, slopes = rollout.gradient(strikes, TARGETS[12:])
     for column, slope in enumerate(slopes.T[:-1]):
 
         def distance(by: float, column: int = column) -> np.ndarray:
             shifted = strikes.copy()
             shifted[:, column] += by
-            return rollout.approach(shifted, TARGETS[:12]).distance
+            return rollout.approach(shifted, TARGETS[12:]).distance
 
         wrong, still = compare(slope, distance, 3e-5)
         assert not wrong.any(), column
