@@ -186,7 +186,7 @@ def give_way(carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX) -> t
     Args:
         carried: By the joint.
         d: The rod's direction (3, 1).
-        torque, gain: Of the joint, as `torque_and_gain` gives them.
+        torque, gain: Of the joint, as `torque_of` and `torques_and_gain` give them.
     """
     inverse = _inverse_across(carried.J, gain, d)
     across = ca.mtimes(inverse, carried.H)
