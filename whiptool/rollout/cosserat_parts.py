@@ -3,6 +3,9 @@
 Imported where PyElastica is needed; see `whiptool.rollout.cosserat`.
 """
 
+# PyElastica does not mark what it exports, and its mixins differ in argument names
+# pyright: reportPrivateImportUsage=false, reportIncompatibleMethodOverride=false
+
 from __future__ import annotations
 
 from typing import Any
