@@ -47,7 +47,7 @@ FOLD = 0.2  # 1 + cosine of a bend near which a joint begins to let twist slip: 
 class RodFrame(NamedTuple):
     """Where a rod begins, behind another or the hand; (3, 1) each unless said otherwise.
 
-    Attributes:
+    Args:
         direction, speed: Of the rod before, and how it turns where the first rod has the hand's spin.
         before: In the second stage, its angular acceleration without spin in the first.
         sums: Over the joints so far, (2, 1): of b d . e and b e . e, b being the damping, d how a joint turns, and e by
