@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -129,10 +129,15 @@ def outward(frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | 
     return end, SpatialMoving(r, centripetal, r, centripetal, none, none, drag, ca.horzcat(d, bound))
 
 
+def half_square(u: Any) -> tuple[Any, Any]:
+    """Return half the square of a bend's angle, `w(u)` of `u = 1 - cos`, and its slope; of expressions or arrays."""
+    return u * (1 + u * (1 / 6 + 2 / 45 * u)), 1 + u * (1 / 3 + 2 / 15 * u)
+
+
 def bend(joint: Chain, before: ca.SX, d: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the spring's torque on a rod (3, 1) [N m], and its energy [J], for two directions (3, 1)."""
     u = 1 - ca.dot(before, d)
-    w, slope = u * (1 + u * (1 / 6 + 2 / 45 * u)), 1 + u * (1 / 3 + 2 / 15 * u)
+    w, slope = half_square(u)
     k, cubic = ca.SX(joint.stiffness), ca.SX(joint.cubic_stiffness)
     return -((k + 2 * cubic * w) * slope) * ca.cross(before, d), (k + cubic * w) * w
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from whiptool.dynamics.rod_damping import RodDamping, rod_damping
+from whiptool.dynamics.rods import half_square
 from whiptool.errors import InputError
 from whiptool.models.kinematics import MovingFrame, arm_frames, chain_motion, universal_frames
 from whiptool.models.parameters import Model, WhipParameters
@@ -175,7 +176,7 @@ def _bends_of_rods(
     directions = np.concatenate([-hand.rotation[:, None, :, 2], d], axis=1)  # (T, N + 1, 3)
     turns = np.concatenate([hand.spin[:, None], np.cross(d, rate)], axis=1)
     u = 1 - (directions[:, :-1] * directions[:, 1:]).sum(axis=2)
-    return 2 * (u + u**2 / 6 + 2 / 45 * u**3), rod_damping(whip, directions, turns)
+    return 2 * half_square(u)[0], rod_damping(whip, directions, turns)
 
 
 def _spring_energy(model: Model, squares: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 from whiptool.dynamics.modes import linearise
 from whiptool.dynamics.posture import start_posture
 from whiptool.dynamics.rod_damping import rod_damping
+from whiptool.dynamics.rods import half_square
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
@@ -44,9 +45,8 @@ class MujocoRods:
         frame, quaternions = arm_frames(self._arm, q[:a])[-1].rotation, []
         for d in q[a:].reshape(-1, 3):
             x, y, z = frame.T @ d
-            turn = (
-                np.array([1 - z, y, -x, 0.0]) if z < 1 - 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])
-            )  # the least from -z
+            # the least turn from -z
+            turn = np.array([1 - z, y, -x, 0.0]) if z < 1 - 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])
             turn /= np.linalg.norm(turn)
             quaternions.append(turn)
             matrix = np.empty(9)
@@ -65,8 +65,8 @@ class MujocoRods:
         """Write the joints' torques at the data's places and speeds into its applied forces."""
         directions, spins = self._rods(data)
         u = 1 - (directions[:-1] * directions[1:]).sum(axis=1, keepdims=True)
-        half_square, slope = u + u**2 / 6 + 2 / 45 * u**3, 1 + u / 3 + 2 / 15 * u**2
-        spring = (self._k + 2 * self._cubic * half_square) * slope * np.cross(directions[:-1], directions[1:])
+        w, slope = half_square(u)
+        spring = (self._k + 2 * self._cubic * w) * slope * np.cross(directions[:-1], directions[1:])
         torques = rod_damping(self._whip, directions, spins).torques - spring  # (N, 3), on each rod
         on_rods = torques - np.vstack([torques[1:], np.zeros(3)])
         on_rods -= (on_rods * directions[1:]).sum(axis=1, keepdims=True) * directions[1:]
