@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache
 from typing import Any
 
@@ -43,10 +43,10 @@ def run_in_parts(
         loop(ctypes.byref(arguments), 0, count)
         return
     pool = _pool(threads)
-    parts = [
-        pool.submit(_part, loop, arguments, buffers, first, min(size, count - first)) for first in range(0, count, size)
-    ]
+    parts: list[Future] = []
     try:
+        for first in range(0, count, size):
+            parts.append(pool.submit(_part, loop, arguments, buffers, first, min(size, count - first)))
         for part in parts:
             part.result()
     finally:
