@@ -16,13 +16,13 @@ from whiptool.commands import cli
 from whiptool.errors import InputError
 from whiptool.options import (
     METHODS,
+    GoalOptions,
     ModelOptions,
     ResumableOptions,
     SearchOptions,
     SeedOptions,
     SimulatedControllerOptions,
     SimulatorOptions,
-    TargetOptions,
 )
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class OptimizeOptions(
     SimulatorOptions,
     SimulatedControllerOptions,
     ModelOptions,
-    TargetOptions,
+    GoalOptions,
 ):
     """Find a strike with which the tip of the whip hits a target."""
 
@@ -124,7 +124,8 @@ class _Run:
         bounds = {name: list(values) for name, values in asdict(self.objective.bounds).items()}
         config = cli.configuration(options, "optimize", self.model, self.controller, bounds=bounds)
         self.folder = cli.open_folder(options, options.method.replace(":", "-"), config)
-        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm)
+        arriving = not self.objective.goals.only_points
+        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm, arriving=arriving)
         self.recorded = self.log.read() if options.resume else []
 
     def search(self):
@@ -248,6 +249,7 @@ class _Run:
             "hit": outcome.hit,
             "hit_time": outcome.hit_time,
             "tip_speed": None if outcome.diverged else outcome.tip_speed,
+            "arrival": arrival_table(outcome, self.target),
             "n_trials": result.n_trials,
             "n_diverged": result.n_diverged,
             "wall_time": result.wall_time,
@@ -319,11 +321,44 @@ def outcome_lines(outcome, target, joints: Sequence[str]) -> list[str]:
         f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
         f"hit radius {target.hit_radius:.3f} m",
         f"  tip speed      {outcome.tip_speed:.1f} m/s",
+        *_arrival_lines(outcome, target),
         *(
             f"  {joint:{width}s} at most {speed:.1f} rad/s, {torque:.1f} N m"
             for joint, speed, torque in zip(joints, outcome.max_joint_speed, outcome.max_torque, strict=True)
         ),
     ]
+
+
+def arrival_table(outcome, target) -> dict | None:
+    """How the tip arrived, beside what the target asks, for JSON [rad, m/s]; None: it asks for a point only."""
+    if target.goals.only_points:
+        return None
+    return {
+        "angle": None if outcome.arrival is None else outcome.arrival.angle,
+        "speed": None if outcome.arrival is None else outcome.arrival.speed,
+        "direction": None if target.direction is None else list(target.direction),
+        "sight": None if target.sight is None else list(target.sight),
+        "cone": None if target.direction is None else target.cone,
+        "least_speed": target.speed,
+    }
+
+
+def _arrival_lines(outcome, target) -> list[str]:
+    """The line that tells people how the tip arrived, if the target asks for more than a point."""
+    import math
+
+    came = outcome.arrival
+    if came is None:
+        return []
+    said = []
+    if came.angle is not None:
+        said.append(f"{math.degrees(came.angle):.2f} degrees (at most {math.degrees(target.cone):g})")
+    if target.speed is not None or came.angle is not None:
+        along = "along it" if came.angle is not None else "fast"
+        least = "" if target.speed is None else f" (at least {target.speed:g})"
+        said.append(f"{came.speed:.1f} m/s {along}{least}")
+    lead = "from its direction " if came.angle is not None else ""
+    return [f"  arrival        {lead}{', '.join(said)}"]
 
 
 def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float, video: bool) -> list[str]:

@@ -14,18 +14,18 @@ import numpy as np
 from whiptool.commands import cli
 from whiptool.errors import NOTHING, InputError
 from whiptool.options import (
+    GoalOptions,
     ModelOptions,
     OutputOptions,
     SimulatedControllerOptions,
     SimulatorOptions,
-    TargetOptions,
     refuse_idle,
 )
 from whiptool.whole_files import write_whole
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOptions, ModelOptions, TargetOptions):
+class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOptions, ModelOptions, GoalOptions):
     """Play one strike and save its trajectory, figures and video."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("export", "video")
@@ -96,7 +96,7 @@ def _export(options: SimulateOptions, model) -> None:
 
 
 def _play(options: SimulateOptions, model, strike) -> None:
-    from whiptool.commands.optimize import outcome_lines, save_strike, strike_lines
+    from whiptool.commands.optimize import arrival_table, outcome_lines, save_strike, strike_lines
     from whiptool.impedance.files import controller_to_table
     from whiptool.models.strike import StrikeBounds, named_strike
     from whiptool.objective import Objective
@@ -127,6 +127,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "time": outcome.time,
         "hit_time": outcome.hit_time,
         "tip_speed": None if outcome.diverged else outcome.tip_speed,
+        "arrival": arrival_table(outcome, target),
         "max_joint_speed": dict(zip(model.arm.joints, outcome.max_joint_speed, strict=True)),
         "max_torque": dict(zip(model.arm.joints, outcome.max_torque, strict=True)),
         "diverged": outcome.diverged,

@@ -22,7 +22,7 @@ from whiptool.options.budget import (
     TrainingOptions,
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
-from whiptool.options.scene import LONGEST_STAY, MODELS, ModelOptions, TargetOptions, ZoneOptions
+from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "MODELS",
     "WITHOUT_DERIVATIVES",
     "ControllerOptions",
+    "GoalOptions",
     "Integrator",
     "JsonOptions",
     "LawOptions",
