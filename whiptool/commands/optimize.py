@@ -370,7 +370,7 @@ def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float
     from whiptool.whole_files import write_whole
 
     trajectory.save(folder / "trajectory.npz")
-    save_strike_figures(folder, trajectory, model, target.position, target.hit_radius, label)
+    save_strike_figures(folder, trajectory, model, target, label)
     page = strike_page(model, trajectory, np.array(target.position), target.hit_radius, label=label)
     write_whole(folder / "strike.html", page)
     kinds = ["trajectory", "figures", "page"]
