@@ -74,7 +74,9 @@ def test_bad_directions_cones_and_speeds_are_named(asked, message):
 def test_a_direction_is_kept_as_a_unit_vector():
     target = Target((1.3, 0.0), direction=(3.0, -4.0), speed=5.0)
     assert target.direction == pytest.approx((0.6, -0.8))
-    assert repr(target) == "Target((1.3, 0) m, hit radius 0.06 m, within 10 degrees of (0.600, -0.800), at 5 m/s or more)"
+    assert (
+        repr(target) == "Target((1.3, 0) m, hit radius 0.06 m, within 10 degrees of (0.600, -0.800), at 5 m/s or more)"
+    )
     np.testing.assert_allclose(target.goals.directions, [[0.6, -0.8]])
     assert target.goals.speed == 5.0
 

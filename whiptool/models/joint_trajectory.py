@@ -112,15 +112,20 @@ class JointTrajectory:
         The jerk is that of differences of the accelerations. None: nothing is.
 
         Args:
-            limits: Of each joint, (n,).
+            limits: Of each joint, (n,); empty: there are none.
         """
+        limits = limits or [JointLimits()] * len(self.joints)
         jerk = np.diff(self.a, axis=0, prepend=self.a[:1]) / np.diff(self.t, prepend=-1.0)[:, None]
         worst, said = _ROUNDING, None
         for j, (joint, limit) in enumerate(zip(self.joints, limits, strict=True)):
             low, high = limit.position
             half = (high - low) / 2 if math.isfinite(high - low) else 1.0
             used = {
-                "position": (np.maximum(low - self.q[:, j], self.q[:, j] - high) / half, self.q, f"{low:g} to {high:g}"),
+                "position": (
+                    np.maximum(low - self.q[:, j], self.q[:, j] - high) / half,
+                    self.q,
+                    f"{low:g} to {high:g}",
+                ),
                 "velocity": (np.abs(self.v[:, j]) / limit.velocity - 1, self.v, f"{limit.velocity:g}"),
                 "acceleration": (np.abs(self.a[:, j]) / limit.acceleration - 1, self.a, f"{limit.acceleration:g}"),
                 "jerk": (np.abs(jerk[:, j]) / limit.jerk - 1, jerk, f"{limit.jerk:g}"),
@@ -156,7 +161,9 @@ class JointTrajectory:
             raise InputError("trajectory", str(path), f"a CSV file of numbers with a header ({error})"[:200]) from None
         names = [name.removeprefix("position_") for name in header if name.startswith("position_")]
         if header != _header(names) or values.ndim != 2 or values.shape[1] != len(header):
-            raise InputError("trajectory", str(path), "the columns time, position_JOINT ..., velocity_..., acceleration_...")
+            raise InputError(
+                "trajectory", str(path), "the columns time, position_JOINT ..., velocity_..., acceleration_..."
+            )
         q, v, a = np.split(values[:, 1:], 3, axis=1)
         return cls(tuple(names), values[:, 0], q, v, a)
 

@@ -24,6 +24,7 @@ from whiptool.options.budget import (
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
+from whiptool.options.trajectory import TrajectoryOptions
 
 __all__ = [
     "LONGEST_STAY",
@@ -52,6 +53,7 @@ __all__ = [
     "StepOptions",
     "TargetOptions",
     "TrainingOptions",
+    "TrajectoryOptions",
     "ZoneOptions",
     "flag",
     "flags",

@@ -88,7 +88,9 @@ class GoalOptions(TargetOptions):
             return point  # before the model is known, so is not how many coordinates there are
         if self.arrival_angle is not None:
             angle = math.radians(self.arrival_angle)
-            return Target.arriving(point.position, angle, hit_radius=point.hit_radius, cone=cone, speed=self.least_speed)
+            return Target.arriving(
+                point.position, angle, hit_radius=point.hit_radius, cone=cone, speed=self.least_speed
+            )
         return replace(point, direction=self.direction, cone=cone, speed=self.least_speed)
 
 
