@@ -51,3 +51,49 @@ def test_places_become_targets():
     assert as_target(np.array([1.0, 2.0, 0.5])) == Target((1.0, 2.0, 0.5))
     target = Target((1.0, 2.0), 0.01)
     assert as_target(target) is target
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"direction": (0.0, 0.0)}, "direction: got .*a vector that is not zero"),
+        ({"direction": (1.0, 0.0, 0.0)}, "direction: got .*2 finite numbers"),
+        ({"direction": (1.0, float("nan"))}, "direction"),
+        ({"direction": (1.0, 0.0), "cone": 0.0}, "cone: got 0.0; allowed: a finite number > 0"),
+        ({"direction": (1.0, 0.0), "cone": 3.2}, "cone: got 3.2"),
+        ({"speed": 0.0}, "least speed: got 0.0"),
+        ({"sight": (0.0, 1.0)}, "line of sight: got .*none without a direction"),
+        ({"direction": (1.0, 0.0), "sight": (1.0, 1.0)}, "line of sight: got .*right angles"),
+    ],
+)  # fmt: skip
+def test_bad_directions_cones_and_speeds_are_named(asked, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        Target((1.3, 0.0), **asked)
+
+
+def test_a_direction_is_kept_as_a_unit_vector():
+    target = Target((1.3, 0.0), direction=(3.0, -4.0), speed=5.0)
+    assert target.direction == pytest.approx((0.6, -0.8))
+    assert (
+        repr(target) == "Target((1.3, 0) m, hit radius 0.06 m, within 10 degrees of (0.600, -0.800), at 5 m/s or more)"
+    )
+    np.testing.assert_allclose(target.goals.directions, [[0.6, -0.8]])
+    assert target.goals.speed == 5.0
+
+
+def test_an_arrival_angle_needs_an_upward_direction_across_the_line_of_sight():
+    target = Target.arriving((1.3, 0.0, 0.0), np.pi / 2, cone=0.2, hit_radius=0.05)
+    assert target.direction == pytest.approx((0.0, 1.0, 0.0), abs=1e-12)
+    assert target.sight == (-1.0, 0.0, 0.0)
+    assert (target.cone, target.hit_radius) == (0.2, 0.05)
+    with pytest.raises(InputError, match="not above or below the base, or a direction"):
+        Target.arriving((0.0, 0.0, 1.3), 0.0)
+
+
+def test_no_tip_moves_outward_where_arm_and_whip_are_stretched():
+    reach = SPACE.reach
+    with pytest.raises(InputError, match=r"^direction: got .*at right angles, within the cone of 10 degrees"):
+        Target((reach, 0.0, 0.0), direction=(1.0, 0.3, 0.0)).check_reach(SPACE)
+    Target((reach, 0.0, 0.0), direction=(0.1, 1.0, 0.0)).check_reach(SPACE)
+    Target((reach - 0.01, 0.0, 0.0), direction=(1.0, 0.0, 0.0)).check_reach(SPACE)
+    Target((reach, 0.0, 0.0), direction=(1.0, 0.0, 0.0), cone=np.pi / 2).check_reach(SPACE)  # asks for nothing

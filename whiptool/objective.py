@@ -42,13 +42,29 @@ def probability_within(
 
 
 @dataclass(frozen=True)
+class Arrival:
+    """How the tip arrived at a target that asks for a direction or a speed.
+
+    Args:
+        angle: Between its velocity and the direction [rad], see `Target`; None: the target asks for none.
+        speed: Along the direction [m/s]; of a target without direction the tip's speed.
+        cost: What searches minimise instead of the miss distance [m], see `Goals.residuals`.
+    """
+
+    angle: float | None
+    speed: float
+    cost: float
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What one strike came to.
 
     Args:
         miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged, or if the objective's
             limits refuse it.
-        hit: Whether that is within the hit radius; where the distance was measured, with a probability of `CLAIMED`.
+        hit: Whether that is within the hit radius, and direction and speed are as the target asks; where the distance
+            was measured, with a probability of `CLAIMED`.
         time: When the tip was closest [s].
         tip: Where it was then (x, y) or (x, y, z) [m].
         tip_velocity: Its velocity then [m/s].
@@ -56,6 +72,7 @@ class Outcome:
         max_torque: Largest torque of each arm joint [N m].
         diverged: Whether the rollout broke off.
         miss_error: Standard error of the miss distance [m]; None: it was not measured but computed.
+        arrival: How the tip arrived; None where only a point is asked for, or the strike diverged or was refused.
     """
 
     miss_distance: float
@@ -67,6 +84,12 @@ class Outcome:
     max_torque: tuple[float, ...]
     diverged: bool
     miss_error: float | None = None
+    arrival: Arrival | None = None
+
+    @property
+    def cost(self) -> float:
+        """What searches minimise [m]: the miss distance, and what is left of the direction and the speed asked for."""
+        return self.miss_distance if self.arrival is None else self.arrival.cost
 
     @property
     def tip_speed(self) -> float:
@@ -135,7 +158,7 @@ class Objective:
 
     Attributes:
         trials: In order.
-        best: The trial with the smallest miss distance so far.
+        best: The trial with the smallest cost so far: the smallest miss distance, where only a point is asked for.
 
     Raises:
         InputError: The target cannot be reached, or a number is out of range.
@@ -172,7 +195,8 @@ class Objective:
         self._on_trial: Callable[[Trial], None] | None = None
         self._start = time.monotonic()
         # farther than any real miss can be; a strike beyond the limits has between one and two of it
-        self.penalty = rollout.model.farthest_miss(self.target.position)
+        self.goals = self.target.goals
+        self.penalty = math.hypot(rollout.model.farthest_miss(self.target.position), self.goals.largest_cost)
 
     def record(self, recorded: Sequence[Trial], on_trial: Callable[[Trial], None]) -> None:
         """Tie the trials to a log.
@@ -272,7 +296,7 @@ class Objective:
         for vector, outcome in zip(strikes, outcomes, strict=True):
             trial = Trial(len(self.trials) + 1, tuple(map(float, vector)), outcome)
             self.trials.append(trial)
-            if self.best is None or outcome.miss_distance < self.best.outcome.miss_distance:
+            if self.best is None or outcome.cost < self.best.outcome.cost:
                 self.best = trial
             if self._on_trial is not None:
                 self._on_trial(trial)
@@ -281,11 +305,10 @@ class Objective:
         return outcomes
 
     def gradient(self, strike: np.ndarray | Sequence[float]) -> tuple[Outcome, np.ndarray]:
-        """Outcome of one strike vector, a trial like any other, and the exact derivatives of its miss distance.
+        """Outcome of one strike vector, a trial like any other, and the exact derivatives of its cost.
 
         Returns:
-            The outcome, and d miss_distance / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged or was
-            refused. For a trial that is answered from a log they are computed again.
+            The outcome, and d cost / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged or was refused. For a trial that is answered from a log they are computed again.
 
         Raises:
             InputError: The simulator has no derivatives.
@@ -293,8 +316,15 @@ class Objective:
         """
         vector = np.array(strike, float)
         outcome = self.trial(vector)
-        _, slope = self.rollout.gradient(vector[None], np.array(self.target.position), t_stay=self.t_stay)
-        return outcome, np.zeros_like(vector) if outcome.miss_distance >= self.penalty else slope[0]
+        if outcome.miss_distance >= self.penalty:
+            return outcome, np.zeros_like(vector)
+        place = np.array(self.target.position)
+        if self.goals.only_points:
+            return outcome, self.rollout.gradient(vector[None], place, t_stay=self.t_stay)[1][0]
+        near, dtip, dvelocity = self.rollout.arrival_gradient(vector[None], place, t_stay=self.t_stay)
+        left = self.goals.residuals(near.tip, near.velocity)[0]
+        slopes = self.goals.residual_slopes(near.velocity, dtip, dvelocity)[0]
+        return outcome, left @ slopes / max(float(np.linalg.norm(left)), np.finfo(float).tiny)
 
     def _replay(self, strikes: np.ndarray) -> list[Outcome]:
         """Outcomes of those of these strikes that an earlier run recorded."""
@@ -335,9 +365,10 @@ class Objective:
         lost = diverged or beyond > 0
         distance = self.penalty * (2 - 1 / (1 + beyond)) if lost else float(near.distance[i])
         error = None if lost or near.error is None else float(near.error[i])
+        arrival = None if lost or self.goals.only_points else self._arrival(near, i)
         return Outcome(
             miss_distance=distance,
-            hit=not lost and self._hits(distance, error),
+            hit=not lost and self._hits(distance, error) and self._arrives(near.velocity[i]),
             time=float(near.time[i]),
             tip=tuple(map(float, near.tip[i])),
             tip_velocity=tuple(map(float, near.velocity[i])),
@@ -345,10 +376,21 @@ class Objective:
             max_torque=tuple(map(float, near.max_torque[i])),
             diverged=diverged,
             miss_error=error,
+            arrival=arrival,
         )
 
+    def _arrival(self, near: Approach, i: int) -> Arrival:
+        velocity = near.velocity[i : i + 1]
+        angle = None if self.goals.directions is None else float(self.goals.angle(velocity)[0])
+        cost = float(self.goals.cost(near.distance[i : i + 1], velocity)[0])
+        return Arrival(angle, float(self.goals.arrival_speed(velocity)[0]), cost)
+
+    def _arrives(self, velocity: np.ndarray) -> bool:
+        """Whether a velocity (d,) [m/s] is as the target asks."""
+        return bool(self.goals.hit(np.zeros(1), velocity[None])[0])
+
     def _hits(self, distance: float, error: float | None) -> bool:
-        """Whether a hit is claimed."""
+        """Whether the point is claimed as hit."""
         if error is None:
             return distance <= self.target.hit_radius
         return bool(probability_within(self.target.hit_radius, np.array(distance), error) >= CLAIMED)

@@ -1,4 +1,4 @@
-"""Targets: a point to hit, in the strike plane or in space."""
+"""Targets: a point to hit, in the strike plane or in space, and on request a direction and a speed of arrival."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import number
+from whiptool.goals import CONE, Goals, arrival_directions
+from whiptool.models.numbers import number, numbers
 from whiptool.models.parameters import Model
 
 HIT_RADIUS = 0.06  # [m], Eq. 17
@@ -20,18 +21,28 @@ _COORDINATES = {2: "two coordinates x y", 3: "three coordinates x y z"}
 
 @dataclass(frozen=True)
 class Target:
-    """A point to hit.
+    """A point to hit, and how the tip has to arrive there.
 
     Args:
         position: (x, y) in the plane, (x, y, z) in space [m].
         hit_radius: It is hit when the tip comes this close [m].
+        direction: Along which the tip has to move at the closest approach, a vector of any length, (2,) or (3,); it is
+            kept as a unit vector. None: any.
+        cone: Largest angle between that direction and the tip's velocity [rad].
+        speed: Least speed at the closest approach [m/s], along the direction where there is one; None: any.
+        sight: At right angles to the direction: velocity along it does not count for the angle; see `arriving`.
 
     Raises:
-        InputError: A value is not finite, or the radius is not positive.
+        InputError: A value is not finite, a radius, cone or speed is not positive, the direction is zero or of another
+            dimension.
     """
 
     position: tuple[float, ...] = TARGET
     hit_radius: float = HIT_RADIUS
+    direction: tuple[float, ...] | None = None
+    cone: float = CONE
+    speed: float | None = None
+    sight: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         position = tuple(float(x) for x in self.position)
@@ -39,6 +50,61 @@ class Target:
             raise InputError("target", position, "two finite coordinates x y in m, or three in space")
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "hit_radius", number("hit radius", self.hit_radius, low=0, strict=True))
+        object.__setattr__(self, "cone", number("cone", self.cone, low=0, high=math.pi, strict=True))
+        if self.speed is not None:
+            object.__setattr__(self, "speed", number("least speed", self.speed, low=0, strict=True))
+        if self.direction is not None:
+            object.__setattr__(self, "direction", _unit("direction", self.direction, len(position)))
+        if self.sight is not None:
+            if self.direction is None:
+                raise InputError("line of sight", self.sight, "none without a direction of arrival")
+            object.__setattr__(self, "sight", _unit("line of sight", self.sight, len(position)))
+            if abs(np.dot(self.sight, self.direction)) > 1e-9:
+                raise InputError("line of sight", self.sight, "a vector at right angles to the direction of arrival")
+
+    def __repr__(self) -> str:
+        said = f"({', '.join(f'{x:g}' for x in self.position)}) m, hit radius {self.hit_radius:g} m"
+        if self.direction is not None:
+            towards = ", ".join(f"{x:.3f}" for x in self.direction)
+            said += f", within {math.degrees(self.cone):g} degrees of ({towards})"
+            said += "" if self.sight is None else " seen along the line of sight"
+        return f"Target({said}{'' if self.speed is None else f', at {self.speed:g} m/s or more'})"
+
+    @classmethod
+    def arriving(
+        cls,
+        position: Sequence[float],
+        angle: float,
+        *,
+        hit_radius: float = HIT_RADIUS,
+        cone: float = CONE,
+        speed: float | None = None,
+    ) -> Target:
+        """Return a target at which the tip arrives at an angle.
+
+        In space the angle is that of the velocity as it is seen from the base: 0 is upward, 90 degrees to the left, and
+        motion along the line of sight does not count; see `arrival_directions`. In the plane it turns from forward to
+        upward, and all of the velocity counts.
+
+        Args:
+            position: (2,) or (3,) [m].
+            angle: [rad]
+            hit_radius, cone, speed: As of a `Target`.
+
+        Raises:
+            InputError: A value is out of range, or a target in space lies above or below the base.
+        """
+        place = cls(tuple(position)).position
+        directions, sights = arrival_directions(np.array([place]), np.array([number("arrival angle", angle)]))
+        sight = None if sights is None else tuple(map(float, sights[0]))
+        return cls(place, hit_radius, tuple(map(float, directions[0])), cone, speed, sight)
+
+    @property
+    def goals(self) -> Goals:
+        """The same as the goal of any number of strikes."""
+        rows = [None if x is None else np.array([x]) for x in (self.position, self.direction, self.sight)]
+        assert rows[0] is not None
+        return Goals(rows[0], self.hit_radius, rows[1], self.cone, self.speed, rows[2])
 
     def check_dimension(self, model: Model) -> None:
         """Refuse a target in the plane for a model in space, and the other way round.
@@ -79,6 +145,33 @@ class Target:
                 f"within the model's reach of {model.reach:.3f} m of the shoulder",
                 f"it is {distance:.4g} m away",
             )
+        self._check_direction(model, distance)
+
+    def _check_direction(self, model: Model, distance: float) -> None:
+        """Refuse a direction in which no tip moves: where arm and whip are stretched, it cannot move outward."""
+        if self.direction is None or distance < model.reach:
+            return
+        outward = abs(float(np.dot(self.direction, self.position))) / distance
+        if self.sight is None and outward > math.sin(min(self.cone, math.pi / 2)):
+            raise InputError(
+                "direction",
+                tuple(round(x, 4) for x in self.direction),
+                f"at right angles, within the cone of {math.degrees(self.cone):g} degrees, to the line from the base to "
+                f"a target at {distance:.4g} m, where arm and whip are stretched to their reach of {model.reach:.4g} m",
+            )
+
+
+def _unit(name: str, vector: Sequence[float], dimension: int) -> tuple[float, ...]:
+    """Return a vector as a unit vector of so many coordinates.
+
+    Raises:
+        InputError: It has others, one is not finite, or all are zero.
+    """
+    values = numbers(name, tuple(vector), dimension)
+    length = math.hypot(*values)
+    if length == 0:
+        raise InputError(name, values, "a vector that is not zero")
+    return tuple(x / length for x in values)
 
 
 def as_target(target: Target | Sequence[float] | np.ndarray | None, dimension: int = 2) -> Target:

@@ -15,7 +15,7 @@ class Enough(Exception):
 
 class Outcome:
     def __init__(self, miss: float) -> None:
-        self.miss_distance = miss
+        self.miss_distance = self.cost = miss
 
 
 class Recorder:

@@ -9,6 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from rich_model import COMPUTED, everything
+from slopes import compare
 
 from whiptool.dynamics.closed_loop import Structure
 from whiptool.errors import InputError
@@ -197,6 +198,39 @@ def test_derivatives_against_central_differences(case):
         kinks += int((~smooth).sum())
         compared += len(smooth)
     assert kinks < 0.03 * compared, (kinks, compared)
+
+
+def test_derivatives_of_the_tip_at_its_closest_approach_against_differences():
+    """Of its place and its velocity, by the strike; where the closest approach jumps to another step, none holds."""
+    strikes, targets = STRIKES[:24], TARGETS[:24]
+    rollout = CompiledRollout(everything(), LAWS["constant"], timestep=1e-3)
+    near, dtip, dvelocity = rollout.arrival_gradient(strikes, targets, t_stay=0.3)
+    away = (near.tip - targets) / near.distance[:, None]
+    of_distance = rollout.gradient(strikes, targets, t_stay=0.3)[1]
+    np.testing.assert_allclose(np.einsum("bd,bdm->bm", away, dtip), of_distance, atol=1e-9)
+    moving = 0
+    for j in range(4):  # the steps of a strike move with D: see the test above
+        for slopes, what in ((dtip, "tip"), (dvelocity, "velocity")):
+            for coordinate in range(2):
+
+                def seen(by: float, j: int = j, what: str = what, coordinate: int = coordinate) -> np.ndarray:
+                    shifted = strikes.copy()
+                    shifted[:, j] += by
+                    return getattr(rollout.approach(shifted, targets, t_stay=0.3), what)[:, coordinate]
+
+                wrong, still = compare(slopes[:, coordinate, j], seen, 3e-6)
+                assert not wrong.any(), (j, what, coordinate)
+                moving += int(still.sum())
+    assert moving > 0.8 * 4 * 2 * 2 * len(strikes)
+
+
+@pytest.mark.parametrize("rung", engine_module.RUNGS[1:])
+def test_engines_agree_on_the_derivatives_of_the_tip(rung):
+    strikes, targets = STRIKES[:6], TARGETS[:6]
+    best, other = (CompiledRollout(everything(), LAWS["constant"], timestep=1e-3, engine=x) for x in (None, rung))
+    slopes = [x.arrival_gradient(strikes, targets, t_stay=0.3)[1:] for x in (best, other)]
+    for expected, found in zip(*slopes, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
 def test_a_parameter_whose_term_is_zero_can_be_freed():

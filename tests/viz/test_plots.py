@@ -11,7 +11,7 @@ from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
+from whiptool.target import Target, as_target
 from whiptool.viz import plots
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])
@@ -45,7 +45,7 @@ def test_every_axis_names_its_unit(trajectory):
 def test_a_diverged_strike_is_drawn_too(tmp_path):
     path = CompiledRollout(LEMON, WILD).trajectory(STRIKE, t_stay=0.3)
     assert path.diverged
-    written = plots.save_strike_figures(tmp_path, path, LEMON, TARGET, 0.06, "wild")
+    written = plots.save_strike_figures(tmp_path, path, LEMON, as_target(TARGET), "wild")
     assert len(written) == 5
     assert all(file.stat().st_size > 5000 for file in written)
 

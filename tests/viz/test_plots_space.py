@@ -137,8 +137,7 @@ def test_a_planar_target_is_refused_in_space_and_the_other_way_round():
 
 def test_all_figures_of_a_run_and_a_reports_picture(model, tmp_path):
     path, target = struck(model)
-    place = np.array(target.position)
-    files = plots.save_strike_figures(tmp_path, path, model, place, target.hit_radius, "by hand")
+    files = plots.save_strike_figures(tmp_path, path, model, target, "by hand")
     assert {file.name for file in files} == {f"{x}.png" for x in ("strike", "distance", "tracking", "torque", "gains")}
     figure = Figure()
     plots_space.draw_views(figure, path, model, target)

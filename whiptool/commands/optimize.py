@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -16,29 +16,32 @@ from whiptool.commands import cli
 from whiptool.errors import InputError
 from whiptool.options import (
     METHODS,
+    GoalOptions,
     ModelOptions,
     ResumableOptions,
     SearchOptions,
     SeedOptions,
     SimulatedControllerOptions,
     SimulatorOptions,
-    TargetOptions,
+    TrajectoryOptions,
 )
 
 if TYPE_CHECKING:
-    from whiptool.models import Model, MotorLimits
+    from whiptool.impedance import Controller
+    from whiptool.models import Model, MotorLimits, Strike
     from whiptool.models.arm_limits import ArmLimits
 
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizeOptions(
     ResumableOptions,
+    TrajectoryOptions,
     SeedOptions,
     SearchOptions,
     SimulatorOptions,
     SimulatedControllerOptions,
     ModelOptions,
-    TargetOptions,
+    GoalOptions,
 ):
     """Find a strike with which the tip of the whip hits a target."""
 
@@ -95,6 +98,10 @@ def _main(args: Sequence[str] | None) -> int:
             return run.report(run.search())
 
 
+_STAY = 0.5  # [s] for which an exported trajectory holds the strike's end
+_NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "speed": None}
+
+
 class _Run:
     """One search: everything is checked before anything is written."""
 
@@ -124,7 +131,8 @@ class _Run:
         bounds = {name: list(values) for name, values in asdict(self.objective.bounds).items()}
         config = cli.configuration(options, "optimize", self.model, self.controller, bounds=bounds)
         self.folder = cli.open_folder(options, options.method.replace(":", "-"), config)
-        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm)
+        arriving = not self.objective.goals.only_points
+        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm, arriving=arriving)
         self.recorded = self.log.read() if options.resume else []
 
     def search(self):
@@ -161,8 +169,7 @@ class _Run:
         if result.strike is None:
             print("whiptool: ended before the first trial", file=sys.stderr)
             return status or 1
-        nothing_yet = {"miss_distance": None, "difference": None}
-        self.folder.write_result(self._summary(result, reference=nothing_yet))  # whatever happens below
+        self.folder.write_result(self._summary(result, reference=_NOT_REPLAYED))  # whatever happens below
         replayed = self._replay(result)
         summary = self._summary(result, reference=replayed)
         trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
@@ -170,7 +177,7 @@ class _Run:
         if self.limits is not None:
             usage = self.limits.violation(trajectory) + 1
             key = f"{self.limits.judges}_usage"
-            summary |= {"n_refused": self.objective.n_refused, key: usage if isfinite(usage) else None}
+            summary |= {"n_refused": self.objective.n_refused, key: usage if math.isfinite(usage) else None}
         self.folder.write_result(summary)
         files = save_strike(
             self.folder.path,
@@ -188,6 +195,7 @@ class _Run:
         label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
+        export_trajectory(self.options, self.model, self.controller, result.strike)
         return status
 
     def _replay(self, result) -> dict:
@@ -197,7 +205,7 @@ class _Run:
         from whiptool.rollout.reference import AGREEMENT, replay
 
         if result.outcome.diverged or self.objective.refuses(result.outcome):
-            return {"miss_distance": None, "difference": None}
+            return _NOT_REPLAYED
         expected = result.outcome.miss_distance
         target = np.array(self.target.position)
         seen = replay(self.model, self.controller, result.strike, target, t_stay=self.options.t_stay, expected=expected)
@@ -208,8 +216,15 @@ class _Run:
                 f"{1e3 * AGREEMENT:g} mm from {expected:.4f} m; try a smaller --timestep",
                 file=sys.stderr,
             )
-        distance = seen.miss_distance
-        return {"miss_distance": distance, "difference": None if distance is None else distance - expected}
+        if seen.miss_distance is None or seen.velocity is None:
+            return _NOT_REPLAYED
+        goals, velocity = self.target.goals, seen.velocity[None]
+        return {
+            "miss_distance": seen.miss_distance,
+            "difference": seen.miss_distance - expected,
+            "angle": None if goals.directions is None else float(goals.angle(velocity)[0]),
+            "speed": None if goals.only_points else float(goals.arrival_speed(velocity)[0]),
+        }
 
     def _refine(self, result, trajectory) -> str | None:
         """What a finer step says otherwise of the winning strike's peaks; said on stderr, too."""
@@ -248,6 +263,7 @@ class _Run:
             "hit": outcome.hit,
             "hit_time": outcome.hit_time,
             "tip_speed": None if outcome.diverged else outcome.tip_speed,
+            "arrival": arrival_table(outcome, self.target),
             "n_trials": result.n_trials,
             "n_diverged": result.n_diverged,
             "wall_time": result.wall_time,
@@ -288,7 +304,7 @@ class _Run:
         else:
             lines.append(
                 f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, a difference of "
-                f"{1e3 * reference['difference']:+.3f} mm"
+                f"{1e3 * reference['difference']:+.3f} mm{_arrival_in_mujoco(reference)}"
             )
         lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
         lines.append(f"  run folder     {self.folder.path} ({', '.join(files)})")
@@ -319,11 +335,62 @@ def outcome_lines(outcome, target, joints: Sequence[str]) -> list[str]:
         f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
         f"hit radius {target.hit_radius:.3f} m",
         f"  tip speed      {outcome.tip_speed:.1f} m/s",
+        *_arrival_lines(outcome, target),
         *(
             f"  {joint:{width}s} at most {speed:.1f} rad/s, {torque:.1f} N m"
             for joint, speed, torque in zip(joints, outcome.max_joint_speed, outcome.max_torque, strict=True)
         ),
     ]
+
+
+def arrival_table(outcome, target) -> dict | None:
+    """How the tip arrived, beside what the target asks, for JSON [rad, m/s]; None: it asks for a point only."""
+    if target.goals.only_points:
+        return None
+    return {
+        "angle": None if outcome.arrival is None else outcome.arrival.angle,
+        "speed": None if outcome.arrival is None else outcome.arrival.speed,
+        "direction": None if target.direction is None else list(target.direction),
+        "sight": None if target.sight is None else list(target.sight),
+        "cone": None if target.direction is None else target.cone,
+        "least_speed": target.speed,
+    }
+
+
+def _arrival_lines(outcome, target) -> list[str]:
+    """The line that tells people how the tip arrived, if the target asks for more than a point."""
+    came = outcome.arrival
+    if came is None:
+        return []
+    said = []
+    if came.angle is not None:
+        said.append(f"{math.degrees(came.angle):.2f} degrees (at most {math.degrees(target.cone):g})")
+    if target.speed is not None or came.angle is not None:
+        along = "along it" if came.angle is not None else "fast"
+        least = "" if target.speed is None else f" (at least {target.speed:g})"
+        said.append(f"{came.speed:.1f} m/s {along}{least}")
+    lead = "from its direction " if came.angle is not None else ""
+    return [f"  arrival        {lead}{', '.join(said)}"]
+
+
+def _arrival_in_mujoco(reference: dict) -> str:
+    """How the tip arrived in MuJoCo, for people, behind its miss distance."""
+    said = [] if reference["angle"] is None else [f"{math.degrees(reference['angle']):.2f} degrees"]
+    said += [] if reference["speed"] is None else [f"{reference['speed']:.1f} m/s"]
+    return f"; arrives at {', '.join(said)}" if said else ""
+
+
+def export_trajectory(options: TrajectoryOptions, model: Model, controller: Controller, strike: Strike) -> None:
+    """Write a strike for a robot, if the options ask for it, and say what kind of robot makes the same strike of it.
+
+    Raises:
+        InputError: It is beyond the arm's limits, or the file cannot be written.
+    """
+    if options.export_trajectory is None:
+        return
+    options.write_trajectory(options.build_trajectory(model, strike, _STAY))
+    follows = "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
+    print(f"wrote {options.export_trajectory}{follows}", file=sys.stderr)
 
 
 def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float, video: bool) -> list[str]:
@@ -335,7 +402,7 @@ def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float
     from whiptool.whole_files import write_whole
 
     trajectory.save(folder / "trajectory.npz")
-    save_strike_figures(folder, trajectory, model, target.position, target.hit_radius, label)
+    save_strike_figures(folder, trajectory, model, target, label)
     page = strike_page(model, trajectory, np.array(target.position), target.hit_radius, label=label)
     write_whole(folder / "strike.html", page)
     kinds = ["trajectory", "figures", "page"]

@@ -14,25 +14,31 @@ import numpy as np
 from whiptool.commands import cli
 from whiptool.errors import NOTHING, InputError
 from whiptool.options import (
+    GoalOptions,
     ModelOptions,
     OutputOptions,
     SimulatedControllerOptions,
     SimulatorOptions,
-    TargetOptions,
+    TrajectoryOptions,
     refuse_idle,
 )
 from whiptool.whole_files import write_whole
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOptions, ModelOptions, TargetOptions):
+class SimulateOptions(
+    OutputOptions, TrajectoryOptions, SimulatorOptions, SimulatedControllerOptions, ModelOptions, GoalOptions
+):
     """Play one strike and save its trajectory, figures and video."""
 
-    of_this_call: ClassVar[tuple[str, ...]] = ("export", "video")
+    of_this_call: ClassVar[tuple[str, ...]] = ("trajectory", "export", "video")
     in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None
     """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints."""
+    trajectory: Path | None = None
+    """Instead of --strike: have position servos in MuJoCo follow the joint trajectory in this CSV file, as
+    --export-trajectory wrote it."""
     export: Path | None = None
     """Write the model as MJCF for MuJoCo's own viewer."""
     video: bool = True
@@ -45,8 +51,12 @@ class SimulateOptions(OutputOptions, SimulatorOptions, SimulatedControllerOption
         super().check()
         if self.strike is not None:
             Strike.from_vector(self.strike)
+            refuse_idle(self, {"trajectory": "nothing beside --strike"})
+        elif self.trajectory is not None:
+            not_used = {f.name for of in (SimulatorOptions, SimulatedControllerOptions) for f in fields(of)}
+            refuse_idle(self, dict.fromkeys(sorted(not_used | {"t_stay"}), "nothing beside --trajectory"))
         elif self.export is None:
-            raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, or --export FILE.xml")
+            raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, --trajectory or --export FILE.xml")
         else:
             used = ("model", "arm", "target", "export")
             refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
@@ -69,6 +79,8 @@ def _main(args: Sequence[str] | None) -> int:
             _export(options, model)
         if strike is not None:
             _play(options, model, strike)
+        if options.trajectory is not None:
+            _follow(options, model)
     return 0
 
 
@@ -96,10 +108,9 @@ def _export(options: SimulateOptions, model) -> None:
 
 
 def _play(options: SimulateOptions, model, strike) -> None:
-    from whiptool.commands.optimize import outcome_lines, save_strike, strike_lines
+    from whiptool.commands.optimize import arrival_table, export_trajectory, outcome_lines, save_strike, strike_lines
     from whiptool.impedance.files import controller_to_table
-    from whiptool.models.strike import StrikeBounds, named_strike
-    from whiptool.objective import Objective
+    from whiptool.models.strike import named_strike
     from whiptool.rollout.refinement import refine
     from whiptool.runs import code_version
 
@@ -107,11 +118,8 @@ def _play(options: SimulateOptions, model, strike) -> None:
     target.check_dimension(model)
     target.check_radius(model)
     rollout = options.build_rollout(model, controller)
-    n = len(strike.vector)
-    anywhere = StrikeBounds((-1.0,) * (n - 1) + (0.1,), (1.0,) * n)  # one strike needs no box
-    objective = Objective(rollout, target, t_stay=options.t_stay, bounds=anywhere, check_reach=False)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
-    outcome = objective.judge(trajectory)
+    outcome = _judged(rollout, trajectory, target)
     place = np.array(target.position)
     warning = refine(
         model, controller, strike, trajectory, timestep=rollout.timestep, t_stay=options.t_stay, target=place
@@ -127,6 +135,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "time": outcome.time,
         "hit_time": outcome.hit_time,
         "tip_speed": None if outcome.diverged else outcome.tip_speed,
+        "arrival": arrival_table(outcome, target),
         "max_joint_speed": dict(zip(model.arm.joints, outcome.max_joint_speed, strict=True)),
         "max_torque": dict(zip(model.arm.joints, outcome.max_torque, strict=True)),
         "diverged": outcome.diverged,
@@ -142,6 +151,8 @@ def _play(options: SimulateOptions, model, strike) -> None:
     with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model, controller)) as folder:
         folder.write_result(summary)
         files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
+    if options.export_trajectory is not None:
+        export_trajectory(options, model, controller, strike)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
         return
@@ -156,3 +167,57 @@ def _play(options: SimulateOptions, model, strike) -> None:
             ]
         )
     )
+
+
+def _judged(rollout, trajectory, target):
+    """Return the outcome of a trajectory of arm and whip."""
+    from whiptool.models.strike import StrikeBounds
+    from whiptool.objective import Objective
+
+    n = 2 * rollout.model.arm.n
+    anywhere = StrikeBounds((-1.0,) * n + (0.1,), (1.0,) * (n + 1))  # what is there already needs no box
+    return Objective(rollout, target, bounds=anywhere, check_reach=False).judge(trajectory)
+
+
+def _follow(options: SimulateOptions, model) -> None:
+    """Have servos follow a joint trajectory, and say what the tip did from the strike's beginning on."""
+    from whiptool.commands.optimize import arrival_table, outcome_lines, save_strike
+    from whiptool.impedance import Controller
+    from whiptool.impedance.position import PositionControl
+    from whiptool.models.joint_trajectory import JointTrajectory
+    from whiptool.rollout.reference import ReferenceRollout
+    from whiptool.rollout.servo_replay import replay_trajectory
+    from whiptool.runs import code_version
+
+    assert options.trajectory is not None
+    target, commanded = options.build_target(model), JointTrajectory.load_csv(options.trajectory)
+    target.check_dimension(model)
+    target.check_radius(model)
+    whole = replay_trajectory(model, commanded)
+    strike = whole.since(commanded.strike_begins)
+    outcome = _judged(ReferenceRollout(model, Controller(PositionControl())), strike, target)
+    a = model.arm.n
+    summary = {
+        "target": list(target.position),
+        "hit_radius": target.hit_radius,
+        "miss_distance": outcome.miss_distance,
+        "hit": outcome.hit,
+        "time": outcome.time,
+        "tip_speed": None if outcome.diverged else outcome.tip_speed,
+        "arrival": arrival_table(outcome, target),
+        "tracking_error": float(np.abs(strike.q[:, :a] - strike.q_d).max()),
+        "diverged": outcome.diverged,
+        "model": model.name,
+        "version": code_version(),
+    }
+    label = "position servos"
+    with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model)) as folder:
+        folder.write_result(summary)
+        length = float(strike.t[-1] - strike.t[0])
+        files = save_strike(folder.path, strike, model, target, label, D=length, video=options.video)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+        return
+    lines = [f"a joint trajectory: {model.name}, {label}, MuJoCo", *outcome_lines(outcome, target, model.arm.joints)]
+    lines.append(f"  servos         at most {summary['tracking_error']:.2g} rad from the trajectory")
+    print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))

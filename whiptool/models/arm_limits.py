@@ -28,7 +28,8 @@ _COMMANDED = 0.9
 _NAMES = ("position", "velocity", "torque")
 
 
-def _of_links(arm: ArmParameters | SpatialArm) -> tuple[JointLimits, ...]:
+def limits_of(arm: ArmParameters | SpatialArm) -> tuple[JointLimits, ...]:
+    """Return the limits of each joint of an arm, (a,); of a planar arm none, ()."""
     return tuple(link.limits for link in arm.links) if isinstance(arm, SpatialArm) else ()
 
 
@@ -68,12 +69,12 @@ class ArmLimits:
         Raises:
             InputError: It has none; planar arms have none.
         """
-        return cls(_of_links(arm))
+        return cls(limits_of(arm))
 
     @staticmethod
     def are_in(arm: ArmParameters | SpatialArm) -> bool:
         """Whether an arm has any."""
-        return _limited(_of_links(arm))
+        return _limited(limits_of(arm))
 
     @property
     def speeds(self) -> np.ndarray:

@@ -36,8 +36,8 @@ def cmaes_search(objective: Objective, *, seed: int) -> None:
                 if generation is None or len(generation) == 0:
                     break
                 strikes = objective.admissible(lower + np.clip(generation.get("X"), 0, 1) * (upper - lower))
-                misses = np.array([outcome.miss_distance for outcome in objective.batch(strikes)])
-                Evaluator().eval(StaticProblem(box, F=misses[:, None]), generation)
+                costs = np.array([outcome.cost for outcome in objective.batch(strikes)])
+                Evaluator().eval(StaticProblem(box, F=costs[:, None]), generation)
                 algorithm.tell(infills=generation)
     finally:
         np.random.set_state(outside)  # noqa: NPY002

@@ -91,6 +91,6 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
         if generation is None:  # no child differs from what was tried
             return
         strikes = objective.admissible(lower + np.clip(generation.get("X"), 0, 1) * (upper - lower))
-        misses = np.array([outcome.miss_distance for outcome in objective.batch(strikes)])
+        misses = np.array([outcome.cost for outcome in objective.batch(strikes)])
         Evaluator().eval(StaticProblem(box, F=-fitness(misses, d_max)[:, None]), generation)
         algorithm.tell(infills=generation)

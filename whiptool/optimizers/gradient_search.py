@@ -1,4 +1,4 @@
-"""Random strikes, the best few of them refined with the exact gradient of the miss distance."""
+"""Random strikes, the best few of them refined with the exact gradient of what they cost."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ STEPS = 60  # gradient evaluations a refinement at most
 def gradient_search(objective: Objective, *, seed: int) -> None:
     """Rounds of random strikes and refinement until the objective stops it.
 
-    Half the squared miss distance is minimised by SLSQP inside the bounds: it is smooth where the distance itself has
-    a kink, at zero. Every rollout is a trial, those of the refinement included; a trial with its gradient is one.
+    Half the squared cost is minimised by SLSQP inside the bounds: it is smooth where the miss distance itself has a
+    kink, at zero. Every rollout is a trial, those of the refinement included; a trial with its gradient is one.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -25,8 +25,8 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
     rng = np.random.default_rng(seed)
     while True:
         strikes = objective.admissible(objective.bounds.sample(rng, BATCH))
-        misses = [outcome.miss_distance for outcome in objective.batch(strikes)]
-        for i in np.argsort(misses, kind="stable")[:REFINED]:
+        costs = [outcome.cost for outcome in objective.batch(strikes)]
+        for i in np.argsort(costs, kind="stable")[:REFINED]:
             if refine(objective, strikes[i]):
                 return
 
@@ -53,7 +53,7 @@ def _keep_speeds(optimizer: nlopt.opt, objective: Objective) -> None:
 
 
 def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) -> bool:
-    """Follow the gradient from one strike; whether the miss distance came below `tolerance` [m]."""
+    """Follow the gradient from one strike; whether the cost came below `tolerance` [m]."""
     lower, upper = objective.bounds.box
     scale = upper - lower
     optimizer = nlopt.opt(nlopt.LD_SLSQP, len(lower))
@@ -72,8 +72,8 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
             ended.append(error)
             raise nlopt.ForcedStop from None
         if gradient.size:
-            gradient[:] = outcome.miss_distance * slope * scale
-        return outcome.miss_distance**2 / 2
+            gradient[:] = outcome.cost * slope * scale
+        return outcome.cost**2 / 2
 
     optimizer.set_min_objective(half_square)
     try:

@@ -34,16 +34,16 @@ def nlopt_search(objective: Objective, *, seed: int, algorithm: str) -> None:
     nlopt.srand(seed)
     ended: list[BaseException] = []
 
-    def miss_distance(x: np.ndarray, gradient: np.ndarray) -> float:
+    def cost(x: np.ndarray, gradient: np.ndarray) -> float:
         if not ended:  # some algorithms fill their first population before they see that they are to stop
             try:
-                return objective.trial(objective.admissible(x[None])[0]).miss_distance
+                return objective.trial(objective.admissible(x[None])[0]).cost
             except BaseException as error:
                 ended.append(error)
                 optimizer.force_stop()
         return math.inf
 
-    optimizer.set_min_objective(miss_distance)
+    optimizer.set_min_objective(cost)
     try:
         optimizer.optimize((lower + upper) / 2)
     except nlopt.ForcedStop:

@@ -15,7 +15,7 @@ from whiptool.errors import InputError
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import strike_names
-from whiptool.objective import Outcome, Trial
+from whiptool.objective import Arrival, Outcome, Trial
 from whiptool.whole_files import append_whole, write_whole
 
 TRIALS = "trials.csv"
@@ -29,10 +29,15 @@ class TrialLog:
         path: The file; made with its header if it is not there.
         arm: Names the columns.
         measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
+        arriving: The target asks for a direction or a speed: there are columns of how the tip arrived, NaN where a
+            strike was lost, and of the cost.
     """
 
-    def __init__(self, path: Path, arm: ArmParameters | SpatialArm, *, measured: bool = False) -> None:
-        self.path, self.n, self.dimension, self.measured = path, arm.n, arm.dimension, measured
+    def __init__(
+        self, path: Path, arm: ArmParameters | SpatialArm, *, measured: bool = False, arriving: bool = False
+    ) -> None:
+        self.path, self.n, self.dimension = path, arm.n, arm.dimension
+        self.measured, self.arriving = measured, arriving
         axes = "xyz"[: self.dimension]
         self._names = strike_names(arm)
         self._header = [
@@ -47,6 +52,7 @@ class TrialLog:
             *(f"max_torque_{joint}" for joint in arm.joints),
             "diverged",
             *(["miss_error"] if measured else []),
+            *(["arrival_angle", "arrival_speed", "cost"] if arriving else []),
         ]
 
     def read(self) -> list[Trial]:
@@ -105,7 +111,8 @@ class TrialLog:
             *map(repr, o.max_joint_speed),
             *map(repr, o.max_torque),
             int(o.diverged),
-            *([repr(math.nan if o.miss_error is None else o.miss_error)] if self.measured else []),
+            *([repr(_or_nan(o.miss_error))] if self.measured else []),
+            *(map(repr, _arrival_columns(o.arrival)) if self.arriving else []),
         ]
         new = not self.path.exists() or self.path.stat().st_size == 0
         append_whole(self.path, (_line(self._header) if new else "") + _line(row))
@@ -123,10 +130,29 @@ class TrialLog:
         rest = iter(numbers[start:])
         distance, hit, time = itertools.islice(rest, 3)
         tip, velocity, speeds, torques = (tuple(itertools.islice(rest, count)) for count in (d, d, n, n))
-        diverged, *error = rest
-        error = error[0] if error and not math.isnan(error[0]) else None
-        outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, bool(diverged), error)
+        diverged = bool(next(rest))
+        error = _known(next(rest)) if self.measured else None
+        arrival = _arrival(*rest) if self.arriving else None
+        outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, diverged, error, arrival)
         return Trial(number, tuple(numbers[1:start]), outcome)
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _arrival_columns(arrival: Arrival | None) -> tuple[float, float, float]:
+    """Angle, speed and cost as they stand in the file: NaN where there is none."""
+    return (math.nan,) * 3 if arrival is None else (_or_nan(arrival.angle), arrival.speed, arrival.cost)
+
+
+def _arrival(angle: float, speed: float, cost: float) -> Arrival | None:
+    """What `_arrival_columns` wrote."""
+    return None if math.isnan(cost) else Arrival(_known(angle), speed, cost)
 
 
 def _line(row: Sequence[object]) -> str:

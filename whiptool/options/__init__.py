@@ -22,8 +22,9 @@ from whiptool.options.budget import (
     TrainingOptions,
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
-from whiptool.options.scene import LONGEST_STAY, MODELS, ModelOptions, TargetOptions, ZoneOptions
+from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
+from whiptool.options.trajectory import TrajectoryOptions
 
 __all__ = [
     "LONGEST_STAY",
@@ -32,6 +33,7 @@ __all__ = [
     "MODELS",
     "WITHOUT_DERIVATIVES",
     "ControllerOptions",
+    "GoalOptions",
     "Integrator",
     "JsonOptions",
     "LawOptions",
@@ -51,6 +53,7 @@ __all__ = [
     "StepOptions",
     "TargetOptions",
     "TrainingOptions",
+    "TrajectoryOptions",
     "ZoneOptions",
     "flag",
     "flags",

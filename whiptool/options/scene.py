@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -9,7 +10,7 @@ from tyro.conf import arg
 
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY
-from whiptool.options.base import OptionGroup
+from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
@@ -47,6 +48,50 @@ class TargetOptions(OptionGroup):
 
         in_space = model is not None and model.dimension == 3
         return Target((*TARGET, 0.0) if in_space and self.target == TARGET else self.target, self.hit_radius)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalOptions(TargetOptions):
+    """What is struck at, and how the tip has to arrive there."""
+
+    direction: tuple[float, ...] | None = None
+    """The tip has to arrive along this vector x y, in space x y z, of any length; default: along any."""
+    arrival_angle: float | None = None
+    """The tip has to arrive at this angle [degrees]: in the plane it turns from forward to upward; in space, seen from
+    the base, 0 is upward and 90 to the left, and motion along the line of sight does not count."""
+    cone: float = 10.0
+    """The tip's velocity may be this far from the direction or angle [degrees]."""
+    least_speed: float | None = None
+    """The tip has to be at least this fast at the target [m/s], along the direction or angle where there is one."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.parameters import number
+
+        number("--cone", self.cone, low=0, high=180, strict=True)
+        if self.direction is not None and self.arrival_angle is not None:
+            raise InputError("--arrival-angle", self.arrival_angle, "--direction or --arrival-angle, not both")
+        if self.direction is None and self.arrival_angle is None:
+            refuse_idle(self, {"cone": "nothing without --direction or --arrival-angle"})
+        super().check()
+
+    def build_target(self, model: Model | None = None) -> Target:
+        """Target with what is asked of the tip's arrival.
+
+        Raises:
+            InputError: The direction is zero or of another dimension, or the arrival angle is not defined there.
+        """
+        from whiptool.target import Target
+
+        point, cone = super().build_target(model), math.radians(self.cone)
+        if model is None and self.target == type(self).target:
+            return point  # before the model is known, so is not how many coordinates there are
+        if self.arrival_angle is not None:
+            angle = math.radians(self.arrival_angle)
+            return Target.arriving(
+                point.position, angle, hit_radius=point.hit_radius, cone=cone, speed=self.least_speed
+            )
+        return replace(point, direction=self.direction, cone=cone, speed=self.least_speed)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,10 +22,13 @@ class ClosestApproach(NamedTuple):
     segment: np.ndarray
     share: np.ndarray
 
+    def along(self, values: np.ndarray) -> np.ndarray:
+        """Return by how much values (T, ...) of one path change over the segment of its closest approach, (...)."""
+        return values[self.segment + 1] - values[self.segment]
+
     def between(self, values: np.ndarray) -> np.ndarray:
         """Return what changes linearly along the segments of one path, (T, ...), at its closest approach, (...)."""
-        start, end = values[self.segment], values[self.segment + 1]
-        return start + self.share * (end - start)
+        return values[self.segment] + self.share * self.along(values)
 
 
 def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach:

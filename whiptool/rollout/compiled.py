@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from whiptool.dynamics.columns import outcome_columns, row_columns
+from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
 from whiptool.dynamics.modes import explicit_timestep
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
@@ -172,6 +172,30 @@ class CompiledRollout(Rollout):
         Returns:
             The approaches, and derivatives [m per unit of the parameter], (B, m).
         """
+        near, out, columns = self._forward(strikes, target, t_stay, names)
+        return near, out[:, :, columns["slope"]][..., 0]
+
+    def arrival_gradient(
+        self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
+    ) -> tuple[Approach, np.ndarray, np.ndarray]:
+        """Closest approaches and the exact derivatives of the tip's place and velocity there, by forward mode.
+
+        They hold that the closest approach moves along the segment between two steps, but not to another segment.
+
+        Args:
+            strikes, target, t_stay, names: As in `gradient`.
+
+        Returns:
+            The approaches, and the derivatives of the place [m per unit of the parameter] and of the velocity
+            [m/s per unit], (B, d, m) each.
+        """
+        near, out, columns = self._forward(strikes, target, t_stay, names)
+        return near, *(out[:, :, columns[f"{name}_slope"]].swapaxes(1, 2) for name in ("tip", "velocity"))
+
+    def _forward(
+        self, strikes: Strikes, target: Points, t_stay: float, names: Sequence[str] | None
+    ) -> tuple[Approach, np.ndarray, Columns]:
+        """The approaches, what the engine says along each of m directions, (B, m, width), and its columns."""
         strikes = strike_vectors(strikes, self.model.arm.n)
         names = list(strike_names(self.model.arm) if names is None else names)
         B, m = len(strikes), len(names)
@@ -184,7 +208,7 @@ class CompiledRollout(Rollout):
             part = slice(first, first + at_once)
             batch = self._forward_batch(strikes[part], targets[part], t_stay, directions)
             out[part] = self._engine(forward=True)(batch, threads=self._threads).out.reshape(-1, m, out.shape[2])
-        return _approach(out[:, 0], self.model.arm.n, self.model.dimension), out[:, :, columns["slope"]][..., 0]
+        return _approach(out[:, 0], self.model.arm.n, self.model.dimension), out, columns
 
     def tip_path(
         self,

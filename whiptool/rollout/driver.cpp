@@ -196,7 +196,7 @@ struct Stage {
 // Nearest point of the segments between successive tip positions, each a place with its velocity behind it.
 struct ClosestApproach {
   real squared = std::numeric_limits<double>::infinity();
-  real time = 0, tip[TIP] = {}, slope = 0;
+  real time = 0, tip[TIP] = {}, slope = 0, dtip[TIP] = {};
 
   // Of these lanes: the segment that begins at time t and lasts h; d.. are the tips' derivatives.
   void segment(mask lanes, const real* from, const real* to, real t, real h, const real* target, const real* dfrom,
@@ -219,6 +219,15 @@ struct ClosestApproach {
     real change = 0;
     for (int c = 0; c < DIMENSION; ++c) change += g[c] * (dfrom[c] + s * (dto[c] - dfrom[c]));
     slope = select(nearer, change / select(distance > 0, distance, real(1)), slope);
+    real dalong = 0, dlength2 = 0;
+    for (int c = 0; c < DIMENSION; ++c) {
+      const real dd = dto[c] - dfrom[c];
+      dalong += e[c] * dd - dfrom[c] * d[c], dlength2 += 2 * d[c] * dd;
+    }
+    const mask between = s > 0 && s < 1;  // the nearest point moves along the segment
+    const real ds = select(between, (dalong - s * dlength2) / select(between, length2, real(1)), real(0));
+    for (int i = 0; i < TIP; ++i)
+      dtip[i] = select(nearer, dfrom[i] + s * (dto[i] - dfrom[i]) + ds * (to[i] - from[i]), dtip[i]);
 #else
     (void)dfrom, (void)dto;
 #endif
@@ -451,6 +460,10 @@ struct Roll {
       out[OUT_diverged] = lane(select(diverged, real(1), real(0)), l);
       out[OUT_last_step] = static_cast<double>(done[l]);
       out[OUT_slope] = lane(closest.slope, l);
+      for (int c = 0; c < DIMENSION; ++c) {
+        out[OUT_tip_slope + c] = lane(closest.dtip[c], l);
+        out[OUT_velocity_slope + c] = lane(closest.dtip[DIMENSION + c], l);
+      }
       for (int j = 0; j < N_DRIVE; ++j) {
         out[OUT_max_joint_speed + j] = lane(fastest[j], l);
         out[OUT_max_torque + j] = lane(strongest[j], l);

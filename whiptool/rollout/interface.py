@@ -97,7 +97,23 @@ class Rollout(ABC):
         Raises:
             InputError: This rollout has none.
         """
-        raise InputError("simulator", self.engine, "one with derivatives", "use the compiled simulator")
+        raise self._without_derivatives()
+
+    def arrival_gradient(
+        self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
+    ) -> tuple[Approach, np.ndarray, np.ndarray]:
+        """Return the closest approaches, and the exact derivatives of the tip's place and velocity there.
+
+        Returns:
+            The approaches, the derivatives of the place and of the velocity, (B, d, m) each.
+
+        Raises:
+            InputError: This rollout has none.
+        """
+        raise self._without_derivatives()
+
+    def _without_derivatives(self) -> InputError:
+        return InputError("simulator", self.engine, "one with derivatives", "use the compiled simulator")
 
 
 def joined(approaches: Sequence[Approach]) -> Approach:

@@ -13,7 +13,7 @@ from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.dynamics.system import System
 from whiptool.rollout.batch import Batch, Rolled, empty_results
-from whiptool.rollout.closest import closest_on_segments
+from whiptool.rollout.closest import ClosestApproach, closest_on_segments
 
 _AT_ONCE = 64  # strikes whose steps are kept in memory
 _IN_A_ROW = 16  # steps that CasADi takes in one call
@@ -70,13 +70,15 @@ class InterpretedEngine:
         dpath = history.tip[-1][done, lane] if self.forward else np.zeros_like(path)
         out = rolled.out[b]
         nearest = closest_on_segments(path[:, :d], batch.target[b])
-        when, tip, moved = 0.0, np.zeros(2 * d), np.zeros(2 * d)
+        when, tip, moved, shifted = 0.0, np.zeros(2 * d), np.zeros(2 * d), np.zeros(2 * d)
         if len(t) > 1:
             when, tip, moved = (nearest.between(values) for values in (t[:, 0], path, dpath))
+            shifted = _share_slope(path[:, :d], dpath[:, :d], batch.target[b], nearest) * nearest.along(path)
         away = tip[:d] - batch.target[b]
         out[outcome["distance"]], out[outcome["time"]] = nearest.distance, when
         out[outcome["tip"]], out[outcome["velocity"]] = tip[:d], tip[d:]
         out[outcome["slope"]] = away @ moved[:d] / nearest.distance if nearest.distance > 0 else 0.0
+        out[outcome["tip_slope"]], out[outcome["velocity_slope"]] = np.split(moved + shifted, 2)
         out[outcome["diverged"]], out[outcome["last_step"]] = history.diverged[lane], history.last[lane]
         out[outcome["max_joint_speed"]] = np.abs(x[:, n : n + a]).max(axis=0)
         out[outcome["max_torque"]] = np.abs(tau).max(axis=0)
@@ -98,6 +100,21 @@ class InterpretedEngine:
             rolled.y[rows] = seen[0]
             if rolled.dy is not None:
                 rolled.dy[rows] = seen[1]
+
+
+def _share_slope(path: np.ndarray, dpath: np.ndarray, target: np.ndarray, nearest: ClosestApproach) -> float:
+    """Return how the share of the segment at which a path comes closest changes as the path moves.
+
+    Args:
+        path, dpath: Places (T, d) [m], and how they change.
+        target: (d,) [m].
+        nearest: Of the path to the target; at a segment's end the share does not change.
+    """
+    if not 0 < nearest.share < 1:
+        return 0.0
+    step, dstep = nearest.along(path), nearest.along(dpath)
+    away, moved = path[nearest.segment] - target, dpath[nearest.segment]
+    return -float(moved @ step + away @ dstep + 2 * nearest.share * (step @ dstep)) / float(step @ step)
 
 
 class _History:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -94,17 +96,13 @@ class ReferenceRollout(Rollout):
         a, n = self.model.arm.n, self.model.coordinates
         (vector,) = strike_vectors(strike, a)
         strike = Strike.from_vector(vector)
-        gave_up: list[str] = []  # what MuJoCo warns of: it resets the state, or drops the control, and goes on
         loop = None if self.controller.prescribed else self.controller.bind(self._arm, strike)
         grid = time_grid(
             np.array([strike.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
         )
         h, h_last, steps = (x[0].item() for x in grid[:3])
         hold = grid[3] if self.controller.control_period is not None else 0
-        mj, data = self._mj, self._data
-        mujoco.mj_resetData(mj, data)
-        start = start_posture(self.model, np.array([strike.q_i]))[0]
-        data.qpos[:] = start if self._rods is None else self._rods.positions(start)
+        mj, data = self.mj, self.hang(np.array(strike.q_i))
         times, q, v = np.empty(steps + 1), np.empty((steps + 1, n)), np.empty((steps + 1, n))
         tau, (tip, velocity) = np.empty((steps + 1, a)), np.empty((2, steps + 1, self.model.dimension))
         diverged, i, unrecorded = False, 0, 0
@@ -122,33 +120,27 @@ class ReferenceRollout(Rollout):
                 data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
             if unrecorded == i:
                 times[i], tau[i] = data.time, data.ctrl
-                q[i], v[i] = (data.qpos, data.qvel) if self._rods is None else self._rods.coordinates(data)
-                tip[i], velocity[i] = data.site_xpos[self._tip, self._axes], self._tip_velocity()
+                q[i], v[i] = self.coordinates()
+                tip[i], velocity[i] = self.tip()
                 unrecorded = i + 1
 
         own = data._address
-        with _callback:
-            mujoco.set_mjcb_control(act)
-            mujoco.set_mju_user_warning(gave_up.append)
-            try:
-                for i in range(steps + 1):
-                    t = i * h if i < steps else (i - 1) * h + h_last
-                    data.time = t
-                    mj.opt.timestep = h_last if i + 1 == steps else h
-                    if loop is None:
-                        data.qpos[:a], data.qvel[:a], _ = strike.reference(t)
-                    elif hold and i % hold == 0:
-                        data.ctrl[:] = loop.torque(t, data.qpos[:a], data.qvel[:a])
-                    if i == steps:
-                        mujoco.mj_forward(mj, data)
-                        break
-                    mujoco.mj_step(mj, data)
-                    if gave_up or not data.qvel @ data.qvel < FASTEST**2:
-                        diverged = True
-                        break
-            finally:
-                mujoco.set_mjcb_control(None)
-                mujoco.set_mju_user_warning(None)
+        with control_callback(act) as gave_up:
+            for i in range(steps + 1):
+                t = i * h if i < steps else (i - 1) * h + h_last
+                data.time = t
+                mj.opt.timestep = h_last if i + 1 == steps else h
+                if loop is None:
+                    data.qpos[:a], data.qvel[:a], _ = strike.reference(t)
+                elif hold and i % hold == 0:
+                    data.ctrl[:] = loop.torque(t, data.qpos[:a], data.qvel[:a])
+                if i == steps:
+                    mujoco.mj_forward(mj, data)
+                    break
+                mujoco.mj_step(mj, data)
+                if gave_up or not data.qvel @ data.qvel < FASTEST**2:
+                    diverged = True
+                    break
         done = slice(i + 1)
         return complete_trajectory(
             self.model,
@@ -161,6 +153,26 @@ class ReferenceRollout(Rollout):
             diverged=diverged,
             tip=(tip[done], velocity[done]),
         )
+
+    @property
+    def mj(self) -> mujoco.MjModel:
+        """MuJoCo's model, with a motor at each joint of the arm."""
+        return self._mj
+
+    def hang(self, q: np.ndarray) -> mujoco.MjData:
+        """Put the arm into a posture q (a,) [rad or m] at time 0, at rest, with the whip hanging; return the data."""
+        mujoco.mj_resetData(self._mj, self._data)
+        start = start_posture(self.model, q[None])[0]
+        self._data.qpos[:] = start if self._rods is None else self._rods.positions(start)
+        return self._data
+
+    def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the model's coordinates and their velocities in the present state, (n,) each."""
+        return (self._data.qpos, self._data.qvel) if self._rods is None else self._rods.coordinates(self._data)
+
+    def tip(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the tip is [m], and its velocity [m/s], (d,) each, once MuJoCo has computed the present state."""
+        return self._data.site_xpos[self._tip, self._axes], self._tip_velocity()
 
     def apply_forces(self, data: mujoco.MjData) -> None:
         """Write smoothed friction and drag, and the joints' torques of rods, into the data's applied forces."""
@@ -203,6 +215,24 @@ class ReferenceRollout(Rollout):
         return velocity[3:][self._axes]
 
 
+@contextmanager
+def control_callback(act: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> Iterator[list[str]]:
+    """Have MuJoCo call a function at every stage of its steps; one thread at a time, as the callback is one per process.
+
+    Yields:
+        What MuJoCo warns of meanwhile: it then resets the state, or drops the control, and goes on.
+    """
+    gave_up: list[str] = []
+    with _callback:
+        mujoco.set_mjcb_control(act)
+        mujoco.set_mju_user_warning(gave_up.append)
+        try:
+            yield gave_up
+        finally:
+            mujoco.set_mjcb_control(None)
+            mujoco.set_mju_user_warning(None)
+
+
 def check_integrator(name: str) -> None:
     """Refuse what is not one of MuJoCo's integrators.
 
@@ -221,11 +251,13 @@ class Replay:
         miss_distance: [m]; None if it diverged at every step that was tried.
         timestep: The last of them [s].
         confirmed: Whether that is within `AGREEMENT` of what was expected.
+        velocity: Of the tip at the closest approach [m/s], (d,); None if it diverged.
     """
 
     miss_distance: float | None
     timestep: float
     confirmed: bool
+    velocity: np.ndarray | None = None
 
 
 AGREEMENT = 3e-4  # [m], of miss distances in the two simulators
@@ -239,15 +271,16 @@ def replay(
     An explicit integrator under a controller whose gain grows with the error can be wrong without diverging; a strike
     is only called unconfirmed when an eighth of the usual step does not agree either.
     """
-    rollout, distance = ReferenceRollout(model, controller), None
+    rollout, distance, velocity = ReferenceRollout(model, controller), None, None
     for attempt in range(4):
         if attempt:
             rollout = ReferenceRollout(model, controller, timestep=rollout.timestep / 2)
         path = rollout.trajectory(strike, t_stay=t_stay)
-        distance = None if path.diverged else float(path.approach(target).distance[0])
+        near = None if path.diverged else path.approach(target)
+        distance, velocity = (None, None) if near is None else (float(near.distance[0]), near.velocity[0])
         if distance is not None and abs(distance - expected) <= AGREEMENT:
-            return Replay(distance, rollout.timestep, True)
-    return Replay(distance, rollout.timestep, False)
+            return Replay(distance, rollout.timestep, True, velocity)
+    return Replay(distance, rollout.timestep, False, velocity)
 
 
 def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:

@@ -130,6 +130,11 @@ class Trajectory:
         """Distance between tip and target at every instant [m], (T,)."""
         return np.linalg.norm(self.tip - target_points(target, 1, self.tip.shape[1])[0], axis=1)
 
+    def since(self, begin: float) -> Trajectory:
+        """Return the part from a time on [s]; its times are measured from there."""
+        part = {f.name: getattr(self, f.name)[self.t >= begin] for f in fields(self) if f.name != "diverged"}
+        return Trajectory(**{**part, "t": part["t"] - begin, "diverged": self.diverged})
+
     def save(self, path: Path) -> None:
         """Write an NPZ file, without pickle."""
         arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}

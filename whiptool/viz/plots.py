@@ -24,6 +24,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target, as_target
+from whiptool.viz.direction import LOOK, asked_of, draw_direction
 from whiptool.viz.plots_space import draw_views, plot_in_space
 from whiptool.viz.posture import at_times
 from whiptool.viz.style import COLORS, CYCLE, JOINT_COLORS, STYLE, TIME, legend_above, length_text, save_figure
@@ -159,6 +160,9 @@ def _draw_target(ax: Axes, goal: Target) -> None:
     ax.add_patch(Circle(disc, goal.hit_radius, fill=False, edgecolor=rim, linewidth=1.6, zorder=3))
     label = f"target, hit radius {goal.hit_radius:g} m"
     ax.plot([], [], "o", color="#F8E1B0", markeredgecolor=rim, markersize=9, label=label)
+    if goal.direction is not None:
+        draw_direction(ax, goal)
+        ax.plot([], [], "-", label=asked_of(goal), **LOOK)
 
 
 def _draw_nearest(ax: Axes, trajectory: Trajectory, model: Model, t_near: float) -> None:
@@ -329,12 +333,7 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
 
 
 def save_strike_figures(
-    folder: str | Path,
-    trajectory: Trajectory,
-    model: Model,
-    target: np.ndarray,
-    hit_radius: float,
-    controller_label: str,
+    folder: str | Path, trajectory: Trajectory, model: Model, target: Target, controller_label: str
 ) -> list[Path]:
     """Write `strike.png`, `distance.png`, `tracking.png`, `torque.png` and, if there are gains, `gains.png`.
 
@@ -342,21 +341,20 @@ def save_strike_figures(
         folder: Where to; it is made if missing.
         trajectory: The strike.
         model: The model that it was rolled out with.
-        target: Position (2,), in space (3,) [m].
-        hit_radius: The tip hits within this distance [m].
+        target: What was to be hit.
         controller_label: What the figures call the controller.
 
     Returns:
         The files.
     """
-    goal, joints = Target(tuple(target), hit_radius), model.arm.joints
+    joints = model.arm.joints
     slides = _slides(model)
     with matplotlib.rc_context(STYLE):
         sizes = {"distance": _DISTANCE_SIZE, "tracking": (7.6, 6.4), "torque": _DISTANCE_SIZE}
         sizes |= {"gains": (7.6, 6.4)} if trajectory.K.any() or trajectory.B.any() else {}
         figures = {name: Figure(size, layout="constrained") for name, size in sizes.items()}
-        figures["strike"] = _strike_figure(trajectory, model, goal)
-        plot_distance(trajectory, goal, ax=figures["distance"].subplots())
+        figures["strike"] = _strike_figure(trajectory, model, target)
+        plot_distance(trajectory, target, ax=figures["distance"].subplots())
         plot_tracking(figures["tracking"].subplots(2, sharex=True), trajectory, joints, slides=slides)
         plot_torque(figures["torque"].subplots(), trajectory, joints, slides=slides)
         if "gains" in figures:

@@ -24,6 +24,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from whiptool.models.parameters import Model
 from whiptool.rollout.trajectory import Trajectory
 from whiptool.target import Target, as_target
+from whiptool.viz.direction import LOOK, asked_of, draw_direction, draw_direction_in_space
 from whiptool.viz.posture import arm_and_whip, at_times
 from whiptool.viz.style import COLORS, SPEED, legend_above, length_text
 
@@ -134,6 +135,7 @@ def plot_projection(ax: Axes, strike: Drawn, plane: Plane) -> Axes:
     centre = (place[i], place[j])
     ax.add_patch(Circle(centre, radius, facecolor=COLORS["orange"], alpha=0.3, edgecolor="none", zorder=1))
     ax.add_patch(Circle(centre, radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
+    draw_direction(ax, strike.target, shown)
     low, high = strike.box
     ax.set(xlabel=AXES[i], ylabel=AXES[j], xlim=(low[i], high[i]), ylim=(low[j], high[j]))
     ax.set_aspect("equal", adjustable="box")
@@ -152,6 +154,7 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
         ax.plot(places[:, 0], places[:, 1], low[2], linewidth=width, **floor)
     ax.plot(*np.transpose([place, [place[0], place[1], low[2]]]), color=COLORS["orange"], linewidth=0.9, linestyle=":")
     plot_ball(ax, strike.target)
+    draw_direction_in_space(ax, strike.target)
     for posture, style in _posture_styles(strike):
         ax.plot(*posture.T, **style)
     before = _segments(strike.before[0])
@@ -224,7 +227,8 @@ def draw_views(figure: Figure, trajectory: Trajectory, model: Model, target: Tar
     strike = drawn(trajectory, model, target)
     low, high = strike.box
     wide, deep, tall = (high - low) * _LONGEST / (high - low).max()  # [in]
-    left, right, top, bottom, beside, below = 0.75, 1.0, 1.0, 0.65, 0.3, 0.6  # [in]
+    second_row = 0 if strike.target.direction is None else 0.22  # of the legend [in]
+    left, right, top, bottom, beside, below = 0.75, 1.0, 1.0 + second_row, 0.65, 0.3, 0.6  # [in]
     width, height = left + wide + beside + deep + right, top + tall + below + deep + bottom
     figure.set_size_inches(width, height)
     grid = GridSpec(
@@ -280,6 +284,8 @@ def _posture_styles(strike: Drawn) -> list[tuple[np.ndarray, dict[str, Any]]]:
     target = {**dots, "color": "#F8E1B0", "markeredgecolor": COLORS["orange"], "markersize": 9}
     label = f"target, hit radius {strike.target.hit_radius:g} m"
     lines.append((np.full((1, 3), np.nan), {**target, "label": label}))
+    if strike.target.direction is not None:
+        lines.append((np.full((1, 3), np.nan), {**LOOK, "label": asked_of(strike.target)}))
     return lines
 
 

@@ -1,0 +1,131 @@
+"""Joint trajectories for robots: the parts of one, limits, files."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from whiptool.errors import InputError
+from whiptool.models.joint_trajectory import JointTrajectory, lead_in_time
+from whiptool.models.spatial_arm import JointLimits
+from whiptool.models.strike import Strike
+
+STRIKE = Strike((-1.2, 0.9), (1.2, 0.3), 0.7005)
+JOINTS = ("shoulder", "elbow")
+LIMITS = (JointLimits((-3, 3), 8.0, 40.0, 900.0), JointLimits((-3, 3), 4.0, 20.0, 400.0))
+POSTURE = (0.4, -0.5)
+
+
+def trajectory(**options) -> JointTrajectory:
+    return JointTrajectory.of_strike(STRIKE, JOINTS, **{"limits": LIMITS, "rest": 1.0, "t_stay": 0.2, **options})
+
+
+def test_way_rest_strike_and_stay_follow_each_other():
+    found = trajectory(start=POSTURE, rate=250)
+    begins = found.strike_begins
+    assert begins == pytest.approx(lead_in_time(np.array(POSTURE), np.array(STRIKE.q_i), LIMITS) + 1, abs=0.008)
+    np.testing.assert_allclose(np.diff(found.t), 1 / 250)
+    np.testing.assert_allclose(found.q[0], POSTURE)
+    resting = (found.t > begins - 0.99) & (found.t <= begins)
+    assert not found.v[resting].any()
+    np.testing.assert_allclose(found.q[resting], np.tile(STRIKE.q_i, (resting.sum(), 1)))
+    during = found.t >= begins
+    for values, expected in zip((found.q, found.v, found.a), STRIKE.reference(found.t[during] - begins), strict=True):
+        np.testing.assert_allclose(values[during], expected, atol=1e-9)
+    assert found.t[-1] - begins >= STRIKE.D + 0.2 - 1e-9
+    np.testing.assert_allclose(found.q[-1], STRIKE.q_f)
+    assert not found.v[-1].any()
+
+
+def test_velocities_and_accelerations_are_derivatives_of_positions():
+    found = trajectory(start=POSTURE, rate=2000)
+    inside = slice(2, -2)
+    np.testing.assert_allclose(np.gradient(found.q, found.t, axis=0)[inside], found.v[inside], atol=2e-4)
+    corner = 60 * 2.4 / STRIKE.D**3 / 2000 / 2  # the jerk jumps where parts meet
+    np.testing.assert_allclose(np.gradient(found.v, found.t, axis=0)[inside], found.a[inside], atol=corner)
+
+
+def test_the_way_to_the_start_uses_a_fifth_of_the_limits():
+    """Whichever of them asks for the longest time is used wholly, of speed, acceleration and jerk by differences."""
+    start, end = np.array([0.0, 0.0]), np.array([2.0, -1.0])
+    for limits in (LIMITS, (JointLimits(), JointLimits()), (JointLimits(velocity=0.5), JointLimits(jerk=1.0))):
+        T = lead_in_time(start, end, limits)
+        t = np.linspace(0, T, 20_001)
+        _, v, a = Strike(tuple(start), tuple(end), T).reference(t)
+        jerk = np.diff(a, axis=0) / np.diff(t)[:, None]
+        used = []
+        for j, limit in enumerate(limits):
+            used.append(np.abs(v[:, j]).max() / min(limit.velocity / 5, 1.0))
+            used.append(np.abs(a[:, j]).max() / min(limit.acceleration / 5, 2.0))
+            used.append(np.abs(jerk[:, j]).max() / (limit.jerk / 5))
+        assert max(used) == pytest.approx(1, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        (JointLimits(velocity=6.0), "velocity of shoulder is [+]6.42.*its limit is 6"),
+        (JointLimits(acceleration=25.0), "acceleration of shoulder is [-+]28.*its limit is 25"),
+        (JointLimits(jerk=400.0), "jerk of shoulder is .*its limit is 400"),
+        (JointLimits((-1.0, 3.0)), r"position of shoulder is -1.200; its limit is -1 to 3"),
+    ],
+)
+def test_what_is_beyond_a_limit_is_told(limit, said):
+    """The strike's largest speed is 15/8 span/D, its largest acceleration 10/sqrt(3) span/D^2."""
+    import re
+
+    assert 15 / 8 * 2.4 / STRIKE.D == pytest.approx(6.42, abs=0.01)
+    assert 10 / math.sqrt(3) * 2.4 / STRIKE.D**2 == pytest.approx(28.2, abs=0.1)
+    found = trajectory()
+    assert found.beyond((JointLimits(), JointLimits())) is None
+    assert found.beyond(()) is None
+    assert re.search(said, found.beyond((limit, JointLimits())) or "")
+
+
+def test_csv_is_read_back_to_the_last_digit(tmp_path):
+    found = trajectory(start=POSTURE)
+    found.save_csv(tmp_path / "strike.csv")
+    assert (tmp_path / "strike.csv").read_text().startswith("time,position_shoulder,position_elbow,velocity_shoulder,")
+    read = JointTrajectory.load_csv(tmp_path / "strike.csv")
+    assert read.joints == JOINTS
+    for name in ("t", "q", "v", "a"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(found, name))
+
+
+def test_a_goal_has_the_fields_of_ros(tmp_path):
+    found = trajectory(rest=0.5)
+    found.save_goal(tmp_path / "strike.yaml")
+    goal = yaml.safe_load((tmp_path / "strike.yaml").read_text())["trajectory"]
+    assert goal["joint_names"] == list(JOINTS)
+    points = goal["points"]
+    assert len(points) == len(found.t)
+    seconds = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
+    np.testing.assert_allclose(seconds, found.t, atol=1e-9)
+    assert all(isinstance(p["time_from_start"]["nanosec"], int) for p in points)
+    for field, values in (("positions", found.q), ("velocities", found.v), ("accelerations", found.a)):
+        np.testing.assert_array_equal([p[field] for p in points], values)
+
+
+@pytest.mark.parametrize("text", ["", "time,position_a\n0,1\n", "t,q\n0,1\n1,2\n", "a,b\n\x00"])
+def test_what_is_no_trajectory_gets_one_line(text, tmp_path):
+    path = tmp_path / "no.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match="^trajectory: got "):
+        JointTrajectory.load_csv(path)
+    with pytest.raises(InputError, match="^trajectory: got "):
+        JointTrajectory.load_csv(tmp_path / "none.csv")
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(InputError, match="^joints: got .*the names of 2 joints"):
+        JointTrajectory.of_strike(STRIKE, ("shoulder",))
+    with pytest.raises(InputError, match="^start posture: got .*2 finite numbers"):
+        trajectory(start=(0.0,))
+    with pytest.raises(InputError, match="^rate"):
+        trajectory(rate=0)
+    flat = np.zeros((3, 2))
+    with pytest.raises(InputError, match="increasing from 0"):
+        JointTrajectory(JOINTS, np.array([0.0, 1.0, 1.0]), flat, flat, flat)

@@ -1,0 +1,147 @@
+"""Goals with a direction and a speed: angles, frames, hits, costs and their derivatives."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from whiptool.goals import Goals, arrival_directions
+
+RADIUS, CONE, SPEED = 0.05, math.radians(10), 6.0
+
+
+def random_goals(d: int, count: int = 200, *, seed: int = 0, sight: bool = False, speed: float | None = SPEED) -> Goals:
+    rng = np.random.default_rng(seed)
+    positions = rng.normal(size=(count, d))
+    if sight:
+        directions, sights = arrival_directions(positions, rng.uniform(-math.pi, math.pi, count))
+    else:
+        directions, sights = rng.normal(size=(count, d)), None
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return Goals(positions, RADIUS, directions, CONE, speed, sights)
+
+
+def test_the_arrival_angle_is_that_of_the_published_frame():
+    """z' from target to base, x' up, y' = z' x x', angle = atan2(v y', v x'), written out for each target."""
+    rng = np.random.default_rng(1)
+    positions, angles = rng.normal(size=(50, 3)), rng.uniform(-math.pi, math.pi, 50)
+    directions, sights = arrival_directions(positions, angles)
+    assert sights is not None
+    for position, angle, direction, sight in zip(positions, angles, directions, sights, strict=True):
+        z = -position / math.hypot(*position)
+        x = np.array([0, 0, 1.0]) - z[2] * z
+        x /= math.hypot(*x)
+        y = np.cross(z, x)
+        assert math.atan2(direction @ y, direction @ x) == pytest.approx(angle)
+        assert direction @ direction == pytest.approx(1)
+        np.testing.assert_allclose(sight, z)
+        assert abs(direction @ sight) < 1e-12
+
+
+def test_upward_and_leftward_at_a_target_straight_ahead():
+    ahead = np.tile([1.5, 0.0, 0.0], (3, 1))
+    directions, _ = arrival_directions(ahead, np.radians([0, 90, 180]))
+    np.testing.assert_allclose(directions, [[0, 0, 1], [0, 1, 0], [0, 0, -1]], atol=1e-15)
+    directions, sights = arrival_directions(np.ones((2, 2)), np.radians([0, 90]))
+    np.testing.assert_allclose(directions, [[1, 0], [0, 1]], atol=1e-15)
+    assert sights is None
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_angle_and_speed_are_those_of_the_velocity(d: int):
+    goals, rng = random_goals(d), np.random.default_rng(2)
+    assert goals.directions is not None
+    v = 5 * rng.normal(size=(200, d))
+    along = (v * goals.directions).sum(axis=1)
+    np.testing.assert_allclose(np.cos(goals.angle(v)), along / np.linalg.norm(v, axis=1), atol=1e-12)
+    np.testing.assert_allclose(goals.arrival_speed(v), along)
+    fast = Goals(goals.positions, RADIUS, speed=SPEED)
+    np.testing.assert_allclose(fast.arrival_speed(v), np.linalg.norm(v, axis=1))
+    assert np.isnan(fast.angle(v)).all()
+
+
+def test_motion_along_the_line_of_sight_does_not_count_for_the_angle():
+    goals, rng = random_goals(3, sight=True), np.random.default_rng(3)
+    assert goals.sights is not None
+    v = rng.normal(size=(200, 3))
+    moved = v + rng.normal(size=(200, 1)) * goals.sights
+    np.testing.assert_allclose(goals.angle(moved), goals.angle(v), atol=1e-9)
+    np.testing.assert_allclose(goals.arrival_speed(moved), goals.arrival_speed(v), atol=1e-12)
+
+
+def test_a_hit_is_all_that_is_asked():
+    goals = Goals(np.zeros((1, 2)), RADIUS, np.array([[1.0, 0.0]]), CONE, SPEED)
+    inside, outside = math.radians(9.9), math.radians(10.1)
+
+    def hit(distance: float, angle: float, speed: float) -> bool:
+        v = speed / abs(math.cos(angle)) * np.array([[math.cos(angle), math.sin(angle)]])
+        return bool(goals.hit(np.array([distance]), v)[0])
+
+    assert hit(0.049, inside, 6.01)
+    assert hit(0.049, -inside, 6.01)
+    assert not hit(0.051, inside, 6.01)
+    assert not hit(0.049, outside, 6.01)
+    assert not hit(0.049, -outside, 6.01)
+    assert not hit(0.049, inside, 5.99)
+    assert not hit(0.049, inside + math.pi, 6.01)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("sight", [False, True])
+def test_each_residual_is_the_hit_radius_where_a_hit_ends(d: int, sight: bool):
+    """The direction's at an angle of one cone, the speed's at rest; beyond, costs grow up to the stated largest."""
+    goals = random_goals(d, sight=sight and d == 3)
+    assert goals.directions is not None
+    rng = np.random.default_rng(4)
+    across = rng.normal(size=goals.positions.shape)
+    hidden = [goals.directions] if goals.sights is None else [goals.directions, goals.sights]
+    for unit in hidden:
+        across -= (across * unit).sum(axis=1, keepdims=True) * unit
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    v = 9 * (math.cos(CONE) * goals.directions + math.sin(CONE) * across)
+    left = goals.residuals(goals.positions, v)
+    np.testing.assert_allclose(np.linalg.norm(left[:, d : 2 * d], axis=1), RADIUS)
+    np.testing.assert_allclose(left[:, -1], 0)  # 8.9 m/s are enough
+    half = goals.residuals(goals.positions, SPEED / 2 * goals.directions)
+    np.testing.assert_allclose(half[:, -1], RADIUS / 2)
+    np.testing.assert_allclose(half[:, : 2 * d], 0, atol=1e-15)
+    worst = goals.cost(np.zeros(200), -goals.directions)
+    np.testing.assert_allclose(worst, goals.largest_cost)
+    anything = goals.cost(np.zeros(200), rng.normal(size=(200, d)))
+    assert (anything <= goals.largest_cost + 1e-12).all()
+    assert goals.cost(np.zeros(200), np.zeros((200, d))) == pytest.approx(goals.largest_cost)  # at rest
+
+
+def test_the_cost_is_the_residuals_norm_and_of_points_the_distance():
+    goals, rng = random_goals(3), np.random.default_rng(5)
+    tip, v = goals.positions + 0.1 * rng.normal(size=(200, 3)), rng.normal(size=(200, 3))
+    distance = np.linalg.norm(tip - goals.positions, axis=1)
+    np.testing.assert_allclose(goals.cost(distance, v), np.linalg.norm(goals.residuals(tip, v), axis=1))
+    points = Goals(goals.positions, RADIUS)
+    assert points.cost(distance, v) is distance
+    assert points.only_points
+    assert points.largest_cost == 0
+
+
+@pytest.mark.parametrize("sight", [False, True])
+@pytest.mark.parametrize("asked", ["both", "direction", "speed"])
+def test_derivatives_of_residuals_against_differences(asked: str, sight: bool):
+    """Of tips and velocities that move along random curves; clipped speeds have none."""
+    d, m, rng = 3, 4, np.random.default_rng(6)
+    goals = random_goals(d, sight=sight, speed=None if asked == "direction" else SPEED)
+    if asked == "speed":
+        goals = Goals(goals.positions, RADIUS, speed=SPEED)
+    tip, v = rng.normal(size=(200, d)), 3 * rng.normal(size=(200, d))
+    dtip, dv = rng.normal(size=(2, 200, d, m))
+    slopes, h = goals.residual_slopes(v, dtip, dv), 1e-6
+    for j in range(m):
+        ahead = goals.residuals(tip + h * dtip[..., j], v + h * dv[..., j])
+        behind = goals.residuals(tip - h * dtip[..., j], v - h * dv[..., j])
+        np.testing.assert_allclose(slopes[..., j], (ahead - behind) / (2 * h), atol=2e-7, rtol=1e-6)
+    if asked != "direction":
+        speed = goals.arrival_speed(v)
+        short = (speed > 0) & (speed < SPEED)
+        assert 0.2 < short.mean() < 1  # some of each
+        assert not slopes[~short, -1].any()

@@ -1,0 +1,182 @@
+"""What strikes are asked for beside a point: a direction in which the tip arrives, and a least speed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.errors import InputError
+
+CONE = math.radians(10.0)  # half-angle, as in "Point It, Strike It" (2026)
+_ALONG = 1e-6  # sine of the angle from the vertical below which a line of sight has no upward direction across it
+
+
+@dataclass(frozen=True, eq=False)
+class Goals:
+    """Goals of B strikes, or one goal of them all (B = 1), in d = 2 or 3 dimensions.
+
+    Args:
+        positions: Of the targets [m], (B, d).
+        hit_radius: A target is hit when the tip comes this close [m].
+        directions: Unit vectors along which the tip has to arrive, (B, d); None: any.
+        cone: Largest angle between the direction and the tip's velocity at the closest approach [rad].
+        speed: Least speed then [m/s], along the direction where there is one; None: any.
+        sights: Unit vectors at right angles to the directions, (B, d): velocity along them does not count for the
+            angle; None: the whole velocity counts.
+    """
+
+    positions: np.ndarray
+    hit_radius: float
+    directions: np.ndarray | None = None
+    cone: float = CONE
+    speed: float | None = None
+    sights: np.ndarray | None = None
+
+    @property
+    def only_points(self) -> bool:
+        """Whether neither a direction nor a speed is asked for."""
+        return self.directions is None and self.speed is None
+
+    @property
+    def largest_cost(self) -> float:
+        """What arriving as badly as can be adds in quadrature to the miss distance [m]; zero if only points are."""
+        of_direction = 0.0 if self.directions is None else 1 / math.sin(self.cone / 2)
+        of_speed = 0.0 if self.speed is None else 1.0
+        return self.hit_radius * math.hypot(of_direction, of_speed)
+
+    def angle(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the angle between direction and velocity [rad], (B,); NaN where no direction is asked for.
+
+        Args:
+            velocity: Of the tip [m/s], (B, d).
+        """
+        if self.directions is None:
+            return np.full(len(velocity), np.nan)
+        seen = self._seen(velocity)
+        along = _dot(seen, self.directions)
+        return np.arctan2(np.linalg.norm(seen - along[:, None] * self.directions, axis=1), along)
+
+    def arrival_speed(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the speed along the direction [m/s], (B,), negative if against it; without direction the speed."""
+        if self.directions is None:
+            return np.linalg.norm(velocity, axis=1)
+        return _dot(velocity, self.directions)
+
+    def hit(self, distance: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return whether distances (B,) [m] and velocities (B, d) [m/s] at the closest approach are as asked, (B,)."""
+        hit = distance <= self.hit_radius
+        if self.directions is not None:
+            hit &= self.angle(velocity) <= self.cone
+        if self.speed is not None:
+            hit &= self.arrival_speed(velocity) >= self.speed
+        return hit
+
+    def residuals(self, tip: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return what is left between strikes and goals [m], (B, r); their norm is the cost that searches minimise.
+
+        The tip's place from the target; the hit radius times the chord between the velocity's direction and the one
+        asked for, in units of the cone's; the hit radius times the share of the speed that is missing, at most all of
+        it. Each of the three parts is at most the hit radius of a hit.
+
+        Args:
+            tip, velocity: Of the tip at the closest approach [m], [m/s], (B, d).
+        """
+        parts = [tip - self.positions]
+        if self.directions is not None:
+            seen = self._seen(velocity)
+            length = np.linalg.norm(seen, axis=1, keepdims=True)
+            unit = np.divide(seen, length, out=-np.broadcast_to(self.directions, seen.shape), where=length > 0)
+            parts.append(self._chord * (unit - self.directions))
+        if self.speed is not None:
+            missing = np.clip(1 - self.arrival_speed(velocity) / self.speed, 0, 1)
+            parts.append(self.hit_radius * missing[:, None])
+        return np.concatenate(parts, axis=1)
+
+    def cost(self, distance: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the norm of the residuals [m], (B,); of goals that are only points it is the distance itself.
+
+        Args:
+            distance: Of the tip from the target at the closest approach [m], (B,).
+            velocity: Of the tip then [m/s], (B, d).
+        """
+        if self.only_points:
+            return distance
+        of_arrival = self.residuals(np.broadcast_to(self.positions, velocity.shape), velocity)
+        return np.hypot(distance, np.linalg.norm(of_arrival, axis=1))
+
+    def residual_slopes(self, velocity: np.ndarray, dtip: np.ndarray, dvelocity: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the residuals by m parameters, (B, r, m).
+
+        Args:
+            velocity: Of the tip at the closest approach [m/s], (B, d).
+            dtip, dvelocity: Derivatives of its place and velocity there, (B, d, m).
+        """
+        parts = [dtip]
+        if self.directions is not None:
+            seen, dseen = self._seen(velocity), dvelocity
+            if self.sights is not None:
+                along = np.einsum("bd,bdm->bm", np.broadcast_to(self.sights, velocity.shape), dvelocity)
+                dseen = dvelocity - self.sights[:, :, None] * along[:, None, :]
+            length = np.linalg.norm(seen, axis=1)[:, None]
+            unit = np.divide(seen, length, out=np.zeros_like(seen), where=length > 0)
+            across = dseen - unit[:, :, None] * np.einsum("bd,bdm->bm", unit, dseen)[:, None, :]
+            of_unit = np.divide(across, length[..., None], out=np.zeros_like(across), where=length[..., None] > 0)
+            parts.append(self._chord * of_unit)
+        if self.speed is not None:
+            along, dalong = self._speed_slope(velocity, dvelocity)
+            short = (along > 0) & (along < self.speed)
+            parts.append(np.where(short[:, None], -self.hit_radius / self.speed * dalong, 0.0)[:, None, :])
+        return np.concatenate(parts, axis=1)
+
+    @property
+    def _chord(self) -> float:
+        """Residual per chord of unit vectors [m]: the hit radius where velocity and direction are a cone apart."""
+        return self.hit_radius / (2 * math.sin(self.cone / 2))
+
+    def _seen(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the part of velocities (B, d) that counts for the angle."""
+        return velocity if self.sights is None else velocity - _dot(velocity, self.sights)[:, None] * self.sights
+
+    def _speed_slope(self, velocity: np.ndarray, dvelocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the arrival speeds (B,) and their derivatives (B, m)."""
+        speed = self.arrival_speed(velocity)
+        unit = self.directions
+        if unit is None:
+            unit = np.divide(velocity, speed[:, None], out=np.zeros_like(velocity), where=speed[:, None] > 0)
+        return speed, np.einsum("bd,bdm->bm", np.broadcast_to(unit, velocity.shape), dvelocity)
+
+
+def arrival_directions(positions: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the directions of arrival angles, (B, d), and the lines of sight, (B, d).
+
+    In space, z' points from the target to the base, x' is the upward direction made perpendicular to it, y' = z' x x';
+    the angle turns from x' to y' ("Point It, Strike It", 2026), and velocity along z' does not count. In the plane, the
+    angle turns from x, forward, to y, up, and all of the velocity counts.
+
+    Args:
+        positions: Of targets [m], (B, d), from the base.
+        angles: [rad], (B,).
+
+    Raises:
+        InputError: A target in space lies above or below the base, or at it.
+    """
+    cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    if positions.shape[1] == 2:
+        return np.concatenate([cosine, sine], axis=1), None
+    distance = np.linalg.norm(positions, axis=1, keepdims=True)
+    aside = np.linalg.norm(positions[:, :2], axis=1, keepdims=True)
+    bad = np.flatnonzero(aside <= _ALONG * distance)
+    if len(bad):
+        given = tuple(map(float, positions[bad[0]]))
+        raise InputError("arrival angle at", given, "a target that is not above or below the base, or a direction")
+    z = -positions / distance
+    up = np.array([0.0, 0.0, 1.0]) - z[:, 2:] * z
+    x = up / np.linalg.norm(up, axis=1, keepdims=True)
+    return cosine * x + sine * np.cross(z, x), z
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the products of vectors (B, d), row by row, (B,)."""
+    return np.einsum("bd,bd->b", a, np.broadcast_to(b, a.shape))

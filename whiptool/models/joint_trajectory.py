@@ -1,0 +1,217 @@
+"""Joint trajectories for robots: a strike with a way to its start and a rest before it, as CSV or as a ROS 2 goal."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.numbers import number, numbers
+from whiptool.models.spatial_arm import JointLimits
+from whiptool.models.strike import FASTEST, Strike
+from whiptool.whole_files import write_whole
+
+RATE = 500.0  # [1/s], of a UR5e's servos
+REST = 3.0  # [s] in which the whip comes to hang still
+GENTLE = 0.2  # share of the joints' limits that the way to the start uses
+SPEED, ACCELERATION = 1.0, 2.0  # [rad/s or m/s], [rad/s2 or m/s2] of the way to the start at most
+_LARGEST_ACCELERATION = 10 / math.sqrt(3)  # of a minimum-jerk path (Eq. 1), in spans per squared duration
+_LARGEST_JERK = 60.0  # likewise, per cubed duration
+_QUANTITIES = ("position", "velocity", "acceleration")
+_ROUNDING = 1e-9  # by which a sample may be beyond a limit
+
+
+@dataclass(frozen=True, eq=False)
+class JointTrajectory:
+    """Where an arm's n joints are commanded to be at T instants.
+
+    Args:
+        joints: Names.
+        t: Times [s], (T,), from 0, increasing.
+        q, v, a: Positions [rad or m], velocities and accelerations, (T, n) each.
+
+    Raises:
+        InputError: Shapes do not match, a value is not finite, or times do not increase from 0.
+    """
+
+    joints: tuple[str, ...]
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+    def __post_init__(self) -> None:
+        shape = (len(self.t), len(self.joints))
+        for name in ("q", "v", "a"):
+            values = getattr(self, name)
+            if values.shape != shape or not np.isfinite(values).all():
+                raise InputError(f"trajectory's {name}", values.shape, f"finite numbers of the shape {shape}")
+        if len(self.t) < 2 or self.t[0] != 0 or not (np.diff(self.t) > 0).all():
+            raise InputError("trajectory's times", self.t[:3].tolist(), "two instants or more, increasing from 0")
+
+    def __repr__(self) -> str:
+        return f"JointTrajectory({len(self.t)} instants of {len(self.joints)} joints, {self.t[-1]:.3f} s)"
+
+    @classmethod
+    def of_strike(
+        cls,
+        strike: Strike,
+        joints: Sequence[str],
+        *,
+        start: Sequence[float] | None = None,
+        limits: Sequence[JointLimits] = (),
+        rate: float = RATE,
+        rest: float = REST,
+        t_stay: float = 0.0,
+    ) -> JointTrajectory:
+        """Return the way from a posture to a strike's start, a rest, the strike's reference (Eq. 1), and a stay.
+
+        Args:
+            strike: What is to be struck.
+            joints: Names of its n joints.
+            start: Present posture [rad or m], (n,); default: the strike's start, so that there is no way to it.
+            limits: Of each joint; see `lead_in_time`. Default: none.
+            rate: Samples a second [1/s]; parts of the trajectory begin at samples.
+            rest: Between the way and the strike [s], at least.
+            t_stay: At the end, after the strike [s], at least.
+
+        Raises:
+            InputError: A value is out of range, or of another number of joints.
+        """
+        n = len(strike.q_i)
+        if len(joints) != n:
+            raise InputError("joints", tuple(joints), f"the names of {n} joints")
+        step = 1 / number("rate", rate, low=1)
+        here = np.array(strike.q_i if start is None else numbers("start posture", tuple(start), n))
+        way = Strike(tuple(here), strike.q_i, lead_in_time(here, np.array(strike.q_i), limits) or step)
+        parts = [way.reference(_instants(way.D, step))] if start is not None else []
+        parts.append(strike.reference(np.zeros(_samples(number("rest", rest, low=0), step))))
+        parts.append(strike.reference(_instants(strike.D, step)))
+        parts.append(strike.reference(np.full(_samples(number("t_stay", t_stay, low=0), step) + 1, np.inf)))
+        q, v, a = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return cls(tuple(joints), np.arange(len(q)) * step, q, v, a)
+
+    @property
+    def strike_begins(self) -> float:
+        """Time of the last rest before the last movement [s]: when a strike begins."""
+        moving = np.flatnonzero(self.v.any(axis=1))
+        if not len(moving):
+            return float(self.t[-1])
+        resting = np.flatnonzero(~self.v[: moving[-1]].any(axis=1))
+        return float(self.t[resting[-1]]) if len(resting) else 0.0
+
+    def beyond(self, limits: Sequence[JointLimits]) -> str | None:
+        """Return what is farthest beyond a limit of position, velocity, acceleration or jerk, in words.
+
+        The jerk is that of differences of the accelerations. None: nothing is.
+
+        Args:
+            limits: Of each joint, (n,); empty: there are none.
+        """
+        limits = limits or [JointLimits()] * len(self.joints)
+        jerk = np.diff(self.a, axis=0, prepend=self.a[:1]) / np.diff(self.t, prepend=-1.0)[:, None]
+        worst, said = _ROUNDING, None
+        for j, (joint, limit) in enumerate(zip(self.joints, limits, strict=True)):
+            low, high = limit.position
+            half = (high - low) / 2 if math.isfinite(high - low) else 1.0
+            used = {
+                "position": (
+                    np.maximum(low - self.q[:, j], self.q[:, j] - high) / half,
+                    self.q,
+                    f"{low:g} to {high:g}",
+                ),
+                "velocity": (np.abs(self.v[:, j]) / limit.velocity - 1, self.v, f"{limit.velocity:g}"),
+                "acceleration": (np.abs(self.a[:, j]) / limit.acceleration - 1, self.a, f"{limit.acceleration:g}"),
+                "jerk": (np.abs(jerk[:, j]) / limit.jerk - 1, jerk, f"{limit.jerk:g}"),
+            }
+            for quantity, (excess, values, allowed) in used.items():
+                i = int(excess.argmax())
+                if excess[i] > worst:
+                    worst = excess[i]
+                    value = f"{values[i, j]:+.3f}; its limit is {allowed}"
+                    said = f"at {self.t[i]:.3f} s the {quantity} of {joint} is {value}"
+        return said
+
+    def save_csv(self, path: Path) -> None:
+        """Write a CSV file at full precision: `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_header(self.joints))
+        for row in np.column_stack([self.t, self.q, self.v, self.a]).tolist():
+            writer.writerow(map(repr, row))
+        write_whole(path, text.getvalue())
+
+    @classmethod
+    def load_csv(cls, path: Path) -> JointTrajectory:
+        """Read what `save_csv` wrote.
+
+        Raises:
+            InputError: There is no such file, it is none of these, or a number is missing.
+        """
+        try:
+            header, *rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+            values = np.array([[float(x) for x in row] for row in rows])
+        except (OSError, ValueError, UnicodeDecodeError) as error:
+            raise InputError("trajectory", str(path), f"a CSV file of numbers with a header ({error})"[:200]) from None
+        names = [name.removeprefix("position_") for name in header if name.startswith("position_")]
+        if header != _header(names) or values.ndim != 2 or values.shape[1] != len(header):
+            raise InputError(
+                "trajectory", str(path), "the columns time, position_JOINT ..., velocity_..., acceleration_..."
+            )
+        q, v, a = np.split(values[:, 1:], 3, axis=1)
+        return cls(tuple(names), values[:, 0], q, v, a)
+
+    def save_goal(self, path: Path) -> None:
+        """Write the goal of a ROS 2 `FollowJointTrajectory` action as YAML, with the fields of `trajectory_msgs`."""
+        import yaml
+
+        points = [
+            {"positions": q, "velocities": v, "accelerations": a, "time_from_start": _duration(t)}
+            for t, q, v, a in zip(self.t, self.q.tolist(), self.v.tolist(), self.a.tolist(), strict=True)
+        ]
+        goal = {"trajectory": {"joint_names": list(self.joints), "points": points}}
+        write_whole(path, yaml.safe_dump(goal, sort_keys=False, default_flow_style=None, width=10_000))
+
+
+def lead_in_time(start: np.ndarray, end: np.ndarray, limits: Sequence[JointLimits] = ()) -> float:
+    """Return how long the way between two postures takes [s].
+
+    It is a minimum-jerk path, no faster than 1 rad/s, 2 rad/s2 and a fifth of the joints' limits.
+
+    Args:
+        start, end: Postures [rad or m], (n,).
+        limits: Of each joint, (n,); default: none.
+    """
+    longest = 0.0
+    for span, limit in zip(np.abs(end - start), limits or [JointLimits()] * len(start), strict=True):
+        by_velocity = FASTEST * span / min(GENTLE * limit.velocity, SPEED)
+        by_acceleration = math.sqrt(_LARGEST_ACCELERATION * span / min(GENTLE * limit.acceleration, ACCELERATION))
+        by_jerk = (_LARGEST_JERK * span / (GENTLE * limit.jerk)) ** (1 / 3)
+        longest = max(longest, by_velocity, by_acceleration, by_jerk)
+    return longest
+
+
+def _samples(duration: float, step: float) -> int:
+    """Number of whole steps that last at least so long."""
+    return math.ceil(duration / step - _ROUNDING)
+
+
+def _instants(duration: float, step: float) -> np.ndarray:
+    """The samples of a part, from its beginning; its end is the next part's first."""
+    return np.arange(_samples(duration, step)) * step
+
+
+def _header(joints: Sequence[str]) -> list[str]:
+    return ["time", *(f"{quantity}_{joint}" for quantity in _QUANTITIES for joint in joints)]
+
+
+def _duration(t: float) -> dict[str, int]:
+    """A time [s] as `builtin_interfaces/Duration`."""
+    nanoseconds = round(1e9 * float(t))
+    return {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}

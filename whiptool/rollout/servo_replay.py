@@ -1,0 +1,90 @@
+"""A joint trajectory played by MuJoCo's position servos: what a robot would make of an exported strike."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.interpolate import BPoly
+
+from whiptool.dynamics.stepping import FASTEST
+from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
+from whiptool.impedance.position import PositionControl
+from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
+from whiptool.rollout.mujoco_import import mujoco
+from whiptool.rollout.reference import ReferenceRollout, control_callback
+from whiptool.rollout.trajectory import Trajectory
+
+BANDWIDTH = 30.0  # [Hz], of the servos
+ROTOR = 0.1  # [kg m2], inertia of a geared motor seen at its joint, as MuJoCo Menagerie has it for the UR5e
+
+
+def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: float = BANDWIDTH) -> Trajectory:
+    """Return what arm and whip do while servos follow a joint trajectory, at every step of MuJoCo.
+
+    Each joint has a servo of MuJoCo's law, kp (u - q) - kv v, critically damped for its inertia at the start, to which
+    that of its geared motor is added: without it a light wrist cannot be held stiffly against the whip. Between the
+    trajectory's samples servos follow the quintic through their positions, velocities and accelerations; the set point
+    u is as far ahead of it as such servos lag behind. The whip hangs still at the beginning.
+
+    Args:
+        model: Arm and whip.
+        trajectory: Of the arm's joints, in their order.
+        bandwidth: Natural frequency of the servos [Hz].
+
+    Raises:
+        InputError: The trajectory is of other joints, or a number is out of range.
+    """
+    if trajectory.joints != tuple(model.arm.joints):
+        rule = f"those of the arm of {model.name}: {', '.join(model.arm.joints)}"
+        raise InputError("joints of the trajectory", trajectory.joints, rule)
+    omega = 2 * math.pi * number("bandwidth", bandwidth, low=0, strict=True)
+    rollout, path = ReferenceRollout(model, Controller(PositionControl())), _smooth(trajectory)
+    data, mj, a = rollout.hang(trajectory.q[0]), rollout.mj, model.arm.n
+    _fit_servos(mj, data, omega, a)
+    end, steps = float(trajectory.t[-1]), math.ceil(trajectory.t[-1] / rollout.timestep - 1e-9)
+    t = np.minimum(np.arange(steps + 1) * rollout.timestep, end)
+    q, v = np.empty((2, steps + 1, model.coordinates))
+    tau, (tip, velocity) = np.empty((steps + 1, a)), np.empty((2, steps + 1, model.dimension))
+
+    def act(_: mujoco.MjModel, acting: mujoco.MjData) -> None:
+        if acting._address != own:  # the callback is one per process: leave other simulations alone
+            return
+        at = min(data.time, end)
+        data.ctrl[:] = path(at) + 2 / omega * path(at, 1) + path(at, 2) / omega**2
+        if rollout.has_forces:
+            rollout.apply_forces(data)
+
+    own, i, mj.opt.timestep = data._address, 0, rollout.timestep
+    with control_callback(act) as gave_up:
+        for i in range(steps + 1):
+            mujoco.mj_forward(mj, data)
+            (q[i], v[i]), (tip[i], velocity[i]) = rollout.coordinates(), rollout.tip()
+            tau[i] = data.actuator_force
+            if gave_up or not data.qvel @ data.qvel < FASTEST**2 or i == steps:
+                break
+            mujoco.mj_step(mj, data)
+    done, none = slice(i + 1), np.zeros((i + 1, a, a))
+    wanted = path(t[done]), path(t[done], 1)
+    diverged = i < steps
+    return Trajectory(t[done], q[done], v[done], *wanted, tau[done], none, none, tip[done], velocity[done], diverged)
+
+
+def _smooth(trajectory: JointTrajectory) -> BPoly:
+    """Return the quintic through positions, velocities and accelerations at all instants."""
+    return BPoly.from_derivatives(trajectory.t, np.stack([trajectory.q, trajectory.v, trajectory.a], axis=1))
+
+
+def _fit_servos(mj: mujoco.MjModel, data: mujoco.MjData, omega: float, a: int) -> None:
+    """Make the arm's motors geared position servos of a natural frequency [rad/s], critically damped."""
+    mj.dof_armature[:a] += ROTOR
+    mujoco.mj_forward(mj, data)
+    M = np.empty((mj.nv, mj.nv))
+    mujoco.mj_fullM(mj, data, M)
+    inertia = np.diag(M)[:a]
+    mj.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_AFFINE
+    mj.actuator_gainprm[:, 0] = inertia * omega**2
+    mj.actuator_biasprm[:, 1], mj.actuator_biasprm[:, 2] = -inertia * omega**2, -2 * inertia * omega
