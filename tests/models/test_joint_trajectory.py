@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -75,9 +76,8 @@ def test_the_way_to_the_start_uses_a_fifth_of_the_limits():
 )
 def test_what_is_beyond_a_limit_is_told(limit, said):
     """The strike's largest speed is 15/8 span/D, its largest acceleration 10/sqrt(3) span/D^2."""
-    import re
-
-    assert 15 / 8 * 2.4 / STRIKE.D == pytest.approx(6.42, abs=0.01)
+    largest = 15 / 8 * 2.4 / STRIKE.D
+    assert largest == pytest.approx(6.42, abs=0.01)
     assert 10 / math.sqrt(3) * 2.4 / STRIKE.D**2 == pytest.approx(28.2, abs=0.1)
     found = trajectory()
     assert found.beyond((JointLimits(), JointLimits())) is None
@@ -113,18 +113,18 @@ def test_a_goal_has_the_fields_of_ros(tmp_path):
 def test_what_is_no_trajectory_gets_one_line(text, tmp_path):
     path = tmp_path / "no.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match="^trajectory: got "):
+    with pytest.raises(InputError, match=r"^trajectory: got "):
         JointTrajectory.load_csv(path)
-    with pytest.raises(InputError, match="^trajectory: got "):
+    with pytest.raises(InputError, match=r"^trajectory: got "):
         JointTrajectory.load_csv(tmp_path / "none.csv")
 
 
 def test_bad_arguments_are_named():
-    with pytest.raises(InputError, match="^joints: got .*the names of 2 joints"):
+    with pytest.raises(InputError, match=r"^joints: got .*the names of 2 joints"):
         JointTrajectory.of_strike(STRIKE, ("shoulder",))
-    with pytest.raises(InputError, match="^start posture: got .*2 finite numbers"):
+    with pytest.raises(InputError, match=r"^start posture: got .*2 finite numbers"):
         trajectory(start=(0.0,))
-    with pytest.raises(InputError, match="^rate"):
+    with pytest.raises(InputError, match=r"^rate"):
         trajectory(rate=0)
     flat = np.zeros((3, 2))
     with pytest.raises(InputError, match="increasing from 0"):

@@ -1,4 +1,4 @@
-"""An exported strike through MuJoCo's position servos: the same motion, and the same miss, as under position control."""
+"""An exported strike through MuJoCo's position servos: motion and miss are those of position control."""
 
 from __future__ import annotations
 
@@ -53,5 +53,5 @@ def test_the_torques_are_those_of_the_motion_and_of_the_rotors(exact):
 
 def test_a_trajectory_of_other_joints_is_refused():
     commanded = JointTrajectory.of_strike(STRIKE, ("a", "b"))
-    with pytest.raises(InputError, match="^joints of the trajectory: got .*shoulder, elbow"):
+    with pytest.raises(InputError, match=r"^joints of the trajectory: got .*shoulder, elbow"):
         replay_trajectory(LEMON, commanded)
