@@ -92,7 +92,9 @@ def test_an_arrival_angle_needs_an_upward_direction_across_the_line_of_sight():
 
 def test_no_tip_moves_outward_where_arm_and_whip_are_stretched():
     reach = SPACE.reach
-    with pytest.raises(InputError, match=r"^direction: got .*at right angles, within the cone of 10 degrees"):
+    with pytest.raises(
+        InputError, match=r"^direction: got .*at right angles to the line from the base, within the cone of 10 degrees"
+    ):
         Target((reach, 0.0, 0.0), direction=(1.0, 0.3, 0.0)).check_reach(SPACE)
     Target((reach, 0.0, 0.0), direction=(0.1, 1.0, 0.0)).check_reach(SPACE)
     Target((reach - 0.01, 0.0, 0.0), direction=(1.0, 0.0, 0.0)).check_reach(SPACE)

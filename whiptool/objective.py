@@ -308,7 +308,8 @@ class Objective:
         """Outcome of one strike vector, a trial like any other, and the exact derivatives of its cost.
 
         Returns:
-            The outcome, and d cost / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged or was refused. For a trial that is answered from a log they are computed again.
+            The outcome, and d cost / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged or was refused.
+            For a trial that is answered from a log they are computed again.
 
         Raises:
             InputError: The simulator has no derivatives.

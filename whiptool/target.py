@@ -153,12 +153,10 @@ class Target:
             return
         outward = abs(float(np.dot(self.direction, self.position))) / distance
         if self.sight is None and outward > math.sin(min(self.cone, math.pi / 2)):
-            raise InputError(
-                "direction",
-                tuple(round(x, 4) for x in self.direction),
-                f"at right angles, within the cone of {math.degrees(self.cone):g} degrees, to the line from the base to "
-                f"a target at {distance:.4g} m, where arm and whip are stretched to their reach of {model.reach:.4g} m",
-            )
+            cone, given = math.degrees(self.cone), tuple(round(x, 4) for x in self.direction)
+            rule = f"at right angles to the line from the base, within the cone of {cone:g} degrees"
+            why = f"the target is {distance:.4g} m away, where arm and whip are stretched to their reach"
+            raise InputError("direction", given, rule, why)
 
 
 def _unit(name: str, vector: Sequence[float], dimension: int) -> tuple[float, ...]:

@@ -18,6 +18,7 @@ from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.session import Rig
 from whiptool.rollout.compiled import TIMESTEP, CompiledRollout
+from whiptool.target import Target, as_target
 
 _JOINED = 4  # frames that a path is joined from, at least
 _GAP = 2.5  # frames
@@ -117,7 +118,7 @@ class TipPort:
 
     Args:
         twin: The whip.
-        target: For the miss distance [m].
+        target: For the miss distance: a `Target`, or its place [m].
         fps: [1/s]
         t_stay: The strike is watched so long after the movement ended [s].
         timestep: Of the integrator [s].
@@ -126,13 +127,13 @@ class TipPort:
     def __init__(
         self,
         twin: Twin,
-        target: tuple[float, ...],
+        target: Target | Sequence[float],
         *,
         fps: float = 60.0,
         t_stay: float = T_STAY,
         timestep: float = TIMESTEP,
     ) -> None:
-        self.twin, self.target, self.fps, self.t_stay = twin, target, fps, t_stay
+        self.twin, self.target, self.fps, self.t_stay = twin, as_target(target).position, fps, t_stay
         self._rollout = CompiledRollout(twin.model, twin.controller, timestep=timestep)
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:

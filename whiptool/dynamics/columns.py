@@ -32,7 +32,8 @@ def outcome_columns(a: int, dimension: int) -> Columns:
     """Return the columns of what an engine says of each strike, for a drive of `a` joints, in the plane or in space.
 
     The miss distance, its time, the tip's velocity and place there, whether the lane broke off, its last step, the
-    derivative of the miss distance, those of the tip's place and velocity there, and each drive joint's largest speed and torque, lowest and highest position.
+    derivative of the miss distance, those of the tip's place and velocity there, and each drive joint's largest speed
+    and torque, lowest and highest position.
     """
     sizes = {
         "distance": 1,

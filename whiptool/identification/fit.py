@@ -25,7 +25,7 @@ __all__ = ["Fit", "Options", "RecordingFit", "best_nodes", "choose_nodes", "fit"
 
 
 def fit(
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording] | Recording,
     plant: Identifiable | Model,
     free: Sequence[str],
     *,
@@ -35,7 +35,7 @@ def fit(
     """Fit free numbers of a plant to recordings, by maximum likelihood or, with a prior, a posteriori.
 
     Args:
-        recordings: To fit.
+        recordings: To fit, some or one.
         plant: Where the first start begins; what is not free stays as it is. Of a `Model`, the controller is that of
             the recordings.
         free: Names of numbers of the plant, or of nuisance that all recordings share; `k` will do for `whip.k`.
@@ -46,6 +46,8 @@ def fit(
         InputError: A name is unknown or several numbers', nothing is free, or a recording lacks what the drive needs.
     """
     began, options = time.perf_counter(), options or Options()
+    if not isinstance(recordings, Sequence):
+        recordings = [recordings]
     if not free:
         raise InputError("free parameters", "none", "one or more names", "such as whip.k")
     if isinstance(plant, Model):

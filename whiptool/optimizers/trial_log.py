@@ -147,7 +147,7 @@ def _known(value: float) -> float | None:
 
 def _arrival_columns(arrival: Arrival | None) -> tuple[float, float, float]:
     """Angle, speed and cost as they stand in the file: NaN where there is none."""
-    return (math.nan,) * 3 if arrival is None else (_or_nan(arrival.angle), arrival.speed, arrival.cost)
+    return (math.nan, math.nan, math.nan) if arrival is None else (_or_nan(arrival.angle), arrival.speed, arrival.cost)
 
 
 def _arrival(angle: float, speed: float, cost: float) -> Arrival | None:

@@ -37,7 +37,7 @@ class StrikeRecording:
         t_points: Middle of each point's exposure [s], (T, M) or what broadcasts to it (a rolling shutter reads rows at
             different times); default: t for all.
         exposure: A point is the mean of its marker's path over this span around `t_points` [s].
-        strike: What was commanded.
+        strike: What was commanded, a `Strike`, or its vector, (2 a + 1,), which is kept as one.
         controller: Of the arm: a `Controller`, which is kept as its table, or that table as
             `whiptool.impedance.files.controller_to_table` writes it.
         joints_t: Times of the joint log [s], (S,), strictly increasing.
@@ -58,7 +58,7 @@ class StrikeRecording:
     sigma: np.ndarray = field(default=None)  # type: ignore[assignment]  # never None once constructed
     t_points: np.ndarray = field(default=None)  # type: ignore[assignment]  # likewise
     exposure: float = 0.0
-    strike: Strike | None = None
+    strike: Strike | Any = None  # always a Strike once constructed, or None
     controller: dict | Any = None
     joints_t: np.ndarray | None = None
     joints_q: np.ndarray | None = None
@@ -109,6 +109,8 @@ class StrikeRecording:
             if target.ndim != 1 or len(target) not in (2, 3) or not (np.abs(target) <= FARTHEST).all():
                 raise InputError("target", target.tolist(), f"2 or 3 coordinates within {FARTHEST:g} m")
             put("target", tuple(target.tolist()))
+        if self.strike is not None and not isinstance(self.strike, Strike):
+            put("strike", Strike.from_vector(self.strike))
         if self.controller is not None:
             put("controller", _plain_table(self.controller))
         if (self.joints_t is None) != (self.joints_q is None):

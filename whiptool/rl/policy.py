@@ -38,11 +38,13 @@ class Policy:
         """Return the strike that the policy makes first at a target: its mean action, seen from rest.
 
         Raises:
-            InputError: The target is of another dimension than the model.
+            InputError: The target is of another dimension than the model, or outside the zone that the policy learned.
         """
-        place = as_target(target).position
-        if len(place) != self.task.zone.dimension:
-            raise InputError("target", place, f"{self.task.zone.dimension} coordinates, as the model has")
+        place, zone = as_target(target).position, self.task.zone
+        if len(place) != zone.dimension:
+            raise InputError("target", place, f"{zone.dimension} coordinates, as the model has")
+        if not zone.contains(np.array(place)):
+            raise InputError("target", place, f"one of the policy's zone, {zone}", "train with a wider --zone-radius")
         seen = torch.as_tensor(self.task.normalise(self.task.first_look(np.array([place]))), dtype=torch.float32)
         action = self.learner.act(seen, deterministic=True).numpy().astype(float)
         return Strike.from_vector(self.task.to_strikes(action)[0])

@@ -20,7 +20,15 @@ from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY, Strike, strike_names
 from whiptool.rollout.batch import Batch, Engine
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
-from whiptool.rollout.interface import Points, Rollout, Strikes, joined, strike_vectors, target_points
+from whiptool.rollout.interface import (
+    Points,
+    Rollout,
+    Strikes,
+    joined,
+    one_strike_vector,
+    strike_vectors,
+    target_points,
+)
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 
 TIMESTEP = 2.5e-4  # [s]; benchmarks/accuracy.py shows why
@@ -190,7 +198,8 @@ class CompiledRollout(Rollout):
             [m/s per unit], (B, d, m) each.
         """
         near, out, columns = self._forward(strikes, target, t_stay, names)
-        return near, *(out[:, :, columns[f"{name}_slope"]].swapaxes(1, 2) for name in ("tip", "velocity"))
+        dtip, dvelocity = (out[:, :, columns[f"{name}_slope"]].swapaxes(1, 2) for name in ("tip", "velocity"))
+        return near, dtip, dvelocity
 
     def _forward(
         self, strikes: Strikes, target: Points, t_stay: float, names: Sequence[str] | None
@@ -287,7 +296,7 @@ class CompiledRollout(Rollout):
 
     def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """The whole strike, at every step of the integrator."""
-        return next(self.trajectories(strike, t_stay=t_stay))
+        return next(self.trajectories(one_strike_vector(strike, self.model.arm.n), t_stay=t_stay))
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
         """The whole of many strikes, one after the other; only a few are in memory at a time."""

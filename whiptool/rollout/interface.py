@@ -41,6 +41,18 @@ def strike_vectors(strikes: Strikes, joints: int) -> np.ndarray:
     return vectors
 
 
+def one_strike_vector(strike: Strike | np.ndarray, joints: int) -> np.ndarray:
+    """Return one strike as a vector, (2 a + 1,).
+
+    Raises:
+        InputError: They are several, or see `strike_vectors`.
+    """
+    vectors = strike_vectors(strike, joints)
+    if len(vectors) != 1:
+        raise InputError("strikes", len(vectors), "one", "of several, take trajectories(strikes)")
+    return vectors[0]
+
+
 class Rollout(ABC):
     """Strikes in, what the tip did out. Whoever has one, has any: search, learner, planner.
 

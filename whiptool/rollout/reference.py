@@ -18,7 +18,7 @@ from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY, Strike
-from whiptool.rollout.interface import Rollout, strike_vectors
+from whiptool.rollout.interface import Rollout, one_strike_vector
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.mujoco_rods import MujocoRods
@@ -94,8 +94,7 @@ class ReferenceRollout(Rollout):
             InputError: The strike is of another arm, or needs too many steps.
         """
         a, n = self.model.arm.n, self.model.coordinates
-        (vector,) = strike_vectors(strike, a)
-        strike = Strike.from_vector(vector)
+        strike = Strike.from_vector(one_strike_vector(strike, a))
         loop = None if self.controller.prescribed else self.controller.bind(self._arm, strike)
         grid = time_grid(
             np.array([strike.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
@@ -171,7 +170,7 @@ class ReferenceRollout(Rollout):
         return (self._data.qpos, self._data.qvel) if self._rods is None else self._rods.coordinates(self._data)
 
     def tip(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the tip is [m], and its velocity [m/s], (d,) each, once MuJoCo has computed the present state."""
+        """Return where the tip is [m], and its velocity [m/s], (d,) each; MuJoCo has to have computed the state."""
         return self._data.site_xpos[self._tip, self._axes], self._tip_velocity()
 
     def apply_forces(self, data: mujoco.MjData) -> None:
@@ -217,7 +216,7 @@ class ReferenceRollout(Rollout):
 
 @contextmanager
 def control_callback(act: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> Iterator[list[str]]:
-    """Have MuJoCo call a function at every stage of its steps; one thread at a time, as the callback is one per process.
+    """Have MuJoCo call a function at every stage of its steps; one thread at a time, as a process has one callback.
 
     Yields:
         What MuJoCo warns of meanwhile: it then resets the state, or drops the control, and goes on.
