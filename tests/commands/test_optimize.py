@@ -30,6 +30,7 @@ KEYS = {
     "hit",
     "hit_time",
     "tip_speed",
+    "arrival",
     "n_trials",
     "n_diverged",
     "wall_time",

@@ -98,7 +98,6 @@ def _main(args: Sequence[str] | None) -> int:
             return run.report(run.search())
 
 
-_STAY = 0.5  # [s] for which an exported trajectory holds the strike's end
 _NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "speed": None}
 
 
@@ -195,7 +194,7 @@ class _Run:
         label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
-        export_trajectory(self.options, self.model, self.controller, result.strike)
+        export_trajectory(self.options, self.model, self.controller, result.strike, t_stay=self.options.t_stay)
         return status
 
     def _replay(self, result) -> dict:
@@ -380,7 +379,9 @@ def _arrival_in_mujoco(reference: dict) -> str:
     return f"; arrives at {', '.join(said)}" if said else ""
 
 
-def export_trajectory(options: TrajectoryOptions, model: Model, controller: Controller, strike: Strike) -> None:
+def export_trajectory(
+    options: TrajectoryOptions, model: Model, controller: Controller, strike: Strike, *, t_stay: float
+) -> None:
     """Write a strike for a robot, if the options ask for it, and say what kind of robot makes the same strike of it.
 
     Raises:
@@ -388,7 +389,7 @@ def export_trajectory(options: TrajectoryOptions, model: Model, controller: Cont
     """
     if options.export_trajectory is None:
         return
-    options.write_trajectory(options.build_trajectory(model, strike, _STAY))
+    options.write_trajectory(options.build_trajectory(model, strike, t_stay))
     follows = "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
     print(f"wrote {options.export_trajectory}{follows}", file=sys.stderr)
 

@@ -152,7 +152,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         folder.write_result(summary)
         files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
     if options.export_trajectory is not None:
-        export_trajectory(options, model, controller, strike)
+        export_trajectory(options, model, controller, strike, t_stay=options.t_stay)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
         return
