@@ -106,7 +106,7 @@ def test_what_cannot_be_a_trajectory_gets_one_line(capsys):
 
 
 def test_a_strike_beyond_the_arms_limits_is_not_written(capsys):
-    strike = ["--strike", *"-3 -1.6 0 0 0 0 3 -1.6 0 0 0 0 0.4".split()]
+    strike = ["--strike", "-3", "-1.6", *["0"] * 4, "3", "-1.6", *["0"] * 4, "0.4"]
     words = ["--model", "ur5e", "--controller", "position", "--no-video", "--target", "0.9", "0", "0.3"]
     assert simulate.main([*words, *strike, "--export-trajectory", "strike.csv"]) == 2
     error = capsys.readouterr().err
