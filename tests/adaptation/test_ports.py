@@ -9,8 +9,9 @@ import pytest
 
 from whiptool.adaptation.loop import Adaptation, Options
 from whiptool.adaptation.planner import Effort
-from whiptool.adaptation.ports import Seen, checked, seen_of
+from whiptool.adaptation.ports import Seen, TipPort, checked, seen_of
 from whiptool.adaptation.prior import default_prior
+from whiptool.adaptation.twins import draw_twin
 from whiptool.errors import InputError
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
@@ -89,3 +90,9 @@ def test_a_bare_recording_is_refused_by_the_loop():
     adaptation = Adaptation(prior, Careless(), Target((1.2, 0.1)), Options(first=brief))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="seen_of"):
         adaptation.run()
+
+
+def test_a_twin_s_target_is_a_target_or_its_place():
+    model, controller = preset("lemon2024"), Controller()
+    twin = draw_twin("kin", 0, model, controller)
+    assert TipPort(twin, Target((1.2, 0.1))).target == TipPort(twin, [1.2, 0.1]).target == (1.2, 0.1)

@@ -9,6 +9,7 @@ from recordings import T, full, places, times
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.files import controller_from_table, controller_to_table
+from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 
 # ---------------------------------------------------------------- the recording itself
@@ -74,3 +75,10 @@ def test_a_controller_is_kept_as_its_table():
     assert controller_from_table(given.controller) == controller
     with pytest.raises(InputError, match="allowed: a Controller, or its table with the key law"):
         StrikeRecording(times(), places(), ("tip", "handle"), controller="oiac")
+
+
+def test_a_strike_may_be_its_vector():
+    vector = np.array([-1.2, 0.9, 1.2, 0.3, 0.7])
+    assert dataclasses.replace(full(), strike=vector).strike == Strike.from_vector(vector)
+    with pytest.raises(InputError, match=r"^strike"):
+        dataclasses.replace(full(), strike=vector[:4])

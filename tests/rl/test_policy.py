@@ -7,9 +7,11 @@ import pytest
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
+from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
-from whiptool.rl.policy import trials_to_hit
+from whiptool.rl.policy import Policy, trials_to_hit
 from whiptool.rl.task import StrikeTask
+from whiptool.target import Target
 from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
@@ -45,3 +47,13 @@ def test_it_ends_when_everything_is_hit():
     learner = Scripted(task, [])
     trials, hit = trials_to_hit(learner, task, np.array([[0.7, 0.0], [1.5, 0.0]]), cap=9)  # type: ignore[arg-type]
     assert (trials.tolist(), hit.tolist(), len(learner.asked)) == ([1, 1], [True, True], 1)
+
+
+def test_a_policy_strikes_within_the_zone_that_it_learned():
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS)  # type: ignore[arg-type]
+    policy = Policy(Scripted(task, []), task)  # type: ignore[arg-type]
+    assert policy.strike((1.0, 0.1)) == policy.strike(Target((1.0, 0.1)))
+    with pytest.raises(InputError, match=r"^target: got \(1.2, 0.2\); allowed: one of the policy's zone"):
+        policy.strike((1.2, 0.2))
+    with pytest.raises(InputError, match="2 coordinates"):
+        policy.strike((1.0, 0.1, 0.0))

@@ -85,3 +85,10 @@ def test_approaches_are_joined_in_order():
     assert both.diverged.tolist() == [False, True]
     assert both.error is None
     assert joined([one(1.0, 0.1), one(2.0, 0.2)]).error.tolist() == [0.1, 0.2]
+
+
+@pytest.mark.parametrize("kind", [CompiledRollout, ReferenceRollout])
+def test_a_trajectory_is_of_one_strike(kind):
+    rollout = kind(preset("lemon2024"), Controller(ConstantImpedance()))
+    with pytest.raises(InputError, match=r"^strikes: got 2; allowed: one; of several, take trajectories\(strikes\)"):
+        rollout.trajectory(np.array([[-1.2, 0.9, 1.2, 0.3, 0.7]] * 2))
