@@ -11,7 +11,7 @@ from fake_rollout import SPEED, StraightFlight
 
 from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
-from whiptool.objective import Objective, SearchStopped, probability_within
+from whiptool.objective import Arrival, Objective, SearchStopped, probability_within
 from whiptool.target import Target
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 1.0, 0.3, 0.8, 1.0))
@@ -181,6 +181,59 @@ def test_gradients_are_trials():
     assert outcome.diverged
     assert not slope.any()
     assert len(o.trials) == 2
+
+
+def arriving(**asked) -> Target:
+    """A target straight ahead, 0.1 m around; the tip passes it at its own azimuth, at 2 m/s."""
+    return Target((1.2, 0.0), 0.1, **asked)
+
+
+def test_a_hit_arrives_as_the_target_asks():
+    """Azimuths of 0, 3 and 4.5 degrees pass within 0.1 m; asked are 7 degrees, to 3.5, and speeds."""
+    azimuths = np.radians([0, 3, 4.5, 7])
+    strikes = np.array([[a, 0, 0, 0, 0.7] for a in azimuths])
+    ahead = (math.cos(math.radians(7)), math.sin(math.radians(7)))
+    o = objective(target=arriving(direction=ahead, cone=math.radians(3.5)))
+    outcomes = o.batch(strikes)
+    assert [x.hit for x in outcomes] == [False, False, True, False]
+    for x, a in zip(outcomes, azimuths, strict=True):
+        assert x.arrival is not None
+        assert x.arrival.angle == pytest.approx(math.radians(7) - a)
+        assert x.arrival.speed == pytest.approx(SPEED * math.cos(math.radians(7) - a))
+        chord = math.sin((math.radians(7) - a) / 2) / math.sin(math.radians(3.5) / 2)
+        assert x.cost == pytest.approx(math.hypot(1.2 * math.sin(a), 0.1 * chord))
+    assert o.best is o.trials[2]  # of the least cost; the first came nearest
+    for speed, hit in ((1.9, True), (2.1, False)):
+        fast = objective(target=arriving(speed=speed)).batch(strikes[:1])[0]
+        assert fast.hit is hit
+        assert fast.arrival == Arrival(None, pytest.approx(SPEED), pytest.approx(max(0, 0.1 * (1 - SPEED / speed))))
+
+
+def test_what_is_lost_costs_more_than_the_worst_arrival():
+    backward = arriving(direction=(-1.0, 0.0), cone=0.1, speed=5.0)
+    o = objective(target=backward)
+    worst, lost = o.batch(np.array([[0.0, 0, 0, 0, 0.7], [0.0, 0.95, 0, 0, 0.7]]))
+    assert lost.arrival is None
+    assert lost.cost == lost.miss_distance >= o.penalty > worst.cost > 1
+    assert objective().penalty < o.penalty  # of a point it is the farthest miss alone
+
+
+def test_gradients_of_arrivals_are_those_of_the_cost():
+    class Turning(StraightFlight):
+        def arrival_gradient(self, strikes, target, *, t_stay):
+            a = strikes[:, 0]
+            dtip, dvelocity = np.zeros((2, 1, 2, 5))
+            dtip[0, :, 0] = 1.2 * np.concatenate([-np.sin(2 * a), np.cos(2 * a)])
+            dvelocity[0, :, 0] = SPEED * np.concatenate([-np.sin(a), np.cos(a)])
+            return self.approach(strikes, target, t_stay=t_stay), dtip, dvelocity
+
+    o = objective(Turning(), arriving(direction=(1.0, 0.3), speed=2.5))
+    for a in (-0.2, 0.1, 0.6):
+        outcome, slope = o.gradient([a, 0, 0, 0, 0.7])
+        costs = [o([a + by, 0, 0, 0, 0.7]).cost for by in (-1e-6, 1e-6)]
+        assert slope[0] == pytest.approx((costs[1] - costs[0]) / 2e-6, rel=1e-5)
+        assert not slope[1:].any()
+        assert outcome.cost == pytest.approx(np.mean(costs))
 
 
 def test_a_log_answers_and_is_told():
