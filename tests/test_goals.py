@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from whiptool.errors import InputError
 from whiptool.goals import Goals, arrival_directions
 
 RADIUS, CONE, SPEED = 0.05, math.radians(10), 6.0
@@ -47,6 +48,14 @@ def test_upward_and_leftward_at_a_target_straight_ahead():
     directions, sights = arrival_directions(np.ones((2, 2)), np.radians([0, 90]))
     np.testing.assert_allclose(directions, [[1, 0], [0, 1]], atol=1e-15)
     assert sights is None
+
+
+def test_a_target_above_the_base_has_no_arrival_angle():
+    for place in ([0.0, 0.0, 1.3], [0.0, 0.0, -1.3], [1e-7, 0.0, 1.3]):
+        with pytest.raises(InputError, match=r"^arrival angle at: got .*not above or below the base"):
+            arrival_directions(np.array([[1.0, 0.0, 0.0], place]), np.zeros(2))
+    directions, _ = arrival_directions(np.array([[0.0, 1.3, 0.0], [1e-3, 0.0, 1.3]]), np.zeros(2))
+    np.testing.assert_allclose(directions, [[0, 0, 1], [-1, 0, 0]], atol=1e-3)
 
 
 @pytest.mark.parametrize("d", [2, 3])
