@@ -144,6 +144,18 @@ optimize --video yes | command line
 optimize stray | command line
 optimize --target 3 0 | reach of
 optimize --hit-radius 100 | --hit-radius: got 100
+optimize --direction 0 0 | a vector that is not zero
+optimize --direction 1 0 0 | 2 finite numbers
+optimize --direction 1 0 --arrival-angle 30 | --arrival-angle
+optimize --direction 1 0 --cone 0 | --cone
+optimize --arrival-angle nan | arrival
+optimize --least-speed 0 | --least-speed
+optimize --cone 20 | nothing without --direction
+optimize --rest 1 | nothing without --export-trajectory
+optimize --export-trajectory strike.txt | .csv
+optimize --export-trajectory strike.csv --trajectory-rate 0 | --trajectory-rate
+optimize --export-trajectory strike.csv --posture 1 | 2 numbers
+optimize --export-trajectory strike.csv --posture nan 0 | --posture
 optimize --model lemon2025 | lemon2024, nah2020-n10
 optimize --model "" | model
 optimize --model absent.toml | readable TOML
@@ -185,6 +197,13 @@ simulate --strike 0 0 0 0 1e9 | timestep
 simulate --strike a b c d e | --strike
 simulate --strike 0 0 0 0 0 0 1 | 5 numbers
 simulate --hit-radius 100 | --hit-radius: got 100
+simulate --strike 0 0 0 0 1 --direction 0 0 | a vector that is not zero
+simulate --strike 0 0 0 0 1 --arrival-angle 30 --cone 181 | --cone
+simulate --strike 0 0 0 0 1 --least-speed -1 | --least-speed
+simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --rest -1 | --rest
+simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --trajectory-rate nan | --trajectory-rate
+simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --posture 1 2 3 | 2 numbers
+simulate --strike 0 0 0 0 1 --trajectory strike.csv | --trajectory: got 'strike.csv'; allowed: nothing beside --strike
 simulate --out taken | new or empty
 simulate --video 3 | command line
 train --method a3c | sac, td3, ddpg, ppo

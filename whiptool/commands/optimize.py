@@ -111,6 +111,7 @@ class _Run:
 
         self.options = options
         self.model, self.controller = options.build_model(), options.build_controller()
+        options.check_posture(self.model)
         self.target = options.build_target(self.model)
         self.target.check_reach(self.model)
         self.controller.check_fits(self.model.arm)

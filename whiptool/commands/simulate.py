@@ -117,6 +117,9 @@ def _play(options: SimulateOptions, model, strike) -> None:
     controller, target = options.build_controller(), options.build_target(model)
     target.check_dimension(model)
     target.check_radius(model)
+    options.check_posture(model)
+    if options.export_trajectory is not None:
+        options.build_trajectory(model, strike, options.t_stay)  # refused before anything is written
     rollout = options.build_rollout(model, controller)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
     outcome = _judged(rollout, trajectory, target)
@@ -151,22 +154,14 @@ def _play(options: SimulateOptions, model, strike) -> None:
     with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model, controller)) as folder:
         folder.write_result(summary)
         files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
-    if options.export_trajectory is not None:
-        export_trajectory(options, model, controller, strike, t_stay=options.t_stay)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
-        return
-    engine = f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
-    print(
-        "\n".join(
-            [
-                f"one strike: {model.name}, {label}, {engine}",
-                *strike_lines(summary["strike"]),
-                *outcome_lines(outcome, target, model.arm.joints),
-                f"  run folder     {folder.path} ({', '.join(files)})",
-            ]
-        )
-    )
+    else:
+        engine = f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
+        lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"])]
+        lines += outcome_lines(outcome, target, model.arm.joints)
+        print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
+    export_trajectory(options, model, controller, strike, t_stay=options.t_stay)
 
 
 def _judged(rollout, trajectory, target):

@@ -110,8 +110,9 @@ def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> Non
     """
     defaults = {f.name: f.default if usual is None else getattr(usual, f.name) for f in fields(options)}
     for name, allowed in idle.items():
-        if getattr(options, name) != defaults[name]:
-            raise InputError(flag(name), getattr(options, name), allowed)
+        given = getattr(options, name)
+        if given != defaults[name]:
+            raise InputError(flag(name), str(given) if isinstance(given, Path) else given, allowed)
 
 
 def flag(name: str) -> str:

@@ -39,6 +39,8 @@ class TrajectoryOptions(OptionGroup):
         from whiptool.models.parameters import number
 
         super().check()
+        for angle in self.posture or ():
+            number("--posture", angle)
         number("--trajectory-rate", self.trajectory_rate, low=1, high=100_000)
         number("--rest", self.rest, low=0, high=600)
         if self.export_trajectory is None:
@@ -46,21 +48,27 @@ class TrajectoryOptions(OptionGroup):
         elif self.export_trajectory.suffix not in _WRITERS:
             raise InputError("--export-trajectory", str(self.export_trajectory), "a file named .csv, .yaml or .yml")
 
+    def check_posture(self, model: Model) -> None:
+        """Refuse a posture of another number of joints than the model's arm has.
+
+        Raises:
+            InputError: It is one.
+        """
+        if self.posture is not None and len(self.posture) != model.arm.n:
+            raise InputError("--posture", self.posture, f"{model.arm.n} numbers, for an arm of {model.arm.n} joints")
+
     def build_trajectory(self, model: Model, strike: Strike, t_stay: float) -> JointTrajectory:
         """Return a strike with the way to its start and a rest before it.
 
         Raises:
-            InputError: The posture has another number of joints, or what came out is beyond a limit of the arm.
+            InputError: It is beyond a limit of the arm.
         """
         from whiptool.models.arm_limits import limits_of
         from whiptool.models.joint_trajectory import JointTrajectory
 
         limits = limits_of(model.arm)
-        options = {"rate": self.trajectory_rate, "rest": self.rest, "t_stay": t_stay}
-        try:
-            found = JointTrajectory.of_strike(strike, model.arm.joints, start=self.posture, limits=limits, **options)
-        except InputError as error:
-            raise error.renamed("--posture") if error.name == "start posture" else error from None
+        options = {"start": self.posture, "rate": self.trajectory_rate, "rest": self.rest, "t_stay": t_stay}
+        found = JointTrajectory.of_strike(strike, model.arm.joints, limits=limits, **options)
         beyond = found.beyond(limits)
         if beyond is not None:
             raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {beyond}")
