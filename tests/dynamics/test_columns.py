@@ -43,9 +43,12 @@ def test_a_row_holds_time_state_torques_and_the_tip(n: int, a: int, d: int):
 def test_an_outcome_has_every_number_once(a: int, d: int):
     columns = outcome_columns(a, d)
     covered = np.concatenate([np.arange(columns.width)[block] for block in columns.values()])
-    np.testing.assert_array_equal(covered, np.arange(5 + 2 * d + 4 * a))
+    np.testing.assert_array_equal(covered, np.arange(5 + 4 * d + 4 * a))
     sizes = {name: block.stop - block.start for name, block in columns.items()}
-    of_tip, of_joints = {"velocity", "tip"}, {"max_joint_speed", "max_torque", "lowest", "highest"}
+    of_tip, of_joints = (
+        {"velocity", "tip", "tip_slope", "velocity_slope"},
+        {"max_joint_speed", "max_torque", "lowest", "highest"},
+    )
     assert of_tip | of_joints | {"distance", "time", "diverged", "last_step", "slope"} == set(sizes)
     assert {name for name, size in sizes.items() if size == d and name in of_tip} == of_tip
     assert all(sizes[name] == a for name in of_joints)
