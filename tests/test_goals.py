@@ -80,21 +80,21 @@ def test_motion_along_the_line_of_sight_does_not_count_for_the_angle():
     np.testing.assert_allclose(goals.arrival_speed(moved), goals.arrival_speed(v), atol=1e-12)
 
 
-def test_a_hit_is_all_that_is_asked():
+def test_a_tip_arrives_as_asked_within_the_cone_and_fast_enough():
     goals = Goals(np.zeros((1, 2)), RADIUS, np.array([[1.0, 0.0]]), CONE, SPEED)
     inside, outside = math.radians(9.9), math.radians(10.1)
 
-    def hit(distance: float, angle: float, speed: float) -> bool:
+    def arrives(angle: float, speed: float) -> bool:
         v = speed / abs(math.cos(angle)) * np.array([[math.cos(angle), math.sin(angle)]])
-        return bool(goals.hit(np.array([distance]), v)[0])
+        return bool(goals.arrives(v)[0])
 
-    assert hit(0.049, inside, 6.01)
-    assert hit(0.049, -inside, 6.01)
-    assert not hit(0.051, inside, 6.01)
-    assert not hit(0.049, outside, 6.01)
-    assert not hit(0.049, -outside, 6.01)
-    assert not hit(0.049, inside, 5.99)
-    assert not hit(0.049, inside + math.pi, 6.01)
+    assert arrives(inside, 6.01)
+    assert arrives(-inside, 6.01)
+    assert not arrives(outside, 6.01)
+    assert not arrives(-outside, 6.01)
+    assert not arrives(inside, 5.99)
+    assert not arrives(inside + math.pi, 6.01)
+    assert Goals(np.zeros((1, 2)), RADIUS).arrives(np.zeros((1, 2))).all()  # of a point, always
 
 
 @pytest.mark.parametrize("d", [2, 3])

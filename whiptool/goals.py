@@ -64,14 +64,14 @@ class Goals:
             return np.linalg.norm(velocity, axis=1)
         return _dot(velocity, self.directions)
 
-    def hit(self, distance: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return whether distances (B,) [m] and velocities (B, d) [m/s] at the closest approach are as asked, (B,)."""
-        hit = distance <= self.hit_radius
+    def arrives(self, velocity: np.ndarray) -> np.ndarray:
+        """Return whether velocities (B, d) [m/s] at the closest approach are as asked, (B,)."""
+        arrives = np.ones(len(velocity), bool)
         if self.directions is not None:
-            hit &= self.angle(velocity) <= self.cone
+            arrives &= self.angle(velocity) <= self.cone
         if self.speed is not None:
-            hit &= self.arrival_speed(velocity) >= self.speed
-        return hit
+            arrives &= self.arrival_speed(velocity) >= self.speed
+        return arrives
 
     def residuals(self, tip: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return what is left between strikes and goals [m], (B, r); their norm is the cost that searches minimise.

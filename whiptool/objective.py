@@ -369,7 +369,7 @@ class Objective:
         arrival = None if lost or self.goals.only_points else self._arrival(near, i)
         return Outcome(
             miss_distance=distance,
-            hit=not lost and self._hits(distance, error) and self._arrives(near.velocity[i]),
+            hit=not lost and self._hits(distance, error) and bool(self.goals.arrives(near.velocity[i : i + 1])[0]),
             time=float(near.time[i]),
             tip=tuple(map(float, near.tip[i])),
             tip_velocity=tuple(map(float, near.velocity[i])),
@@ -385,10 +385,6 @@ class Objective:
         angle = None if self.goals.directions is None else float(self.goals.angle(velocity)[0])
         cost = float(self.goals.cost(near.distance[i : i + 1], velocity)[0])
         return Arrival(angle, float(self.goals.arrival_speed(velocity)[0]), cost)
-
-    def _arrives(self, velocity: np.ndarray) -> bool:
-        """Whether a velocity (d,) [m/s] is as the target asks."""
-        return bool(self.goals.hit(np.zeros(1), velocity[None])[0])
 
     def _hits(self, distance: float, error: float | None) -> bool:
         """Whether the point is claimed as hit."""

@@ -174,7 +174,7 @@ def test_derivatives_against_central_differences(case):
     """
     controller = LAWS[case]
     model = everything().with_parameters({"arm.friction[0]": 0.05, "arm.friction[1]": 0.03})
-    strikes, targets = STRIKES[:24], TARGETS[:24]
+    strikes, targets = STRIKES[:40], TARGETS[:40]
     rollout = CompiledRollout(model, controller, timestep=1e-3)
     names = [*STRIKE_NAMES, *model.parameters(), *controller.parameters()]
     if case != "constant":  # every parameter once; elsewhere a third of them

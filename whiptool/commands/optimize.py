@@ -28,8 +28,9 @@ from whiptool.options import (
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
-    from whiptool.models import Model, MotorLimits, Strike
+    from whiptool.models import Model, MotorLimits
     from whiptool.models.arm_limits import ArmLimits
+    from whiptool.models.joint_trajectory import JointTrajectory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +196,8 @@ class _Run:
         label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
-        export_trajectory(self.options, self.model, self.controller, result.strike, t_stay=self.options.t_stay)
+        commanded = self.options.build_trajectory(self.model, result.strike, self.options.t_stay)
+        export_trajectory(self.options, commanded, self.controller)
         return status
 
     def _replay(self, result) -> dict:
@@ -380,17 +382,15 @@ def _arrival_in_mujoco(reference: dict) -> str:
     return f"; arrives at {', '.join(said)}" if said else ""
 
 
-def export_trajectory(
-    options: TrajectoryOptions, model: Model, controller: Controller, strike: Strike, *, t_stay: float
-) -> None:
+def export_trajectory(options: TrajectoryOptions, commanded: JointTrajectory | None, controller: Controller) -> None:
     """Write a strike for a robot, if the options ask for it, and say what kind of robot makes the same strike of it.
 
     Raises:
-        InputError: It is beyond the arm's limits, or the file cannot be written.
+        InputError: The file cannot be written.
     """
-    if options.export_trajectory is None:
+    if commanded is None:
         return
-    options.write_trajectory(options.build_trajectory(model, strike, t_stay))
+    options.write_trajectory(commanded)
     follows = "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
     print(f"wrote {options.export_trajectory}{follows}", file=sys.stderr)
 

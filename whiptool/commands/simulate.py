@@ -118,8 +118,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     target.check_dimension(model)
     target.check_radius(model)
     options.check_posture(model)
-    if options.export_trajectory is not None:
-        options.build_trajectory(model, strike, options.t_stay)  # refused before anything is written
+    commanded = options.build_trajectory(model, strike, options.t_stay)  # refused before anything is written
     rollout = options.build_rollout(model, controller)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
     outcome = _judged(rollout, trajectory, target)
@@ -161,7 +160,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"])]
         lines += outcome_lines(outcome, target, model.arm.joints)
         print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
-    export_trajectory(options, model, controller, strike, t_stay=options.t_stay)
+    export_trajectory(options, commanded, controller)
 
 
 def _judged(rollout, trajectory, target):

@@ -57,12 +57,14 @@ class TrajectoryOptions(OptionGroup):
         if self.posture is not None and len(self.posture) != model.arm.n:
             raise InputError("--posture", self.posture, f"{model.arm.n} numbers, for an arm of {model.arm.n} joints")
 
-    def build_trajectory(self, model: Model, strike: Strike, t_stay: float) -> JointTrajectory:
-        """Return a strike with the way to its start and a rest before it.
+    def build_trajectory(self, model: Model, strike: Strike, t_stay: float) -> JointTrajectory | None:
+        """Return a strike with the way to its start and a rest before it; None: the options ask for none.
 
         Raises:
             InputError: It is beyond a limit of the arm.
         """
+        if self.export_trajectory is None:
+            return None
         from whiptool.models.arm_limits import limits_of
         from whiptool.models.joint_trajectory import JointTrajectory
 
@@ -75,14 +77,13 @@ class TrajectoryOptions(OptionGroup):
         return found
 
     def write_trajectory(self, trajectory: JointTrajectory) -> None:
-        """Write a trajectory to the file that the options name, if they do.
+        """Write a trajectory to the file that the options name.
 
         Raises:
             InputError: The file cannot be written.
         """
         path = self.export_trajectory
-        if path is None:
-            return
+        assert path is not None
         try:
             getattr(trajectory, _WRITERS[path.suffix])(path)
         except OSError as error:
