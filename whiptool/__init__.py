@@ -48,12 +48,14 @@ _HOMES = {
     "TipPort": "adaptation",
     "default_prior": "adaptation",
     "draw_twin": "adaptation",
+    "load_map": "commands.map",
     "load_policy": "commands.train",
 }
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
     from whiptool.adaptation import Adaptation, TipPort, default_prior, draw_twin
+    from whiptool.commands.map import load_map
     from whiptool.commands.train import load_policy
     from whiptool.identification import Fit, Plant
     from whiptool.identification.fit import fit

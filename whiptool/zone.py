@@ -343,3 +343,79 @@ def reachable_region(
     corners = (np.argwhere(seen) - n // 2) * cell
     farthest = np.linalg.norm(np.abs(corners + cell / 2) + cell / 2, axis=-1)
     return Region(corners[farthest <= rollout.model.reach], cell)
+
+
+@dataclass(frozen=True)
+class Sector:
+    """A part of a thick spherical shell about the base: so far away, so high, and so far from forward to each side.
+
+    Args:
+        near, far: Distances from the base [m].
+        low, high: Heights above the base [m], within `far`.
+        aside: Angle from forward to either side [rad], at most pi.
+
+    Raises:
+        InputError: A value is out of range, or no point is so far away and so high.
+    """
+
+    near: float
+    far: float
+    low: float
+    high: float
+    aside: float
+
+    def __post_init__(self) -> None:
+        number("nearest distance", self.near, low=0)
+        number("farthest distance", self.far, low=self.near, strict=True)
+        number("lowest height", self.low, low=-self.far)
+        number("highest height", self.high, low=self.low, high=self.far, strict=True)
+        number("angle to either side", self.aside, low=0, high=math.pi, strict=True)
+
+    @property
+    def dimension(self) -> int:
+        """3: it is in space."""
+        return 3
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of the block around it [m]."""
+        flat = 0.0 if self.low <= 0 <= self.high else min(abs(self.low), abs(self.high))
+        widest = math.sqrt(self.far**2 - flat**2)
+        nearest = math.sqrt(max(0.0, self.near**2 - max(self.low**2, self.high**2)))
+        side = widest * (math.sin(self.aside) if self.aside < math.pi / 2 else 1.0)
+        cosine = math.cos(self.aside)
+        back = (nearest if cosine > 0 else widest) * cosine
+        return np.array([back, -side, self.low]), np.array([widest, side, self.high])
+
+    @property
+    def size(self) -> float:
+        """Volume of the sector [m^3]."""
+        return float(self._volumes[1][-1])
+
+    def place(self, uniform: np.ndarray) -> np.ndarray:
+        """Points of the sector: at random by its volume up to their height, then on their part of a ring."""
+        z = np.interp(uniform[:, 0] * self.size, self._volumes[1], self._volumes[0])
+        inner, outer = self._rims(z)
+        across = np.sqrt(inner + uniform[:, 1] * (outer - inner))
+        angle = (2 * uniform[:, 2] - 1) * self.aside
+        return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points lie in the sector."""
+        distance, z = np.linalg.norm(points, axis=-1), points[..., 2]
+        ahead = np.abs(np.arctan2(points[..., 1], points[..., 0])) <= self.aside
+        return ahead & (distance >= self.near) & (distance <= self.far) & (z >= self.low) & (z <= self.high)
+
+    @cached_property
+    def _volumes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Heights [m], and the volume [m^3] below each of them, by the trapezoidal rule."""
+        z = np.linspace(self.low, self.high, 20_001)
+        inner, outer = self._rims(z)
+        volumes = cumulative_trapezoid(self.aside * (outer - inner), z, initial=0)
+        if not volumes[-1] > 0:
+            raise InputError("sector", (self.near, self.far, self.low, self.high), "one that holds points")
+        return z, volumes
+
+    def _rims(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squares of the smallest and the largest distance from the vertical through the base at heights z [m^2]."""
+        return np.maximum(self.near**2 - z**2, 0.0), np.maximum(self.far**2 - z**2, 0.0)

@@ -22,9 +22,11 @@ from whiptool.options.budget import (
     TrainingOptions,
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
+from whiptool.options.region import RegionOptions
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
 from whiptool.options.trajectory import TrajectoryOptions
+from whiptool.options.zone_goals import ZoneGoalOptions
 
 __all__ = [
     "LONGEST_STAY",
@@ -44,6 +46,7 @@ __all__ = [
     "OptionGroup",
     "OutputOptions",
     "Preset",
+    "RegionOptions",
     "ResumableOptions",
     "SearchOptions",
     "SeedOptions",
@@ -54,6 +57,7 @@ __all__ = [
     "TargetOptions",
     "TrainingOptions",
     "TrajectoryOptions",
+    "ZoneGoalOptions",
     "ZoneOptions",
     "flag",
     "flags",

@@ -1,0 +1,305 @@
+"""Build a map of strikes, and strike from it: `python -m whiptool.map build`, `python -m whiptool.map strike`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from tyro.conf import Positional
+
+from whiptool.commands import cli
+from whiptool.errors import InputError
+from whiptool.options import (
+    MANY_TARGETS,
+    GoalOptions,
+    ModelOptions,
+    OutputOptions,
+    RegionOptions,
+    ResumableOptions,
+    SeedOptions,
+    SimulatedControllerOptions,
+    StepOptions,
+    TrajectoryOptions,
+    refuse_idle,
+    whole,
+)
+
+if TYPE_CHECKING:
+    from whiptool.models.arm_limits import ArmLimits
+    from whiptool.models.parameters import Model
+    from whiptool.models.strike import Strike
+    from whiptool.strike_map import Building, Plan, StrikeMap
+    from whiptool.target import Target
+
+WORDS = {"build": "build the map of a region of goals", "strike": "strike at a goal from a map that was built"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuildOptions(
+    ResumableOptions,
+    SeedOptions,
+    StepOptions,
+    SimulatedControllerOptions,
+    ModelOptions,
+    RegionOptions,
+):
+    """Build a map of strikes: the strike for any goal of a region, without a search."""
+
+    in_space: ClassVar[bool] = True
+
+    limits: Literal["arm", "none"] | None = None
+    """Strikes beyond the arm's limits of position, velocity and torque are refused; default: arm, where its joints have
+    limits."""
+    strikes: int = 8192
+    """Random strikes, whose passages through the region are the first answers."""
+    room: int = 2
+    """Answers at first in each cell of the region, two hit radii and two cones wide; each round of practice makes room
+    for one more."""
+    rounds: int = 4
+    """Rounds of practice: goals that the map misses are refined, and learned."""
+    goals: int = 1000
+    """Random goals of each round."""
+    trials: int = 20_000
+    """Candidates that are struck to train the gate; 0: there is none."""
+    tests: int = 300
+    """Random goals struck at with the map at the end."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        for name in ("strikes", "room", "goals", "tests"):
+            whole(f"--{name}", getattr(self, name), high=MANY_TARGETS)
+        for name in ("rounds", "trials"):
+            whole(f"--{name}", getattr(self, name), low=0, high=MANY_TARGETS)
+
+    def build_limits(self, model: Model) -> ArmLimits | None:
+        """Return the limits that strikes have to keep; None: there are none."""
+        from whiptool.models.arm_limits import ArmLimits
+
+        wanted = ArmLimits.are_in(model.arm) if self.limits is None else self.limits == "arm"
+        return ArmLimits.of(model.arm) if wanted else None
+
+    def build_plan(self) -> Plan:
+        """Return how much is rolled out."""
+        from whiptool.strike_map import Plan
+
+        return Plan(self.strikes, self.room, self.rounds, self.goals, self.trials)
+
+    def build_building(self) -> Building:
+        """Return the building, not begun."""
+        from whiptool.strike_map import Building, GoalRegion, Striker
+
+        model, controller = self.build_model(), self.build_controller()
+        controller.check_fits(model.arm)
+        region = GoalRegion(self.build_zone(model), self.build_arrival(), self.hit_radius)
+        rollout = self.build_compiled(model, controller)
+        striker = Striker(rollout, limits=self.build_limits(model), t_stay=self.t_stay)
+        return Building(striker, region, self.build_plan(), seed=self.seed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
+    """Strike at a goal from a map that was built."""
+
+    of_this_call: ClassVar[tuple[str, ...]] = ("video",)
+
+    run: Positional[Path]
+    """Run folder of `whiptool map build`."""
+    refine: bool = True
+    """Refine the map's strike with rollouts; otherwise it is taken as it is, in one shot."""
+    video: bool = True
+    """Render the strike as a video."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        refuse_idle(self, {"t_stay": "nothing: that of the map"})
+
+
+_BUILD = "Build a map of strikes. Example: python -m whiptool.map build --zone-radius 0.3 --hit-radius 0.01"
+_STRIKE = "Strike from a map. Example: python -m whiptool.map strike runs/map --target 1.2 0.1"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    words = list(sys.argv[1:] if args is None else args)
+
+    def command() -> int:
+        if words[:1] in (["-h"], ["--help"]):
+            print("usage: whiptool map build|strike [options]\n")
+            print("\n".join(f"  {word:8s} {what}" for word, what in WORDS.items()))
+            return 0
+        if not words or words[0] not in WORDS:
+            raise InputError("map", " ".join(words[:1]), ", ".join(WORDS), "such as `whiptool map build --help`")
+        return _build(words[1:]) if words[0] == "build" else _strike(words[1:])
+
+    return cli.run(command)
+
+
+def load_map(run_folder: str | Path) -> StrikeMap:
+    """Return the strike map that `python -m whiptool.map build` left in its run folder.
+
+    Raises:
+        InputError: PyTorch is missing, the folder is of another command, or its map is not whole.
+    """
+    _import_torch()
+    from whiptool.strike_map import Answers, StrikeMap
+    from whiptool.strike_map.store import load_gate, load_parts
+
+    folder = Path(run_folder)
+    options = cli.options_of_run(BuildOptions, folder, command="map")
+    building = options.build_building()
+    parts, gate = load_parts(folder, building.plan.parts), load_gate(folder)
+    if len(parts) < building.plan.parts or (gate is None and options.trials > 0):
+        rule = f"a map that was built to its end; go on with whiptool map build --resume {folder}"
+        raise InputError("run_folder", str(folder), rule)
+    return StrikeMap(building.striker, building.region, Answers.joined(parts), gate)
+
+
+def _import_torch() -> Any:
+    try:
+        import torch
+    except ImportError:
+        raise InputError("whiptool map", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]") from None
+    torch.set_num_threads(1)  # the same result on any number of cores
+    return torch
+
+
+def _build(args: Sequence[str]) -> int:
+    options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args)
+    with cli.options_named(options):
+        _import_torch()
+        building = options.build_building()
+        rollout = building.striker.rollout
+        config = cli.configuration(options, "map", rollout.model, rollout.controller)
+        with cli.open_folder(options, "map", config) as folder:
+            start = time.monotonic()
+            strike_map = _built(building, folder.path)
+            summary = _tested(options, strike_map, time.monotonic() - start)
+            folder.write_result(summary)
+            print(json.dumps(summary, allow_nan=False) if options.json else _text(summary, folder.path))
+    return 0
+
+
+def _built(building: Building, folder: Path) -> StrikeMap:
+    """Build what is not there yet, part by part, each written when it is made."""
+    from tqdm import tqdm
+
+    from whiptool.strike_map import Answers, StrikeMap
+    from whiptool.strike_map.store import load_gate, load_parts, save_gate, save_part
+
+    plan = building.plan
+    parts = load_parts(folder, plan.parts)
+    with tqdm(total=plan.parts, initial=len(parts), unit=" parts", desc="map", file=sys.stderr, leave=False) as bar:
+        while len(parts) < plan.parts:
+            parts.append(building.part(parts))
+            save_part(folder, len(parts) - 1, parts[-1])
+            bar.set_postfix_str(f"{sum(map(len, parts))} answers", refresh=False)
+            bar.update()
+    answers, gate = Answers.joined(parts), load_gate(folder)
+    if gate is None and plan.trials > 0:
+        gate = building.gate(answers, progress=True)
+        save_gate(folder, gate)
+    return StrikeMap(building.striker, building.region, answers, gate)
+
+
+def _tested(options: BuildOptions, strike_map: StrikeMap, seconds: float) -> dict[str, Any]:
+    """Strike at goals that the map has not seen."""
+    from whiptool.runs import code_version
+
+    goals = strike_map.region.draw(options.tests, np.random.default_rng([options.seed, 2**31]))
+    first = strike_map.striker.strike(strike_map.strikes(goals), goals)
+    start = time.monotonic()
+    refined = strike_map.refined(goals)
+    each = (time.monotonic() - start) / options.tests
+    return {
+        "model": strike_map.striker.rollout.model.name,
+        "answers": len(strike_map.answers),
+        "tests": options.tests,
+        "hit_radius": options.hit_radius,
+        "arrival": strike_map.region.rule.table(),
+        "one_shot": float(first.hit.mean()),
+        "refined": float(refined.struck.hit.mean()),
+        "median_miss": float(np.median(refined.struck.distance)),
+        "rollouts_per_goal": refined.rollouts / options.tests,
+        "derivatives_per_goal": refined.derivatives / options.tests,
+        "seconds_per_goal": each,
+        "wall_time": seconds,
+        "seed": options.seed,
+        "version": code_version(),
+    }
+
+
+def _text(summary: dict[str, Any], path: Path) -> str:
+    return "\n".join(
+        [
+            f"map: {summary['answers']} answers for {summary['model']} in {summary['wall_time']:.1f} s",
+            f"  one shot       {summary['one_shot']:.1%} of {summary['tests']} random goals are hit, without a rollout",
+            f"  refined        {summary['refined']:.1%}, median miss {1e3 * summary['median_miss']:.3f} mm; "
+            f"{summary['rollouts_per_goal']:.1f} rollouts, {summary['derivatives_per_goal']:.2f} times derivatives and "
+            f"{summary['seconds_per_goal']:.3f} s a goal",
+            f"  run folder     {path} (answers, gate)",
+        ]
+    )
+
+
+def _strike(args: Sequence[str]) -> int:
+    options = cli.parse(StrikeOptions, prog="whiptool map strike", description=_STRIKE, args=args)
+    with cli.options_named(options, run_folder="run folder"):
+        strike_map = load_map(options.run)
+        model = strike_map.striker.rollout.model
+        options.check_posture(model)
+        target = options.build_target(model)
+        strike = strike_map.strike(target, refined=options.refine)
+        _report(options, strike_map, target, strike)
+    return 0
+
+
+def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strike: Strike) -> None:
+    """Play the strike, replay it in MuJoCo, write everything, tell people or programs."""
+    from whiptool.commands.optimize import arrival_table, export_trajectory, outcome_lines, save_strike, strike_lines
+    from whiptool.models.strike import named_strike
+    from whiptool.objective import Objective
+    from whiptool.rollout.reference import replay
+    from whiptool.runs import code_version
+
+    striker = strike_map.striker
+    rollout, model = striker.rollout, striker.rollout.model
+    commanded = options.build_trajectory(model, strike, striker.t_stay)  # refused before anything is written
+    trajectory = rollout.trajectory(strike, t_stay=striker.t_stay)
+    objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=striker.limits)
+    outcome = objective.judge(trajectory)
+    place, expected = np.array(target.position), outcome.miss_distance
+    seen = replay(model, rollout.controller, strike, place, t_stay=striker.t_stay, expected=expected)
+    summary = {
+        "strike": named_strike(strike, model.arm),
+        "target": list(target.position),
+        "hit_radius": target.hit_radius,
+        "refined": options.refine,
+        "miss_distance": outcome.miss_distance,
+        "hit": outcome.hit,
+        "hit_time": outcome.hit_time,
+        "tip_speed": None if outcome.diverged else outcome.tip_speed,
+        "arrival": arrival_table(outcome, target),
+        "reference": {"miss_distance": seen.miss_distance},
+        "model": model.name,
+        "version": code_version(),
+    }
+    label = "strike map"
+    with cli.new_folder(options, "map-strike", cli.configuration(options, "map strike", model)) as folder:
+        folder.write_result(summary)
+        files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+    else:
+        said = "no result in MuJoCo" if seen.miss_distance is None else f"{seen.miss_distance:.4f} m in MuJoCo"
+        lines = [f"one strike from the map of {model.name}", *strike_lines(summary["strike"])]
+        lines += [*outcome_lines(outcome, target, model.arm.joints), f"  reference      {said}"]
+        print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
+    export_trajectory(options, commanded, rollout.controller)

@@ -1,0 +1,65 @@
+"""Options of the region of goals that a strike map answers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from whiptool.errors import InputError
+from whiptool.options.base import refuse_idle
+from whiptool.options.zone_goals import ZoneGoalOptions
+
+if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
+    from whiptool.zone import Zone
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionOptions(ZoneGoalOptions):
+    """Where goals are drawn; a disc or ball around --target, or one of these."""
+
+    region: Path | None = None
+    """Draw targets from the region in this file instead (see whiptool.zone.Region)."""
+    sector: tuple[float, ...] | None = None
+    """Draw targets in space from this far to this far from the base, from this low to this high above it [m], and up
+    to so many degrees from forward to either side: five numbers."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        if self.region is not None:
+            refuse_idle(self, dict.fromkeys((*self.of_disc, "sector"), "nothing beside --region"))
+        if self.sector is not None:
+            refuse_idle(self, dict.fromkeys(self.of_disc, "nothing beside --sector"))
+            if len(self.sector) != 5:
+                raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH DEGREES")
+            self.build_sector()
+
+    def build_sector(self) -> Zone:
+        """Return the sector.
+
+        Raises:
+            InputError: A number is out of range.
+        """
+        from whiptool.zone import Sector
+
+        assert self.sector is not None
+        near, far, low, high, aside = self.sector
+        return Sector(near, far, low, high, math.radians(aside))
+
+    def build_zone(self, model: Model) -> Zone:
+        """Return where targets are drawn.
+
+        Raises:
+            InputError: It is of another dimension than the model, lies out of its reach, or its file cannot be read.
+        """
+        from whiptool.zone import Region, check_dimension
+
+        if self.region is None and self.sector is None:
+            return self.build_disc(model)
+        zone = self.build_sector() if self.region is None else Region.load(self.region)
+        check_dimension(zone, model)
+        self.build_arrival().check_dimension(model)
+        return zone

@@ -1,0 +1,117 @@
+"""Building a strike map: random strikes, then rounds of practice in which what was missed is learned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.numbers import whole
+from whiptool.strike_map.answers import Answers
+from whiptool.strike_map.gate import Gate, features
+from whiptool.strike_map.goal_region import GoalRegion
+from whiptool.strike_map.harvest import Harvest
+from whiptool.strike_map.strike_map import StrikeMap
+from whiptool.strike_map.striker import Striker
+
+_AT_ONCE = 2048  # random strikes of a part
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is rolled out to build a map.
+
+    Args:
+        strikes: Random ones.
+        room: Answers in each cell of the region at first; each round of practice makes room for one more.
+        rounds: Of practice.
+        goals: Of each round.
+        trials: Candidates that are struck to train the gate; 0: there will be none.
+        per_goal: Of them at each goal.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    strikes: int = 8192
+    room: int = 2
+    rounds: int = 4
+    goals: int = 1000
+    trials: int = 20_000
+    per_goal: int = 4
+
+    def __post_init__(self) -> None:
+        for name in ("strikes", "room", "goals", "per_goal"):
+            whole(name, getattr(self, name))
+        for name in ("rounds", "trials"):
+            whole(name, getattr(self, name), low=0)
+
+    @property
+    def parts(self) -> int:
+        """Number of parts: of random strikes, and then rounds of practice."""
+        return self.random_parts + self.rounds
+
+    @property
+    def random_parts(self) -> int:
+        """Number of parts of random strikes."""
+        return -(-self.strikes // _AT_ONCE)
+
+
+class Building:
+    """Builds a map part by part; a part is the same whenever it is made from those before it.
+
+    Args:
+        striker: Rolls out.
+        region: Of the goals.
+        plan: How much.
+        seed: Of everything random.
+    """
+
+    def __init__(self, striker: Striker, region: GoalRegion, plan: Plan, *, seed: int) -> None:
+        self.striker, self.region, self.plan, self.seed = striker, region, plan, seed
+
+    def part(self, before: Sequence[Answers]) -> Answers:
+        """Return the answers of the next part after those before it.
+
+        Raises:
+            InputError: Random strikes pass no goal of the region.
+        """
+        rng = np.random.default_rng([self.seed, len(before)])
+        harvest = Harvest(self.striker, self.region, rng)
+        for answers in before:
+            harvest.count(answers)
+        practised = len(before) - self.plan.random_parts
+        if practised >= 0:
+            return self._practice(harvest, Answers.joined(before), rng, room=self.plan.room + practised + 1)
+        count = min(_AT_ONCE, self.plan.strikes - len(before) * _AT_ONCE)
+        drawn = self.striker.admissible(self.striker.bounds.sample(rng, count))
+        found = harvest.pick(drawn, room=self.plan.room)
+        if not before and not len(found):
+            raise InputError("zone", str(self.region.zone), f"one that some of {count} random strikes pass as asked")
+        return found
+
+    def _practice(self, harvest: Harvest, answers: Answers, rng: np.random.Generator, *, room: int) -> Answers:
+        """Strike at random goals, refine what missed, and return what of it is new."""
+        strike_map = StrikeMap(self.striker, self.region, answers)
+        goals = self.region.draw(self.plan.goals, rng)
+        missed = goals.rows(~self.striker.strike(strike_map.strikes(goals), goals).hit)
+        refined = strike_map.refined(missed)
+        return harvest.pick(refined.strikes[refined.struck.hit], room=room)
+
+    def gate(self, answers: Answers, *, progress: bool = False) -> Gate:
+        """Return a gate that was trained on what candidates for random goals came to."""
+        rng = np.random.default_rng([self.seed, self.plan.parts])
+        strike_map = StrikeMap(self.striker, self.region, answers)
+        goals = self.region.draw(-(-self.plan.trials // self.plan.per_goal), rng)
+        seen, strikes = [], []
+        for i in range(len(goals.positions)):
+            goal = goals.rows(np.array([i]))
+            found = strike_map.candidates(goal)
+            some = found.take(rng.permutation(len(found.strikes))[: self.plan.per_goal])
+            seen.append(features(self.striker, strike_map.front, goal, some))
+            strikes.append(some.strikes)
+        each = np.repeat(np.arange(len(strikes)), [len(x) for x in strikes])
+        hit = self.striker.strike(np.concatenate(strikes), goals.rows(each)).hit
+        return Gate.trained(np.concatenate(seen), hit, seed=self.seed, progress=progress)

@@ -1,0 +1,79 @@
+"""Candidates: what the nearest answers make of a goal, to first order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from whiptool.goals import Goals
+from whiptool.strike_map.answers import Answers
+from whiptool.strike_map.correction import correct
+from whiptool.strike_map.striker import Striker
+from whiptool.strike_map.turning import Front
+
+INSTANT = 0.02  # [s]: by it changes of the instant are measured, as those of a strike are by the box's widths
+SHORTLIST = 64  # answers nearest to a goal that are corrected
+_CHANGE = 0.2  # in widths, that speaks as much against a candidate as a hit radius that is left
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """C strikes that may hit one goal, in the order of `doubt`.
+
+    Args:
+        strikes: Vectors, (C, m).
+        slopes: Derivatives of the goal's residuals at the answers that they come from, (C, r, m).
+        change: From those answers, in widths, the instant's last, (C, m + 1).
+        left: What is left of the goal to first order, in hit radii, (C,).
+    """
+
+    strikes: np.ndarray
+    slopes: np.ndarray
+    change: np.ndarray
+    left: np.ndarray
+
+    @property
+    def doubt(self) -> np.ndarray:
+        """What speaks against each: how far it is from its answer, and what is left, (C,)."""
+        return np.linalg.norm(self.change, axis=1) / _CHANGE + self.left
+
+    def take(self, which: np.ndarray | slice) -> Candidates:
+        """Return some of them."""
+        return Candidates(*(getattr(self, f.name)[which] for f in fields(self)))
+
+
+def candidates(
+    striker: Striker, answers: Answers, front: Front, goal: Goals, *, shortlist: int = SHORTLIST
+) -> Candidates:
+    """Return what the nearest answers make of one goal (B = 1), each corrected to first order.
+
+    Args:
+        striker: Says in which box strikes lie.
+        answers: To choose from, turned to the front.
+        front: Turns goals to the front, and strikes back.
+        goal: In its own place.
+        shortlist: How many answers are corrected.
+    """
+    angle = front.angles(goal.positions)
+    nearest = answers.take(answers.shortlist(front.goals(goal, -angle), shortlist))
+    near = front.answers(nearest, np.repeat(angle, len(nearest)))
+    residuals = goal.residuals(near.tips, near.velocities)
+    slopes = goal.residual_slopes(near.velocities, near.tip_slopes, near.velocity_slopes)
+    any_instant = np.full((len(near), 1), np.inf)
+    room = (
+        np.hstack([striker.lower - near.strikes, -any_instant]),
+        np.hstack([striker.upper - near.strikes, any_instant]),
+    )
+    widths = np.append(striker.widths, INSTANT)
+    correction = correct(residuals, slopes, room, widths)
+    corrected = striker.admissible(near.strikes + correction.change[:, :-1])
+    of_strikes = slopes[:, :, :-1] + slopes[:, :, -1:] * _instants(near)[:, None, :]
+    found = Candidates(corrected, of_strikes, correction.change / widths, correction.left / goal.hit_radius)
+    return found.take(np.argsort(found.doubt, kind="stable"))
+
+
+def _instants(answers: Answers) -> np.ndarray:
+    """Return by how much strikes shift the instant at which the tip is closest to a place that it hits, (K, m)."""
+    v, by_strike = answers.velocities, answers.tip_slopes[:, :, :-1]
+    return -np.einsum("kd,kdm->km", v, by_strike) / np.einsum("kd,kd->k", v, v)[:, None]

@@ -1,0 +1,63 @@
+"""Corrections of strikes to first order: the least change, in widths of the box, that leaves nothing of the goal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_ROUNDS = 6  # in which numbers that leave the box are put on its side
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """How B strikes are to change.
+
+    Args:
+        change: Of each number, (B, m).
+        size: Norm of the change in widths, (B,).
+        left: What is left of the residuals to first order [m], (B,).
+    """
+
+    change: np.ndarray
+    size: np.ndarray
+    left: np.ndarray
+
+
+def correct(
+    residuals: np.ndarray,
+    slopes: np.ndarray,
+    room: tuple[np.ndarray, np.ndarray],
+    widths: np.ndarray,
+    *,
+    damping: float | np.ndarray = 1e-4,
+) -> Correction:
+    """Return the damped least-squares change of strikes within a box (Levenberg 1944, Marquardt 1963).
+
+    It minimises |r + J x|^2 + damping^2 |x / widths|^2; numbers that would leave the box stay on its side.
+
+    Args:
+        residuals: r [m], (B, r).
+        slopes: J, (B, r, m).
+        room: Least and largest change of each number, (B, m) each.
+        widths: By which changes are measured, (m,).
+        damping: [m], one or one each, (B,).
+    """
+    B, r, m = slopes.shape
+    low, high = (np.broadcast_to(side, (B, m)) / widths for side in room)
+    J = slopes * widths
+    held = np.zeros((B, m), bool)
+    x = np.zeros((B, m))
+    ridge = np.broadcast_to(np.square(damping), (B,))[:, None, None] * np.eye(r)
+    for _ in range(_ROUNDS):
+        free = np.where(held[:, None, :], 0.0, J)
+        rest = residuals + np.einsum("brm,bm->br", J, np.where(held, x, 0.0))
+        dual = np.linalg.solve(free @ free.swapaxes(1, 2) + ridge, rest[..., None])
+        x = np.where(held, x, -np.einsum("brm,br->bm", free, dual[..., 0]))
+        out = (x < low) | (x > high)
+        x = np.clip(x, low, high)
+        if not (out & ~held).any():
+            break
+        held |= out
+    left = np.linalg.norm(residuals + np.einsum("brm,bm->br", J, x), axis=1)
+    return Correction(x * widths, np.linalg.norm(x, axis=1), left)

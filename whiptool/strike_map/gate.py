@@ -1,0 +1,76 @@
+"""Gate: the network that says which of a goal's candidates hits.
+
+Each answer with its derivatives is an expert on goals nearby, and a goal has many: the gate is that of a mixture of
+experts (Jacobs, Jordan, Nowlan and Hinton 1991), trained on what candidates came to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch.nn import functional as F
+from tqdm import tqdm
+
+from whiptool.goals import Goals
+from whiptool.rl.networks import Layers
+from whiptool.strike_map.candidates import Candidates
+from whiptool.strike_map.striker import Striker
+from whiptool.strike_map.turning import Front
+
+HIDDEN = (256, 256)
+_EPOCHS, _BATCH, _RATE, _DECAY = 40, 512, 1e-3, 1e-4
+_HELD_OUT = 10  # every so many goals are held out
+
+
+def features(striker: Striker, front: Front, goal: Goals, candidates: Candidates) -> np.ndarray:
+    """Return what the gate sees of each candidate of one goal, (C, f): goal, strike, change, and what is left."""
+    angle = -front.angles(goal.positions)
+    ahead, count = front.goals(goal, angle), len(candidates.strikes)
+    strikes = front.strikes(candidates.strikes, np.repeat(angle, count))
+    of_goal = [ahead.positions / striker.rollout.model.reach]
+    of_goal += [] if ahead.directions is None else [ahead.directions]
+    parts = [np.repeat(np.hstack(of_goal), count, axis=0), 2 * (strikes - striker.lower) / striker.widths - 1]
+    parts += [np.tanh(candidates.change), np.log(candidates.doubt + 1e-3)[:, None], np.tanh(candidates.left)[:, None]]
+    return np.hstack(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """A trained gate.
+
+    Args:
+        layers: Network from features to the logarithm of the odds that a candidate hits.
+        mean, scale: Of the features that it was trained on, (f,) each.
+    """
+
+    layers: Layers
+    mean: np.ndarray
+    scale: np.ndarray
+
+    def odds(self, seen: np.ndarray) -> np.ndarray:
+        """Return the logarithm of the odds of candidates to hit, (C,), from their features (C, f)."""
+        with torch.no_grad():
+            return self.layers(self._scaled(seen))[0, :, 0].numpy().astype(float)
+
+    def _scaled(self, seen: np.ndarray) -> torch.Tensor:
+        return torch.as_tensor((seen - self.mean) / self.scale, dtype=torch.float32)
+
+    @classmethod
+    def trained(cls, seen: np.ndarray, hit: np.ndarray, *, seed: int, progress: bool = False) -> Gate:
+        """Return a gate that was trained by logistic regression on candidates (N, f) that hit or not, (N,)."""
+        generator = torch.Generator().manual_seed(seed)
+        gate = cls(Layers([seen.shape[1], *HIDDEN, 1], generator), seen.mean(axis=0), seen.std(axis=0) + 1e-6)
+        x, y = gate._scaled(seen), torch.as_tensor(hit, dtype=torch.float32)
+        optimizer = torch.optim.AdamW(gate.layers.parameters(), lr=_RATE, weight_decay=_DECAY)
+        steps = _EPOCHS * -(-len(x) // _BATCH)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+        for _ in tqdm(range(_EPOCHS), desc="gate", disable=not progress, leave=False):
+            for rows in torch.randperm(len(x), generator=generator).split(_BATCH):
+                loss = F.binary_cross_entropy_with_logits(gate.layers(x[rows])[0, :, 0], y[rows])
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                schedule.step()
+        return gate

@@ -1,0 +1,92 @@
+"""Harvest: of the places that the tips of strikes pass, a few in every part of the goals' region."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TypeAlias
+
+import numpy as np
+
+from whiptool.strike_map.answers import Answers, paths_of
+from whiptool.strike_map.goal_region import GoalRegion
+from whiptool.strike_map.striker import Striker
+from whiptool.strike_map.turning import Front
+
+Cell: TypeAlias = tuple[int, ...]
+
+_CELL = 2.0  # width of a cell, in hit radii and in cones
+_WORTH = 4  # cells with room that a strike has to pass
+
+
+class Harvest:
+    """Counts how many answers each cell of a region holds, and picks more of them where there is room.
+
+    A cell is two hit radii wide, and two cones where directions are asked for. Only strikes that pass several cells
+    with room are worth their derivatives, which cost as much along the whole path as at one place.
+
+    Args:
+        striker: Rolls out.
+        region: Of the goals.
+        rng: Draws points of the region's zone, to see in which directions it lies.
+    """
+
+    def __init__(self, striker: Striker, region: GoalRegion, rng: np.random.Generator) -> None:
+        self.striker, self.region = striker, region
+        self.front = Front(striker.rollout.model)
+        self._azimuths = self.front.azimuths(region.zone, rng)
+        self._taken: Counter[Cell] = Counter()
+
+    def count(self, answers: Answers) -> None:
+        """Count answers that were picked before."""
+        self._taken.update(map(tuple, self._cells(answers.tips, answers.velocities)))
+
+    def pick(self, strikes: np.ndarray, *, room: int) -> Answers:
+        """Return the passages of strikes (B, m) within the limits in cells with room, turned to the front.
+
+        Args:
+            strikes: To look at; what is beyond the limits is left out.
+            room: Answers that a cell may hold.
+        """
+        admitted = strikes[self.striker.within(strikes)]
+        kept, which, when = [], [], []
+        for strike, cells in zip(admitted, self._passed(admitted), strict=True):
+            free = {cell: at for cell, at in cells.items() if self._taken[cell] < room}
+            if len(free) >= _WORTH:
+                self._taken.update(free.keys())
+                which += [len(kept)] * len(free)
+                when += sorted(free.values())
+                kept.append(strike)
+        shape = (len(kept), strikes.shape[1])
+        found = Answers.of_strikes(self.striker, np.reshape(kept, shape), np.array(which, int), np.array(when, int))
+        return self.front.answers(found, -self.front.angles(found.tips))
+
+    def _passed(self, strikes: np.ndarray) -> list[dict[Cell, int]]:
+        """Return the cells that the tips of strikes pass as goals ask for it, with the last sample in each."""
+        paths, velocities = paths_of(self.striker, strikes)
+        which, when = np.nonzero(np.isfinite(velocities).all(axis=2))
+        tips, velocities = paths[which, when], velocities[which, when]
+        angles = -self.front.angles(tips)
+        tips, velocities = self.front.vectors(tips, angles), self.front.vectors(velocities, angles)
+        wanted = self.striker.inside(self.front.strikes(strikes[which], angles)) & self._in_zone(tips)
+        which, when, tips, velocities = which[wanted], when[wanted], tips[wanted], velocities[wanted]
+        arrives = self.region.goals_of(tips, velocities).arrives(velocities)
+        cells = self._cells(tips[arrives], velocities[arrives])
+        passed: list[dict[Cell, int]] = [{} for _ in strikes]
+        for strike, at, cell in zip(which[arrives], when[arrives], cells, strict=True):
+            passed[strike][tuple(cell)] = int(at)
+        return passed
+
+    def _in_zone(self, tips: np.ndarray) -> np.ndarray:
+        """Return whether places that were turned to the front lie in the zone where they are turned back, (K,)."""
+        contained = np.zeros(len(tips), bool)
+        for azimuth in self._azimuths:
+            contained |= self.region.zone.contains(self.front.vectors(tips, np.full(len(tips), azimuth)))
+        return contained
+
+    def _cells(self, tips: np.ndarray, velocities: np.ndarray) -> list[list[int]]:
+        """Return in which cell of the region each passage lies."""
+        columns = tips / (_CELL * self.region.hit_radius)
+        angles = self.region.angles(tips, velocities)
+        if angles is not None:
+            columns = np.column_stack([columns, angles / (_CELL * self.region.rule.cone)])
+        return np.floor(columns).astype(int).tolist()

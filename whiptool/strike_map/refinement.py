@@ -1,0 +1,127 @@
+"""Refinement: strikes are corrected until nothing is left of their goals, many at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.goals import Goals
+from whiptool.strike_map.correction import correct
+from whiptool.strike_map.striker import Striker, Struck
+
+TOLERANCE = 1e-4  # [m]: a smaller cost is not refined any more
+STEPS = 30  # rollouts of each strike at most, those for derivatives apart
+_DAMPING = 1e-3  # [m], of the first step
+_LEAST = 1e-5  # [m]
+_BETTER = 0.7  # of the cost is left after a step, or less: else the step stalled
+_STALLED = 3  # steps in a row that stalled, after which derivatives are taken anew
+_DERIVATIVES = 3  # times that a strike's derivatives are taken at most
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """What refinement came to, of B strikes.
+
+    Args:
+        strikes: The best of each, (B, m).
+        struck: What they come to.
+        rollouts: How many it took in all, without those for derivatives.
+        derivatives: How many times derivatives of a strike were taken.
+    """
+
+    strikes: np.ndarray
+    struck: Struck
+    rollouts: int
+    derivatives: int
+
+    def improved(self, rows: np.ndarray, others: Refined) -> Refined:
+        """Return the same with others in those of some rows in which they cost less."""
+        less = others.struck.cost < self.struck.cost[rows]
+        strikes = self.strikes.copy()
+        strikes[rows[less]] = others.strikes[less]
+        return Refined(
+            strikes,
+            self.struck.with_rows(rows[less], others.struck.take(less)),
+            self.rollouts + others.rollouts,
+            self.derivatives + others.derivatives,
+        )
+
+
+def refine(
+    striker: Striker, goals: Goals, strikes: np.ndarray, slopes: np.ndarray | None = None, *, steps: int = STEPS
+) -> Refined:
+    """Correct strikes until their costs are below `TOLERANCE`, or they get no better.
+
+    Steps are damped (Levenberg 1944, Marquardt 1963), with derivatives that each rollout mends (Broyden 1965): one
+    rollout a step. Where steps stall, exact derivatives are taken, which cost some dozens.
+
+    Args:
+        striker: Rolls out.
+        goals: One each.
+        strikes: To begin with, (B, m).
+        slopes: Derivatives of the residuals there or near there, (B, r, m); None: they are taken.
+        steps: At most.
+    """
+    state = _Refinement(striker, goals, strikes, slopes)
+    for _ in range(steps):
+        rows = np.flatnonzero(state.unfinished())
+        if not len(rows):
+            break
+        state.step(rows)
+        stalled = state.unfinished() & (state.stalled >= _STALLED)
+        state.take_derivatives(np.flatnonzero(stalled))
+    return Refined(state.strikes, state.struck, state.rollouts, int(state.taken.sum()))
+
+
+class _Refinement:
+    """The state of a refinement: strikes, what they come to, derivatives, damping."""
+
+    def __init__(self, striker: Striker, goals: Goals, strikes: np.ndarray, slopes: np.ndarray | None) -> None:
+        B, m = strikes.shape
+        self.striker, self.goals = striker, goals
+        self.strikes = striker.admissible(strikes)
+        self.struck = striker.strike(self.strikes, goals)
+        self.rollouts, self.taken = B, np.zeros(B, int)
+        self.damping, self.stalled = np.full(B, _DAMPING), np.zeros(B, int)
+        self.slopes = np.zeros((B, self.struck.residuals.shape[1], m)) if slopes is None else slopes.copy()
+        if slopes is None:
+            self.take_derivatives(np.arange(B))
+
+    def unfinished(self) -> np.ndarray:
+        """Whether each strike is still to be corrected, (B,)."""
+        given_up = (self.stalled >= _STALLED) & (self.taken >= _DERIVATIVES)
+        return (self.struck.cost > TOLERANCE) & np.isfinite(self.struck.cost) & ~given_up
+
+    def step(self, rows: np.ndarray) -> None:
+        """Correct some strikes once, and keep those that come out better."""
+        striker, old, before = self.striker, self.strikes[rows], self.struck.take(rows)
+        room = striker.lower - old, striker.upper - old
+        damping = self.damping[rows]
+        change = correct(before.residuals, self.slopes[rows], room, striker.widths, damping=damping).change
+        new = striker.admissible(old + change)
+        after = striker.strike(new, self.goals.rows(rows))
+        self.rollouts += len(rows)
+        self._mend(rows, new - old, after.residuals - before.residuals)
+        better = after.cost < before.cost
+        self.strikes[rows[better]] = new[better]
+        self.struck = self.struck.with_rows(rows[better], after.take(better))
+        self.damping[rows] = np.where(better, np.maximum(damping / 4, _LEAST), damping * 8)
+        self.stalled[rows] = np.where(after.cost < _BETTER * before.cost, 0, self.stalled[rows] + 1)
+
+    def take_derivatives(self, rows: np.ndarray) -> None:
+        """Take the exact derivatives of some strikes."""
+        if not len(rows):
+            return
+        self.slopes[rows] = self.striker.derivatives(self.strikes[rows], self.goals.rows(rows))
+        self.taken[rows] += 1
+        self.stalled[rows], self.damping[rows] = 0, _DAMPING
+
+    def _mend(self, rows: np.ndarray, change: np.ndarray, difference: np.ndarray) -> None:
+        """Change derivatives least, so that they explain a step's difference of residuals (Broyden 1965)."""
+        scaled = change / self.striker.widths**2
+        length = np.einsum("bm,bm->b", change, scaled)
+        known = np.isfinite(difference).all(axis=1) & (length > 0)
+        some = rows[known]
+        missing = difference[known] - np.einsum("brm,bm->br", self.slopes[some], change[known])
+        self.slopes[some] += missing[:, :, None] * (scaled[known] / length[known, None])[:, None, :]

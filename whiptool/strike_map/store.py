@@ -1,0 +1,73 @@
+"""Files of a strike map: its answers, part by part as they were made, and its gate; arrays only."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from whiptool.errors import InputError
+from whiptool.rl.networks import Layers
+from whiptool.strike_map.answers import Answers
+from whiptool.strike_map.gate import HIDDEN, Gate
+from whiptool.whole_files import write_npz
+
+GATE = "gate.npz"
+
+
+def part_file(folder: Path, number: int) -> Path:
+    """Return the file of a part."""
+    return folder / f"answers-{number:03d}.npz"
+
+
+def save_part(folder: Path, number: int, answers: Answers) -> None:
+    """Write the answers of a part."""
+    write_npz(part_file(folder, number), {f.name: getattr(answers, f.name) for f in fields(Answers)})
+
+
+def load_parts(folder: Path, count: int) -> list[Answers]:
+    """Return the answers of the parts that are there, in order, up to the first of `count` that is not.
+
+    Raises:
+        InputError: A file is none of these.
+    """
+    parts: list[Answers] = []
+    while len(parts) < count and part_file(folder, len(parts)).exists():
+        parts.append(Answers(**_arrays(part_file(folder, len(parts)))))
+    return parts
+
+
+def save_gate(folder: Path, gate: Gate) -> None:
+    """Write a gate."""
+    weights = {f"layers.{name}": x.numpy() for name, x in gate.layers.state_dict().items()}
+    write_npz(folder / GATE, {"mean": gate.mean, "scale": gate.scale, **weights})
+
+
+def load_gate(folder: Path) -> Gate | None:
+    """Return the gate, or None where there is no file.
+
+    Raises:
+        InputError: The file is none of these.
+    """
+    if not (folder / GATE).exists():
+        return None
+    arrays = _arrays(folder / GATE)
+    layers = Layers([len(arrays["mean"]), *HIDDEN, 1], torch.Generator())
+    weights = {name.removeprefix("layers."): x for name, x in arrays.items() if name.startswith("layers.")}
+    layers.load_state_dict({name: torch.as_tensor(x) for name, x in weights.items()})
+    return Gate(layers, arrays["mean"], arrays["scale"])
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return what an NPZ file holds.
+
+    Raises:
+        InputError: It is no such file, or it is damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return dict(data)
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError("strike map", str(path), f"a file that `whiptool map build` wrote ({error})"[:200]) from None

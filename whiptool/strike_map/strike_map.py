@@ -1,0 +1,100 @@
+"""A strike map: the strike for any goal of a region, without a search."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.goals import Goals
+from whiptool.models.strike import Strike
+from whiptool.strike_map.answers import Answers
+from whiptool.strike_map.candidates import Candidates, candidates
+from whiptool.strike_map.gate import Gate, features
+from whiptool.strike_map.goal_region import GoalRegion
+from whiptool.strike_map.refinement import Refined, refine
+from whiptool.strike_map.striker import Striker
+from whiptool.strike_map.turning import Front
+from whiptool.target import Target, as_target
+
+TRIED = 8  # candidates that are refined at most
+
+
+class StrikeMap:
+    """Answers with their derivatives, and the gate that chooses among what they make of a goal.
+
+    Args:
+        striker: Rolls out.
+        region: Of the goals that the map was built for.
+        answers: Turned to the front.
+        gate: Chooses; None: the candidate with the least `doubt` is taken.
+    """
+
+    def __init__(self, striker: Striker, region: GoalRegion, answers: Answers, gate: Gate | None = None) -> None:
+        self.striker, self.region, self.answers, self.gate = striker, region, answers, gate
+        self.front = Front(striker.rollout.model)
+
+    def __repr__(self) -> str:
+        chosen = "without a gate" if self.gate is None else "with a gate"
+        return f"StrikeMap({self.striker.rollout.model.name}, {len(self.answers)} answers, {chosen})"
+
+    def goal(self, target: Target | Sequence[float]) -> Goals:
+        """Return the goal of a target.
+
+        Raises:
+            InputError: It is none of the map's region.
+        """
+        asked, zone = as_target(target, self.region.zone.dimension), self.region.zone
+        if len(asked.position) != zone.dimension:
+            raise InputError("target", asked.position, f"{zone.dimension} coordinates, as the model has")
+        if not zone.contains(np.array(asked.position)):
+            raise InputError("target", asked.position, f"one of the map's zone, {zone}")
+        return self.region.rule.goal_of(asked)
+
+    def strike(self, target: Target | Sequence[float], *, refined: bool = True) -> Strike:
+        """Return the strike for a target.
+
+        Args:
+            target: Of the map's region; its hit radius may be another.
+            refined: Whether rollouts refine what the answers make of it; else there is none.
+
+        Raises:
+            InputError: The target is none of the map's region.
+        """
+        goal = self.goal(target)
+        return Strike.from_vector((self.refined(goal).strikes if refined else self.strikes(goal))[0])
+
+    def candidates(self, goal: Goals) -> Candidates:
+        """Return candidates for one goal (B = 1), best first."""
+        found = candidates(self.striker, self.answers, self.front, goal)
+        if self.gate is None:
+            return found
+        odds = self.gate.odds(features(self.striker, self.front, goal, found))
+        return found.take(np.argsort(-odds, kind="stable"))
+
+    def strikes(self, goals: Goals) -> np.ndarray:
+        """Return one strike for each goal, (B, m), without any rollout."""
+        return np.array([self.candidates(goals.rows(np.array([i]))).strikes[0] for i in range(len(goals.positions))])
+
+    def refined(self, goals: Goals, *, tried: int = TRIED) -> Refined:
+        """Return strikes that were refined from one candidate after the other, until they hit.
+
+        Args:
+            goals: One each.
+            tried: Candidates of a goal that are refined at most.
+        """
+        found = [self.candidates(goals.rows(np.array([i]))).take(slice(tried)) for i in range(len(goals.positions))]
+        best = self._refined(goals, found, np.arange(len(found)), 0)
+        for turn in range(1, tried):
+            missed = [i for i in np.flatnonzero(~best.struck.hit) if len(found[i].strikes) > turn]
+            if not missed:
+                break
+            rows = np.array(missed)
+            best = best.improved(rows, self._refined(goals, found, rows, turn))
+        return best
+
+    def _refined(self, goals: Goals, found: Sequence[Candidates], rows: np.ndarray, turn: int) -> Refined:
+        """Return what refinement makes of each goal's candidate whose turn it is."""
+        starts, slopes = (np.array([getattr(found[i], name)[turn] for i in rows]) for name in ("strikes", "slopes"))
+        return refine(self.striker, goals.rows(rows), starts, slopes)

@@ -1,0 +1,76 @@
+"""Turning about the vertical: an arm whose first joint does that makes every strike in all directions alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from whiptool.goals import Goals
+from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.strike_map.answers import Answers
+from whiptool.zone import Zone, sample
+
+_LOOKS = 1000  # random points that say in which directions a zone lies
+_DIRECTIONS = 16
+
+
+def turns(model: Model) -> bool:
+    """Whether the arm's first joint turns all of it about the vertical through the base."""
+    arm = model.arm
+    if not isinstance(arm, SpatialArm):
+        return False
+    first = arm.links[0]
+    axis = np.array(first.rotation) @ np.array(first.axis)
+    return first.kind == "revolute" and first.position[:2] == (0.0, 0.0) and bool(axis[2] == 1.0)
+
+
+class Front:
+    """Turns what an arm does to the front, so that what it knows of one direction it knows of all.
+
+    Of an arm that does not turn as a whole nothing is turned.
+
+    Args:
+        model: With the arm.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.turns = turns(model)
+        self._joint = [0, model.arm.n]  # the first joint's numbers in a strike
+
+    def angles(self, points: np.ndarray) -> np.ndarray:
+        """Return from where to the left of the front points (B, d) would have to come [rad], (B,)."""
+        return np.arctan2(points[:, 1], points[:, 0]) if self.turns else np.zeros(len(points))
+
+    def strikes(self, strikes: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Return strikes (B, m), turned to the left by angles (B,) [rad]."""
+        if not self.turns:
+            return strikes
+        moved = strikes.copy()
+        moved[:, self._joint] += angles[:, None]
+        return moved
+
+    def vectors(self, vectors: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Return vectors (B, d) or columns of vectors (B, d, m), turned to the left by angles (B,) [rad]."""
+        if not self.turns:
+            return vectors
+        cosine, sine = (f(angles).reshape(-1, *[1] * (vectors.ndim - 2)) for f in (np.cos, np.sin))
+        x, y = vectors[:, 0], vectors[:, 1]
+        return np.stack([cosine * x - sine * y, sine * x + cosine * y, vectors[:, 2]], axis=1)
+
+    def goals(self, goals: Goals, angles: np.ndarray) -> Goals:
+        """Return goals of B strikes, turned to the left by angles (B,) [rad]."""
+        several = {name: getattr(goals, name) for name in ("positions", "directions", "sights")}
+        return replace(goals, **{name: self.vectors(x, angles) for name, x in several.items() if x is not None})
+
+    def answers(self, answers: Answers, angles: np.ndarray) -> Answers:
+        """Return K answers, turned to the left by angles (K,) [rad]."""
+        several = ("tips", "velocities", "tip_slopes", "velocity_slopes")
+        vectors = {name: self.vectors(getattr(answers, name), angles) for name in several}
+        return Answers(self.strikes(answers.strikes, angles), **vectors)
+
+    def azimuths(self, zone: Zone, rng: np.random.Generator) -> np.ndarray:
+        """Return angles in which a zone lies, from end to end [rad]."""
+        found = self.angles(sample(zone, _LOOKS, rng))
+        return np.linspace(found.min(), found.max(), _DIRECTIONS) if self.turns else np.zeros(1)
