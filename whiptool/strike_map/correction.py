@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_ROUNDS = 6  # in which numbers that leave the box are put on its side
+_ROUNDS = 20  # in which numbers that leave the box are put on its side, or let off it
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,8 @@ def correct(
 ) -> Correction:
     """Return the damped least-squares change of strikes within a box (Levenberg 1944, Marquardt 1963).
 
-    It minimises |r + J x|^2 + damping^2 |x / widths|^2; numbers that would leave the box stay on its side.
+    It minimises |r + J x|^2 + damping^2 |x / widths|^2; numbers that would leave the box stay on its side
+    (an active-set method: Stark and Parker 1995).
 
     Args:
         residuals: r [m], (B, r).
@@ -48,16 +49,21 @@ def correct(
     J = slopes * widths
     held = np.zeros((B, m), bool)
     x = np.zeros((B, m))
-    ridge = np.broadcast_to(np.square(damping), (B,))[:, None, None] * np.eye(r)
+    ridge = np.broadcast_to(np.square(damping), (B,))[:, None, None]
     for _ in range(_ROUNDS):
         free = np.where(held[:, None, :], 0.0, J)
         rest = residuals + np.einsum("brm,bm->br", J, np.where(held, x, 0.0))
-        dual = np.linalg.solve(free @ free.swapaxes(1, 2) + ridge, rest[..., None])
+        dual = np.linalg.solve(free @ free.swapaxes(1, 2) + ridge * np.eye(r), rest[..., None])
         x = np.where(held, x, -np.einsum("brm,br->bm", free, dual[..., 0]))
         out = (x < low) | (x > high)
         x = np.clip(x, low, high)
-        if not (out & ~held).any():
+        downhill = -np.einsum("brm,br->bm", J, residuals + np.einsum("brm,bm->br", J, x)) - ridge[:, 0] * x
+        inward = held & (((x == low) & (downhill > 0)) | ((x == high) & (downhill < 0)))
+        settled = ~out.any(axis=1, keepdims=True)  # only then is it known which sides hold nothing back
+        if settled.all() and not inward.any():
             break
-        held |= out
+        strongest = np.argmax(np.where(inward, np.abs(downhill), 0.0), axis=1)
+        released = inward & settled & (np.arange(m) == strongest[:, None])  # one at a time, lest they take turns
+        held = (held | out) & ~released
     left = np.linalg.norm(residuals + np.einsum("brm,bm->br", J, x), axis=1)
     return Correction(x * widths, np.linalg.norm(x, axis=1), left)

@@ -1,0 +1,89 @@
+"""Refinement on residuals in closed form: steps, mended derivatives, and when it asks for exact ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from straight_map import CurvedStriker
+
+from whiptool.goals import Goals
+from whiptool.strike_map.refinement import TOLERANCE, refine
+
+
+def goals(count: int) -> Goals:
+    return Goals(np.zeros((count, 2)), 0.01)
+
+
+def starts(striker: CurvedStriker, count: int, away: float) -> np.ndarray:
+    return striker.centre + np.random.default_rng(1).uniform(-away, away, (count, 5)) * striker.widths
+
+
+def test_a_linear_goal_is_reached_in_a_few_steps_with_exact_derivatives():
+    striker = CurvedStriker(0.0)
+    first = starts(striker, 20, 0.2)
+    found = refine(striker, goals(20), first, striker.derivatives(first, goals(20)))  # type: ignore[arg-type]
+    assert (found.struck.cost <= TOLERANCE).all()
+    assert found.rollouts <= 20 * 4
+    assert found.derivatives == 0
+    np.testing.assert_allclose(striker.residuals(found.strikes), 0, atol=TOLERANCE)
+
+
+def test_wrong_derivatives_are_mended_by_the_steps():
+    """Broyden's rule: a linear goal is reached with derivatives that were a third off, and none taken anew."""
+    striker = CurvedStriker(0.0)
+    first = starts(striker, 20, 0.1)
+    wrong = striker.derivatives(first, goals(20)) * np.random.default_rng(2).uniform(0.7, 1.3, (20, 3, 5))
+    found = refine(striker, goals(20), first, wrong)  # type: ignore[arg-type]
+    assert (found.struck.cost <= TOLERANCE).all()
+    assert found.derivatives == 0
+
+
+def test_mended_derivatives_explain_the_last_step():
+    from whiptool.strike_map.refinement import _Refinement
+
+    striker = CurvedStriker(0.3)
+    first = starts(striker, 5, 0.1)
+    state = _Refinement(striker, goals(5), first, striker.derivatives(first, goals(5)))  # type: ignore[arg-type]
+    before = state.struck.residuals.copy()
+    state.step(np.arange(5))
+    change = state.strikes - first
+    np.testing.assert_allclose(
+        np.einsum("brm,bm->br", state.slopes, change), state.struck.residuals - before, atol=1e-12
+    )
+
+
+def test_where_derivatives_are_useless_exact_ones_are_taken():
+    striker = CurvedStriker(0.3)
+    first = starts(striker, 10, 0.1)
+    useless = -striker.derivatives(first, goals(10))
+    striker.taken = 0
+    found = refine(striker, goals(10), first, useless)  # type: ignore[arg-type]
+    assert (found.struck.cost <= TOLERANCE).all()
+    assert found.derivatives == striker.taken > 0
+    assert refine(striker, goals(10), first).derivatives >= 10  # type: ignore[arg-type]
+
+
+def test_no_strike_comes_out_worse_and_finished_ones_are_left_alone():
+    striker = CurvedStriker(3.0)
+    first = starts(striker, 30, 0.4)
+    before = striker.strike(striker.admissible(first), goals(30)).cost
+    found = refine(striker, goals(30), first)  # type: ignore[arg-type]
+    assert (found.struck.cost <= before + 1e-15).all()
+    again = refine(striker, goals(30), found.strikes)  # type: ignore[arg-type]
+    done = found.struck.cost <= TOLERANCE
+    assert 5 <= done.sum()
+    np.testing.assert_array_equal(again.strikes[done], found.strikes[done])
+
+
+def test_of_two_refinements_the_better_of_each_row_is_kept():
+    striker = CurvedStriker(0.3)
+    near, far = starts(striker, 6, 0.01), starts(striker, 6, 0.3)
+    first = refine(striker, goals(6), far, steps=0)  # type: ignore[arg-type]
+    other = refine(striker, goals(2), near[[1, 4]], steps=0)  # type: ignore[arg-type]
+    both = first.improved(np.array([1, 4]), other)
+    np.testing.assert_array_equal(both.strikes[[1, 4]], near[[1, 4]])
+    np.testing.assert_array_equal(both.strikes[[0, 2, 3, 5]], far[[0, 2, 3, 5]])
+    assert both.rollouts == first.rollouts + other.rollouts
+    assert both.struck.cost[1] == pytest.approx(other.struck.cost[0])
+    worse = both.improved(np.array([1]), refine(striker, goals(1), far[[1]], steps=0))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(worse.strikes[1], near[1])
