@@ -14,6 +14,7 @@ from whiptool.zone import (
     Disc,
     ReachableDisc,
     Region,
+    Sector,
     check_dimension,
     disc_within_reach,
     random_paths,
@@ -29,10 +30,12 @@ BALL = Disc((0.4, -0.2, 0.3), 0.3)
 CUBES = Region(np.array([[0.0, 0.0, 0.2], [0.2, 0.0, 0.2], [0.0, 0.2, 0.0], [0.6, -0.4, 0.2]]), 0.2)
 CAP = ReachableDisc(Disc((1.0, -0.6, 0.5), 0.3), 1.35)
 MOSTLY_BEYOND_IN_SPACE = ReachableDisc(Disc((-0.6, 0.6, 0.6), 0.6), 0.8)
+SECTOR = Sector(0.5, 0.9, -0.3, 0.7, 0.6)
+WIDE_SECTOR = Sector(0.3, 0.8, 0.2, 0.6, 2.2)
 MOSTLY_BEYOND = ReachableDisc(Disc((-0.9, 0.9), 0.6), 1.1)
 
 
-@pytest.mark.parametrize("zone", [DISC, CELLS, CUT, BALL, CUBES, CAP])
+@pytest.mark.parametrize("zone", [DISC, CELLS, CUT, BALL, CUBES, CAP, SECTOR, WIDE_SECTOR])
 def test_area_and_containment_by_counting(zone):
     lower, upper = zone.box
     points = np.random.default_rng(0).uniform(lower - 0.1, upper + 0.1, (200_000, zone.dimension))
@@ -46,7 +49,9 @@ def test_area_and_containment_by_counting(zone):
     np.testing.assert_allclose(inside.max(axis=0), upper, atol=near)
 
 
-@pytest.mark.parametrize("zone", [DISC, CELLS, CUT, MOSTLY_BEYOND, BALL, CUBES, CAP, MOSTLY_BEYOND_IN_SPACE])
+@pytest.mark.parametrize(
+    "zone", [DISC, CELLS, CUT, MOSTLY_BEYOND, BALL, CUBES, CAP, MOSTLY_BEYOND_IN_SPACE, SECTOR, WIDE_SECTOR]
+)
 def test_places_are_uniform(zone):
     """As many in each part as its area says: parts are squares of a grid, areas by counting."""
     rng = np.random.default_rng(1)
@@ -180,3 +185,26 @@ def test_a_radius_that_holds_all_within_reach_says_nothing():
     disc_within_reach(Disc((1.3, 0.0), 2.79), 1.5)
     with pytest.raises(InputError, match=r"radius of the zone: got 2\.8; allowed: less than 2\.800 m"):
         disc_within_reach(Disc((1.3, 0.0), 2.8), 1.5)
+
+
+def test_a_sector_has_the_volume_of_its_shell():
+    whole = Sector(0.4, 1.0, -1.0, 1.0, math.pi)
+    assert whole.size == pytest.approx(4 / 3 * math.pi * (1 - 0.4**3), rel=1e-6)
+    assert Sector(0.4, 1.0, -1.0, 1.0, math.pi / 6).size == pytest.approx(whole.size / 6)
+    slab = Sector(0.5, 1.0, -0.2, 0.3, math.pi)  # between heights that both spheres pass: rings of one area
+    assert slab.size == pytest.approx(math.pi * (1 - 0.25) * 0.5)
+    np.testing.assert_allclose(SECTOR.box[0][1], -0.9 * math.sin(0.6))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [
+        ((1.0, 0.5, 0, 0.2, 1), "farthest distance"),
+        ((0.5, 1.0, -1.2, 0.2, 1), "lowest height"),
+        ((0.5, 1.0, 0.3, 0.2, 1), "highest height"),
+        ((0.5, 1.0, 0.0, 0.2, 4), "angle to either side"),
+    ],
+)
+def test_a_sector_that_is_none_is_refused(numbers, said):
+    with pytest.raises(InputError, match=said):
+        Sector(*numbers)

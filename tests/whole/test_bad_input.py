@@ -34,6 +34,8 @@ OPTIONS = {
     "optimize": ("whiptool.commands.optimize", "OptimizeOptions"),
     "simulate": ("whiptool.commands.simulate", "SimulateOptions"),
     "train": ("whiptool.commands.train", "TrainOptions"),
+    "map-build": ("whiptool.commands.map", "BuildOptions"),
+    "map-strike": ("whiptool.commands.map", "StrikeOptions"),
     "compare": ("whiptool.commands.compare", "CompareOptions"),
     "reproduce": ("whiptool.commands.reproduce", "ReproduceOptions"),
     "adapt": ("whiptool.commands.adapt", "AdaptOptions"),
@@ -50,8 +52,11 @@ NEEDS = {
     "servos": "--port /dev/nowhere",
     "identify": "good.npz",
     "view": "of-simulate",
+    "map-strike": "of-simulate",
     "simulate": f"--strike {STRIKE}",
 }
+
+KNOWN_LATER = [("map-strike", "--target 1 2 3")]  # how many coordinates a target has, once the map is read
 
 # Of every command that has the option: what is given, and what the answer must hold
 SHARED = """
@@ -91,7 +96,7 @@ SHARED = """
 --seed 99999999999999999999 | --seed
 --seed 1.5 | --seed
 --starts 0 | --starts
---limits xm540 | xm430
+--limits xm540 | arm, none
 --rate 1 | --rate
 --rate 1e9 | --rate
 --rate nan | --rate
@@ -219,6 +224,43 @@ train --region good.npz | good.npz
 train --region taken | taken
 train --region absent.npz --zone-radius 0.3 | --zone-radius
 train --region absent.npz --target 1 0 | --target
+map-build --region absent.npz | --region: got 'absent.npz'
+map-build --region absent.npz --zone-radius 0.3 | --zone-radius
+map-build --region absent.npz --sector 1 2 -1 1 30 | --sector
+map-build --sector 1 2 -1 1 | five numbers
+map-build --sector 2 1 -1 1 30 | farthest distance
+map-build --sector 1 2 -1 1 200 | angle to either side
+map-build --sector 1 2 -3 1 30 | lowest height
+map-build --sector 1 2 -1 1 30 --target 1 0 0 | --target: got (1.0, 0.0, 0.0); allowed: nothing beside --sector
+map-build --sector 1 2 -1 1 30 | coordinates of the zone
+map-build --random-strikes 0 | --random-strikes
+map-build --room 0 | --room
+map-build --rounds -1 | --rounds
+map-build --goals 0 | --goals
+map-build --gate-strikes -1 | --gate-strikes
+map-build --tests 0 | --tests
+map-build --limits xm430 | arm, none
+map-build --limits arm | limits
+map-build --cone 0 --arrival-angle 3 | --cone
+map-build --cone 20 | --cone
+map-build --direction 0 0 | a vector that is not zero
+map-build --direction 1 0 --arrival-angle any | --arrival-angle
+map-build --least-speed 0 | --least-speed
+map-build --checkpoint x | --checkpoint
+map-strike of-simulate | whiptool map
+map-strike of-nothing | whiptool map
+map-strike nowhere | nowhere
+map-strike --arrival-angle nan | --arrival-angle
+map-strike --direction 0 0 --target 1 0 | a vector that is not zero
+map-strike --cone 181 --arrival-angle 3 | --cone
+map-strike --least-speed -1 --target 1 0 | --least-speed
+map-strike --t-stay 0.4 | --t-stay
+map-strike --refine 3 | command line
+map-strike --video 3 | command line
+map-strike --posture 1 2 | --posture
+map-strike --rest 2 | --rest
+map-strike --trajectory-rate 9 | --trajectory-rate
+map-strike of-simulate --export-trajectory strike.txt | --export-trajectory
 train --episodes 2 --random-episodes 99 | --random-episodes
 train --trials 1000000000000 | --trials
 train --strikes 0 | --strikes
@@ -472,6 +514,10 @@ def main_of(command: str) -> Callable[[list[str]], int]:
         from whiptool.commands.rig import main
 
         return lambda words: main([command, *words])
+    if command.startswith("map-"):
+        from whiptool.commands.map import main
+
+        return lambda words: main([command.removeprefix("map-"), *words])
     return import_module(OPTIONS[command][0]).main
 
 
@@ -485,7 +531,7 @@ def shared_lines() -> list[tuple[str, str]]:
     for command in OPTIONS:
         for given, said in lines(SHARED):
             named = {word for word in shlex.split(given) if word.startswith("--")} - {"--no-json", "--frobnicate"}
-            if named <= flags(command):
+            if named <= flags(command) and (command, given) not in KNOWN_LATER:
                 found.append((f"{command} {NEEDS.get(command, '')} {given}", said))
     return found
 
@@ -495,7 +541,7 @@ def own_lines() -> list[tuple[str, str]]:
     for given, said in lines(OWN):
         command, _, rest = given.partition(" ")
         needs = NEEDS.get(command, "")
-        positional = command in ("identify", "view") and not rest.startswith("--")
+        positional = command in ("identify", "view", "map-strike") and not rest.startswith("--")
         spared = needs.partition(" ")[0] in rest.split() or "--export" in rest or positional
         found.append((f"{command} {'' if spared else needs} {rest}".strip(), said))
     return found

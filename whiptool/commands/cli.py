@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import pathlib
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -202,8 +203,11 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
     Raises:
         InputError: They are not the options of this command.
     """
-    fields: dict[str, Any] = {f.name: None for f in dataclasses.fields(options) if "None" in str(f.type)}
+    kinds = {f.name: str(f.type) for f in dataclasses.fields(options)}
+    fields: dict[str, Any] = {name: None for name, kind in kinds.items() if "None" in kind}
     fields |= {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
+    for name in (name for name, kind in kinds.items() if "Path" in kind and fields.get(name) is not None):
+        fields[name] = pathlib.Path(fields[name])
     try:
         return options(**fields)
     except TypeError as error:
@@ -393,7 +397,9 @@ def as_plain(options: Any) -> dict:
     plain = {}
     for f in dataclasses.fields(options):
         value = getattr(options, f.name)
-        if value is not None:
+        if isinstance(value, os.PathLike):
+            plain[f.name] = os.path.abspath(value)  # noqa: PTH100
+        elif value is not None:
             plain[f.name] = list(value) if isinstance(value, tuple) else value
     for name in ("model", "controller"):
         if str(plain.get(name, "")).endswith(".toml"):  # the same file, wherever the run is resumed

@@ -26,6 +26,7 @@ from whiptool.options import (
     SimulatedControllerOptions,
     StepOptions,
     TrajectoryOptions,
+    flag,
     refuse_idle,
     whole,
 )
@@ -56,7 +57,7 @@ class BuildOptions(
     limits: Literal["arm", "none"] | None = None
     """Strikes beyond the arm's limits of position, velocity and torque are refused; default: arm, where its joints have
     limits."""
-    strikes: int = 8192
+    random_strikes: int = 8192
     """Random strikes, whose passages through the region are the first answers."""
     room: int = 2
     """Answers at first in each cell of the region, two hit radii and two cones wide; each round of practice makes room
@@ -65,7 +66,7 @@ class BuildOptions(
     """Rounds of practice: goals that the map misses are refined, and learned."""
     goals: int = 1000
     """Random goals of each round."""
-    trials: int = 20_000
+    gate_strikes: int = 20_000
     """Candidates that are struck to train the gate; 0: there is none."""
     tests: int = 300
     """Random goals struck at with the map at the end."""
@@ -73,10 +74,10 @@ class BuildOptions(
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
-        for name in ("strikes", "room", "goals", "tests"):
-            whole(f"--{name}", getattr(self, name), high=MANY_TARGETS)
-        for name in ("rounds", "trials"):
-            whole(f"--{name}", getattr(self, name), low=0, high=MANY_TARGETS)
+        for name in ("random_strikes", "room", "goals", "tests"):
+            whole(flag(name), getattr(self, name), high=MANY_TARGETS)
+        for name in ("rounds", "gate_strikes"):
+            whole(flag(name), getattr(self, name), low=0, high=MANY_TARGETS)
 
     def build_limits(self, model: Model) -> ArmLimits | None:
         """Return the limits that strikes have to keep; None: there are none."""
@@ -89,7 +90,7 @@ class BuildOptions(
         """Return how much is rolled out."""
         from whiptool.strike_map import Plan
 
-        return Plan(self.strikes, self.room, self.rounds, self.goals, self.trials)
+        return Plan(self.random_strikes, self.room, self.rounds, self.goals, self.gate_strikes)
 
     def build_building(self) -> Building:
         """Return the building, not begun."""
@@ -156,7 +157,7 @@ def load_map(run_folder: str | Path) -> StrikeMap:
     options = cli.options_of_run(BuildOptions, folder, command="map")
     building = options.build_building()
     parts, gate = load_parts(folder, building.plan.parts), load_gate(folder)
-    if len(parts) < building.plan.parts or (gate is None and options.trials > 0):
+    if len(parts) < building.plan.parts or (gate is None and options.gate_strikes > 0):
         rule = f"a map that was built to its end; go on with whiptool map build --resume {folder}"
         raise InputError("run_folder", str(folder), rule)
     return StrikeMap(building.striker, building.region, Answers.joined(parts), gate)
@@ -203,7 +204,7 @@ def _built(building: Building, folder: Path) -> StrikeMap:
             bar.set_postfix_str(f"{sum(map(len, parts))} answers", refresh=False)
             bar.update()
     answers, gate = Answers.joined(parts), load_gate(folder)
-    if gate is None and plan.trials > 0:
+    if gate is None and plan.gate_strikes > 0:
         gate = building.gate(answers, progress=True)
         save_gate(folder, gate)
     return StrikeMap(building.striker, building.region, answers, gate)

@@ -49,6 +49,11 @@ class Answers:
         return Answers(*(getattr(self, f.name)[which] for f in fields(self)))
 
     @classmethod
+    def none(cls, m: int, d: int) -> Answers:
+        """Return no answers, of strikes of m numbers in d dimensions."""
+        return cls(*map(np.empty, ((0, m), (0, d), (0, d), (0, d, m + 1), (0, d, m + 1))))
+
+    @classmethod
     def joined(cls, parts: Sequence[Answers]) -> Answers:
         """Return all of several."""
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
@@ -66,8 +71,8 @@ class Answers:
             when: Which sample, (K,), neither a path's first nor its last.
             progress: Show a bar.
         """
-        names = strike_names(striker.rollout.model.arm)
-        parts = []
+        names, d = strike_names(striker.rollout.model.arm), striker.rollout.model.dimension
+        parts = [cls.none(strikes.shape[1], d)]
         for first in tqdm(range(0, len(strikes), _AT_ONCE), desc="derivatives", disable=not progress, leave=False):
             here = (which >= first) & (which < first + _AT_ONCE)
             some, row, sample = strikes[first : first + _AT_ONCE], which[here] - first, when[here]

@@ -24,28 +24,28 @@ class Plan:
     """How much is rolled out to build a map.
 
     Args:
-        strikes: Random ones.
+        random_strikes: What the first answers are passages of.
         room: Answers in each cell of the region at first; each round of practice makes room for one more.
         rounds: Of practice.
         goals: Of each round.
-        trials: Candidates that are struck to train the gate; 0: there will be none.
+        gate_strikes: Candidates that are struck to train the gate; 0: there will be none.
         per_goal: Of them at each goal.
 
     Raises:
         InputError: A number is out of range.
     """
 
-    strikes: int = 8192
+    random_strikes: int = 8192
     room: int = 2
     rounds: int = 4
     goals: int = 1000
-    trials: int = 20_000
+    gate_strikes: int = 20_000
     per_goal: int = 4
 
     def __post_init__(self) -> None:
-        for name in ("strikes", "room", "goals", "per_goal"):
+        for name in ("random_strikes", "room", "goals", "per_goal"):
             whole(name, getattr(self, name))
-        for name in ("rounds", "trials"):
+        for name in ("rounds", "gate_strikes"):
             whole(name, getattr(self, name), low=0)
 
     @property
@@ -56,7 +56,7 @@ class Plan:
     @property
     def random_parts(self) -> int:
         """Number of parts of random strikes."""
-        return -(-self.strikes // _AT_ONCE)
+        return -(-self.random_strikes // _AT_ONCE)
 
 
 class Building:
@@ -85,7 +85,7 @@ class Building:
         practised = len(before) - self.plan.random_parts
         if practised >= 0:
             return self._practice(harvest, Answers.joined(before), rng, room=self.plan.room + practised + 1)
-        count = min(_AT_ONCE, self.plan.strikes - len(before) * _AT_ONCE)
+        count = min(_AT_ONCE, self.plan.random_strikes - len(before) * _AT_ONCE)
         drawn = self.striker.admissible(self.striker.bounds.sample(rng, count))
         found = harvest.pick(drawn, room=self.plan.room)
         if not before and not len(found):
@@ -104,7 +104,7 @@ class Building:
         """Return a gate that was trained on what candidates for random goals came to."""
         rng = np.random.default_rng([self.seed, self.plan.parts])
         strike_map = StrikeMap(self.striker, self.region, answers)
-        goals = self.region.draw(-(-self.plan.trials // self.plan.per_goal), rng)
+        goals = self.region.draw(-(-self.plan.gate_strikes // self.plan.per_goal), rng)
         seen, strikes = [], []
         for i in range(len(goals.positions)):
             goal = goals.rows(np.array([i]))

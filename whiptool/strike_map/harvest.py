@@ -48,6 +48,8 @@ class Harvest:
             room: Answers that a cell may hold.
         """
         admitted = strikes[self.striker.within(strikes)]
+        if not len(admitted):
+            return Answers.none(strikes.shape[1], self.region.zone.dimension)
         kept, which, when = [], [], []
         for strike, cells in zip(admitted, self._passed(admitted), strict=True):
             free = {cell: at for cell, at in cells.items() if self._taken[cell] < room}

@@ -1,0 +1,75 @@
+"""The map command: built, killed, resumed, asked from the command line and from Python."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from whiptool import load_map  # noqa: E402
+from whiptool.commands import map as command  # noqa: E402
+from whiptool.errors import InputError  # noqa: E402
+from whiptool.strike_map.store import GATE, part_file  # noqa: E402
+from whiptool.target import Target  # noqa: E402
+
+pytestmark = pytest.mark.slow
+
+SMALL = "build --controller constant --timestep 0.0005 --zone-radius 0.15 --hit-radius 0.03 --arrival-angle any"
+BUDGET = "--random-strikes 500 --room 1 --rounds 1 --goals 16 --gate-strikes 100 --tests 10"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("map") / "run"
+    assert command.main([*SMALL.split(), *BUDGET.split(), "--out", str(folder)]) == 0
+    return folder
+
+
+def test_the_result_says_what_the_map_does(run: Path) -> None:
+    result = json.loads((run / "result.json").read_text())
+    assert result["tests"] == 10
+    assert 0 < result["one_shot"] <= result["refined"] <= 1
+    assert result["answers"] == len(load_map(run).answers) > 50
+    assert result["arrival"]["arrival_angle"] == [-np.pi, np.pi]
+
+
+def test_a_killed_run_goes_on_to_the_same_map(run: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "killed"
+    shutil.copytree(run, folder)
+    for name in (GATE, part_file(folder, 1).name, "result.json"):
+        (folder / name).unlink()
+    assert command.main(["build", "--resume", str(folder)]) == 0
+    for file in (part_file(run, 1), run / GATE):
+        with np.load(file) as first, np.load(folder / file.name) as second:
+            assert set(first) == set(second)
+            for name in first:
+                np.testing.assert_array_equal(first[name], second[name])
+
+
+def test_a_map_that_is_not_whole_says_how_to_go_on(run: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "part"
+    shutil.copytree(run, folder)
+    (folder / GATE).unlink()
+    with pytest.raises(InputError, match=r"built to its end.*whiptool map build --resume"):
+        load_map(folder)
+
+
+def test_a_strike_from_the_command_line_is_the_one_from_python(run: Path, tmp_path: Path, capsys) -> None:
+    words = f"strike {run} --target 1.3 0.05 --arrival-angle 90 --hit-radius 0.03 --no-video --json"
+    assert command.main([*words.split(), "--out", str(tmp_path / "strike")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    goal = Target.arriving((1.3, 0.05), np.pi / 2, hit_radius=0.03)
+    assert list(told["strike"].values()) == pytest.approx(load_map(run).strike(goal).vector)
+    assert told["reference"]["miss_distance"] == pytest.approx(told["miss_distance"], abs=1e-3)
+    assert told["arrival"]["angle"] is not None
+    assert (tmp_path / "strike/trajectory.npz").exists()
+    words = words.replace("--json", "--no-refine")
+    assert command.main([*words.split(), "--out", str(tmp_path / "first")]) == 0
+    assert "one strike from the map of lemon2024" in capsys.readouterr().out
+    first = json.loads((tmp_path / "first/result.json").read_text())
+    assert list(first["strike"].values()) == pytest.approx(load_map(run).strike(goal, refined=False).vector)
