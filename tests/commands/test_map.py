@@ -11,11 +11,11 @@ import pytest
 
 pytest.importorskip("torch")
 
-from whiptool import load_map  # noqa: E402
-from whiptool.commands import map as command  # noqa: E402
-from whiptool.errors import InputError  # noqa: E402
-from whiptool.strike_map.store import GATE, part_file  # noqa: E402
-from whiptool.target import Target  # noqa: E402
+from whiptool import load_map
+from whiptool.commands import map as command
+from whiptool.errors import InputError
+from whiptool.strike_map.store import GATE, part_file
+from whiptool.target import Target
 
 pytestmark = pytest.mark.slow
 
