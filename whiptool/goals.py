@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,8 +46,27 @@ class Goals:
         of_speed = 0.0 if self.speed is None else 1.0
         return self.hit_radius * math.hypot(of_direction, of_speed)
 
+    def rows(self, which: np.ndarray) -> Goals:
+        """Return the goals of some of the strikes, by a mask (B,) or by their numbers (b,)."""
+        return replace(self, **{name: None if x is None else x[which] for name, x in self._arrays().items()})
+
+    def with_rows(self, which: np.ndarray, new: Goals) -> Goals:
+        """Return the goals with new ones (b) for some of the strikes, given by a mask (B,) or their numbers (b,)."""
+        changed = {name: None if x is None else x.copy() for name, x in self._arrays().items()}
+        for name, x in new._arrays().items():
+            into = changed[name]
+            if into is not None:
+                into[which] = x
+        return replace(self, **changed)
+
+    def _arrays(self) -> dict[str, np.ndarray | None]:
+        """What differs from goal to goal, by name."""
+        return {"positions": self.positions, "directions": self.directions, "sights": self.sights}
+
     def angle(self, velocity: np.ndarray) -> np.ndarray:
         """Return the angle between direction and velocity [rad], (B,); NaN where no direction is asked for.
+
+        A tip that rests, as all do before a strike begins, arrives along none: its angle is pi.
 
         Args:
             velocity: Of the tip [m/s], (B, d).
@@ -56,7 +75,8 @@ class Goals:
             return np.full(len(velocity), np.nan)
         seen = self._seen(velocity)
         along = _dot(seen, self.directions)
-        return np.arctan2(np.linalg.norm(seen - along[:, None] * self.directions, axis=1), along)
+        angle = np.arctan2(np.linalg.norm(seen - along[:, None] * self.directions, axis=1), along)
+        return np.where(seen.any(axis=1), angle, np.pi)
 
     def arrival_speed(self, velocity: np.ndarray) -> np.ndarray:
         """Return the speed along the direction [m/s], (B,), negative if against it; without direction the speed."""
@@ -175,6 +195,18 @@ def arrival_directions(positions: np.ndarray, angles: np.ndarray) -> tuple[np.nd
     up = np.array([0.0, 0.0, 1.0]) - z[:, 2:] * z
     x = up / np.linalg.norm(up, axis=1, keepdims=True)
     return cosine * x + sine * np.cross(z, x), z
+
+
+def arrival_angles(positions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return the arrival angles of vectors (B, d) at targets (B, d) [rad], (B,); see `arrival_directions`.
+
+    Raises:
+        InputError: A target in space lies above or below the base, or at it.
+    """
+    right_angle = np.full(len(positions), np.pi / 2)
+    first, _ = arrival_directions(positions, 0 * right_angle)
+    second, _ = arrival_directions(positions, right_angle)
+    return np.arctan2(_dot(vectors, second), _dot(vectors, first))
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

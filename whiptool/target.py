@@ -99,6 +99,14 @@ class Target:
         sight = None if sights is None else tuple(map(float, sights[0]))
         return cls(place, hit_radius, tuple(map(float, directions[0])), cone, speed, sight)
 
+    @classmethod
+    def of(cls, goals: Goals, i: int) -> Target:
+        """Return one of many goals, by its number, as a target."""
+        rows = (goals.positions, goals.directions, goals.sights)
+        place, direction, sight = (None if x is None else tuple(map(float, x[i])) for x in rows)
+        assert place is not None
+        return cls(place, goals.hit_radius, direction, goals.cone, goals.speed, sight)
+
     @property
     def goals(self) -> Goals:
         """The same as the goal of any number of strikes."""

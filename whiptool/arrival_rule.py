@@ -1,0 +1,179 @@
+"""How the tip has to arrive at the targets of a zone: along one direction, at one angle or at any, at what speed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from whiptool.errors import NOTHING, InputError
+from whiptool.goals import CONE, Goals, arrival_angles, arrival_directions
+from whiptool.models.parameters import Model, number
+from whiptool.target import Target
+from whiptool.zone import Zone, sample
+
+ANY = "any"
+_SAME = 1e-6  # largest difference of directions that are the same
+
+
+@dataclass(frozen=True)
+class ArrivalRule:
+    """What is asked of the tip's arrival at every target of a zone; by default nothing but the point.
+
+    Args:
+        direction: One for all targets, a vector of any length, (2,) or (3,); it is kept as a unit vector.
+        angle: One arrival angle for all targets [rad], see `arrival_directions`; or `any`: each target has its own,
+            drawn uniformly from the full turn.
+        cone: Largest angle between the direction and the tip's velocity at the closest approach [rad].
+        speed: Least speed then [m/s], along the direction where there is one; None: any.
+
+    Raises:
+        InputError: A value is out of range, the direction is zero, or both a direction and an angle are asked for.
+    """
+
+    direction: tuple[float, ...] | None = None
+    angle: float | Literal["any"] | None = None
+    cone: float = CONE
+    speed: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.direction is not None and self.angle is not None:
+            raise InputError("arrival angle", self.angle, "a direction or an arrival angle, not both")
+        if self.direction is not None and len(self.direction) not in (2, 3):
+            raise InputError("direction", tuple(self.direction), "two coordinates x y, or three in space")
+        if isinstance(self.angle, str):
+            if self.angle != ANY:
+                raise InputError("arrival angle", self.angle, f"an angle, or {ANY}")
+        elif self.angle is not None:
+            object.__setattr__(self, "angle", number("arrival angle", self.angle))
+        origin = (0.0,) * (2 if self.direction is None else len(self.direction))
+        checked = Target(origin, direction=self.direction, cone=self.cone, speed=self.speed)
+        for name in ("direction", "cone", "speed"):
+            object.__setattr__(self, name, getattr(checked, name))
+
+    @property
+    def directed(self) -> bool:
+        """Whether a direction is asked for at every target."""
+        return self.direction is not None or self.angle is not None
+
+    @property
+    def only_points(self) -> bool:
+        """Whether neither a direction nor a speed is asked for."""
+        return not self.directed and self.speed is None
+
+    @property
+    def drawn(self) -> int:
+        """Uniform random numbers of which the direction of a target is drawn."""
+        return int(self.angle == ANY)
+
+    def check_dimension(self, model: Model) -> None:
+        """Refuse a direction in the plane for a model in space, and the other way round.
+
+        Raises:
+            InputError: It has too many coordinates, or too few.
+        """
+        if self.direction is not None and len(self.direction) != model.dimension:
+            raise InputError("direction", self.direction, f"{model.dimension} coordinates, as the model has")
+
+    def goals(self, positions: np.ndarray, hit_radius: float, uniform: np.ndarray) -> Goals:
+        """Return the goals at targets (B, d), their directions of uniform numbers in [0, 1), (B, `drawn`)."""
+        angles = np.pi * (1 - 2 * uniform[:, 0]) if self.drawn else None
+        return self.goals_at(positions, hit_radius, angles)
+
+    def goals_at(self, positions: np.ndarray, hit_radius: float, angles: np.ndarray | None = None) -> Goals:
+        """Return the goals at targets.
+
+        Args:
+            positions: (B, d) [m].
+            hit_radius: [m]
+            angles: Of arrival, if any are learned [rad], (B,).
+
+        Raises:
+            InputError: Angles are missing or given in vain, or a target in space lies above or below the base.
+        """
+        if (angles is not None) != bool(self.drawn):
+            allowed = "one for each target" if self.drawn else f"none, unless the rule's is {ANY}"
+            raise InputError("arrival angles", None if angles is None else angles.tolist(), allowed)
+        directions, sights = None, None
+        if self.direction is not None:
+            directions = np.tile(self.direction, (len(positions), 1))
+        elif self.angle is not None:
+            fixed = None if isinstance(self.angle, str) else np.full(len(positions), self.angle)
+            directions, sights = arrival_directions(positions, angles if fixed is None else fixed)  # type: ignore[arg-type]
+        return Goals(positions, hit_radius, directions, self.cone, self.speed, sights)
+
+    def goal_of(self, target: Target) -> Goals:
+        """Return the goal of a target, if it asks for no more than the rule; one direction of all need not be given.
+
+        Raises:
+            InputError: It asks for a direction that is none of the rule's, or for more speed, or leaves open which of
+                any directions it is.
+        """
+        asked = target.goals
+        self._check_speed(target)
+        if asked.directions is None and self.drawn:
+            allowed = "a direction of arrival, for all were learned: Target.arriving(position, angle)"
+            raise InputError("direction", NOTHING, allowed)
+        angles = arrival_angles(asked.positions, asked.directions) if self.drawn else None  # type: ignore[arg-type]
+        own = self.goals_at(asked.positions, target.hit_radius, angles)
+        if asked.directions is not None:
+            self._check_direction(target, own)
+        return own
+
+    def _check_speed(self, target: Target) -> None:
+        """Refuse a target that asks for more speed.
+
+        Raises:
+            InputError: It does.
+        """
+        if target.speed is not None and target.speed > (self.speed or 0.0):
+            learned = "none" if self.speed is None else f"up to {self.speed:g} m/s"
+            raise InputError("least speed", target.speed, f"{learned}, as was learned")
+
+    def _check_direction(self, target: Target, own: Goals) -> None:
+        """Refuse a target whose direction, or what of the velocity counts for it, is not that of the rule's own goal.
+
+        Raises:
+            InputError: It is not.
+        """
+        if own.directions is None:
+            raise InputError("direction", target.direction, "none, for only points were learned")
+        same = np.abs(own.directions[0] - np.array(target.direction)).max() <= _SAME
+        if own.sights is not None:
+            same &= target.sight is not None and np.abs(own.sights[0] - np.array(target.sight)).max() <= _SAME
+        if not same:
+            learned = tuple(round(float(x), 6) for x in own.directions[0])
+            allowed = "Target.arriving(position, angle), as was learned" if self.drawn else f"{learned}, as was learned"
+            raise InputError("direction", target.direction, allowed)
+
+    def __str__(self) -> str:
+        return "; ".join(self._said()) or "any arrival"
+
+    def _said(self) -> list[str]:
+        said = []
+        within = f"within {math.degrees(self.cone):g} degrees of"
+        if self.direction is not None:
+            said.append(f"arriving {within} ({', '.join(f'{x:.3f}' for x in self.direction)})")
+        elif isinstance(self.angle, str):
+            said.append(f"arriving {within} an angle of its own, drawn from the full turn")
+        elif self.angle is not None:
+            said.append(f"arriving {within} an angle of {math.degrees(self.angle):g} degrees")
+        if self.speed is not None:
+            said.append(f"at {self.speed:g} m/s or more")
+        return said
+
+    def table(self) -> dict[str, Any] | None:
+        """Return it as plain data, for a result; None: only points are asked for."""
+        if self.only_points:
+            return None
+        direction = None if self.direction is None else list(self.direction)
+        cone = self.cone if self.directed else None
+        return {"direction": direction, "arrival_angle": self.angle, "cone": cone, "least_speed": self.speed}
+
+
+def sample_goals(zone: Zone, rule: ArrivalRule, hit_radius: float, count: int, rng: np.random.Generator) -> Goals:
+    """Return uniformly random goals: the targets that `sample` draws, and after them their directions."""
+    positions = sample(zone, count, rng)
+    return rule.goals(positions, hit_radius, rng.random((count, rule.drawn)))
