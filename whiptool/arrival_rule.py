@@ -1,20 +1,20 @@
-"""How the tip has to arrive at the targets of a zone: along one direction, at one angle or at any, at what speed."""
+"""How the tip has to arrive at the targets of a zone: along one direction, at angles of a range, at what speed."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from whiptool.errors import NOTHING, InputError
 from whiptool.goals import CONE, Goals, arrival_angles, arrival_directions
+from whiptool.models.numbers import numbers
 from whiptool.models.parameters import Model, number
 from whiptool.target import Target
 from whiptool.zone import Zone, sample
 
-ANY = "any"
 _SAME = 1e-6  # largest difference of directions that are the same
 
 
@@ -24,8 +24,8 @@ class ArrivalRule:
 
     Args:
         direction: One for all targets, a vector of any length, (2,) or (3,); it is kept as a unit vector.
-        angle: One arrival angle for all targets [rad], see `arrival_directions`; or `any`: each target has its own,
-            drawn uniformly from the full turn.
+        angle: One arrival angle for all targets [rad], see `arrival_directions`; or a range (from, to), from which each
+            target has its own, drawn uniformly: (-pi, pi) is the full turn.
         cone: Largest angle between the direction and the tip's velocity at the closest approach [rad].
         speed: Least speed then [m/s], along the direction where there is one; None: any.
 
@@ -34,7 +34,7 @@ class ArrivalRule:
     """
 
     direction: tuple[float, ...] | None = None
-    angle: float | Literal["any"] | None = None
+    angle: float | tuple[float, float] | None = None
     cone: float = CONE
     speed: float | None = None
 
@@ -43,9 +43,11 @@ class ArrivalRule:
             raise InputError("arrival angle", self.angle, "a direction or an arrival angle, not both")
         if self.direction is not None and len(self.direction) not in (2, 3):
             raise InputError("direction", tuple(self.direction), "two coordinates x y, or three in space")
-        if isinstance(self.angle, str):
-            if self.angle != ANY:
-                raise InputError("arrival angle", self.angle, f"an angle, or {ANY}")
+        if isinstance(self.angle, (tuple, list)):
+            low, high = (float(x) for x in numbers("arrival angle", self.angle, 2))
+            if not low < high <= low + 2 * math.pi + _SAME:
+                raise InputError("arrival angle", self.angle, "a range from < to, of one turn at most [rad]")
+            object.__setattr__(self, "angle", (low, high))
         elif self.angle is not None:
             object.__setattr__(self, "angle", number("arrival angle", self.angle))
         origin = (0.0,) * (2 if self.direction is None else len(self.direction))
@@ -66,7 +68,20 @@ class ArrivalRule:
     @property
     def drawn(self) -> int:
         """Uniform random numbers of which the direction of a target is drawn."""
-        return int(self.angle == ANY)
+        return int(self.range is not None)
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """From where to where arrival angles are drawn [rad]; None: they are not."""
+        return self.angle if isinstance(self.angle, tuple) else None
+
+    def within(self, angles: np.ndarray) -> np.ndarray:
+        """Return the nearest angles of the range from which they are drawn, any shape [rad]."""
+        assert self.range is not None
+        low, high = self.range
+        middle = (low + high) / 2
+        from_middle = np.remainder(angles - middle + np.pi, 2 * np.pi) - np.pi
+        return middle + np.clip(from_middle, low - middle, high - middle)
 
     def check_dimension(self, model: Model) -> None:
         """Refuse a direction in the plane for a model in space, and the other way round.
@@ -79,7 +94,10 @@ class ArrivalRule:
 
     def goals(self, positions: np.ndarray, hit_radius: float, uniform: np.ndarray) -> Goals:
         """Return the goals at targets (B, d), their directions of uniform numbers in [0, 1), (B, `drawn`)."""
-        angles = np.pi * (1 - 2 * uniform[:, 0]) if self.drawn else None
+        angles = None
+        if self.range is not None:
+            low, high = self.range
+            angles = high - uniform[:, 0] * (high - low)
         return self.goals_at(positions, hit_radius, angles)
 
     def goals_at(self, positions: np.ndarray, hit_radius: float, angles: np.ndarray | None = None) -> Goals:
@@ -88,20 +106,21 @@ class ArrivalRule:
         Args:
             positions: (B, d) [m].
             hit_radius: [m]
-            angles: Of arrival, if any are learned [rad], (B,).
+            angles: Of arrival, where they are drawn [rad], (B,).
 
         Raises:
             InputError: Angles are missing or given in vain, or a target in space lies above or below the base.
         """
         if (angles is not None) != bool(self.drawn):
-            allowed = "one for each target" if self.drawn else f"none, unless the rule's is {ANY}"
-            raise InputError("arrival angles", None if angles is None else angles.tolist(), allowed)
+            allowed = "one for each target" if self.drawn else "none, for the rule draws none"
+            raise InputError("arrival angles", NOTHING if angles is None else angles.tolist(), allowed)
+        if isinstance(self.angle, float):
+            angles = np.full(len(positions), self.angle)
         directions, sights = None, None
         if self.direction is not None:
             directions = np.tile(self.direction, (len(positions), 1))
-        elif self.angle is not None:
-            fixed = None if isinstance(self.angle, str) else np.full(len(positions), self.angle)
-            directions, sights = arrival_directions(positions, angles if fixed is None else fixed)  # type: ignore[arg-type]
+        elif angles is not None:
+            directions, sights = arrival_directions(positions, angles)
         return Goals(positions, hit_radius, directions, self.cone, self.speed, sights)
 
     def goal_of(self, target: Target) -> Goals:
@@ -114,9 +133,11 @@ class ArrivalRule:
         asked = target.goals
         self._check_speed(target)
         if asked.directions is None and self.drawn:
-            allowed = "a direction of arrival, for all were learned: Target.arriving(position, angle)"
+            allowed = "one of those that were learned: Target.arriving(position, angle)"
             raise InputError("direction", NOTHING, allowed)
-        angles = arrival_angles(asked.positions, asked.directions) if self.drawn else None  # type: ignore[arg-type]
+        angles = None
+        if self.drawn and asked.directions is not None:
+            angles = self.within(arrival_angles(asked.positions, asked.directions))
         own = self.goals_at(asked.positions, target.hit_radius, angles)
         if asked.directions is not None:
             self._check_direction(target, own)
@@ -144,33 +165,34 @@ class ArrivalRule:
         if own.sights is not None:
             same &= target.sight is not None and np.abs(own.sights[0] - np.array(target.sight)).max() <= _SAME
         if not same:
-            learned = tuple(round(float(x), 6) for x in own.directions[0])
-            allowed = "Target.arriving(position, angle), as was learned" if self.drawn else f"{learned}, as was learned"
-            raise InputError("direction", target.direction, allowed)
+            learned = f"({', '.join(f'{x:.6g}' for x in own.directions[0])}), as was learned"
+            if self.range is not None:
+                low, high = map(math.degrees, self.range)
+                learned = (
+                    f"Target.arriving(position, angle), at angles from {low:g} to {high:g} degrees, as was learned"
+                )
+            raise InputError("direction", target.direction, learned)
 
     def __str__(self) -> str:
-        return "; ".join(self._said()) or "any arrival"
-
-    def _said(self) -> list[str]:
-        said = []
-        within = f"within {math.degrees(self.cone):g} degrees of"
+        said, within = [], f"arriving within {math.degrees(self.cone):g} degrees of"
         if self.direction is not None:
-            said.append(f"arriving {within} ({', '.join(f'{x:.3f}' for x in self.direction)})")
-        elif isinstance(self.angle, str):
-            said.append(f"arriving {within} an angle of its own, drawn from the full turn")
-        elif self.angle is not None:
-            said.append(f"arriving {within} an angle of {math.degrees(self.angle):g} degrees")
+            said.append(f"{within} ({', '.join(f'{x:.3f}' for x in self.direction)})")
+        elif self.range is not None:
+            low, high = map(math.degrees, self.range)
+            said.append(f"{within} an angle of its own, drawn from {low:g} to {high:g} degrees")
+        elif isinstance(self.angle, float):
+            said.append(f"{within} {math.degrees(self.angle):g} degrees")
         if self.speed is not None:
             said.append(f"at {self.speed:g} m/s or more")
-        return said
+        return ", ".join(said) or "arriving in any way"
 
     def table(self) -> dict[str, Any] | None:
         """Return it as plain data, for a result; None: only points are asked for."""
         if self.only_points:
             return None
-        direction = None if self.direction is None else list(self.direction)
+        direction, angle = (list(x) if isinstance(x, tuple) else x for x in (self.direction, self.angle))
         cone = self.cone if self.directed else None
-        return {"direction": direction, "arrival_angle": self.angle, "cone": cone, "least_speed": self.speed}
+        return {"direction": direction, "arrival_angle": angle, "cone": cone, "least_speed": self.speed}
 
 
 def sample_goals(zone: Zone, rule: ArrivalRule, hit_radius: float, count: int, rng: np.random.Generator) -> Goals:

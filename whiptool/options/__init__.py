@@ -25,6 +25,7 @@ from whiptool.options.controller import ControllerOptions, LawOptions, Preset, S
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
 from whiptool.options.trajectory import TrajectoryOptions
+from whiptool.options.zone_goals import ZoneGoalOptions
 
 __all__ = [
     "LONGEST_STAY",
@@ -54,6 +55,7 @@ __all__ = [
     "TargetOptions",
     "TrainingOptions",
     "TrajectoryOptions",
+    "ZoneGoalOptions",
     "ZoneOptions",
     "flag",
     "flags",

@@ -13,8 +13,10 @@ from whiptool.models.strike import T_STAY
 from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
+    from whiptool.arrival_rule import ArrivalRule
     from whiptool.models.parameters import Model
     from whiptool.target import Target
+    from whiptool.zone import Disc, ReachableDisc
 
 LONGEST_STAY = 60.0  # [s]
 MODELS = (
@@ -110,7 +112,13 @@ class ZoneOptions(TargetOptions):
         super().check()
         number("--zone-radius", self.zone_radius, low=0, strict=True)
 
-    def build_disc(self, model: Model):
+    def build_arrival(self) -> ArrivalRule:
+        """Return what is asked of the tip's arrival: nothing."""
+        from whiptool.arrival_rule import ArrivalRule
+
+        return ArrivalRule()
+
+    def build_disc(self, model: Model) -> Disc | ReachableDisc:
         """Return what the model can reach of the disc, or in space of the ball.
 
         Raises:

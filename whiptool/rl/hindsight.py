@@ -80,8 +80,8 @@ def uniforms(zone: Zone, rule: ArrivalRule) -> int:
 def new_goals(paths: np.ndarray, zone: Zone, rule: ArrivalRule, hit_radius: float, uniform: np.ndarray) -> Goals:
     """Return for each path a goal: a target as of `new_targets`, and a direction that the tip nearly had there.
 
-    Where the direction is drawn, it is that of the tip or is off by half a cone or two cones, to either side. Where it
-    is the same for all targets, or a speed is asked for, samples at which the tip is as asked come first.
+    Samples come first at which the tip moves as a target there might ask for. Where directions are drawn, the new one
+    is the tip's, or off by half a cone or two cones to either side, or the nearest to that in the range of angles.
 
     Args:
         paths: (B, S, d) [m], at `RATE`.
@@ -96,19 +96,19 @@ def new_goals(paths: np.ndarray, zone: Zone, rule: ArrivalRule, hit_radius: floa
     places, sample = _passed(paths, zone, hit_radius, of_place, _as_asked(paths, velocities, zone, rule))
     if not rule.drawn:
         return rule.goals_at(places, hit_radius)
-    anyhow = np.pi * (1 - 2 * of_angle[:, 0])
+    goals = rule.goals(places, hit_radius, of_angle[:, :1])
     velocity = velocities[np.arange(len(paths)), sample]
-    known = (sample >= 0) & np.isfinite(velocity).all(axis=1)
-    offset = np.array(NEAR)[(of_angle[:, 1] * len(NEAR)).astype(int)] * rule.cone
-    near = arrival_angles(places, velocity) + np.where(of_angle[:, 2] < 0.5, offset, -offset)
-    return rule.goals_at(places, hit_radius, np.where(known, near, anyhow))
+    known = np.flatnonzero((sample >= 0) & np.isfinite(velocity).all(axis=1))
+    offset = np.array(NEAR)[(of_angle[known, 1] * len(NEAR)).astype(int)] * rule.cone
+    near = arrival_angles(places[known], velocity[known]) + np.where(of_angle[known, 2] < 0.5, offset, -offset)
+    return goals.with_rows(known, rule.goals_at(places[known], hit_radius, rule.within(near)))
 
 
 def _as_asked(paths: np.ndarray, velocities: np.ndarray, zone: Zone, rule: ArrivalRule) -> np.ndarray:
-    """Whether each sample lies in the zone, its velocity as a target there would ask for, (B, S)."""
+    """Whether each sample lies in the zone, and its velocity is one that a target there may ask for, (B, S)."""
     found = zone.contains(paths) & np.isfinite(velocities).all(axis=2)
     places, velocity = paths[found], velocities[found]
-    angles = arrival_angles(places, velocity) if rule.drawn else None
+    angles = rule.within(arrival_angles(places, velocity)) if rule.drawn else None
     found[found] = rule.goals_at(places, 1.0, angles).arrives(velocity)  # whatever the hit radius is
     return found
 
