@@ -90,10 +90,26 @@ def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: Scene) -> 
             distance = cdist(path[inside], targets)
             hit = distance.min(axis=0) <= radius
             if not goals.only_points:
-                velocity = np.gradient(path, 1 / RATE, axis=0)[inside]
-                hit &= goals.arrives(velocity[distance.argmin(axis=0)])
+                hit &= goals.arrives(velocities_at(path, np.flatnonzero(inside)[distance.argmin(axis=0)], targets))
             found.append(int(hit.sum()))
     return np.array(found)
+
+
+def velocities_at(path: np.ndarray, samples: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Return the tip's velocities where it is nearest to targets, (B, d) [m/s].
+
+    Args:
+        path: Of the tip at `RATE`, (S, d) [m], NaN after the strike's end.
+        samples: Those that are nearest to the targets, (B,).
+        targets: (B, d) [m].
+    """
+    path = path[np.isfinite(path).all(axis=1)]
+    if len(path) < 2:  # diverged at once
+        return np.zeros_like(targets)
+    velocity = np.gradient(path, 1 / RATE, axis=0)
+    turn, v = np.gradient(velocity, 1 / RATE, axis=0)[samples], velocity[samples]
+    ahead = ((targets - path[samples]) * v).sum(axis=1) / np.maximum((v**2).sum(axis=1), np.finfo(float).tiny)
+    return v + np.clip(ahead, -1 / RATE, 1 / RATE)[:, None] * turn
 
 
 def varied(strikes: np.ndarray, width: float, bounds: StrikeBounds, rng: np.random.Generator) -> np.ndarray:
