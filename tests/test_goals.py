@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.goals import Goals, arrival_directions
+from whiptool.goals import Goals, arrival_angles, arrival_directions
 
 RADIUS, CONE, SPEED = 0.05, math.radians(10), 6.0
 
@@ -154,3 +154,39 @@ def test_derivatives_of_residuals_against_differences(asked: str, sight: bool):
         short = (speed > 0) & (speed < SPEED)
         assert 0.2 < short.mean() < 1  # some of each
         assert not slopes[~short, -1].any()
+
+
+@pytest.mark.parametrize(("d", "sight"), [(2, False), (3, True)])
+def test_arrival_angles_are_those_of_the_directions(d, sight):
+    rng = np.random.default_rng(3)
+    positions, angles = rng.normal(size=(40, d)), rng.uniform(-math.pi, math.pi, 40)
+    directions, sights = arrival_directions(positions, angles)
+    along = 0.0 if sights is None else rng.normal(size=(40, 1)) * sights  # what moves along the line of sight
+    np.testing.assert_allclose(arrival_angles(positions, 7.0 * directions + along), angles, atol=1e-9)
+    assert (sights is not None) == sight
+
+
+def test_a_tip_at_rest_arrives_along_no_direction():
+    goals = random_goals(2, 3, speed=None)
+    still = np.zeros((3, 2))
+    np.testing.assert_allclose(goals.angle(still), math.pi)
+    assert not goals.arrives(still).any()
+    seen = random_goals(3, 3, sight=True, speed=None)
+    assert seen.sights is not None
+    assert not seen.arrives(2.0 * seen.sights).any()  # moves along the line of sight alone
+
+
+@pytest.mark.parametrize(("d", "sight"), [(2, False), (3, True)])
+def test_goals_of_some_strikes(d, sight):
+    first, second = (random_goals(d, 6, seed=seed, sight=sight) for seed in (1, 2))
+    mask = np.array([True, False, False, True, True, False])
+    some, mixed = first.rows(mask), first.with_rows(mask, second.rows(mask))
+    for name in ("positions", "directions", "sights"):
+        one, other, chosen, both = (getattr(x, name) for x in (first, second, some, mixed))
+        if one is None:
+            assert chosen is both is None
+            continue
+        np.testing.assert_array_equal(chosen, one[[0, 3, 4]])
+        np.testing.assert_array_equal(both, np.where(mask[:, None], other, one))
+    assert (some.hit_radius, some.cone, some.speed) == (first.hit_radius, first.cone, first.speed)
+    assert not np.array_equal(mixed.positions, first.positions)  # the first stay as they are

@@ -15,7 +15,6 @@ from whiptool.models.parameters import Model, number
 from whiptool.target import Target
 from whiptool.zone import Zone, sample
 
-ANY = (-math.pi, math.pi)  # [rad], the full turn
 _SAME = 1e-6  # largest difference of directions that are the same
 
 
@@ -26,7 +25,7 @@ class ArrivalRule:
     Args:
         direction: One for all targets, a vector of any length, (2,) or (3,); it is kept as a unit vector.
         angle: One arrival angle for all targets [rad], see `arrival_directions`; or a range (from, to), from which each
-            target has its own, drawn uniformly: `ANY` is the full turn.
+            target has its own, drawn uniformly: (-pi, pi) is the full turn.
         cone: Largest angle between the direction and the tip's velocity at the closest approach [rad].
         speed: Least speed then [m/s], along the direction where there is one; None: any.
 

@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import whiptool.rl.environment as environment
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
 from whiptool.objective import Objective
 from whiptool.rl.task import OBSERVATIONS
@@ -128,6 +129,82 @@ def test_the_vector_environment_tells_in_the_form_of_gymnasiums_own():
         assert np.array_equal(mine[name], other[name])
     for name, value in other["final_info"].items():
         assert np.array_equal(mine["final_info"][name], value)
+
+
+UPWARD = ArrivalRule(angle=(np.radians(60), np.radians(120)), cone=np.radians(20), speed=2.0)
+NEARER = Disc((1.0, 0.3), 0.15)
+
+
+@pytest.mark.filterwarnings("ignore:.*minimum value is -infinity", "ignore:.*maximum value is infinity")
+@pytest.mark.parametrize("rule", [UPWARD, ArrivalRule(direction=(0.0, 1.0)), ArrivalRule(speed=2.0)])
+def test_gymnasiums_checker_finds_nothing_at_goals_with_arrivals(rule, recwarn):
+    env = gymnasium.make(ID, arrival=rule, zone=NEARER)
+    check_env(env.unwrapped)
+    assert not [str(w.message) for w in recwarn if "infinity" not in str(w.message)]
+    assert env.observation_space.shape == ((8,) if rule.directed else (6,))
+
+
+def test_a_step_at_a_direction_is_a_trial_of_the_objective():
+    env = gymnasium.make(ID, arrival=UPWARD, zone=NEARER, hit_radius=0.1).unwrapped
+    obs, info = env.reset(seed=3, options={"target": (1.0, 0.35), "angle": 1.4})
+    target = Target.arriving((1.0, 0.35), 1.4, hit_radius=0.1, cone=np.radians(20), speed=2.0)
+    assert target.direction is not None
+    assert obs[4:] == pytest.approx([1.0, 0.35, *target.direction])
+    assert info["direction"] == pytest.approx(target.direction)
+    assert set(info) == {"target", "direction"}
+    objective, lower, upper = Objective(env.task.rollout, target), *env.task.bounds.box
+    hits, rng = 0, np.random.default_rng(0)
+    for action in rng.uniform(-1, 1, (50, 5)):
+        outcome = objective(lower + (action + 1) / 2 * (upper - lower))
+        obs, reward, terminated, _, info = env.step(action)
+        assert terminated == outcome.hit
+        assert outcome.arrival is not None
+        told = [info[name] for name in ("arrival_angle", "arrival_speed", "cost")]
+        assert told == pytest.approx([outcome.arrival.angle, outcome.arrival.speed, outcome.arrival.cost])
+        cost = outcome.arrival.cost
+        assert reward == pytest.approx(50 if outcome.hit else -5 * cost if cost <= 0.1 else -10 * cost)
+        hits += terminated
+    assert 0 < hits < 20
+    env.render_mode = "rgb_array"
+    assert env.render().shape == (480, 640, 3)  # type: ignore[union-attr]
+
+
+def test_lanes_with_directions_equal_single_environments():
+    """Each strike is its lane's last: the next goals stand in the same answer."""
+    options: dict[str, Any] = {"arrival": UPWARD, "zone": NEARER, "hit_radius": 0.12, "strikes": 1}
+    many, one = gymnasium.make_vec(ID, num_envs=6, **options), gymnasium.make(ID, **options)
+    obs, asked = many.reset(seed=4)
+    rng, hits = np.random.default_rng(1), 0
+    for _ in range(3):
+        angles = np.arctan2(asked["direction"][:, 1], asked["direction"][:, 0])
+        assert ((angles > np.radians(60)) & (angles < np.radians(120))).all()
+        assert np.ptp(angles) > 0.2
+        actions, shown, last = rng.uniform(-1, 1, (6, 5)), obs, asked
+        obs, reward, hit, cut, asked = many.step(actions)
+        assert many.observation_space.contains(obs)
+        assert (hit | cut).all()
+        hits += hit.sum()
+        for lane in range(6):
+            seen, _ = one.reset(options={"target": last["target"][lane], "angle": angles[lane]})
+            np.testing.assert_allclose(seen, shown[lane], rtol=1e-6)
+            seen, r, h, _, told = one.step(actions[lane])
+            assert (h, r) == (hit[lane], pytest.approx(reward[lane]))
+            np.testing.assert_allclose(seen, asked["final_obs"][lane], rtol=1e-6)
+            for name in ("direction", "arrival_angle", "arrival_speed", "cost", "miss_distance"):
+                np.testing.assert_allclose(asked["final_info"][name][lane], told[name])
+    assert hits > 0
+    again, _ = many.reset(options={"targets": last["target"], "angles": angles})
+    np.testing.assert_allclose(again, shown, rtol=1e-6)
+    with pytest.raises(InputError, match="angles"):
+        many.reset(options={"angles": [1.0]})
+
+
+def test_angles_are_refused_where_none_is_drawn():
+    env = environment.WhipTarget(arrival=ArrivalRule(direction=(0.0, 1.0)))
+    with pytest.raises(InputError, match=r"arrival angles: got .* none, for the rule draws none"):
+        env.reset(options={"angle": 1.0})
+    with pytest.raises(InputError, match="angle: got nan"):
+        environment.WhipTarget(arrival=UPWARD).reset(options={"angle": np.nan})
 
 
 def test_seeds_decide_the_targets():

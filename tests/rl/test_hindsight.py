@@ -8,6 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from whiptool.arrival_rule import ArrivalRule
+from whiptool.goals import arrival_angles
 from whiptool.rl import hindsight
 from whiptool.zone import Disc
 
@@ -92,3 +94,54 @@ def test_a_path_passes_between_its_samples():
         assert (tuple(point[0]), found[0]) == (pytest.approx(foot), i)
     alone = np.array([[[0.0, 0.0], [np.nan, np.nan]]])
     assert hindsight.nearest(alone, np.zeros((1, 2)))[0] == np.inf
+
+
+def turn(radius: float = 0.3) -> np.ndarray:
+    """A path once around the origin in a second, anticlockwise, (1, 501, 2)."""
+    t = np.linspace(0, 1, 501)
+    angle = 2 * np.pi * t
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)[None]
+
+
+def test_new_directions_are_those_of_the_tip_or_off_by_half_a_cone_or_two():
+    rule, zone = ArrivalRule(angle=(-math.pi, math.pi), cone=0.1), Disc((0.0, 0.0), 0.5)
+    uniform = np.random.default_rng(0).random((600, hindsight.uniforms(zone, rule)))
+    paths = np.tile(turn(), (600, 1, 1))
+    goals = hindsight.new_goals(paths, zone, rule, 0.02, uniform)
+    np.testing.assert_array_equal(goals.positions, hindsight.new_targets(paths[:, :-1], zone, 0.02, uniform[:, :6]))
+    across = np.arctan2(goals.positions[:, 1], goals.positions[:, 0]) + np.pi / 2  # how the tip passes there
+    off = np.remainder(arrival_angles(goals.positions, goals.directions) - across + np.pi, 2 * np.pi) - np.pi  # type: ignore[arg-type]
+    on_path = np.abs(np.linalg.norm(goals.positions, axis=1) - 0.3) < 1e-4
+    half_a_sample = np.pi / 500
+    shares = [np.mean(np.abs(off[on_path] - x - half_a_sample) < 1e-4) for x in (0.0, 0.05, -0.05, 0.2, -0.2)]
+    assert shares == pytest.approx([1 / 3, *[1 / 6] * 4], abs=0.1)
+    assert sum(shares) > 0.98  # a few lie on the path though they are off by half a hit radius, along it
+    away = hindsight.new_goals(paths + 5, zone, rule, 0.02, uniform)
+    expected = rule.goals(zone.place(uniform[:, :3]), 0.02, uniform[:, 6:7])
+    np.testing.assert_array_equal(away.positions, expected.positions)
+    np.testing.assert_array_equal(away.directions, expected.directions)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rule", [ArrivalRule(direction=(0.0, 1.0), cone=0.3), ArrivalRule(angle=(1.4, 1.8), cone=0.1)])
+def test_new_targets_lie_where_the_tip_moves_as_is_asked(rule):
+    """Upward: the turn does so on its right side alone; where it never does, anywhere on it."""
+    zone = Disc((0.0, 0.0), 0.5)
+    uniform = np.random.default_rng(1).random((300, hindsight.uniforms(zone, rule)))
+    goals = hindsight.new_goals(np.tile(turn(), (300, 1, 1)), zone, rule, 0.01, uniform)
+    assert (np.abs(np.arctan2(goals.positions[:, 1], goals.positions[:, 0])) < 0.4).all()
+    across = np.arctan2(goals.directions[:, 1], goals.directions[:, 0])  # type: ignore[index]
+    assert ((across >= 1.4 - 1e-9) & (across <= 1.8 + 1e-9)).all()
+    down = np.stack([np.zeros(100), np.linspace(0.4, -0.4, 100)], axis=1)
+    goals = hindsight.new_goals(np.tile(down, (300, 1, 1)), zone, rule, 0.01, uniform)
+    assert np.ptp(goals.positions[:, 1]) > 0.6
+
+
+def test_new_targets_lie_where_the_tip_is_fast_enough():
+    """Twice around, slowly and then quickly, on two radii: only the quick one is as asked."""
+    rule, zone = ArrivalRule(speed=3.0), Disc((0.0, 0.0), 0.5)
+    slow, fast = turn(0.2)[0], turn(0.4)[0][::4]  # at 500 samples a second 1.3 and 10 m/s
+    path = np.vstack([slow, np.full((1, 2), np.nan), fast])
+    uniform = np.random.default_rng(2).random((200, hindsight.uniforms(zone, rule)))
+    goals = hindsight.new_goals(np.tile(path, (200, 1, 1)), zone, rule, 0.01, uniform)
+    assert goals.directions is None
+    assert (np.linalg.norm(goals.positions, axis=1) > 0.35).all()

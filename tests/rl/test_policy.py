@@ -7,6 +7,7 @@ import pytest
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.policy import Policy, trials_to_hit
@@ -57,3 +58,38 @@ def test_a_policy_strikes_within_the_zone_that_it_learned():
         policy.strike((1.2, 0.2))
     with pytest.raises(InputError, match="2 coordinates"):
         policy.strike((1.0, 0.1, 0.0))
+
+
+def test_a_policy_strikes_along_the_directions_that_it_learned():
+    """It is shown the direction that is asked for, and refuses others before it is asked."""
+    rule = ArrivalRule(angle=(0.0, 1.0), speed=1.5)
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS, arrival=rule)  # type: ignore[arg-type]
+    learner = Scripted(task, [])
+    policy = Policy(learner, task)  # type: ignore[arg-type]
+    policy.strike(Target.arriving((1.0, 0.1), 0.3))
+    ((_, seen),) = learner.asked
+    np.testing.assert_allclose(seen[0, 4:], [0.2 / 0.3, -0.1 / 0.3, np.cos(0.3), np.sin(0.3)], rtol=1e-6)
+    for target, said in (
+        ((1.0, 0.1), "direction: got nothing"),
+        (Target.arriving((1.0, 0.1), 1.2), "direction: got"),
+        (Target.arriving((1.0, 0.1), 0.3, speed=1.6), "least speed: got 1.6; allowed: up to 1.5 m/s"),
+    ):
+        with pytest.raises(InputError, match=said):
+            policy.strike(target)
+    assert len(learner.asked) == 1
+    points = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="only points were learned"):
+        Policy(learner, points).strike(Target((1.0, 0.1), direction=(1.0, 0.0)))  # type: ignore[arg-type]
+
+
+def test_trials_until_goals_are_hit():
+    """Three targets ahead, to be passed at 0, 0.4 and 0.9 rad: flights at 0.4 and 0.9 rad pass none of them so."""
+    rule = ArrivalRule(angle=(-1.0, 1.0), cone=0.1)
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, arrival=rule, hit_radius=0.05)  # type: ignore[arg-type]
+    places = np.array([[1.0, 0.0], [np.cos(0.4), np.sin(0.4)], [1.0, 0.0]])
+    goals = task.arrival.goals_at(places, 0.05, np.array([0.0, 0.4, 0.4]))
+    learner = Scripted(task, [0.4, 0.4, 0.4])
+    trials, hit = trials_to_hit(learner, task, goals, cap=4)  # type: ignore[arg-type]
+    assert (trials.tolist(), hit.tolist()) == ([1, 2, 4], [True, True, False])
+    left = learner.asked[-1][1]
+    np.testing.assert_allclose(left[-1, 6:], [np.cos(0.4), np.sin(0.4)], rtol=1e-6)  # it sees the goal that is left

@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from arrivals_by_hand import cost_by_hand, hit_by_hand
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.task import StrikeTask, log_reward, reward
@@ -157,3 +159,97 @@ def test_networks_see_sizes_of_one(zone):
         t = StrikeTask(StraightFlight(), zone, observation=observation, bounds=BOUNDS)  # type: ignore[arg-type]
         np.testing.assert_allclose(t.normalise(obs[:, : t.n_obs]), wanted)
         assert (t.n_obs, t.n_act) == (wanted.shape[1], 5)
+
+
+@pytest.mark.parametrize(
+    "asked", [{"direction": (3.0, 1.0)}, {"angle": (-0.4, 0.9)}, {"speed": 2.5}, {"angle": 0.3, "speed": 1.9}]
+)
+def test_rewards_and_hits_of_arrivals_on_straight_flights(asked):
+    """600 flights at goals of their own, each judged by hand: as a point, an angle and a speed, never by `Goals`."""
+    rule = ArrivalRule(cone=0.2, **asked)
+    t = task(arrival=rule, hit_radius=0.15)
+    rng, count = np.random.default_rng(0), 600
+    seen = t.reset(t.draw(rng.random((count, t.n_uniform))))
+    assert t.n_obs == seen.shape[1] == (6 if asked == {"speed": 2.5} else 8)
+    assert t.n_uniform == (4 if "angle" in asked and isinstance(asked["angle"], tuple) else 3)
+    actions = rng.uniform(-1, 1, (count, 5))
+    step = t.step(actions)
+    strikes, hits = t.to_strikes(actions), []
+    for lane in range(count):
+        wanted = None if t.goals.directions is None else t.goals.directions[lane]
+        if strikes[lane, 1] > 0.9:
+            gained = -10 * t.penalty
+            hits.append(False)
+        else:
+            flight = SPEED * np.array([math.cos(strikes[lane, 0]), math.sin(strikes[lane, 0])])
+            end = SPEED * (strikes[lane, 4] + t.t_stay)
+            along = min(max(t.targets[lane] @ flight / SPEED, 0.0), end)
+            miss = math.dist(along * flight / SPEED, t.targets[lane])
+            args = (miss, flight, wanted, 0.15, 0.2, asked.get("speed"))
+            hits.append(hit_by_hand(*args))
+            cost = cost_by_hand(*args)
+            gained = 50.0 if hits[-1] else (-5 * cost if cost <= 0.1 else -10 * cost)
+            shown = [*(along * flight / SPEED), *flight, *t.targets[lane], *([] if wanted is None else wanted)]
+            np.testing.assert_allclose(step.obs[lane], shown, atol=1e-12)
+        assert step.reward[lane] == pytest.approx(gained, rel=1e-9)
+    np.testing.assert_array_equal(step.hit, hits)
+    assert (0 < sum(hits) < count / 2) == ("speed" not in asked or asked["speed"] < SPEED)
+    farthest = t.rollout.model.reach + math.sqrt(2) * 1.4
+    most = 0.15 * math.hypot(0 if asked == {"speed": 2.5} else 1 / math.sin(0.1), 1 if "speed" in asked else 0)
+    assert t.penalty == pytest.approx(math.hypot(farthest, most))
+
+
+def test_a_cheap_strike_that_is_too_slow_is_no_hit():
+    """Half of the speed asked for costs half a hit radius: within it, and yet no hit."""
+    t = task(arrival=ArrivalRule(speed=2 * SPEED), hit_radius=0.1)
+    t.reset(np.array([[1.0, 0.0]]))
+    step = t.step(np.array([[0.0, 0, 0, 0, 1]]))
+    assert step.judged.distance[0] < 1e-12
+    assert step.judged.cost[0] == pytest.approx(0.05)
+    assert (step.hit[0], step.reward[0]) == (False, pytest.approx(-0.25))
+    assert task(arrival=ArrivalRule(speed=2 * SPEED), reward="log").reward(step.judged.cost, step.hit) == pytest.approx(
+        -math.log(0.05 / 0.06)
+    )
+
+
+def test_arrivals_in_space_are_seen_from_the_base():
+    """A flight straight at a target moves along the line of sight: it hits, and arrives along no angle."""
+    options = {"bounds": IN_SPACE, "hit_radius": 0.1, "arrival": ArrivalRule(angle=(-math.pi, math.pi))}
+    t = StrikeTask(StraightFlightInSpace(), BALL, **options)  # type: ignore[arg-type]
+    assert t.n_obs == 12
+    target = np.array([[1.0, 0.0, 0.05]])
+    for angle, hit in ((0.0, False), (math.pi, True)):
+        seen = t.reset(t.arrival.goals_at(target, 0.1, np.array([angle])))
+        up = np.array([-0.05, 0.0, 1.0]) / math.hypot(1.0, 0.05)
+        np.testing.assert_allclose(seen[0, 9:], math.cos(angle) * up, atol=1e-12)
+        step = t.step(np.zeros((1, 9)))  # ahead, below the line of sight: as seen from the base it moves down
+        assert step.judged.distance[0] == pytest.approx(0.05)
+        assert step.hit[0] == hit
+        np.testing.assert_allclose(t.normalise(step.obs)[:, 9:], step.obs[:, 9:])
+
+
+def test_lanes_of_goals_are_renewed_and_kept():
+    t = task(arrival=ArrivalRule(angle=(0.0, 1.0)), strikes=5)
+    goals = t.draw(np.random.default_rng(0).random((4, 4)))
+    t.reset(goals)
+    before = t.step(np.zeros((4, 5))).obs
+    lanes, new = np.array([False, True, False, True]), t.draw(np.random.default_rng(1).random((2, 4)))
+    after = t.renew(before, lanes, new)
+    np.testing.assert_array_equal(after[~lanes], before[~lanes])
+    np.testing.assert_array_equal(after[lanes], t.first_look(new))
+    np.testing.assert_array_equal(t.goals.directions[lanes], new.directions)  # type: ignore[index]
+    np.testing.assert_array_equal(goals.rows(lanes).positions, goals.positions[lanes])
+    t.keep(lanes)
+    assert (len(t.targets), t.counts.tolist()) == (2, [0, 0])
+    with pytest.raises(InputError, match="arrival angles: got nothing"):
+        t.reset(np.array([[1.0, 0.2]]))
+    with pytest.raises(InputError, match="direction: got"):
+        task(arrival=ArrivalRule(direction=(1.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize("observation", ["paper", "relative"])
+def test_observations_that_show_no_target_show_no_direction(observation):
+    t, plain = task(observation=observation, arrival=ArrivalRule(angle=0.2)), task(observation=observation)
+    targets = np.array([[1.0, 0.1]])
+    np.testing.assert_array_equal(t.reset(targets), plain.reset(targets))
+    assert t.n_obs == plain.n_obs == 4

@@ -7,13 +7,15 @@ import math
 import numpy as np
 import pytest
 import torch
+from arrivals_by_hand import cost_by_hand, hit_by_hand
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask, reward
-from whiptool.rl.training import Plan, Training, make_learner
+from whiptool.rl.training import Plan, Training, load_checkpoint, make_learner
 from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 1.0, 0.3, 0.8, 2.0))
@@ -129,6 +131,80 @@ def test_relabelled_strikes_are_those_of_the_straight_line():
         hits += int(new.terminated.sum())
     assert hits > 20
     assert math.isfinite(float(struck.reward.mean()))
+
+
+ASKED = [
+    ArrivalRule(angle=(-1.2, 1.2), cone=0.2),
+    ArrivalRule(direction=(2.0, 0.5), cone=0.5, speed=1.9),
+    ArrivalRule(speed=2.5),
+]
+
+
+@pytest.mark.parametrize("rule", ASKED)
+def test_relabelled_strikes_at_directions_are_judged_as_struck_ones(rule):
+    """Their goals are read from what the learner is shown; hits, rewards and what is seen are computed by hand."""
+    task = StrikeTask(StraightFlight(9.0), ZONE, bounds=BOUNDS, arrival=rule)  # type: ignore[arg-type]
+    settings = settings_for("ddpg", hidden=(4,), batch_size=4)
+    learner = make_learner("ddpg", settings, task, torch.Generator().manual_seed(0))
+    run = Training(learner, task, Plan(episodes=3, trials=60, random_episodes=3, hindsight=2))
+    before, added = run.obs.copy(), []
+    run.learner.replay.add = added.append  # type: ignore[attr-defined]
+    run.run(episodes=1)
+    assert task.n_strikes == 60  # strikes at other goals are none
+    *relabelled, struck = added
+    strikes = task.to_strikes(struck.action.double().numpy())
+    hits, places = 0, []
+    for new in relabelled:
+        assert torch.equal(new.action, struck.action)
+        targets = np.array(ZONE.centre) + ZONE.radius * new.obs[:, 4:6].double().numpy()
+        wanted = new.obs[:, 6:].double().numpy()
+        assert wanted.shape[1] == (2 if rule.directed else 0)
+        near = StraightFlight().approach(strikes, targets, t_stay=task.t_stay)
+        flights = SPEED * StraightFlight().directions(strikes)
+        for i in range(60):
+            miss, direction = math.dist(near.tip[i], targets[i]), wanted[i] if rule.directed else None
+            asked = (miss, flights[i], direction, 0.06, rule.cone, rule.speed)
+            hit, cost = hit_by_hand(*asked), cost_by_hand(*asked)
+            assert bool(new.terminated[i]) == hit
+            gained = 50 if hit else (-5 if cost <= 0.1 else -10) * cost
+            assert float(new.reward[i]) == pytest.approx(gained, rel=1e-3, abs=2e-3)
+            hits += hit
+        after = np.hstack([near.tip, flights, targets, wanted])
+        np.testing.assert_allclose(new.next_obs, task.normalise(after), atol=2e-4)
+        np.testing.assert_allclose(new.obs, task.normalise(np.hstack([before[:, :4], targets, wanted])), atol=1e-5)
+        places.append(targets)
+    assert not np.allclose(places[0], places[1])
+    assert hits > 10 if rule.speed != 2.5 else hits == 0  # no flight is as fast as that
+
+
+def test_a_training_at_directions_goes_on_from_its_checkpoint(tmp_path):
+    def fresh(rule: ArrivalRule, seed: int = 1) -> Training:
+        task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, arrival=rule)  # type: ignore[arg-type]
+        settings = settings_for("sac", hidden=(8,), batch_size=8)
+        learner = make_learner("sac", settings, task, torch.Generator().manual_seed(seed))
+        return Training(learner, task, Plan(episodes=6, trials=10, random_episodes=2, hindsight=1))
+
+    rule = ArrivalRule(angle=(-1.0, 1.0), speed=1.0)
+    whole, first, second = fresh(rule), fresh(rule), fresh(rule, seed=7)
+    episodes = whole.run()
+    first.run(episodes=3)
+    first.save(tmp_path / "checkpoint.pt")
+    second.load(tmp_path / "checkpoint.pt")
+    assert second.run() == episodes[3:]
+    for name in ("positions", "directions"):
+        np.testing.assert_array_equal(getattr(second.task.goals, name), getattr(whole.task.goals, name))
+    np.testing.assert_array_equal(second.obs, whole.obs)
+    with pytest.raises(InputError, match="arrival"):
+        fresh(ArrivalRule(angle=(-1.0, 1.1), speed=1.0)).load(tmp_path / "checkpoint.pt")
+
+
+def test_checkpoints_of_points_hold_what_they_always_held(tmp_path):
+    run = training(Plan(episodes=2, trials=4, random_episodes=1))
+    run.run()
+    run.save(tmp_path / "checkpoint.pt")
+    state = load_checkpoint(tmp_path / "checkpoint.pt")
+    identity = {"plan", "learner_kind", "settings", "sizes"}
+    assert set(state) == {*identity, "learner", "done", "obs", "targets", "counts", "strikes"}
 
 
 def in_space(plan: Plan) -> Training:

@@ -23,6 +23,7 @@ from whiptool.options import (
     SimulatedControllerOptions,
     StepOptions,
     TrainingOptions,
+    ZoneGoalOptions,
     ZoneOptions,
     refuse_idle,
     whole,
@@ -120,6 +121,7 @@ class ComparisonOptions(
             model=model,
             controller=self.build_controller(),
             zone=self.build_disc(model),
+            arrival=self.build_arrival(),
             targets=self.targets,
             target_seed=self.target_seed,
             radii=(self.hit_radius, *self.tighter),
@@ -141,7 +143,7 @@ class ComparisonOptions(
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(ComparisonOptions):
+class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     """Trials to the first hit of many random targets, method by method (Fig. 6)."""
 
     in_space: ClassVar[bool] = True
@@ -208,12 +210,15 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
         "rows": [one.row() for one in series],
         "task": task,
         "targets": comparison.scene.targets,
+        "arrival": comparison.scene.arrival.table(),
         "cap": comparison.scene.cap,
         "worker_deaths": store.deaths,
         "wall_time": time.monotonic() - start,
     }
     folder.write_result(summary)
-    about = f"{comparison.scene.targets} targets: {words(comparison.scene.zone)}. {difficulty.sentence(task)}"
+    rule = comparison.scene.arrival
+    asked = "" if rule.only_points else f", {rule}"
+    about = f"{comparison.scene.targets} targets: {words(comparison.scene.zone)}{asked}. {difficulty.sentence(task)}"
     text = save(folder.path, series, about)
     if options.json:
         print(json.dumps(summary, allow_nan=False))

@@ -24,7 +24,7 @@ from whiptool.options import (
     SimulatedControllerOptions,
     StepOptions,
     TrainingOptions,
-    ZoneOptions,
+    ZoneGoalOptions,
     flag,
     refuse_idle,
     whole,
@@ -65,7 +65,7 @@ class TrainOptions(
     StepOptions,
     SimulatedControllerOptions,
     ModelOptions,
-    ZoneOptions,
+    ZoneGoalOptions,
 ):
     """Train a policy that strikes at any target of a zone; the zone's centre is --target."""
 
@@ -193,6 +193,7 @@ def build_task(options: TrainOptions) -> StrikeTask:
     return StrikeTask(
         options.build_compiled(model, controller),  # type: ignore[arg-type]
         options.build_disc(model) if options.region is None else Region.load(options.region),
+        arrival=options.build_arrival(),
         observation=options.observation,
         reward=options.reward,
         hit_radius=options.hit_radius,
@@ -298,16 +299,16 @@ class _Run:
         """Eq. 21 under every convention, as a file and for people."""
         import numpy as np
 
+        from whiptool.arrival_rule import sample_goals
         from whiptool.rl.policy import CONVENTIONS, trials_to_hit
         from whiptool.runs import code_version
-        from whiptool.zone import sample
 
-        zone = self.tests.zone
-        targets = sample(zone, self.options.tests, np.random.default_rng(self.options.seed))
+        zone, rule, rng = self.tests.zone, self.tests.arrival, np.random.default_rng(self.options.seed)
+        goals = sample_goals(zone, rule, self.tests.hit_radius, self.options.tests, rng)
         print(f"striking at {self.options.tests} targets with the trained policy ...", file=sys.stderr)
         result: dict[str, Any] = {}
         for convention in CONVENTIONS:
-            trials, hit = trials_to_hit(self.training.learner, self.tests, targets, cap=600, convention=convention)
+            trials, hit = trials_to_hit(self.training.learner, self.tests, goals, cap=600, convention=convention)
             result[convention] = {
                 "mean_trials": float(trials.mean()),
                 "median_trials": float(np.median(trials)),
@@ -324,6 +325,7 @@ class _Run:
             "tests": self.options.tests,
             ("zone_area" if zone.dimension == 2 else "zone_volume"): zone.size,
             "hit_radius": self.options.hit_radius,
+            "arrival": rule.table(),
             "trials_to_hit": result,
             "seed": self.options.seed,
             "version": code_version(),
@@ -333,7 +335,8 @@ class _Run:
             print(json.dumps(summary, allow_nan=False))
             return
         print(f"{self.options.method}: {plan.episodes * plan.trials} strikes in {seconds:.1f} s of training")
-        print(f"  trials to the first hit of {self.options.tests} targets, at most 600")
+        asked = "" if rule.only_points else f", {rule}"
+        print(f"  trials to the first hit of {self.options.tests} targets{asked}, at most 600")
         for convention, r in result.items():
             print(
                 f"  {convention:12s} mean {r['mean_trials']:.3f}   median {r['median_trials']:g}   "

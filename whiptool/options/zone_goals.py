@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
@@ -24,10 +24,10 @@ class ZoneGoalOptions(ZoneOptions):
 
     direction: tuple[float, ...] | None = None
     """The tip has to arrive at every target along this vector x y, in space x y z, of any length; default: any way."""
-    arrival_angle: Annotated[tuple[float, ...] | Literal["any"] | None, arg(metavar="DEGREES|FROM TO|any")] = None
+    arrival_angle: Annotated[tuple[float, ...] | None, arg(metavar="ANGLE|FROM TO")] = None
     """The tip has to arrive at every target at this angle [degrees]: in the plane it turns from forward to upward; in
-    space, seen from the base, 0 is upward and 90 to the left. Two angles: each target has its own between them, drawn
-    uniformly; any: from the full turn."""
+    space, seen from the base, 0 is upward and 90 to the left. Two angles: each target has its own, drawn uniformly
+    from the first to the second; -180 180 is the full turn."""
     cone: float = 10.0
     """The tip's velocity may be this far from the direction or angle [degrees]."""
     least_speed: float | None = None
@@ -43,7 +43,7 @@ class ZoneGoalOptions(ZoneOptions):
             raise InputError("--arrival-angle", self.arrival_angle, "--direction or --arrival-angle, not both")
         if self.direction is None and self.arrival_angle is None:
             refuse_idle(self, {"cone": "nothing without --direction or --arrival-angle"})
-        if isinstance(self.arrival_angle, tuple):
+        if self.arrival_angle is not None:
             self._check_angles(self.arrival_angle)
         self.build_arrival()
 
@@ -53,10 +53,10 @@ class ZoneGoalOptions(ZoneOptions):
         Raises:
             InputError: It is neither.
         """
-        finite = all(map(math.isfinite, angles))
         ordered = len(angles) == 1 or (len(angles) == 2 and angles[0] < angles[1] <= angles[0] + 360)
-        if not (finite and ordered):
-            raise InputError("--arrival-angle", angles, "an angle, from and to one, of a turn at most, or any")
+        if not (ordered and all(map(math.isfinite, angles))):
+            allowed = "an angle, or from which to which it is drawn, one turn at most"
+            raise InputError("--arrival-angle", angles, allowed)
 
     def build_arrival(self) -> ArrivalRule:
         """Return what is asked of the tip's arrival.
@@ -64,12 +64,10 @@ class ZoneGoalOptions(ZoneOptions):
         Raises:
             InputError: The direction is zero, or the speed is not positive.
         """
-        from whiptool.arrival_rule import ANY, ArrivalRule
+        from whiptool.arrival_rule import ArrivalRule
 
         angle: float | tuple[float, float] | None = None
-        if self.arrival_angle == "any":
-            angle = ANY
-        elif self.arrival_angle is not None:
+        if self.arrival_angle is not None:
             first, *last = map(math.radians, self.arrival_angle)
             angle = (first, last[0]) if last else first
         return ArrivalRule(self.direction, angle, math.radians(self.cone), self.least_speed)
@@ -80,8 +78,6 @@ class ZoneGoalOptions(ZoneOptions):
         Raises:
             InputError: See there; or no tip moves along the direction at the zone's centre, or it is of another space.
         """
-        from dataclasses import replace
-
         disc, rule = super().build_disc(model), self.build_arrival()
         rule.check_dimension(model)
         if rule.direction is not None:

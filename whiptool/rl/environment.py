@@ -19,7 +19,9 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from whiptool.arrival_rule import ArrivalRule, sample_goals
 from whiptool.errors import InputError
+from whiptool.goals import Goals
 from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
 from whiptool.models import Model, find_model
 from whiptool.models.parameters import whole
@@ -27,7 +29,7 @@ from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rl.task import Step, StrikeTask
 from whiptool.rollout import CompiledRollout
 from whiptool.target import HIT_RADIUS, Target
-from whiptool.zone import Zone, sample
+from whiptool.zone import Zone
 
 ID = "whiptool/WhipTarget-v0"
 
@@ -37,6 +39,7 @@ def make_task(
     model: Model | str | Path = "lemon2024",
     controller: Controller | str = "table4",
     zone: Zone | None = None,
+    arrival: ArrivalRule | None = None,
     observation: str = "goal",
     hit_radius: float = HIT_RADIUS,
     strikes: int = 100,
@@ -49,6 +52,7 @@ def make_task(
         model: A model, the name of a preset, or a TOML file.
         controller: A controller, or the name of a preset of OIAC or of constant impedance.
         zone: Where targets are drawn; default: the paper's disc, in space a ball.
+        arrival: How the tip has to arrive there, such as `ArrivalRule(angle=(0.5, 1.5))`; default: any way.
         observation: `paper`, `relative` or `goal`, see `StrikeTask`.
         hit_radius: [m]
         strikes: Strikes at one target before the episode is truncated.
@@ -66,6 +70,7 @@ def make_task(
     return StrikeTask(
         CompiledRollout(model, controller),
         zone,
+        arrival=arrival,
         observation=observation,
         hit_radius=hit_radius,
         strikes=strikes,
@@ -80,11 +85,12 @@ def spaces(task: StrikeTask) -> tuple[Box, Box]:
     d = task.zone.dimension
     reach = np.full(d, task.rollout.model.reach)
     low, high = (-reach - upper, reach - lower) if task.observation == "relative" else (-reach, reach)
-    goal = task.observation == "goal"
+    unit = np.ones(d if task.arrival.directed else 0)
+    least, most = ([lower, -unit], [upper, unit]) if task.observation == "goal" else ([], [])
     return (
         Box(
-            np.concatenate([low, np.full(d, -np.inf), *([lower] if goal else [])]).astype(np.float32),
-            np.concatenate([high, np.full(d, np.inf), *([upper] if goal else [])]).astype(np.float32),
+            np.concatenate([low, np.full(d, -np.inf), *least]).astype(np.float32),
+            np.concatenate([high, np.full(d, np.inf), *most]).astype(np.float32),
         ),
         Box(-1, 1, (task.n_act,), np.float32),
     )
@@ -93,10 +99,12 @@ def spaces(task: StrikeTask) -> tuple[Box, Box]:
 class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
     """Strike at a target until it is hit.
 
-    An episode has one target; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
-    or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. `info` holds the `target` [m], and after a
-    strike `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty,
-    the speed zero), and, if it hit, `hit_time` [s].
+    An episode has one goal; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
+    or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. Where arrival angles are drawn, it takes
+    `"angle"` beside it [rad]. `info` holds the `target` [m], and after a strike `miss_distance` [m], `tip_speed` at the
+    closest approach [m/s], `diverged` (the distance is then a penalty, the speed zero), and, if it hit, `hit_time` [s].
+    Where more than a point is asked for there are `direction`, if it is, and after a strike `arrival_angle` from it
+    [rad], `arrival_speed` along it [m/s], and the `cost` [m] (`Goals`); of a diverged strike pi, zero and the penalty.
 
     Args:
         render_mode: None, or `rgb_array`: a picture of the last strike.
@@ -121,13 +129,14 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
         """A target, and what is seen before the first strike at it, (n_obs,).
 
         Raises:
-            InputError: The target of the options is no point.
+            InputError: The target of the options is no point, or its angle no number.
         """
         super().reset(seed=seed)
         self._strike = None
-        targets = _chosen(options, "target", (self.task.zone.dimension,))
-        targets = sample(self.task.zone, 1, self.np_random) if targets is None else targets[None]
-        return _float32(self.task.reset(targets))[0], {"target": targets[0].copy()}
+        place, angle = _chosen(options, "target", (self.task.zone.dimension,)), _chosen(options, "angle", ())
+        goals = _goals(self.task, 1, self.np_random, place, angle)
+        seen = _float32(self.task.reset(goals))[0]
+        return seen, {name: value[0] for name, value in _asked(self.task).items()}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Strike once; action (n_act,), clipped to [-1, 1].
@@ -163,7 +172,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
             ax.set(xlabel="x [m]", ylabel="y [m]" if len(target) == 2 else "z [m]", aspect="equal")
         else:
             path = next(task.rollout.trajectories(self._strike, t_stay=task.t_stay))
-            plot_strike(path, task.rollout.model, Target(tuple(target), task.hit_radius), ax=ax)
+            plot_strike(path, task.rollout.model, Target.of(task.goals, 0), ax=ax)
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
@@ -174,7 +183,8 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then what is
     seen before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` hold what came of the
     last strike, as in `gymnasium.vector.SyncVectorEnv`. A mask `_name` says in which lanes `info[name]` holds.
-    `reset(options={"targets": ...})` takes targets (num_envs, d) [m], d = 3 in space.
+    `reset(options={"targets": ...})` takes targets (num_envs, d) [m], d = 3 in space, and where arrival angles are
+    drawn `"angles"` (num_envs,) [rad] beside them.
 
     Args:
         num_envs: Lanes.
@@ -198,14 +208,13 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """A target for every lane, and what is seen before the first strikes, (num_envs, n_obs).
 
         Raises:
-            InputError: The targets of the options are not one point per lane.
+            InputError: The targets of the options are not one point per lane, or the angles not one number.
         """
         super().reset(seed=seed)
-        targets = _chosen(options, "targets", (self.num_envs, self.task.zone.dimension))
-        if targets is None:
-            targets = sample(self.task.zone, self.num_envs, self.np_random)
-        obs = self.task.reset(targets)
-        return _float32(obs), _masked({"target": targets.copy()}, np.ones(self.num_envs, bool))
+        places = _chosen(options, "targets", (self.num_envs, self.task.zone.dimension))
+        angles = _chosen(options, "angles", (self.num_envs,))
+        obs = self.task.reset(_goals(self.task, self.num_envs, self.np_random, places, angles))
+        return _float32(obs), _masked(_asked(self.task), np.ones(self.num_envs, bool))
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Strike once in every lane; actions (num_envs, n_act), clipped to [-1, 1].
@@ -223,23 +232,54 @@ class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             last = np.full(self.num_envs, None, object)
             for lane in np.flatnonzero(over):
                 last[lane] = _float32(obs[lane])
-            obs = self.task.renew(obs, over, sample(self.task.zone, int(over.sum()), self.np_random))
+            obs = self.task.renew(obs, over, _goals(self.task, int(over.sum()), self.np_random))
             info |= {"final_obs": last, "_final_obs": over, "final_info": _masked(struck, over, hit=step.hit)}
-            info |= {"_final_info": over, **_masked({"target": self.task.targets.copy()}, np.ones_like(over))}
+            info |= {"_final_info": over, **_masked(_asked(self.task), np.ones_like(over))}
         return _float32(obs), step.reward, step.hit, step.truncated, info
 
 
 def _info(task: StrikeTask, step: Step) -> dict[str, np.ndarray]:
     """The entries of `info` after a strike in every lane, (B, ...) each."""
-    near = step.approach
-    wild = near.diverged | ~np.isfinite(near.distance)
-    return {
-        "target": task.targets.copy(),
-        "miss_distance": np.where(wild, task.penalty, near.distance),
-        "tip_speed": np.where(wild, 0.0, near.speed),
-        "diverged": wild,
+    judged, goals = step.judged, task.goals
+    near, velocity = judged.approach, np.where(judged.lost[:, None], 0.0, judged.approach.velocity)
+    info = {
+        **_asked(task),
+        "miss_distance": judged.distance,
+        "tip_speed": np.where(judged.lost, 0.0, near.speed),
+        "diverged": judged.lost,
         "hit_time": near.time,
     }
+    if goals.directions is not None:
+        info["arrival_angle"] = goals.angle(velocity)
+    if not goals.only_points:
+        info |= {"arrival_speed": goals.arrival_speed(velocity), "cost": judged.cost}
+    return info
+
+
+def _asked(task: StrikeTask) -> dict[str, np.ndarray]:
+    """The entries of `info` that say what is struck at, (B, d) each."""
+    asked = {"target": task.targets.copy()}
+    return asked if task.goals.directions is None else {**asked, "direction": task.goals.directions.copy()}
+
+
+def _goals(
+    task: StrikeTask,
+    count: int,
+    rng: np.random.Generator,
+    places: np.ndarray | None = None,
+    angles: np.ndarray | None = None,
+) -> Goals:
+    """Return goals for lanes: what of places (count, d) and angles (count,) is not given is drawn.
+
+    Raises:
+        InputError: There are angles, and the task draws none.
+    """
+    rule = task.arrival
+    if places is None:
+        goals = sample_goals(task.zone, rule, task.hit_radius, count, rng)
+    else:
+        goals = rule.goals(places.reshape(count, -1), task.hit_radius, rng.random((count, rule.drawn)))
+    return goals if angles is None else rule.goals_at(goals.positions, task.hit_radius, angles.reshape(count))
 
 
 def _masked(values: Mapping[str, np.ndarray], lanes: np.ndarray, *, hit: np.ndarray | None = None) -> dict[str, Any]:

@@ -1,17 +1,23 @@
 """Hindsight (Andrychowicz et al. 2017): a strike's tip passes many points and would have hit each of them.
 
-The tip's path says by how much a strike misses any target: relabelled transitions are as true as struck ones.
+Relabelled transitions are as true as struck ones: of targets that are points the tip's path says by how much a strike
+misses any of them, and where a direction or a speed is asked for the strikes are rolled out at their new goals.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from whiptool.arrival_rule import ArrivalRule
+from whiptool.goals import Goals, arrival_angles
+from whiptool.rl.task import StrikeTask
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.zone import Zone, directions
 
 RATE = 500.0  # [1/s] of the paths: within a millimetre of the tip, save that they may end 2 ms before the strike
-NEAR = (0.0, 0.5, 2.0)  # offsets of new targets from the path, in hit radii: hits, edges, near misses
+NEAR = (0.0, 0.5, 2.0)  # offsets of new goals from the path, in hit radii and in cones: hits, edges, near misses
 
 
 def nearest(paths: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -30,7 +36,9 @@ def nearest(paths: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndar
     return nearest.distance, start + nearest.share[:, None] * (end - start), i
 
 
-def new_targets(paths: np.ndarray, zone: Zone, hit_radius: float, uniform: np.ndarray) -> np.ndarray:
+def new_targets(
+    paths: np.ndarray, zone: Zone, hit_radius: float, uniform: np.ndarray, *, wanted: np.ndarray | None = None
+) -> np.ndarray:
     """For each path a target in the zone: on the path or near it, anywhere if the path does not pass the zone.
 
     Args:
@@ -38,16 +46,99 @@ def new_targets(paths: np.ndarray, zone: Zone, hit_radius: float, uniform: np.nd
         zone: Where targets lie.
         hit_radius: [m]
         uniform: Uniform random numbers, (B, 2 d + 2).
+        wanted: Which samples are drawn from where a path has some of them in the zone, (B, S); None: all.
 
     Returns:
         (B, d) [m]
     """
+    return _passed(paths, zone, hit_radius, uniform, wanted)[0]
+
+
+def _passed(
+    paths: np.ndarray, zone: Zone, hit_radius: float, uniform: np.ndarray, wanted: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `new_targets`, and the sample that each target is on or near, (B,); -1 where it is anywhere."""
     of_zone, of_path = np.split(uniform, [zone.dimension + 1], axis=1)
     anywhere = zone.place(of_zone)
     inside = zone.contains(paths)
+    if wanted is not None:
+        inside = np.where((inside & wanted).any(axis=1, keepdims=True), inside & wanted, inside)
     count = inside.sum(axis=1)
-    wanted = (of_path[:, 0] * count).astype(int) + 1  # the wanted-th sample inside
-    sample = (np.cumsum(inside, axis=1) >= wanted[:, None]).argmax(axis=1)
+    number = (of_path[:, 0] * count).astype(int) + 1  # of the sample, among those inside
+    sample = (np.cumsum(inside, axis=1) >= number[:, None]).argmax(axis=1)
     offset = np.array(NEAR)[(of_path[:, 1] * len(NEAR)).astype(int)] * hit_radius
     near = paths[np.arange(len(paths)), sample] + offset[:, None] * directions(of_path[:, 2:])
-    return np.where(((count > 0) & zone.contains(near))[:, None], near, anywhere)
+    taken = (count > 0) & zone.contains(near)
+    return np.where(taken[:, None], near, anywhere), np.where(taken, sample, -1)
+
+
+def uniforms(zone: Zone, rule: ArrivalRule) -> int:
+    """Return how many uniform random numbers `new_goals` takes for each path."""
+    return 2 * zone.dimension + 2 + 3 * rule.drawn
+
+
+def new_goals(paths: np.ndarray, zone: Zone, rule: ArrivalRule, hit_radius: float, uniform: np.ndarray) -> Goals:
+    """Return for each path a goal: a target as of `new_targets`, and a direction that the tip nearly had there.
+
+    Samples come first at which the tip moves as a target there might ask for. Where directions are drawn, the new one
+    is the tip's, or off by half a cone or two cones to either side, or the nearest to that in the range of angles.
+
+    Args:
+        paths: (B, S, d) [m], at `RATE`.
+        zone, rule, hit_radius: What is struck at.
+        uniform: Uniform random numbers, (B, `uniforms`).
+    """
+    if rule.only_points:
+        return rule.goals(new_targets(paths, zone, hit_radius, uniform), hit_radius, uniform[:, :0])
+    of_place, of_angle = np.split(uniform, [2 * zone.dimension + 2], axis=1)
+    velocities = np.full(paths.shape, np.nan)
+    velocities[:, :-1] = np.diff(paths, axis=1) * RATE
+    places, sample = _passed(paths, zone, hit_radius, of_place, _as_asked(paths, velocities, zone, rule))
+    if not rule.drawn:
+        return rule.goals_at(places, hit_radius)
+    goals = rule.goals(places, hit_radius, of_angle[:, :1])
+    velocity = velocities[np.arange(len(paths)), sample]
+    known = np.flatnonzero((sample >= 0) & np.isfinite(velocity).all(axis=1))
+    offset = np.array(NEAR)[(of_angle[known, 1] * len(NEAR)).astype(int)] * rule.cone
+    near = arrival_angles(places[known], velocity[known]) + np.where(of_angle[known, 2] < 0.5, offset, -offset)
+    return goals.with_rows(known, rule.goals_at(places[known], hit_radius, rule.within(near)))
+
+
+def _as_asked(paths: np.ndarray, velocities: np.ndarray, zone: Zone, rule: ArrivalRule) -> np.ndarray:
+    """Whether each sample lies in the zone, and its velocity is one that a target there may ask for, (B, S)."""
+    found = zone.contains(paths) & np.isfinite(velocities).all(axis=2)
+    places, velocity = paths[found], velocities[found]
+    angles = rule.within(arrival_angles(places, velocity)) if rule.drawn else None
+    found[found] = rule.goals_at(places, 1.0, angles).arrives(velocity)  # whatever the hit radius is
+    return found
+
+
+class Relabelled(NamedTuple):
+    """What strikes came to at other goals.
+
+    Args:
+        tip, velocity: Of the tip at the closest approach [m], [m/s], (B, d).
+        cost: [m], (B,).
+        hit: Whether it was a hit, (B,).
+        known: Whether a strike has come far enough for the others to mean anything, (B,).
+    """
+
+    tip: np.ndarray
+    velocity: np.ndarray
+    cost: np.ndarray
+    hit: np.ndarray
+    known: np.ndarray
+
+
+def judged_by_path(paths: np.ndarray, goals: Goals) -> Relabelled:
+    """Return what strikes with these paths (B, S, d), at `RATE`, came to at points."""
+    distance, tip, i = nearest(paths, goals.positions)
+    lanes = np.arange(len(paths))
+    velocity = (paths[lanes, i + 1] - paths[lanes, i]) * RATE
+    return Relabelled(tip, velocity, distance, distance <= goals.hit_radius, np.isfinite(distance))
+
+
+def judged_by_rollout(task: StrikeTask, strikes: np.ndarray, goals: Goals) -> Relabelled:
+    """Return what strikes (B, n_act) come to at goals."""
+    judged = task.judge(strikes, goals)
+    return Relabelled(judged.approach.tip, judged.approach.velocity, judged.cost, judged.hit, ~judged.lost)

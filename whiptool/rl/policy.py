@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from whiptool.errors import InputError
+from whiptool.goals import Goals
 from whiptool.models.strike import Strike
 from whiptool.rl.learner import Learner
 from whiptool.rl.task import StrikeTask
@@ -37,28 +38,33 @@ class Policy:
     def strike(self, target: Target | Sequence[float]) -> Strike:
         """Return the strike that the policy makes first at a target: its mean action, seen from rest.
 
+        A policy that learned one direction for all targets strikes along it also at targets that name none.
+
         Raises:
-            InputError: The target is of another dimension than the model, or outside the zone that the policy learned.
+            InputError: The target is of another dimension than the model, or outside the zone that the policy learned,
+                or asks for a direction or a speed that it has not learned.
         """
-        place, zone = as_target(target).position, self.task.zone
+        target = as_target(target)
+        place, zone = target.position, self.task.zone
         if len(place) != zone.dimension:
             raise InputError("target", place, f"{zone.dimension} coordinates, as the model has")
         if not zone.contains(np.array(place)):
             raise InputError("target", place, f"one of the policy's zone, {zone}", "train with a wider --zone-radius")
-        seen = torch.as_tensor(self.task.normalise(self.task.first_look(np.array([place]))), dtype=torch.float32)
+        goal = self.task.arrival.goal_of(target)
+        seen = torch.as_tensor(self.task.normalise(self.task.first_look(goal)), dtype=torch.float32)
         action = self.learner.act(seen, deterministic=True).numpy().astype(float)
         return Strike.from_vector(self.task.to_strikes(action)[0])
 
 
 def trials_to_hit(
-    learner: Learner, task: StrikeTask, targets: np.ndarray, *, cap: int, convention: str = "mean-first"
+    learner: Learner, task: StrikeTask, targets: np.ndarray | Goals, *, cap: int, convention: str = "mean-first"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Strike at each target, seeing after every miss what the observation shows, until it is hit.
 
     Args:
         learner: Trained on the task's observation; its weights stay as they are, its generator is drawn from.
         task: What is struck and seen.
-        targets: (B, d) [m].
+        targets: Goals, or places (B, d) [m] if the task draws no directions.
         cap: Strikes at most at each target.
         convention: One of `CONVENTIONS`.
 
@@ -70,17 +76,17 @@ def trials_to_hit(
     """
     if convention not in CONVENTIONS:
         raise InputError("convention", convention, ", ".join(CONVENTIONS))
-    trials, hit = np.full(len(targets), cap), np.zeros(len(targets), bool)
-    left = np.arange(len(targets))
     obs = task.reset(targets)
+    trials, hit = np.full(len(obs), cap), np.zeros(len(obs), bool)
+    left = np.arange(len(obs))
     for number in range(1, cap + 1):
         deterministic = convention == "mean" or (convention == "mean-first" and number == 1)
         seen = torch.as_tensor(task.normalise(obs), dtype=torch.float32)
         actions = learner.act(seen, deterministic=deterministic).numpy().astype(float)
         step = task.step(actions)
         trials[left[step.hit]], hit[left[step.hit]] = number, True
-        left, obs, remaining = left[~step.hit], step.obs[~step.hit], task.targets[~step.hit]
+        left, obs = left[~step.hit], step.obs[~step.hit]
         if not len(left):
             break
-        task.targets, task.counts = remaining, task.counts[~step.hit]
+        task.keep(~step.hit)
     return trials, hit

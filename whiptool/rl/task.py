@@ -1,17 +1,21 @@
 """The task that learners learn: strike at targets of a zone, seeing what an observation shows (Algorithm 1).
 
-One step is one strike. Many lanes run side by side, each with its own target, their strikes rolled out as one batch. A
-lane keeps its target until it is hit (terminated) or struck at `strikes` times (truncated).
+One step is one strike. Many lanes run side by side, each with its own goal: a target, and on request a direction and a
+speed with which the tip arrives. Their strikes are rolled out as one batch. A lane keeps its goal until it is hit
+(terminated) or struck at `strikes` times (truncated).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
+from whiptool.goals import Goals
 from whiptool.models.parameters import Model, number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
@@ -23,17 +27,23 @@ OBSERVATIONS = ("paper", "relative", "goal")
 SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for networks
 
 
-def reward(distance: np.ndarray, hit_radius: float) -> np.ndarray:
-    """Eq. 17 for miss distances d [m]: 50 for a hit, -5 d within 0.1 m, -10 d farther away; any shape.
+def reward(cost: np.ndarray, hit_radius: float, hit: np.ndarray | None = None) -> np.ndarray:
+    """Eq. 17: 50 for a hit, else -5 d within 0.1 m, -10 d farther away; any shape.
 
     A hit radius other than the paper's 0.06 m moves the first threshold only.
+
+    Args:
+        cost: d [m], the miss distance; where a direction or a speed is asked for, `Goals.cost` in its place.
+        hit_radius: [m]
+        hit: Which are hits; None: those whose cost is within the hit radius, where only points are asked for.
     """
-    return np.where(distance <= hit_radius, 50.0, np.where(distance <= 0.1, -5.0, -10.0) * distance)  # Eq. 17
+    hit = cost <= hit_radius if hit is None else hit
+    return np.where(hit, 50.0, np.where(cost <= 0.1, -5.0, -10.0) * cost)  # Eq. 17
 
 
-def log_reward(distance: np.ndarray, hit_radius: float) -> np.ndarray:
-    """-log of the miss distance in hit radii, no better than a third of one: says how near a near miss was."""
-    return -np.log(np.maximum(distance / hit_radius, 0.3))
+def log_reward(cost: np.ndarray, hit_radius: float, hit: np.ndarray | None = None) -> np.ndarray:
+    """-log of the cost in hit radii, no better than a third of one: says how near a near miss was; see `reward`."""
+    return -np.log(np.maximum(cost / hit_radius, 0.3))
 
 
 REWARDS = {"paper": reward, "log": log_reward}
@@ -51,33 +61,63 @@ def resting_points(model: Model, bounds: StrikeBounds) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Judged:
+    """What B strikes came to, each at a goal of its own.
+
+    Args:
+        approach: Their closest approaches.
+        distance: Miss distances [m], a penalty where a strike diverged, (B,).
+        cost: `Goals.cost` [m], the same penalty there, (B,); of points alone it is the distance.
+        arrives: Whether direction and speed at the closest approach are as asked, (B,).
+        hit: Whether that is so within the hit radius, (B,).
+        lost: Whether a strike diverged, (B,).
+    """
+
+    approach: Approach
+    distance: np.ndarray
+    cost: np.ndarray
+    arrives: np.ndarray
+    hit: np.ndarray
+    lost: np.ndarray
+
+
+@dataclass(frozen=True)
 class Step:
     """Results of a batch of strikes, one per lane; B lanes.
 
     Args:
         obs: What is seen after the strike, (B, n_obs).
         reward: Of the task's kind, (B,).
-        hit: Whether the target was hit: the lane's trial has terminated, (B,).
         truncated: Whether its number of strikes is used up without a hit, (B,).
-        approach: The strikes' closest approaches.
+        judged: What the strikes came to.
     """
 
     obs: np.ndarray
     reward: np.ndarray
-    hit: np.ndarray
     truncated: np.ndarray
-    approach: Approach
+    judged: Judged
+
+    @property
+    def hit(self) -> np.ndarray:
+        """Whether the goal was hit: the lane's trial has terminated, (B,)."""
+        return self.judged.hit
+
+    @property
+    def approach(self) -> Approach:
+        """The strikes' closest approaches."""
+        return self.judged.approach
 
 
 class StrikeTask:
-    """A batch of lanes, in each of which strikes are made at one target.
+    """A batch of lanes, in each of which strikes are made at one goal.
 
     Args:
         rollout: Simulator.
         zone: Where targets are drawn.
+        arrival: How the tip has to arrive there.
         observation: `paper`: tip position and velocity at the closest approach; `relative`: the same, measured from
-            the target; `goal`: the first, and the target. Before the first strike the whip hangs at rest from the
-            arm; see `resting_points`.
+            the target; `goal`: the first, and the goal: the target, and the direction if one is asked for. Before the
+            first strike the whip hangs at rest from the arm; see `resting_points`.
         reward: `paper` (Eq. 17) or `log` (see `log_reward`).
         hit_radius: [m]
         strikes: Strikes at one target before it is given up.
@@ -93,6 +133,7 @@ class StrikeTask:
         rollout: CompiledRollout,
         zone: Zone | None = None,
         *,
+        arrival: ArrivalRule | None = None,
         observation: str = "goal",
         reward: str = "paper",
         hit_radius: float = HIT_RADIUS,
@@ -108,84 +149,131 @@ class StrikeTask:
         d = rollout.model.dimension
         self.rollout, self.zone, self.observation = rollout, zone or usual_disc(d), observation
         check_dimension(self.zone, rollout.model)
+        self.arrival = arrival or ArrivalRule()
+        self.arrival.check_dimension(rollout.model)
         self.hit_radius = number("hit radius", hit_radius, low=0, strict=True)
         self.strikes, self.t_stay = whole("strikes", strikes), number("t_stay", t_stay, low=0)
         self.bounds = bounds or default_bounds(rollout.model.arm)
         self.lower, self.upper = self.bounds.box
         self.n_act = len(self.lower)
-        self.n_obs = 3 * d if observation == "goal" else 2 * d
-        farthest = float(np.abs(self.zone.box).max())
-        self.penalty = rollout.model.farthest_miss((farthest,) * d)
+        self.n_obs = 2 * d + (d * (1 + self.arrival.directed) if observation == "goal" else 0)
         self.resting = resting_points(rollout.model, self.bounds)
         self.resting_tip = self.resting[-1]
         self.n_strikes = self.n_diverged = 0
-        self.targets, self.counts = np.empty((0, d)), np.empty(0, int)
+        self.goals, self.counts = self.draw(np.empty((0, self.n_uniform))), np.empty(0, int)
+        farthest = float(np.abs(self.zone.box).max())
+        self.penalty = math.hypot(rollout.model.farthest_miss((farthest,) * d), self.goals.largest_cost)
 
-    def reset(self, targets: np.ndarray) -> np.ndarray:
-        """Give every lane a target, (B, d) [m], before its first strike; the observations (B, n_obs)."""
-        self.targets, self.counts = np.array(targets, float), np.zeros(len(targets), int)
-        return self.first_look(self.targets)
+    @property
+    def targets(self) -> np.ndarray:
+        """Where the targets of the lanes are, (B, d) [m]."""
+        return self.goals.positions
 
-    def renew(self, obs: np.ndarray, lanes: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """The observations with new targets (b, d) in the lanes of a mask (B,) that ended."""
-        self.targets[lanes], self.counts[lanes] = targets, 0
+    @property
+    def n_uniform(self) -> int:
+        """Uniform random numbers of which a goal is drawn."""
+        return self.zone.dimension + 1 + self.arrival.drawn
+
+    def draw(self, uniform: np.ndarray) -> Goals:
+        """Return goals of uniform numbers in [0, 1), (B, n_uniform)."""
+        of_place, of_arrival = np.split(uniform, [self.zone.dimension + 1], axis=1)
+        return self.arrival.goals(self.zone.place(of_place), self.hit_radius, of_arrival)
+
+    def as_goals(self, targets: np.ndarray | Goals) -> Goals:
+        """Return goals, or those at places (B, d) [m] with what the task asks of the tip's arrival.
+
+        Raises:
+            InputError: The task draws directions, and there are places alone.
+        """
+        if isinstance(targets, Goals):
+            return targets
+        return self.arrival.goals_at(np.array(targets, float), self.hit_radius)
+
+    def reset(self, targets: np.ndarray | Goals) -> np.ndarray:
+        """Give every lane a goal before its first strike, see `as_goals`; the observations (B, n_obs)."""
+        self.goals = self.as_goals(targets)
+        self.counts = np.zeros(len(self.targets), int)
+        return self.first_look(self.goals)
+
+    def renew(self, obs: np.ndarray, lanes: np.ndarray, targets: np.ndarray | Goals) -> np.ndarray:
+        """The observations with new goals (b) in the lanes of a mask (B,) that ended."""
+        new = self.as_goals(targets)
+        self.goals, self.counts[lanes] = self.goals.with_rows(lanes, new), 0
         obs = obs.copy()
-        obs[lanes] = self.first_look(targets)
+        obs[lanes] = self.first_look(new)
         return obs
+
+    def keep(self, lanes: np.ndarray) -> None:
+        """Go on with the lanes of a mask (B,) alone."""
+        self.goals, self.counts = self.goals.rows(lanes), self.counts[lanes]
 
     def step(self, actions: np.ndarray) -> Step:
         """Strike once in every lane; actions (B, n_act), clipped to [-1, 1]."""
-        approach, distance = self.approach(self.to_strikes(actions), self.targets)
+        judged = self.judge(self.to_strikes(actions), self.goals)
+        self.n_strikes += len(actions)
+        self.n_diverged += int(judged.lost.sum())
         self.counts += 1
-        hit = distance <= self.hit_radius
         return Step(
-            obs=self.look(approach, self.targets),
-            reward=self.reward(distance),
-            hit=hit,
-            truncated=~hit & (self.counts >= self.strikes),
-            approach=approach,
+            obs=self.look(judged.approach, self.goals),
+            reward=self.reward(judged.cost, judged.hit),
+            truncated=~judged.hit & (self.counts >= self.strikes),
+            judged=judged,
         )
 
-    def approach(self, strikes: np.ndarray, targets: np.ndarray) -> tuple[Approach, np.ndarray]:
-        """Closest approaches of strikes (B, n_act) to targets (B, d), and miss distances, a penalty if diverged."""
-        approach = self.rollout.approach(strikes, targets, t_stay=self.t_stay)
+    def judge(self, strikes: np.ndarray, goals: Goals) -> Judged:
+        """Return what strikes (B, n_act) come to at goals (B)."""
+        approach = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         wild = approach.diverged | ~np.isfinite(approach.distance)
-        self.n_strikes += len(strikes)
-        self.n_diverged += int(wild.sum())
-        return approach, np.where(wild, self.penalty, approach.distance)
+        distance = np.where(wild, self.penalty, approach.distance)
+        velocity = np.where(wild[:, None], 0.0, approach.velocity)
+        cost = np.where(wild, self.penalty, goals.cost(distance, velocity))
+        arrives = ~wild & goals.arrives(velocity)
+        return Judged(approach, distance, cost, arrives, arrives & (distance <= goals.hit_radius), wild)
 
-    def reward(self, distance: np.ndarray) -> np.ndarray:
-        """Return the rewards of miss distances [m], any shape."""
-        return self._reward(distance, self.hit_radius)
+    def reward(self, cost: np.ndarray, hit: np.ndarray | None = None) -> np.ndarray:
+        """Return the rewards of costs [m], any shape, and of hits; see the rewards."""
+        return self._reward(cost, self.hit_radius, hit)
 
     def to_strikes(self, actions: np.ndarray) -> np.ndarray:
         """Return the strike vectors of actions, (B, n_act)."""
         return self.lower + (np.clip(actions, -1, 1) + 1) / 2 * (self.upper - self.lower)
 
-    def first_look(self, targets: np.ndarray) -> np.ndarray:
-        """Return the observations before the first strike at each target, (B, n_obs)."""
-        tip = np.broadcast_to(self.resting_tip, targets.shape)
-        return self._observe(tip, np.zeros_like(targets), targets)
+    def first_look(self, targets: np.ndarray | Goals) -> np.ndarray:
+        """Return the observations before the first strike at each goal, (B, n_obs)."""
+        goals = self.as_goals(targets)
+        tip = np.broadcast_to(self.resting_tip, goals.positions.shape)
+        return self.observe(tip, np.zeros_like(tip), goals)
 
-    def look(self, approach: Approach, targets: np.ndarray) -> np.ndarray:
+    def look(self, approach: Approach, targets: np.ndarray | Goals) -> np.ndarray:
         """Return the observations after strikes, (B, n_obs); after a diverged one, those before the first."""
-        obs = self._observe(approach.tip, approach.velocity, targets)
+        goals = self.as_goals(targets)
+        obs = self.observe(approach.tip, approach.velocity, goals)
         wild = approach.diverged | ~np.isfinite(obs).all(axis=1)
-        obs[wild] = self.first_look(targets[wild])
+        obs[wild] = self.first_look(goals.rows(wild))
         return obs
 
-    def _observe(self, tip: np.ndarray, velocity: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        where = tip - targets if self.observation == "relative" else tip
-        parts = [where, velocity, targets] if self.observation == "goal" else [where, velocity]
-        return np.concatenate(parts, axis=1)
+    def observe(self, tip: np.ndarray, velocity: np.ndarray, goals: Goals) -> np.ndarray:
+        """Return the observations of tips at places with velocities, (B, d) each; (B, n_obs)."""
+        where = tip - goals.positions if self.observation == "relative" else tip
+        return np.concatenate([where, velocity, *self._shown(goals)], axis=1)
+
+    def with_goals(self, obs: np.ndarray, goals: Goals) -> np.ndarray:
+        """Return observations `goal` (B, n_obs) as they would be with other goals."""
+        return np.concatenate([obs[:, : 2 * self.zone.dimension], *self._shown(goals)], axis=1)
+
+    def _shown(self, goals: Goals) -> list[np.ndarray]:
+        """What the observation shows of goals: nothing, or places, and directions if they are asked for."""
+        parts = [goals.positions, goals.directions] if self.observation == "goal" else []
+        return [part for part in parts if part is not None]
 
     def normalise(self, obs: np.ndarray) -> np.ndarray:
         """Observations for networks: positions from the zone's centre in units of its half width, speeds in 10 m/s."""
         lower, upper = self.zone.box
         centre, half = (lower + upper) / 2, (upper - lower) / 2
         size = max(1.0, 2 * float(half.max()))  # tips come from everywhere
-        where, velocity, target = np.split(obs, [len(centre), 2 * len(centre)], axis=1)
+        d = len(centre)
+        where, velocity, target, direction = np.split(obs, [d, 2 * d, 3 * d], axis=1)
         parts = [where / size if self.observation == "relative" else (where - centre) / size, velocity / SPEED_SCALE]
         if self.observation == "goal":
-            parts.append((target - centre) / half)
+            parts += [(target - centre) / half, direction]
         return np.concatenate(parts, axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -117,7 +117,7 @@ class Training:
             )
         self.learner, self.task, self.plan = learner, task, plan
         self.done = 0
-        self.obs = task.reset(task.zone.place(self._uniform(plan.trials, task.zone.dimension + 1)))
+        self.obs = task.reset(task.draw(self._uniform(plan.trials, task.n_uniform)))
 
     def run(
         self,
@@ -161,8 +161,8 @@ class Training:
             self._relabel(struck, self.obs)
         losses = self.learner.learn(new, update=not explore)
         over = step.hit | step.truncated
-        fresh = task.zone.place(self._uniform(lanes, task.zone.dimension + 1))
-        self.obs = task.renew(step.obs, over, fresh[over])
+        fresh = task.draw(self._uniform(lanes, task.n_uniform))
+        self.obs = task.renew(step.obs, over, fresh.rows(over))
         self.done += 1
         return Episode(
             number=self.done,
@@ -174,25 +174,25 @@ class Training:
         )
 
     def _relabel(self, actions: np.ndarray, obs: np.ndarray) -> None:
-        """Show the learner the same strikes at other targets (see `hindsight`)."""
+        """Show the learner the same strikes at other goals (see `hindsight`)."""
         task, learner = self.task, self.learner
         assert isinstance(learner, OffPolicyLearner)
-        strikes, d = task.to_strikes(actions), task.zone.dimension
+        strikes, width = task.to_strikes(actions), hindsight.uniforms(task.zone, task.arrival)
         _, paths, _ = task.rollout.tip_path(strikes, t_stay=task.t_stay, rate=hindsight.RATE)
         for _ in range(self.plan.hindsight):
-            targets = hindsight.new_targets(paths, task.zone, task.hit_radius, self._uniform(len(paths), 2 * d + 2))
-            distance, tip, i = hindsight.nearest(paths, targets)
-            whole = np.isfinite(distance)
-            velocity = (paths[np.arange(len(paths)), i + 1] - paths[np.arange(len(paths)), i]) * hindsight.RATE
-            before = np.concatenate([obs[:, : 2 * d], targets], axis=1)
-            after = np.concatenate([tip, velocity, targets], axis=1)
+            uniform = self._uniform(len(paths), width)
+            goals = hindsight.new_goals(paths, task.zone, task.arrival, task.hit_radius, uniform)
+            if goals.only_points:
+                came = hindsight.judged_by_path(paths, goals)
+            else:
+                came = hindsight.judged_by_rollout(task, strikes, goals)
             learner.replay.add(
                 Transitions(
-                    obs=self._tensor(task.normalise(before))[whole],
-                    action=self._tensor(actions)[whole],
-                    reward=self._tensor(task.reward(distance))[whole],
-                    next_obs=self._tensor(task.normalise(after))[whole],
-                    terminated=self._tensor(distance <= task.hit_radius)[whole],
+                    obs=self._tensor(task.normalise(task.with_goals(obs, goals)))[came.known],
+                    action=self._tensor(actions)[came.known],
+                    reward=self._tensor(task.reward(came.cost, came.hit))[came.known],
+                    next_obs=self._tensor(task.normalise(task.observe(came.tip, came.velocity, goals)))[came.known],
+                    terminated=self._tensor(came.hit)[came.known],
                 )
             )
 
@@ -208,7 +208,15 @@ class Training:
         settings = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self.learner.settings).items()}
         sizes = [self.learner.n_obs, self.learner.n_act]
         name = type(self.learner).__name__
-        return {"plan": asdict(self.plan), "learner_kind": name, "settings": settings, "sizes": sizes}
+        same = {"plan": asdict(self.plan), "learner_kind": name, "settings": settings, "sizes": sizes}
+        asked = self.task.arrival.table()
+        return same if asked is None else {**same, "arrival": asked}  # of points, as checkpoints have always been
+
+    def _lanes(self) -> dict[str, np.ndarray]:
+        """What differs between the goals of the lanes, by its name in a checkpoint."""
+        goals = self.task.goals
+        rows = {"targets": goals.positions, "directions": goals.directions, "sights": goals.sights}
+        return {name: x for name, x in rows.items() if x is not None}
 
     def save(self, path: Path) -> None:
         """Write a checkpoint as a whole file.
@@ -222,7 +230,7 @@ class Training:
             "learner": self.learner.state_dict(),
             "done": self.done,
             "obs": torch.as_tensor(self.obs),
-            "targets": torch.as_tensor(task.targets),
+            **{name: torch.as_tensor(rows) for name, rows in self._lanes().items()},
             "counts": torch.as_tensor(task.counts),
             "strikes": [task.n_strikes, task.n_diverged],
         }
@@ -242,7 +250,9 @@ class Training:
                 raise InputError(str(path), f"{part} {state.get(part)}", f"a checkpoint of {part} {value}")
         self.learner.load_state_dict(state["learner"])
         self.done, self.obs = int(state["done"]), state["obs"].numpy()
-        self.task.targets, self.task.counts = state["targets"].numpy(), state["counts"].numpy()
+        rows = {name: state[name].numpy() for name in self._lanes()}
+        self.task.goals = replace(self.task.goals, positions=rows.pop("targets"), **rows)
+        self.task.counts = state["counts"].numpy()
         self.task.n_strikes, self.task.n_diverged = map(int, state["strikes"])
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from lemon_scene import scene
 
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.models.strike import StrikeBounds, default_bounds
-from whiptool.studies.comparison.difficulty import WIDTHS, DifficultyUnit, scene_seed, targets_hit, varied
+from whiptool.studies.comparison.difficulty import WIDTHS, DifficultyUnit, hits, scene_seed, targets_hit, varied
+from whiptool.zone import Disc
 
 
 def test_hits_are_counted_as_the_rollout_counts_them():
@@ -21,6 +26,30 @@ def test_hits_are_counted_as_the_rollout_counts_them():
     assert (found <= (misses <= 0.0601).sum(axis=1)).all()
     assert (found >= (misses <= 0.058).sum(axis=1)).all()
     assert found.max() > 10
+
+
+def test_hits_along_directions_are_counted_as_the_rollout_counts_them():
+    """As above, a target hit where the tip's velocity at the closest approach is within the cone, and fast.
+
+    The velocity of the nearest sample differs a little from that at the closest approach.
+    """
+    rule = ArrivalRule(angle=(math.radians(60), math.radians(120)), cone=math.radians(25), speed=2.0)
+    where = replace(scene(0.15), zone=Disc((1.0, 0.3), 0.15), arrival=rule)
+    rollout, points = where.rollout(1), where.points()
+    strikes = default_bounds(where.model.arm).sample(np.random.default_rng(0), 100)
+    near = rollout.approach(np.repeat(strikes, 40, axis=0), np.tile(points, (100, 1)), t_stay=0.3)
+    wanted = np.tile(where.goals().directions, (100, 1))  # type: ignore[arg-type]
+    turned = np.abs(np.angle((near.velocity @ [1, 1j]) / (wanted @ [1, 1j])))
+    along = (near.velocity * wanted).sum(axis=1)
+
+    hit = (near.distance <= 0.06) & (turned <= math.radians(25)) & (along >= 2.0)
+    counted = hit.reshape(100, 40).sum(axis=1)
+    exact = hits(rollout, np.repeat(strikes, 40, axis=0), where.goals().rows(np.tile(np.arange(40), 100)), where)
+    np.testing.assert_array_equal(exact, hit)
+    found = targets_hit(rollout, strikes, where)
+    assert counted.max() > 3
+    assert np.abs(found - counted).max() <= 1  # a tip turns by degrees between two samples
+    assert np.abs(found - counted).sum() < 0.05 * counted.sum()
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import numpy as np
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.models.strike import StrikeBounds
 from whiptool.studies.comparison.policy_trials import RecordedTask, misses_of, trials_within
 from whiptool.zone import Disc
@@ -37,3 +38,24 @@ def test_trials_of_a_policy_at_several_radii():
     task = recorded(0.12)
     lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")  # type: ignore[arg-type]
     assert [len(misses) for misses in lists] == [4, 2, 3]
+
+
+def test_trials_at_several_radii_where_a_direction_is_asked_for():
+    """The same flights at the same targets; the second one is to be passed at 0.8 rad, within 0.2 rad."""
+    angles, wanted = [-0.3, 0.45, 0.8, 0.89], np.array([0.0, 0.8, 0.9])
+    radii = (0.4, 0.2, 0.06)
+    rule, zone = ArrivalRule(angle=(-1.0, 1.0), cone=0.2), Disc((0.8, 0.2), 1.0)
+    task = RecordedTask(StraightFlight(), zone, bounds=BOUNDS, arrival=rule, hit_radius=0.06)  # type: ignore[arg-type]
+    goals = rule.goals_at(TARGETS, 0.4, wanted)
+    found = trials_within(Scripted(task, angles), task, goals, radii, cap=4, convention="samples")  # type: ignore[arg-type]
+    for radius, (trials, hit) in found.items():
+        for i, at in enumerate((0.0, 0.5, 0.9)):
+            hits = [
+                number
+                for number, angle in enumerate(angles, 1)
+                if np.sin(abs(at - angle)) <= radius and abs(angle - wanted[i]) <= 0.2
+            ]
+            assert trials[i] == (hits[0] if hits else 4)
+            assert hit[i] == bool(hits)
+    assert found[0.4][1].tolist() == [False, True, True]
+    assert found[0.06][1].tolist() == [False, False, True]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from flights import scene
 
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.studies.comparison.units import SearchUnit
@@ -51,3 +52,34 @@ def test_a_library_comes_before_the_search(method):
     assert result["outcomes"][1]["trials"] == [1, 1, 1]  # some of 400 straight lines passed there
     assert all(result["outcomes"][1]["hit"])
     assert unit.series == ("library" if method == "library" else "random+library")
+
+
+def test_targets_stay_where_they_are_when_directions_are_asked_for():
+    asked = scene(arrival=ArrivalRule(angle=(-1.0, 0.0)))
+    np.testing.assert_array_equal(asked.points(), scene().points())
+    angles = np.arctan2(*asked.goals().directions.T[::-1])  # type: ignore[union-attr]
+    assert ((angles >= -1) & (angles <= 0)).all()
+    assert np.ptp(angles) > 0.2
+    np.testing.assert_array_equal(asked.goals().directions, asked.goals().directions)
+    assert asked.goals().hit_radius == 0.3
+
+
+@pytest.mark.parametrize("method", ["random", "cmaes"])
+def test_a_search_unit_searches_for_directions_at_each_radius(method):
+    """A direction counts in hit radii, so that searches differ: each radius has its own."""
+    rule = ArrivalRule(angle=(-1.2, -0.5), cone=0.3)
+    s = scene(arrival=rule)
+    result = SearchUnit(scene=s, method=method, seed=3, first=2, last=6).run(None, None)
+    angles = np.arctan2(*s.goals().directions.T[::-1])  # type: ignore[union-attr]
+    found = 0
+    for outcome, radius in zip(result["outcomes"], (0.3, 0.1), strict=True):
+        assert outcome["hit_radius"] == radius
+        for place, i in enumerate(range(2, 6)):
+            target = Target.arriving(tuple(s.points()[i]), angles[i], hit_radius=radius, cone=0.3)
+            objective = Objective(s.rollout(), target, max_trials=12, stop_at_hit=True)
+            seed = int(np.random.SeedSequence((3, i)).generate_state(1)[0]) >> 1
+            hits = [t.number for t in search(objective, method, seed=seed).trace if t.outcome.hit]
+            assert outcome["trials"][place] == (hits[0] if hits else 12)
+            assert outcome["hit"][place] is bool(hits)
+            found += bool(hits)
+    assert found > 0

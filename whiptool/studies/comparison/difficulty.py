@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.distance import cdist
 
+from whiptool.goals import Goals
 from whiptool.models.strike import StrikeBounds, default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.studies.comparison.tables import percent
@@ -48,19 +49,18 @@ class DifficultyUnit:
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike: each random strike at a target of its own, the best strike at all."""
         scene, rng = self.scene, np.random.default_rng(scene_seed(self.scene))
-        rollout, bounds, targets = scene.rollout(threads), default_bounds(scene.model.arm), scene.points()
+        rollout, bounds, goals = scene.rollout(threads), default_bounds(scene.model.arm), scene.goals()
         strikes = bounds.sample(rng, self.strikes)
-        own = targets[np.arange(len(strikes)) % len(targets)]
-        random = rollout.approach(strikes, own, t_stay=scene.t_stay).distance <= scene.radii[0]
+        random = hits(rollout, strikes, goals.rows(np.arange(len(strikes)) % scene.targets), scene)
         kept = math.ceil(_KEPT * self.strikes)
         best = _best(strikes, targets_hit(rollout, strikes, scene), kept)
         for width in WIDTHS:
             some = np.vstack([best, varied(best, width, bounds, rng)])
             best = _best(some, targets_hit(rollout, some, scene), kept)
-        at_all = rollout.approach(np.tile(best[0], (len(targets), 1)), targets, t_stay=scene.t_stay)
+        at_all = hits(rollout, np.tile(best[0], (scene.targets, 1)), goals, scene)
         return {
             "one_strike": best[0].tolist(),
-            "one_strike_hits": float(np.mean(at_all.distance <= scene.radii[0])),
+            "one_strike_hits": float(at_all.mean()),
             "random_strikes_hit": float(random.mean()),
         }
 
@@ -70,15 +70,46 @@ def scene_seed(scene: Scene) -> list[int]:
     return [scene.target_seed, 1]
 
 
+def hits(rollout: CompiledRollout, strikes: np.ndarray, goals: Goals, scene: Scene) -> np.ndarray:
+    """Whether strikes (B, d) hit goals (B), (B,)."""
+    near = rollout.approach(strikes, goals.positions, t_stay=scene.t_stay)
+    return (near.distance <= goals.hit_radius) & goals.arrives(near.velocity)
+
+
 def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: Scene) -> np.ndarray:
-    """How many of a scene's targets each strike's tip passes within the hit radius, at `RATE`, (B,)."""
-    targets, radius, found = scene.points(), scene.radii[0], []
+    """How many of a scene's targets each strike's tip passes as asked within the hit radius, at `RATE`, (B,)."""
+    goals, found = scene.goals(), []
+    targets, radius = goals.positions, goals.hit_radius
     low, high = targets.min(axis=0) - radius, targets.max(axis=0) + radius
     for first in range(0, len(strikes), 1024):
         for path in rollout.tip_path(strikes[first : first + 1024], t_stay=scene.t_stay, rate=RATE)[1]:
-            near = path[((path >= low) & (path <= high)).all(axis=1)]  # no NaN among them
-            found.append(int((cdist(near, targets).min(axis=0) <= radius).sum()) if len(near) else 0)
+            inside = ((path >= low) & (path <= high)).all(axis=1)  # no NaN among them
+            if not inside.any():
+                found.append(0)
+                continue
+            distance = cdist(path[inside], targets)
+            hit = distance.min(axis=0) <= radius
+            if not goals.only_points:
+                hit &= goals.arrives(velocities_at(path, np.flatnonzero(inside)[distance.argmin(axis=0)], targets))
+            found.append(int(hit.sum()))
     return np.array(found)
+
+
+def velocities_at(path: np.ndarray, samples: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Return the tip's velocities where it is nearest to targets, (B, d) [m/s].
+
+    Args:
+        path: Of the tip at `RATE`, (S, d) [m], NaN after the strike's end.
+        samples: Those that are nearest to the targets, (B,).
+        targets: (B, d) [m].
+    """
+    path = path[np.isfinite(path).all(axis=1)]
+    if len(path) < 2:  # diverged at once
+        return np.zeros_like(targets)
+    velocity = np.gradient(path, 1 / RATE, axis=0)
+    turn, v = np.gradient(velocity, 1 / RATE, axis=0)[samples], velocity[samples]
+    ahead = ((targets - path[samples]) * v).sum(axis=1) / np.maximum((v**2).sum(axis=1), np.finfo(float).tiny)
+    return v + np.clip(ahead, -1 / RATE, 1 / RATE)[:, None] * turn
 
 
 def varied(strikes: np.ndarray, width: float, bounds: StrikeBounds, rng: np.random.Generator) -> np.ndarray:

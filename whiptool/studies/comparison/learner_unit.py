@@ -65,10 +65,10 @@ class LearnerUnit:
         scene = self.scene
         with one_torch_thread():
             training, history, note = self.trained(folder, threads)
-            task, points = self._task(scene.radii[0], threads), scene.points()
-            seen = _tensor(task.normalise(task.reset(points)))
+            task, goals = self._task(scene.radii[0], threads), scene.goals()
+            seen = _tensor(task.normalise(task.reset(goals)))
             strikes = task.to_strikes(training.learner.act(seen, deterministic=True).numpy().astype(float))
-            _, first_misses = task.approach(strikes, points)
+            first_misses = task.judge(strikes, goals).distance
             outcomes = []
             for convention in CONVENTIONS:
                 # a policy that misses again and again takes long: tighter radii under the first convention only
@@ -77,7 +77,7 @@ class LearnerUnit:
                 found = trials_within(
                     training.learner,
                     self._task(min(radii), threads),
-                    points,
+                    goals,
                     radii,
                     cap=scene.cap,
                     convention=convention,
@@ -104,6 +104,7 @@ class LearnerUnit:
         return RecordedTask(
             scene.rollout(threads),
             scene.zone,
+            arrival=scene.arrival,
             observation=self.observation,
             reward=self.reward,
             hit_radius=radius,

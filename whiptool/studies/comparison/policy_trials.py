@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from whiptool.goals import Goals
 from whiptool.rl.learner import Learner
 from whiptool.rl.policy import trials_to_hit
-from whiptool.rl.task import StrikeTask
-from whiptool.rollout.trajectory import Approach
+from whiptool.rl.task import Judged, StrikeTask
 
 
 class RecordedTask(StrikeTask):
-    """A task that keeps the miss distances of every step."""
+    """A task that keeps what the strikes of every step came to."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
-        self.distances: list[np.ndarray] = []
+        self.judgements: list[Judged] = []
 
-    def approach(self, strikes: np.ndarray, targets: np.ndarray) -> tuple[Approach, np.ndarray]:
+    def judge(self, strikes: np.ndarray, goals: Goals) -> Judged:
         """As of any task."""
-        approach, distance = super().approach(strikes, targets)
-        self.distances.append(distance)
-        return approach, distance
+        judged = super().judge(strikes, goals)
+        self.judgements.append(judged)
+        return judged
 
 
 def trials_within(
-    learner: Learner, task: RecordedTask, targets: np.ndarray, radii: tuple[float, ...], *, cap: int, convention: str
+    learner: Learner,
+    task: RecordedTask,
+    targets: np.ndarray | Goals,
+    radii: tuple[float, ...],
+    *,
+    cap: int,
+    convention: str,
 ) -> dict[float, tuple[np.ndarray, np.ndarray]]:
     """As `trials_to_hit`, for every radius from the same strikes: no policy sees the radius while it strikes.
 
@@ -39,15 +46,17 @@ def trials_within(
     Returns:
         For each radius trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).
     """
-    task.distances.clear()
-    trials_to_hit(learner, task, targets, cap=cap, convention=convention)
-    found = {radius: (np.full(len(targets), cap), np.zeros(len(targets), bool)) for radius in radii}
-    left = np.arange(len(targets))
-    for number, distance in enumerate(task.distances, start=1):
+    goals = replace(task.as_goals(targets), hit_radius=task.hit_radius)
+    task.judgements.clear()
+    trials_to_hit(learner, task, goals, cap=cap, convention=convention)
+    count = len(goals.positions)
+    found = {radius: (np.full(count, cap), np.zeros(count, bool)) for radius in radii}
+    left = np.arange(count)
+    for number, judged in enumerate(task.judgements, start=1):
         for radius, (trials, hit) in found.items():
-            new = left[(distance <= radius) & ~hit[left]]
+            new = left[judged.arrives & (judged.distance <= radius) & ~hit[left]]
             trials[new], hit[new] = number, True
-        left = left[distance > task.hit_radius]
+        left = left[~judged.hit]
     return found
 
 
@@ -55,12 +64,12 @@ def misses_of(
     learner: Learner, task: RecordedTask, targets: np.ndarray, *, cap: int, convention: str
 ) -> list[list[float]]:
     """Miss distances of each target's strikes [m], up to the first within the task's hit radius; arguments as above."""
-    task.distances.clear()
+    task.judgements.clear()
     trials_to_hit(learner, task, targets, cap=cap, convention=convention)
     misses: list[list[float]] = [[] for _ in targets]
     left = np.arange(len(targets))
-    for distance in task.distances:
-        for i, miss in zip(left, distance.tolist(), strict=True):
+    for judged in task.judgements:
+        for i, miss in zip(left, judged.distance.tolist(), strict=True):
             misses[i].append(miss)
-        left = left[distance > task.hit_radius]
+        left = left[~judged.hit]
     return misses

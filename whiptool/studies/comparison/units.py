@@ -6,18 +6,24 @@ So it does not matter where, beside what, or in which order they are worked, and
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from whiptool.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals import Goals
 from whiptool.impedance import Controller
 from whiptool.models import Model
 from whiptool.models.strike import T_STAY, default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.compiled import TIMESTEP
-from whiptool.zone import Disc, Zone, sample
+from whiptool.zone import Disc, Zone
+
+if TYPE_CHECKING:
+    from whiptool.optimizers.library import StrikeLibrary
+    from whiptool.optimizers.result import Result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +33,7 @@ class Scene:
     Args:
         model, controller: Whip, arm, and law.
         zone: Where the targets lie.
+        arrival: How the tip has to arrive there.
         targets: Their number.
         target_seed: They are drawn with it.
         radii: Hit radii [m]; with the first one learners are trained.
@@ -38,6 +45,7 @@ class Scene:
     model: Model
     controller: Controller
     zone: Zone = field(default_factory=Disc)
+    arrival: ArrivalRule = field(default_factory=ArrivalRule)
     targets: int = 300
     target_seed: int = 0
     radii: tuple[float, ...] = (0.06, 0.03, 0.01)
@@ -46,8 +54,13 @@ class Scene:
     timestep: float = TIMESTEP
 
     def points(self) -> np.ndarray:
-        """The targets, (targets, 2) [m]."""
-        return sample(self.zone, self.targets, np.random.default_rng(self.target_seed))
+        """Where the targets are, (targets, d) [m]."""
+        return self.goals().positions
+
+    def goals(self) -> Goals:
+        """The targets, at the widest hit radius, with how the tip has to arrive."""
+        rng = np.random.default_rng(self.target_seed)
+        return sample_goals(self.zone, self.arrival, self.radii[0], self.targets, rng)
 
     def rollout(self, threads: int | None = None) -> CompiledRollout:
         """Return the simulator that all methods share."""
@@ -80,8 +93,9 @@ class Unit(Protocol):
 class SearchUnit:
     """A search from scratch at each target of a part of them.
 
-    It goes on until the tightest hit radius is hit: no search looks at the radius, so its first trial within a wider
-    one is when it would have ended there.
+    It goes on until the tightest hit radius is hit: of a target that is a point no search looks at the radius, so its
+    first trial within a wider one is when it would have ended there. A direction and a speed count in hit radii, so
+    where they are asked for there is a search for each radius.
 
     Args:
         scene: See there.
@@ -112,45 +126,55 @@ class SearchUnit:
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search at every target of the unit."""
-        from whiptool.objective import Objective
-        from whiptool.optimizers import search
-        from whiptool.optimizers.library import StrikeLibrary, library_search, warm_search
-        from whiptool.target import Target
+        from whiptool.optimizers.library import StrikeLibrary
 
         scene, start = self.scene, time.monotonic()
-        rollout, misses, n_diverged, library = scene.rollout(threads), [], 0, None
+        rollout, library = scene.rollout(threads), None
         if self.library:
             bounds = default_bounds(scene.model.arm)
             library = StrikeLibrary.random(rollout, bounds, self.library, seed=self.seed, t_stay=scene.t_stay)
-        for i, point in list(enumerate(scene.points()))[self.first : self.last]:
-            objective = Objective(
-                rollout,
-                Target(tuple(point), min(scene.radii)),
-                t_stay=scene.t_stay,
-                max_trials=scene.cap,
-                stop_at_hit=True,
-            )
-            seed = int(np.random.SeedSequence((self.seed, i)).generate_state(1)[0]) >> 1  # below 2^31, for NLopt
-            if library is None:
-                found = search(objective, self.method, seed=seed)
-            elif self.method == "library":
-                found = library_search(objective, library)
-            else:
-                found = warm_search(objective, self.method, library, seed=seed)
-            if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
-                raise KeyboardInterrupt
-            n_diverged += found.n_diverged
-            misses.append(np.array([trial.outcome.miss_distance for trial in found.trace]))
+        searched = (min(scene.radii),) if scene.arrival.only_points else scene.radii
+        found = {
+            radius: [self._search(rollout, library, i, radius) for i in range(self.first, self.last)]
+            for radius in searched
+        }
         outcomes = []
         for radius in scene.radii:
-            hit = [bool((miss <= radius).any()) for miss in misses]
-            trials = [int((m <= radius).argmax()) + 1 if h else scene.cap for m, h in zip(misses, hit, strict=True)]
+            hits = [_hits(result, radius) for result in found.get(radius, found[searched[-1]])]
+            hit = [bool(of_target.any()) for of_target in hits]
+            trials = [int(h.argmax()) + 1 if any_ else scene.cap for h, any_ in zip(hits, hit, strict=True)]
             outcomes.append({"convention": "", "hit_radius": radius, "trials": trials, "hit": hit})
-        seconds = time.monotonic() - start
         return {
             "outcomes": outcomes,
             "training_trials": self.library,
-            "n_diverged": n_diverged,
-            "wall_time": seconds,
+            "n_diverged": sum(result.n_diverged for results in found.values() for result in results),
+            "wall_time": time.monotonic() - start,
             "note": "",
         }
+
+    def _search(self, rollout: CompiledRollout, library: StrikeLibrary | None, i: int, radius: float) -> Result:
+        """Search at target number i until it is hit within a radius [m]."""
+        from whiptool.objective import Objective
+        from whiptool.optimizers import search
+        from whiptool.optimizers.library import library_search, warm_search
+        from whiptool.target import Target
+
+        scene = self.scene
+        target = Target.of(replace(scene.goals(), hit_radius=radius), i)
+        objective = Objective(rollout, target, t_stay=scene.t_stay, max_trials=scene.cap, stop_at_hit=True)
+        seed = int(np.random.SeedSequence((self.seed, i)).generate_state(1)[0]) >> 1  # below 2^31, for NLopt
+        if library is None:
+            result = search(objective, self.method, seed=seed)
+        elif self.method == "library":
+            result = library_search(objective, library)
+        else:
+            result = warm_search(objective, self.method, library, seed=seed)
+        if result.status.value == "interrupted":  # `search` turns Ctrl-C into a result
+            raise KeyboardInterrupt
+        return result
+
+
+def _hits(result: Result, radius: float) -> np.ndarray:
+    """Which trials of a search are hits: of a point those within a radius [m], else those of the search itself."""
+    outcomes = [trial.outcome for trial in result.trace]
+    return np.array([x.hit if x.arrival is not None else x.miss_distance <= radius for x in outcomes])
