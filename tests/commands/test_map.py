@@ -19,7 +19,7 @@ from whiptool.target import Target
 
 pytestmark = pytest.mark.slow
 
-SMALL = "build --controller constant --timestep 0.0005 --zone-radius 0.15 --hit-radius 0.03 --arrival-angle any"
+SMALL = "build --controller constant --timestep 0.0005 --zone-radius 0.15 --hit-radius 0.03 --arrival-angle -180 180"
 BUDGET = "--random-strikes 500 --room 1 --rounds 1 --goals 16 --gate-strikes 100 --tests 10"
 
 

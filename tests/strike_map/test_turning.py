@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from whiptool.arrival_rule import ANY, ArrivalRule
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
 from whiptool.rollout import CompiledRollout
@@ -69,7 +69,7 @@ def test_a_turned_strike_hits_the_turned_goal_in_the_same_way():
     model = ur5e()
     rollout = CompiledRollout(model, Controller(PositionControl()), timestep=1.5e-3)
     strikes = np.array([[0.2, -1.6, 0.4, -0.5, 0.3, 0.1, 0.9, -1.1, 0.9, -0.2, 0.5, 0.2, 0.7]])
-    region = GoalRegion(Disc((1.0, 0.3, 0.5), 0.5), ArrivalRule(angle=ANY))
+    region = GoalRegion(Disc((1.0, 0.3, 0.5), 0.5), ArrivalRule(angle=(-np.pi, np.pi)))
     goals = region.rule.goals(np.array([[1.0, 0.3, 0.5]]), 0.06, np.array([[0.7]]))
     front, angle = Front(model), np.array([0.6])
     turned = front.goals(goals, angle)

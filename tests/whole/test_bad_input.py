@@ -244,7 +244,7 @@ map-build --limits arm | limits
 map-build --cone 0 --arrival-angle 3 | --cone
 map-build --cone 20 | --cone
 map-build --direction 0 0 | a vector that is not zero
-map-build --direction 1 0 --arrival-angle any | --arrival-angle
+map-build --direction 1 0 --arrival-angle -180 180 | --arrival-angle
 map-build --least-speed 0 | --least-speed
 map-build --checkpoint x | --checkpoint
 map-strike of-simulate | whiptool map
