@@ -44,7 +44,8 @@ def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
         actions = 2 * torch.rand(BATCH, len(lower), generator=generator) - 1 if explore else policy.act(obs)
         box = (np.clip(actions.numpy().astype(float), -1, 1) + 1) / 2
         outcomes = objective.batch(objective.admissible(lower + box * (upper - lower)))
-        gained = reward(np.array([outcome.cost for outcome in outcomes]), objective.target.hit_radius)
+        costs = np.array([outcome.cost for outcome in outcomes])
+        gained = reward(np.maximum(costs, 0), objective.target.hit_radius) * np.where(costs < 0, -costs, 1.0)
         new = Transitions(obs, actions, torch.as_tensor(gained, dtype=torch.float32), obs, over)
         try:
             policy.learn(new, update=not explore)

@@ -33,8 +33,8 @@ class Approach:
         diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
         error: Standard error of the distance [m], (B,), where it was measured; None: it was computed.
         positions: Lowest and highest position of each arm joint over the strike [rad or m], (B, 2, a); None: not known.
-        effort: Integral of each arm joint's squared torque over the strike, by the trapezoidal rule [N^2 m^2 s], (B, a);
-            None: not known.
+        effort: Integral of each arm joint's squared torque over the strike, by the trapezoidal rule [N^2 m^2 s],
+            (B, a); None: not known.
     """
 
     distance: np.ndarray
