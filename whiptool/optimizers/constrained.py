@@ -83,6 +83,8 @@ class _Problem:
             constraints.append((criterion.measures(struck)[0] - bound) / size + _INSIDE)
             slopes.append(criterion.measure_slopes(struck)[0] / size)
         measures, measure_slopes = self.criterion.measures(struck)[0], self.criterion.measure_slopes(struck)[0]
+        if not all(np.isfinite(x).all() for x in (measures, measure_slopes, *constraints, *slopes)):
+            return self._lost()  # a strike beside this one diverged
         return _Point(
             measures / self.size,
             measure_slopes / self.size * self.scale,
@@ -167,7 +169,7 @@ def descend(objective: Objective, start: np.ndarray, criterion: Criterion, caps:
         optimizer.optimize(np.r_[u, [first.measures.max()] * several])
     except nlopt.ForcedStop:
         raise problem.ended[0] from None
-    except (nlopt.RoundoffLimited, RuntimeError):
+    except (nlopt.RoundoffLimited, nlopt.runtime_error, RuntimeError):
         pass  # a kink: what was found until there is kept
     if problem.ended:
         raise problem.ended[0]

@@ -63,7 +63,7 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
         optimizer.optimize(np.clip((start - lower) / scale, 0, 1))
     except nlopt.ForcedStop:
         raise ended[0] from None
-    except (nlopt.RoundoffLimited, RuntimeError):
+    except (nlopt.RoundoffLimited, nlopt.runtime_error, RuntimeError):
         pass  # a kink: the next start will do
     if ended:
         raise ended[0]

@@ -12,15 +12,17 @@ from whiptool.optimizers.front import Front
 
 BATCH = 64  # random strikes from which a front begins
 STARTS = 3  # of them are followed to the best hit by each criterion
+END = 0.01  # part of a criterion's range within which hits are as good as the best by it
 FRESH = 16  # random strikes of which one is a new start
 
 
 def pareto_search(objective: Objective, *, seed: int) -> None:
     """Find the front of an objective's two criteria until the objective stops it.
 
-    First the best hits by each criterion alone. Then, again and again, the widest gap of the front: one criterion is
-    held at the gap's middle and the other minimised, from either end of the gap and from a new random strike in turn. A
-    gap that was tried counts half as wide.
+    First the best hits by each criterion alone, and of those that are as good the best by the other (the payoff table
+    of Mavrotas 2009). Then, again and again, the widest gap of the front: one criterion is held at the gap's middle and
+    the other minimised, from either end of the gap and from a new random strike in turn. A gap that was tried counts
+    half as wide.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -32,13 +34,22 @@ def pareto_search(objective: Objective, *, seed: int) -> None:
     for i in np.argsort(costs, kind="stable")[:STARTS]:
         for criterion in (first, second):
             descend(objective, strikes[i], criterion)
+    while len(Front.of((first, second), objective.trials).trials) < 2:
+        descend(objective, _fresh(objective, rng), first)
+    _improve_ends(objective, Front.of((first, second), objective.trials))
     tried: Counter[tuple[int, int]] = Counter()
     while True:
-        front = Front.of((first, second), objective.trials)
-        if len(front.trials) < 2:
-            descend(objective, _fresh(objective, rng), first)
-            continue
-        _fill(objective, front, tried, rng)
+        _fill(objective, Front.of((first, second), objective.trials), tried, rng)
+
+
+def _improve_ends(objective: Objective, front: Front) -> None:
+    """Improve the best hits by each criterion by the other one."""
+    spans = np.ptp(front.values, axis=0)
+    for end, held in ((0, 0), (-1, 1)):
+        criterion = front.criteria[held]
+        slack = END * spans[held] * (-1 if criterion.largest else 1)
+        cap = Cap(criterion, float(front.values[end, held] + slack))
+        descend(objective, front.strikes[end], front.criteria[1 - held], [cap])
 
 
 def _fresh(objective: Objective, rng: np.random.Generator) -> np.ndarray:

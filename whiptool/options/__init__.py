@@ -22,6 +22,7 @@ from whiptool.options.budget import (
     TrainingOptions,
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
+from whiptool.options.criteria import CriteriaOptions, CriterionName
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
 from whiptool.options.trajectory import TrajectoryOptions
@@ -33,6 +34,8 @@ __all__ = [
     "MODELS",
     "WITHOUT_DERIVATIVES",
     "ControllerOptions",
+    "CriteriaOptions",
+    "CriterionName",
     "GoalOptions",
     "Integrator",
     "JsonOptions",
