@@ -32,8 +32,8 @@ class Front:
     def of(cls, criteria: tuple[Criterion, Criterion], trials: Sequence[Trial]) -> Front:
         """Return the front of what a search tried; of equal hits it holds the first.
 
-        A hit that is better by one criterion by less than `RESOLUTION` of its range is left out: a tenth of a micrometre
-        is not worth three times the effort.
+        A hit that is better by one criterion by less than `RESOLUTION` of its range is left out: a micron is not worth
+        three times the effort.
         """
         hits = [trial for trial in trials if trial.outcome.hit and np.isfinite(trial.outcome.values).all()]
         costs = oriented(criteria, [trial.outcome.values for trial in hits])
