@@ -12,6 +12,13 @@ RANDOM_BATCHES = 2  # before the policy strikes
 UPDATES = 4  # of an off-policy learner per strike: a trial costs more than an update
 
 
+def gain(costs: np.ndarray, hit_radius: float) -> np.ndarray:
+    """Return the rewards of costs [m], any shape: Eq. 17, times how good a hit is that is judged by a criterion."""
+    from whiptool.rl.task import reward
+
+    return reward(np.maximum(costs, 0), hit_radius) * np.where(costs < 0, -costs, 1.0)
+
+
 def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
     """Train a learner on the objective's target until the objective stops it.
 
@@ -27,7 +34,6 @@ def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
     from whiptool.rl.learner import Diverged
     from whiptool.rl.replay import Transitions
     from whiptool.rl.settings import OffPolicy, settings_for
-    from whiptool.rl.task import reward
     from whiptool.rl.training import LEARNERS
 
     settings = settings_for(learner)
@@ -44,8 +50,7 @@ def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
         actions = 2 * torch.rand(BATCH, len(lower), generator=generator) - 1 if explore else policy.act(obs)
         box = (np.clip(actions.numpy().astype(float), -1, 1) + 1) / 2
         outcomes = objective.batch(objective.admissible(lower + box * (upper - lower)))
-        costs = np.array([outcome.cost for outcome in outcomes])
-        gained = reward(np.maximum(costs, 0), objective.target.hit_radius) * np.where(costs < 0, -costs, 1.0)
+        gained = gain(np.array([outcome.cost for outcome in outcomes]), objective.target.hit_radius)
         new = Transitions(obs, actions, torch.as_tensor(gained, dtype=torch.float32), obs, over)
         try:
             policy.learn(new, update=not explore)
