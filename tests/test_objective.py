@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fake_rollout import SPEED, StraightFlight
 
+from whiptool.criteria import PeakTorque, Speed
 from whiptool.errors import InputError
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Arrival, Objective, SearchStopped, probability_within
@@ -263,3 +264,18 @@ def test_what_is_usual_and_what_would_never_end():
     assert Target() == Target((1.3, 0.0), 0.06)  # Eq. 17; the target is the middle of the usual zone
     with pytest.raises(InputError):
         objective(t_stay=1e12)
+
+
+def test_hits_are_judged_and_any_hit_is_better_than_any_miss():
+    """By the torque, which of a straight flight is twice the larger of the first two angles."""
+    o = objective(criteria=[PeakTorque(), Speed()], limits=Peaks())
+    strikes = np.array([[0.07, 0.2, 0.1, 0.2, 0.7], [0.01, 0.4, 0.1, 0.2, 0.7], [0.2, 0.0, 0.1, 0.2, 0.7]])
+    outcomes = o.batch(np.vstack([strikes, [[0.4, 0.0, 0.1, 0.2, 0.7], [0.0, 0.95, 0.1, 0.2, 0.7]]]))
+    assert [outcome.hit for outcome in outcomes] == [True, True, False, False, False]
+    assert [outcome.values[:1] for outcome in outcomes] == [(0.4,), (0.8,), (0.4,), (), ()]
+    assert outcomes[0].values[1] == pytest.approx(SPEED)
+    assert outcomes[0].cost == outcomes[0].merit < outcomes[1].cost < 0
+    assert [outcome.merit for outcome in outcomes[2:]] == [None] * 3
+    assert 0 < outcomes[2].cost == outcomes[2].miss_distance < outcomes[3].cost
+    assert o.best is not None
+    assert o.best.number == 1

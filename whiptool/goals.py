@@ -145,7 +145,7 @@ class Goals:
             of_unit = np.divide(across, length[..., None], out=np.zeros_like(across), where=length[..., None] > 0)
             parts.append(self._chord * of_unit)
         if self.speed is not None:
-            along, dalong = self._speed_slope(velocity, dvelocity)
+            along, dalong = self.arrival_speed(velocity), self.arrival_speed_slope(velocity, dvelocity)
             short = (along > 0) & (along < self.speed)
             parts.append(np.where(short[:, None], -self.hit_radius / self.speed * dalong, 0.0)[:, None, :])
         return np.concatenate(parts, axis=1)
@@ -159,13 +159,17 @@ class Goals:
         """Return the part of velocities (B, d) that counts for the angle."""
         return velocity if self.sights is None else velocity - _dot(velocity, self.sights)[:, None] * self.sights
 
-    def _speed_slope(self, velocity: np.ndarray, dvelocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the arrival speeds (B,) and their derivatives (B, m)."""
-        speed = self.arrival_speed(velocity)
+    def arrival_speed_slope(self, velocity: np.ndarray, dvelocity: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the arrival speeds by m parameters, (B, m).
+
+        Args:
+            velocity, dvelocity: Of the tip at the closest approach [m/s], (B, d), and its derivatives, (B, d, m).
+        """
         unit = self.directions
         if unit is None:
-            unit = np.divide(velocity, speed[:, None], out=np.zeros_like(velocity), where=speed[:, None] > 0)
-        return speed, np.einsum("bd,bdm->bm", np.broadcast_to(unit, velocity.shape), dvelocity)
+            speed = self.arrival_speed(velocity)[:, None]
+            unit = np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0)
+        return np.einsum("bd,bdm->bm", np.broadcast_to(unit, velocity.shape), dvelocity)
 
 
 def arrival_directions(positions: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

@@ -11,6 +11,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from scipy.special import ndtr, stdtr
 
+from whiptool.criteria import Criterion, Struck
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.parameters import number, whole
@@ -73,6 +74,8 @@ class Outcome:
         diverged: Whether the rollout broke off.
         miss_error: Standard error of the miss distance [m]; None: it was not measured but computed.
         arrival: How the tip arrived; None where only a point is asked for, or the strike diverged or was refused.
+        values: The objective's criteria in their units, in order; none of a strike that diverged or was refused.
+        merit: What searches minimise of a hit that is judged by a criterion, negative; None: of anything else.
     """
 
     miss_distance: float
@@ -85,10 +88,17 @@ class Outcome:
     diverged: bool
     miss_error: float | None = None
     arrival: Arrival | None = None
+    values: tuple[float, ...] = ()
+    merit: float | None = None
 
     @property
     def cost(self) -> float:
-        """What searches minimise [m]: the miss distance, and what is left of the direction and the speed asked for."""
+        """What searches minimise [m]: the miss distance, and what is left of the direction and the speed asked for.
+
+        Of a hit that is judged by a criterion it is the merit: any hit is better than any miss.
+        """
+        if self.merit is not None:
+            return self.merit
         return self.miss_distance if self.arrival is None else self.arrival.cost
 
     @property
@@ -155,6 +165,7 @@ class Objective:
         check_reach: Refuse a target out of reach.
         limits: Of the arm's motors or joints: a strike beyond them is refused: it is never a hit, and its miss distance
             is larger than any real one and grows with how far it is beyond; None: the arm can do anything.
+        criteria: What hits are judged by: searches look for the best hit by the first; none: for the smallest cost.
 
     Attributes:
         trials: In order.
@@ -176,6 +187,7 @@ class Objective:
         stop_at_hit: bool = False,
         check_reach: bool = True,
         limits: Limits | None = None,
+        criteria: Sequence[Criterion] = (),
     ) -> None:
         self.rollout, self.target = rollout, as_target(target, rollout.model.dimension)
         if check_reach:
@@ -183,6 +195,7 @@ class Objective:
         self.bounds = bounds or default_bounds(rollout.model.arm)
         if len(self.bounds.lower) != 2 * rollout.model.arm.n + 1:
             raise InputError("bounds", self.bounds.lower, f"{2 * rollout.model.arm.n + 1} values each")
+        self.criteria = tuple(criteria)
         self.t_stay = number("t_stay", t_stay, low=0)
         longest = np.array([self.bounds.upper[-1] + self.t_stay])
         time_grid(longest, timestep=rollout.timestep, control_period=None)  # refuses what would never end
@@ -339,10 +352,23 @@ class Objective:
                 )
         return [trial.outcome for trial in known]
 
+    def struck(self, strike: np.ndarray | Sequence[float]) -> tuple[Outcome, Struck]:
+        """Outcome of one strike vector, a trial like any other, and what its criteria have derivatives of.
+
+        Raises:
+            SearchStopped: As in `__call__`.
+        """
+        vector = np.array(strike, float)
+        return self.trial(vector), Struck(self.rollout, vector[None], self.goals, self.t_stay)
+
     def _roll(self, strikes: np.ndarray) -> list[Outcome]:
-        near = self.rollout.approach(strikes, np.array(self.target.position), t_stay=self.t_stay)
-        beyond = self._beyond(near, strikes)
-        return [self._outcome(near, i, float(beyond[i])) for i in range(len(strikes))]
+        struck = Struck(self.rollout, strikes, self.goals, self.t_stay)
+        beyond = self._beyond(struck.near, strikes)
+        values = np.array([criterion.values(struck) for criterion in self.criteria]).T
+        return [
+            self._outcome(struck.near, i, float(beyond[i]), values[i] if self.criteria else ())
+            for i in range(len(strikes))
+        ]
 
     def judge(self, trajectory: Trajectory) -> Outcome:
         """Outcome of a trajectory that is there already; it is no trial."""
@@ -361,15 +387,18 @@ class Objective:
             beyond[i] = self.limits.violation(self.rollout.trajectory(strike, t_stay=self.t_stay))
         return beyond
 
-    def _outcome(self, near: Approach, i: int, beyond: float) -> Outcome:
+    def _outcome(self, near: Approach, i: int, beyond: float, values: Sequence[float] | np.ndarray = ()) -> Outcome:
         diverged = bool(near.diverged[i]) or not np.isfinite(near.distance[i])
         lost = diverged or beyond > 0
         distance = self.penalty * (2 - 1 / (1 + beyond)) if lost else float(near.distance[i])
         error = None if lost or near.error is None else float(near.error[i])
         arrival = None if lost or self.goals.only_points else self._arrival(near, i)
+        hit = not lost and self._hits(distance, error) and bool(self.goals.arrives(near.velocity[i : i + 1])[0])
+        found = () if lost else tuple(map(float, values))
+        merit = self.criteria[0].cost(found[0], self.target.hit_radius) if hit and found else None
         return Outcome(
             miss_distance=distance,
-            hit=not lost and self._hits(distance, error) and bool(self.goals.arrives(near.velocity[i : i + 1])[0]),
+            hit=hit,
             time=float(near.time[i]),
             tip=tuple(map(float, near.tip[i])),
             tip_velocity=tuple(map(float, near.velocity[i])),
@@ -378,6 +407,8 @@ class Objective:
             diverged=diverged,
             miss_error=error,
             arrival=arrival,
+            values=found,
+            merit=merit,
         )
 
     def _arrival(self, near: Approach, i: int) -> Arrival:

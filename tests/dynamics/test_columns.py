@@ -43,10 +43,10 @@ def test_a_row_holds_time_state_torques_and_the_tip(n: int, a: int, d: int):
 def test_an_outcome_has_every_number_once(a: int, d: int):
     columns = outcome_columns(a, d)
     covered = np.concatenate([np.arange(columns.width)[block] for block in columns.values()])
-    np.testing.assert_array_equal(covered, np.arange(5 + 4 * d + 4 * a))
+    np.testing.assert_array_equal(covered, np.arange(5 + 4 * d + 7 * a))
     sizes = {name: block.stop - block.start for name, block in columns.items()}
     of_tip = {"velocity", "tip", "tip_slope", "velocity_slope"}
-    of_joints = {"max_joint_speed", "max_torque", "lowest", "highest"}
+    of_joints = {"max_joint_speed", "max_torque", "lowest", "highest", "effort", "effort_slope", "max_torque_slope"}
     assert of_tip | of_joints | {"distance", "time", "diverged", "last_step", "slope"} == set(sizes)
     assert {name for name, size in sizes.items() if size == d and name in of_tip} == of_tip
     assert all(sizes[name] == a for name in of_joints)

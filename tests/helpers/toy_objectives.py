@@ -50,6 +50,7 @@ class Bowl:
 
     bounds = BOUNDS
     speeds = None
+    criteria = ()
 
     def __init__(self, floor: float = 0.0, most: int = 10**6) -> None:
         self.floor, self.most, self.batches, self.refined = floor, most, [], []

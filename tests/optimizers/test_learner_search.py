@@ -7,7 +7,7 @@ import pytest
 import torch
 from toy_objectives import BOUNDS, Bowl, Enough
 
-from whiptool.optimizers.learner_search import BATCH, RANDOM_BATCHES, UPDATES, learner_search
+from whiptool.optimizers.learner_search import BATCH, RANDOM_BATCHES, UPDATES, gain, learner_search
 from whiptool.rl import training
 from whiptool.rl.task import reward
 
@@ -59,3 +59,9 @@ def test_what_the_learner_is_shown(name, monkeypatch):
     assert explored.min() < -0.8
     assert explored.max() > 0.8
     np.testing.assert_allclose(bowl.batches[-1][[0, -1]], [lower, upper])  # actions beyond the box are clipped
+
+
+def test_better_hits_gain_more():
+    costs = np.array([-1.8, -0.9, -0.2, 0.0, 0.05, 0.08, 0.5])
+    expected = [90.0, 45.0, 10.0, *reward(costs[3:], 0.06)]
+    np.testing.assert_allclose(gain(costs, 0.06), expected)

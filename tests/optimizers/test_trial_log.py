@@ -9,7 +9,7 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.models import preset
-from whiptool.objective import Outcome, Trial
+from whiptool.objective import Arrival, Outcome, Trial
 from whiptool.optimizers.trial_log import TRIALS, TrialLog
 
 ARM = preset("lemon2024").arm
@@ -81,3 +81,18 @@ def test_trials_in_space_have_three_coordinates(tmp_path: Path) -> None:
     header = (tmp_path / TRIALS).read_text().splitlines()[0].split(",")
     assert header[17:23] == [f"tip_{x}" for x in "xyz"] + [f"tip_velocity_{x}" for x in "xyz"]
     assert header[23] == "max_joint_speed_shoulder_pan"
+
+
+@pytest.mark.parametrize("arriving", [False, True])
+def test_criteria_are_read_as_they_were_written(arriving: bool, tmp_path: Path) -> None:
+    two, came = (0.25, 1.5), Arrival(0.1, 3.0, 0.02) if arriving else None
+    given = [
+        Outcome(0.01, True, 0.7, two, two, two, two, False, None, came, (12.5, 0.01), -0.3),
+        Outcome(0.2, False, 0.7, two, two, two, two, False, None, came, (9.5, float("inf"))),
+        Outcome(2.0, False, 0.7, two, two, two, two, True),
+    ]
+    log = TrialLog(tmp_path / TRIALS, ARM, arriving=arriving, criteria=["effort", "robustness"])
+    for i, outcome in enumerate(given):
+        log.append(Trial(i + 1, (0.1, 0.2, 0.3, 0.4, 0.5), outcome))
+    assert [trial.outcome for trial in log.read()] == given
+    assert b"effort,robustness,merit" in (tmp_path / TRIALS).read_bytes()

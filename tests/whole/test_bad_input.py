@@ -156,6 +156,20 @@ optimize --direction 1 0 --cone 0 | --cone
 optimize --arrival-angle nan | arrival
 optimize --least-speed 0 | --least-speed
 optimize --cone 20 | nothing without --direction
+optimize --minimise beauty | effort, peak-torque
+optimize --minimise robustness --noise 0 | not all 0
+optimize --minimise robustness --noise 0.1 -0.1 0 0 0 | 0 or more
+optimize --minimise robustness --noise 0.1 0.1 | one number, or 5
+optimize --minimise robustness --noise nan | --noise
+optimize --minimise robustness --noise 0.2 | lest a strike lasts no time
+optimize --noise 0.02 | nothing without --minimise robustness
+optimize --minimise effort --noise 0.02 | nothing without --minimise robustness
+optimize --pareto effort | --pareto
+optimize --pareto effort effort | two different criteria
+optimize --pareto effort beauty | peak-torque
+optimize --pareto effort miss --minimise speed | nothing beside --pareto
+optimize --pareto effort miss --method cmaes | nothing beside --pareto
+optimize --pareto effort miss --simulator reference | which has no derivatives
 optimize --rest 1 | nothing without --export-trajectory
 optimize --export-trajectory strike.txt | .csv
 optimize --export-trajectory strike.csv --trajectory-rate 0 | --trajectory-rate

@@ -16,6 +16,7 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
     from whiptool.adaptation.materials import MATERIALS
     from whiptool.adaptation.prior import WHIPS
     from whiptool.adaptation.twins import FAMILIES
+    from whiptool.criteria import CRITERIA
     from whiptool.identification.drives import DRIVES
     from whiptool.identification.predict import NEUTRAL
     from whiptool.impedance import CONSTANT_PRESETS, OIAC_PRESETS
@@ -30,6 +31,7 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
     return {
         ("optimize.OptimizeOptions", "preset"): (*OIAC_PRESETS, *CONSTANT_PRESETS),
         ("optimize.OptimizeOptions", "integrator"): get_args(reference.Integrator),
+        ("optimize.OptimizeOptions", "minimise"): CRITERIA,
         ("optimize.OptimizeOptions", "limits"): (*LIMITS, "arm", "none"),
         ("adapt.AdaptOptions", "limits"): (*LIMITS,),
         ("adapt.AdaptOptions", "family"): FAMILIES,

@@ -16,6 +16,7 @@ from whiptool.commands import cli
 from whiptool.errors import InputError
 from whiptool.options import (
     METHODS,
+    CriteriaOptions,
     GoalOptions,
     ModelOptions,
     ResumableOptions,
@@ -24,6 +25,7 @@ from whiptool.options import (
     SimulatedControllerOptions,
     SimulatorOptions,
     TrajectoryOptions,
+    refuse_idle,
 )
 
 if TYPE_CHECKING:
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 class OptimizeOptions(
     ResumableOptions,
     TrajectoryOptions,
+    CriteriaOptions,
     SeedOptions,
     SearchOptions,
     SimulatorOptions,
@@ -57,7 +60,8 @@ class OptimizeOptions(
     """Strikes beyond this motor's speed-torque line, or beyond the arm's limits of position, velocity and torque, are
     refused, and count as misses; default: arm, where its joints have limits."""
     stop_at_hit: bool = True
-    """End with the first hit, or the batch that holds it; otherwise go on to come closer."""
+    """End with the first hit, or the batch that holds it; otherwise go on to come closer. Where hits are judged by more
+    than the miss, a search goes on in any case."""
     video: bool = True
     """Render the strike as a video."""
 
@@ -70,6 +74,12 @@ class OptimizeOptions(
         find_method(self.method)
         if self.method == "gradient" and self.simulator == "reference":
             raise InputError("--method", self.method, "one without derivatives, beside --simulator reference")
+        if self.pareto is not None:
+            refuse_idle(self, {"method": "nothing beside --pareto, which is a search of its own"})
+            if self.simulator == "reference":
+                raise InputError(
+                    "--pareto", self.pareto, "nothing beside --simulator reference, which has no derivatives"
+                )
         if self.max_time is not None:
             number("--max-time", self.max_time, low=0, strict=True)
 
@@ -118,36 +128,42 @@ class _Run:
         self.controller.check_fits(self.model.arm)
         self.rollout = options.build_rollout(self.model, self.controller)
         self.limits = options.build_limits(self.model)
+        bounds = options.build_bounds(self.model)
         self.objective = Objective(
             self.rollout,
             self.target,
             t_stay=options.t_stay,
-            bounds=options.build_bounds(self.model),
+            bounds=bounds,
             max_trials=options.max_trials,
             max_time=options.max_time,
-            stop_at_hit=options.stop_at_hit,
+            stop_at_hit=options.stop_at_hit and not options.judged,
             limits=self.limits,
+            criteria=options.build_criteria(bounds),
         )
         self.version = code_version()
-        bounds = {name: list(values) for name, values in asdict(self.objective.bounds).items()}
-        config = cli.configuration(options, "optimize", self.model, self.controller, bounds=bounds)
-        self.folder = cli.open_folder(options, options.method.replace(":", "-"), config)
+        box = {name: list(values) for name, values in asdict(bounds).items()}
+        config = cli.configuration(options, "optimize", self.model, self.controller, bounds=box)
+        self.method = "pareto" if options.pareto is not None else options.method
+        self.folder = cli.open_folder(options, self.method.replace(":", "-"), config)
         arriving = not self.objective.goals.only_points
-        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm, arriving=arriving)
+        names = [criterion.name for criterion in self.objective.criteria]
+        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm, arriving=arriving, criteria=names)
         self.recorded = self.log.read() if options.resume else []
 
     def search(self):
         """Search with a progress bar, every new trial written as it happens."""
         from tqdm import tqdm
 
-        from whiptool.optimizers import search
+        from whiptool.optimizers import find_method, run_search
+        from whiptool.optimizers.pareto_search import pareto_search
 
+        run = find_method(self.options.method) if self.options.pareto is None else pareto_search
         objective, known = self.objective, len(self.recorded)
         with tqdm(
             total=self.options.max_trials,
             unit=" trials",
             file=sys.stderr,
-            desc=self.options.method,
+            desc=self.method,
             dynamic_ncols=True,
             leave=False,
         ) as bar:
@@ -160,7 +176,7 @@ class _Run:
                 bar.update()
 
             objective.record(self.recorded, on_trial)
-            return search(objective, self.options.method, seed=self.options.seed)
+            return run_search(objective, run, self.method, seed=self.options.seed)
 
     def report(self, result) -> int:
         """Replay on the reference, write everything, tell people or programs."""
@@ -195,10 +211,48 @@ class _Run:
         misses = [float("nan") if gone else t.outcome.miss_distance for t, gone in zip(result.trace, lost, strict=True)]
         label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
+        files += self._save_front(result, label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
         commanded = self.options.build_trajectory(self.model, result.strike, self.options.t_stay)
         export_trajectory(self.options, commanded, self.controller)
         return status
+
+    def _save_front(self, result, label: str) -> list[str]:
+        """Write the Pareto front as JSON, CSV and figure, if one was asked for; return what that is, for people."""
+        if self.options.pareto is None:
+            return []
+        import numpy as np
+
+        from whiptool.models.strike import strike_names
+        from whiptool.viz.plots_front import save_front
+        from whiptool.whole_files import write_whole
+
+        front, names, folder = self._front(result), strike_names(self.model.arm), self.folder.path
+        write_whole(folder / "front.json", json.dumps(front.table(names), indent=2, allow_nan=False) + "\n")
+        write_whole(folder / "front.csv", front.csv(names))
+        if front.trials:
+            tried = np.array([trial.outcome.values for trial in result.trace if trial.outcome.hit])
+            labels = [f"{x.words} [{x.unit}]" for x in front.criteria]
+            save_front(folder, front.values, tried, labels=labels, title=label)
+        return [f"front of {len(front.trials)} hits"]
+
+    def _front(self, result):
+        """Return the Pareto front of what was tried."""
+        from whiptool.optimizers.front import Front
+
+        first, second = self.objective.criteria
+        return Front.of((first, second), result.trace)
+
+    def _judged(self, result) -> list[dict] | None:
+        """What the best strike is judged by, for JSON; None: by the miss alone."""
+        criteria, values = self.objective.criteria, result.outcome.values
+        if not criteria:
+            return None
+        known = dict(zip((x.name for x in criteria), values, strict=False))
+        return [
+            {"name": x.name, "unit": x.unit, "maximised": x.largest, "value": finite(known.get(x.name))}
+            for x in criteria
+        ]
 
     def _replay(self, result) -> dict:
         """The winning strike on the reference rollout; one line on stderr if that does not confirm it."""
@@ -266,6 +320,7 @@ class _Run:
             "hit_time": outcome.hit_time,
             "tip_speed": None if outcome.diverged else outcome.tip_speed,
             "arrival": arrival_table(outcome, self.target),
+            "judged": self._judged(result),
             "n_trials": result.n_trials,
             "n_diverged": result.n_diverged,
             "wall_time": result.wall_time,
@@ -292,6 +347,9 @@ class _Run:
                 else outcome_lines(result.outcome, self.target, self.model.arm.joints)
             ),
         ]
+        for judged in summary["judged"] or ():
+            if judged["value"] is not None:
+                lines.append(f"  {judged['name']:14s} {judged['value']:.6g} {judged['unit']}")
         if self.limits is not None and summary[f"{self.limits.judges}_usage"] is not None:
             used, what = summary[f"{self.limits.judges}_usage"], self.limits.words
             lines.append(
@@ -311,6 +369,11 @@ class _Run:
         lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
         lines.append(f"  run folder     {self.folder.path} ({', '.join(files)})")
         return "\n".join(lines)
+
+
+def finite(value: float | None) -> float | None:
+    """Return a number as JSON has it: None where it is not finite."""
+    return value if value is not None and math.isfinite(value) else None
 
 
 def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:

@@ -32,8 +32,9 @@ def outcome_columns(a: int, dimension: int) -> Columns:
     """Return the columns of what an engine says of each strike, for a drive of `a` joints, in the plane or in space.
 
     The miss distance, its time, the tip's velocity and place there, whether the lane broke off, its last step, the
-    derivative of the miss distance, those of the tip's place and velocity there, and each drive joint's largest speed
-    and torque, lowest and highest position.
+    derivative of the miss distance, those of the tip's place and velocity there, and of each drive joint the largest
+    speed and torque, the lowest and highest position, the effort (the integral of its squared torque by the trapezoidal
+    rule), and the derivatives of effort and largest torque.
     """
     sizes = {
         "distance": 1,
@@ -46,7 +47,8 @@ def outcome_columns(a: int, dimension: int) -> Columns:
         "tip_slope": dimension,
         "velocity_slope": dimension,
     }
-    return Columns(sizes | {"max_joint_speed": a, "max_torque": a, "lowest": a, "highest": a})
+    of_joints = ("max_joint_speed", "max_torque", "lowest", "highest", "effort", "effort_slope", "max_torque_slope")
+    return Columns(sizes | dict.fromkeys(of_joints, a))
 
 
 def row_columns(n: int, a: int, dimension: int) -> Columns:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+import nlopt
 import numpy as np
 
 from whiptool.errors import InputError
@@ -19,7 +20,7 @@ from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 from whiptool.optimizers.random_search import random_search
 from whiptool.optimizers.result import MESSAGES, Result, Status
 
-__all__ = ["METHODS", "Result", "Status", "find_method", "search"]
+__all__ = ["METHODS", "Result", "Status", "find_method", "run_search", "search"]
 
 Method = Callable[..., None]
 LEARNERS = ("sac", "td3", "ddpg", "ppo")  # named here so that listing methods does not import torch
@@ -74,7 +75,7 @@ def run_search(objective: Objective, run: Method, name: str, *, seed: int, first
         status, detail = _STOPS[stop.reason], ""
     except KeyboardInterrupt:
         status, detail = Status.INTERRUPTED, ""
-    except (RuntimeError, MemoryError) as error:  # NLopt's own failures
+    except (RuntimeError, MemoryError, nlopt.runtime_error) as error:  # NLopt's own failures
         status, detail = Status.FAILED, f": {error}"
     best = objective.best
     return Result(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import nlopt
 import numpy as np
 
-from whiptool.models.strike import FASTEST
 from whiptool.objective import Objective
+from whiptool.optimizers.constrained import descend
+from whiptool.optimizers.speed_limits import keep_speeds
 
 BATCH = 64  # random strikes a round
 REFINED = 8  # of them are refined
@@ -17,7 +18,8 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
     """Rounds of random strikes and refinement until the objective stops it.
 
     Half the squared cost is minimised by SLSQP inside the bounds: it is smooth where the miss distance itself has a
-    kink, at zero. Every rollout is a trial, those of the refinement included; a trial with its gradient is one.
+    kink, at zero. Every rollout is a trial, those of the refinement included; a trial with its gradient is one. Where
+    hits are judged by a criterion, that is minimised instead, a hit being a constraint.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -27,29 +29,10 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
         strikes = objective.admissible(objective.bounds.sample(rng, BATCH))
         costs = [outcome.cost for outcome in objective.batch(strikes)]
         for i in np.argsort(costs, kind="stable")[:REFINED]:
-            if refine(objective, strikes[i]):
+            if objective.criteria:
+                descend(objective, strikes[i], objective.criteria[0])
+            elif refine(objective, strikes[i]):
                 return
-
-
-def _keep_speeds(optimizer: nlopt.opt, objective: Objective) -> None:
-    """Add the limits of the commanded speeds, linear in a strike, of an optimizer over the unit box."""
-    speeds = objective.speeds
-    if speeds is None or not np.isfinite(speeds).any():
-        return
-    lower, upper = objective.bounds.box
-    a, moving = len(speeds), np.flatnonzero(np.isfinite(speeds))
-    rows = np.zeros((2, len(moving), len(lower)))  # sign (q_f - q_i) 15/8 - speed D <= 0
-    for rows_of_sign, sign in zip(rows, (1, -1), strict=True):
-        for row, j in zip(rows_of_sign, moving, strict=True):
-            row[[j, a + j, -1]] = -sign * FASTEST, sign * FASTEST, -speeds[j]
-    A, b = rows.reshape(-1, len(lower)) * (upper - lower), rows.reshape(-1, len(lower)) @ lower
-
-    def beyond(result: np.ndarray, u: np.ndarray, gradient: np.ndarray) -> None:
-        result[:] = A @ u + b
-        if gradient.size:
-            gradient[:] = A
-
-    optimizer.add_inequality_mconstraint(beyond, np.full(len(A), 1e-9))
 
 
 def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) -> bool:
@@ -62,7 +45,7 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
     optimizer.set_maxeval(STEPS)
     optimizer.set_xtol_rel(1e-10)
     optimizer.set_stopval(tolerance**2 / 2)
-    _keep_speeds(optimizer, objective)
+    keep_speeds(optimizer, objective)
     ended: list[BaseException] = []
 
     def half_square(u: np.ndarray, gradient: np.ndarray) -> float:
@@ -80,7 +63,7 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
         optimizer.optimize(np.clip((start - lower) / scale, 0, 1))
     except nlopt.ForcedStop:
         raise ended[0] from None
-    except (nlopt.RoundoffLimited, RuntimeError):
+    except (nlopt.RoundoffLimited, nlopt.runtime_error, RuntimeError):
         pass  # a kink: the next start will do
     if ended:
         raise ended[0]

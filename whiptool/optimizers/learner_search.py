@@ -12,6 +12,16 @@ RANDOM_BATCHES = 2  # before the policy strikes
 UPDATES = 4  # of an off-policy learner per strike: a trial costs more than an update
 
 
+def gain(costs: np.ndarray, hit_radius: float, hits: np.ndarray | None = None) -> np.ndarray:
+    """Return the rewards of costs [m], any shape: Eq. 17, times how good a hit is that is judged by a criterion.
+
+    Hits are given where more than a point is asked for.
+    """
+    from whiptool.rl.task import reward
+
+    return reward(np.maximum(costs, 0), hit_radius, hits) * np.where(costs < 0, -costs, 1.0)
+
+
 def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
     """Train a learner on the objective's target until the objective stops it.
 
@@ -27,7 +37,6 @@ def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
     from whiptool.rl.learner import Diverged
     from whiptool.rl.replay import Transitions
     from whiptool.rl.settings import OffPolicy, settings_for
-    from whiptool.rl.task import reward
     from whiptool.rl.training import LEARNERS
 
     settings = settings_for(learner)
@@ -46,7 +55,7 @@ def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
         outcomes = objective.batch(objective.admissible(lower + box * (upper - lower)))
         costs = np.array([outcome.cost for outcome in outcomes])
         hits = None if objective.goals.only_points else np.array([outcome.hit for outcome in outcomes])
-        gained = reward(costs, objective.target.hit_radius, hits)
+        gained = gain(costs, objective.target.hit_radius, hits)
         new = Transitions(obs, actions, torch.as_tensor(gained, dtype=torch.float32), obs, over)
         try:
             policy.learn(new, update=not explore)

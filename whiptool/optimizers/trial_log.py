@@ -31,13 +31,21 @@ class TrialLog:
         measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
         arriving: The target asks for a direction or a speed: there are columns of how the tip arrived, NaN where a
             strike was lost, and of the cost.
+        criteria: Names of what hits are judged by: there is a column of each, NaN where a strike was lost, and one of
+            the merit, NaN where it is no hit.
     """
 
     def __init__(
-        self, path: Path, arm: ArmParameters | SpatialArm, *, measured: bool = False, arriving: bool = False
+        self,
+        path: Path,
+        arm: ArmParameters | SpatialArm,
+        *,
+        measured: bool = False,
+        arriving: bool = False,
+        criteria: Sequence[str] = (),
     ) -> None:
         self.path, self.n, self.dimension = path, arm.n, arm.dimension
-        self.measured, self.arriving = measured, arriving
+        self.measured, self.arriving, self.criteria = measured, arriving, tuple(criteria)
         axes = "xyz"[: self.dimension]
         self._names = strike_names(arm)
         self._header = [
@@ -53,6 +61,7 @@ class TrialLog:
             "diverged",
             *(["miss_error"] if measured else []),
             *(["arrival_angle", "arrival_speed", "cost"] if arriving else []),
+            *([*self.criteria, "merit"] if self.criteria else []),
         ]
 
     def read(self) -> list[Trial]:
@@ -113,6 +122,11 @@ class TrialLog:
             int(o.diverged),
             *([repr(_or_nan(o.miss_error))] if self.measured else []),
             *(map(repr, _arrival_columns(o.arrival)) if self.arriving else []),
+            *(
+                [*map(repr, o.values or [math.nan] * len(self.criteria)), repr(_or_nan(o.merit))]
+                if self.criteria
+                else []
+            ),
         ]
         new = not self.path.exists() or self.path.stat().st_size == 0
         append_whole(self.path, (_line(self._header) if new else "") + _line(row))
@@ -132,8 +146,13 @@ class TrialLog:
         tip, velocity, speeds, torques = (tuple(itertools.islice(rest, count)) for count in (d, d, n, n))
         diverged = bool(next(rest))
         error = _known(next(rest)) if self.measured else None
-        arrival = _arrival(*rest) if self.arriving else None
-        outcome = Outcome(distance, bool(hit), time, tip, velocity, speeds, torques, diverged, error, arrival)
+        arrival = _arrival(*itertools.islice(rest, 3)) if self.arriving else None
+        values = tuple(itertools.islice(rest, len(self.criteria)))
+        merit = _known(next(rest)) if self.criteria else None
+        judged = () if any(map(math.isnan, values)) else values
+        outcome = Outcome(
+            distance, bool(hit), time, tip, velocity, speeds, torques, diverged, error, arrival, judged, merit
+        )
         return Trial(number, tuple(numbers[1:start]), outcome)
 
 

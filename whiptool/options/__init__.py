@@ -23,6 +23,7 @@ from whiptool.options.budget import (
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
 from whiptool.options.region import RegionOptions
+from whiptool.options.criteria import CriteriaOptions, CriterionName
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
 from whiptool.options.trajectory import TrajectoryOptions
@@ -35,6 +36,8 @@ __all__ = [
     "MODELS",
     "WITHOUT_DERIVATIVES",
     "ControllerOptions",
+    "CriteriaOptions",
+    "CriterionName",
     "GoalOptions",
     "Integrator",
     "JsonOptions",

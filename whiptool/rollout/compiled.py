@@ -29,6 +29,7 @@ from whiptool.rollout.interface import (
     strike_vectors,
     target_points,
 )
+from whiptool.rollout.slopes import SLOPES, ApproachSlopes
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 
 TIMESTEP = 2.5e-4  # [s]; benchmarks/accuracy.py shows why
@@ -183,23 +184,20 @@ class CompiledRollout(Rollout):
         near, out, columns = self._forward(strikes, target, t_stay, names)
         return near, out[:, :, columns["slope"]][..., 0]
 
-    def arrival_gradient(
+    def slopes(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
-    ) -> tuple[Approach, np.ndarray, np.ndarray]:
-        """Closest approaches and the exact derivatives of the tip's place and velocity there, by forward mode.
+    ) -> tuple[Approach, ApproachSlopes]:
+        """Closest approaches and the exact derivatives of all that they tell, by forward mode.
 
-        They hold that the closest approach moves along the segment between two steps, but not to another segment.
+        Those of the tip's place and velocity hold that the closest approach moves along the segment between two steps,
+        but not to another segment; those of the largest torques that they stay at their instants.
 
         Args:
             strikes, target, t_stay, names: As in `gradient`.
-
-        Returns:
-            The approaches, and the derivatives of the place [m per unit of the parameter] and of the velocity
-            [m/s per unit], (B, d, m) each.
         """
         near, out, columns = self._forward(strikes, target, t_stay, names)
-        dtip, dvelocity = (out[:, :, columns[f"{name}_slope"]].swapaxes(1, 2) for name in ("tip", "velocity"))
-        return near, dtip, dvelocity
+        blocks = {name: out[:, :, columns[f"{name}_slope"]].swapaxes(1, 2) for name in SLOPES}
+        return near, ApproachSlopes(out[:, :, columns["slope"]][..., 0], **blocks)
 
     def _forward(
         self, strikes: Strikes, target: Points, t_stay: float, names: Sequence[str] | None
@@ -419,6 +417,6 @@ def _approach(out: np.ndarray, a: int, dimension: int) -> Approach:
     """The engine's outcome of each strike, by name."""
     columns = outcome_columns(a, dimension)
     single = {name: out[:, columns[name]][:, 0] for name in ("distance", "time")}
-    several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque")}
+    several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque", "effort")}
     positions = np.stack([out[:, columns[name]] for name in ("lowest", "highest")], axis=1)
     return Approach(**single, **several, diverged=out[:, columns["diverged"]][:, 0] != 0, positions=positions)

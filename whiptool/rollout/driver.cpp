@@ -287,8 +287,9 @@ struct Roll {
   Numbers<1> now, dt;
   real h, h_last, steps, elapsed, target[DIMENSION], fastest[N_DRIVE + !N_DRIVE], strongest[N_DRIVE + !N_DRIVE];
   real lowest[N_DRIVE + !N_DRIVE], highest[N_DRIVE + !N_DRIVE];
+  Numbers<N_DRIVE> squared, effort;  // torques squared, and their integrals
 #if FORWARD
-  real dh, dh_last, delapsed;
+  real dh, dh_last, delapsed, dstrongest[N_DRIVE + !N_DRIVE] = {};
 #endif
   int64_t longest = 0, done[LANES];
   ClosestApproach closest;
@@ -297,7 +298,7 @@ struct Roll {
   Roll(const Strikes& io, int64_t first, int64_t count) : io(io), first(first), count(count) {
     fill(p, io.p);
     fill(x, io.x0);
-    clear(u), clear(u_end), clear(before);
+    clear(u), clear(u_end), clear(before), clear(squared), clear(effort);
     for (int j = 0; j < DIMENSION; ++j) target[j] = gather(io.target, DIMENSION, first, count, j);
     for (int j = 0; j < N_DRIVE; ++j) {
       fastest[j] = strongest[j] = 0;
@@ -375,11 +376,16 @@ struct Roll {
     }
     for (int j = 0; j < N_DRIVE; ++j) {
       const real speed = abs(x.x[NQ + j]), torque = abs(stage.tau.x[j]);
+      const mask stronger = alive && torque > strongest[j];
       fastest[j] = select(alive && speed > fastest[j], speed, fastest[j]);
-      strongest[j] = select(alive && torque > strongest[j], torque, strongest[j]);
+      strongest[j] = select(stronger, torque, strongest[j]);
+#if FORWARD
+      dstrongest[j] = select(stronger, select(stage.tau.x[j] < 0, -stage.tau.d[j], stage.tau.d[j]), dstrongest[j]);
+#endif
       lowest[j] = select(alive && x.x[j] < lowest[j], x.x[j], lowest[j]);
       highest[j] = select(alive && x.x[j] > highest[j], x.x[j], highest[j]);
     }
+    add_effort(i, stage.tau);
     const bool sampled = io.y && i % io.stride == 0;
     for (int l = 0; l < LANES && l < count; ++l) {
       if (!moves(l)) continue;
@@ -389,6 +395,22 @@ struct Roll {
     }
     for (int l = 0; l < LANES; ++l)
       if (moves(l)) done[l] = i;
+  }
+
+  // Trapezoids between this instant and the one before.
+  void add_effort(int64_t i, const Numbers<N_DRIVE>& tau) {
+    const real half = i > 0 ? real(elapsed / 2) : real(0);
+    for (int j = 0; j < N_DRIVE; ++j) {
+      const real now2 = tau.x[j] * tau.x[j], sum = squared.x[j] + now2;
+      effort.x[j] = select(alive, effort.x[j] + half * sum, effort.x[j]);
+      squared.x[j] = now2;
+#if FORWARD
+      const real dhalf = i > 0 ? real(delapsed / 2) : real(0), dnow2 = 2 * tau.x[j] * tau.d[j];
+      const real change = dhalf * sum + half * (squared.d[j] + dnow2);
+      effort.d[j] = select(alive, effort.d[j] + change, effort.d[j]);
+      squared.d[j] = dnow2;
+#endif
+    }
   }
 
   void write_row(int64_t i, int l, const Stage& stage) const {
@@ -469,6 +491,13 @@ struct Roll {
         out[OUT_max_torque + j] = lane(strongest[j], l);
         out[OUT_lowest + j] = lane(lowest[j], l);
         out[OUT_highest + j] = lane(highest[j], l);
+        out[OUT_effort + j] = lane(effort.x[j], l);
+#if FORWARD
+        out[OUT_effort_slope + j] = lane(effort.d[j], l);
+        out[OUT_max_torque_slope + j] = lane(dstrongest[j], l);
+#else
+        out[OUT_effort_slope + j] = out[OUT_max_torque_slope + j] = 0;
+#endif
       }
     }
   }

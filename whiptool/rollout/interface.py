@@ -13,6 +13,7 @@ from whiptool.errors import InputError
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.rollout.points import Points, target_points
+from whiptool.rollout.slopes import ApproachSlopes
 from whiptool.rollout.trajectory import Approach, Trajectory
 
 Strikes: TypeAlias = Strike | Sequence[Strike] | np.ndarray
@@ -111,18 +112,30 @@ class Rollout(ABC):
         """
         raise self._without_derivatives()
 
+    def slopes(
+        self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
+    ) -> tuple[Approach, ApproachSlopes]:
+        """Return the closest approaches, and the exact derivatives of all that they tell.
+
+        Raises:
+            InputError: This rollout has none.
+        """
+        raise self._without_derivatives()
+
     def arrival_gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, np.ndarray, np.ndarray]:
         """Return the closest approaches, and the exact derivatives of the tip's place and velocity there.
 
         Returns:
-            The approaches, the derivatives of the place and of the velocity, (B, d, m) each.
+            The approaches, and the derivatives of the place [m per unit of the parameter] and of the velocity
+            [m/s per unit], (B, d, m) each.
 
         Raises:
             InputError: This rollout has none.
         """
-        raise self._without_derivatives()
+        near, slopes = self.slopes(strikes, target, t_stay=t_stay, names=names)
+        return near, slopes.tip, slopes.velocity
 
     def _without_derivatives(self) -> InputError:
         return InputError("simulator", self.engine, "one with derivatives", "use the compiled simulator")

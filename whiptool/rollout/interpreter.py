@@ -83,6 +83,9 @@ class InterpretedEngine:
         out[outcome["max_joint_speed"]] = np.abs(x[:, n : n + a]).max(axis=0)
         out[outcome["max_torque"]] = np.abs(tau).max(axis=0)
         out[outcome["lowest"]], out[outcome["highest"]] = x[:, :a].min(axis=0), x[:, :a].max(axis=0)
+        out[outcome["effort"]] = np.trapezoid(tau**2, t, axis=0)
+        changes = [values[-1][done, lane] for values in (history.t, history.tau)] if self.forward else [0 * t, 0 * tau]
+        out[outcome["effort_slope"]], out[outcome["max_torque_slope"]] = _torque_slopes(t, tau, *changes)
         if rolled.rows is not None:
             assert rolled.first_row is not None
             row, rows = row_columns(n, a, d), slice(int(rolled.first_row[b]), int(rolled.first_row[b]) + len(t))
@@ -100,6 +103,18 @@ class InterpretedEngine:
             rolled.y[rows] = seen[0]
             if rolled.dy is not None:
                 rolled.dy[rows] = seen[1]
+
+
+def _torque_slopes(t: np.ndarray, tau: np.ndarray, dt: np.ndarray, dtau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how effort and largest torque of each joint change, (a,) each.
+
+    Args:
+        t, tau: Times (T, 1) [s], torques (T, a) [N m].
+        dt, dtau: How they change.
+    """
+    of_effort = np.trapezoid(2 * tau * dtau, t, axis=0) + np.trapezoid(tau**2, dt, axis=0)
+    largest = np.abs(tau).argmax(axis=0), np.arange(tau.shape[1])
+    return of_effort, np.where(tau[largest] < 0, -dtau[largest], dtau[largest])
 
 
 def _share_slope(path: np.ndarray, dpath: np.ndarray, target: np.ndarray, nearest: ClosestApproach) -> float:

@@ -33,6 +33,8 @@ class Approach:
         diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
         error: Standard error of the distance [m], (B,), where it was measured; None: it was computed.
         positions: Lowest and highest position of each arm joint over the strike [rad or m], (B, 2, a); None: not known.
+        effort: Integral of each arm joint's squared torque over the strike, by the trapezoidal rule [N^2 m^2 s],
+            (B, a); None: not known.
     """
 
     distance: np.ndarray
@@ -44,6 +46,7 @@ class Approach:
     diverged: np.ndarray
     error: np.ndarray | None = None
     positions: np.ndarray | None = None
+    effort: np.ndarray | None = None
 
     def __repr__(self) -> str:
         if len(self.distance) == 1:
@@ -64,6 +67,7 @@ class Approach:
         segment, share = int(nearest.segment[k]), float(nearest.share[k])
         start, step = paths[k, segment], paths[k, segment + 1] - paths[k, segment]
         rest = {name: getattr(self, name)[i : i + 1] for name in ("max_joint_speed", "max_torque", "diverged")}
+        rest["effort"] = None if self.effort is None else self.effort[i : i + 1]
         return Approach(
             nearest.distance[k : k + 1],
             np.array([(segment + share) * h]),
@@ -124,6 +128,7 @@ class Trajectory:
             max_torque=np.abs(self.tau).max(axis=0)[None],
             diverged=np.array([self.diverged]),
             positions=np.stack([q.min(axis=0), q.max(axis=0)])[None],
+            effort=np.trapezoid(self.tau**2, self.t, axis=0)[None],
         )
 
     def distance(self, target: Points) -> np.ndarray:

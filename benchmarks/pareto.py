@@ -1,0 +1,244 @@
+"""Does anything beat a Pareto front? Speed and effort against miss, for lemon2024 and the UR5e.
+
+The front of each pair is what `python -m whiptool.optimize --pareto` finds, by the epsilon-constraint method along
+exact derivatives. Three rivals have ten times its rollouts each, a derivative being one for each number of a strike:
+random strikes; CMA-ES, which minimises the weighted Chebyshev distance from the front's ideal point (Miettinen 1999)
+with weights spread over the front; pymoo's NSGA-II (Deb et al. 2002), hits being its constraint. By how much a rival's
+hit dominates the front is the additive epsilon indicator in parts of the front's range: as far as the front would have
+to be moved in both criteria. NSGA-II is also given the front's own number of rollouts. Hypervolumes are parts of the
+box around all fronts, 1 being all of it.
+
+    python benchmarks/pareto.py [--quick] [--json] [--out FOLDER]
+
+With --out, each pair's fronts are drawn there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from whiptool.criteria import Criterion, find_criterion
+from whiptool.impedance import Controller, PositionControl
+from whiptool.models import preset
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.strike import default_bounds
+from whiptool.objective import Objective, SearchStopped
+from whiptool.optimizers import run_search
+from whiptool.optimizers.cmaes_search import cmaes_search
+from whiptool.optimizers.front import Front, oriented
+from whiptool.optimizers.pareto_search import pareto_search
+from whiptool.rollout import CompiledRollout
+from whiptool.target import Target
+from whiptool.viz.plots_front import plot_front
+from whiptool.viz.style import COLORS, STYLE, save_figure
+
+PAIRS = (("effort", "miss"), ("speed", "miss"))
+TRIALS = {"lemon2024": 600, "ur5e": 400}
+TARGETS = {"lemon2024": (1.3, 0.0), "ur5e": (1.0, 0.0, 0.0)}
+TIMESTEPS = {"lemon2024": 5e-4, "ur5e": 1e-3}  # [s]
+TIMES = 10  # the front's rollouts
+WEIGHTS = 8  # of CMA-ES
+MARGIN = 0.02  # part of a criterion's range by which the front may be dominated
+POPULATION = 40
+RANDOM_BATCH = 1000
+
+
+class Arm:
+    """One model, its controller and target, and objectives with a number of trials.
+
+    Args:
+        name: Of the model.
+    """
+
+    def __init__(self, name: str) -> None:
+        model = preset(name)
+        robot = name == "ur5e"
+        controller = Controller(PositionControl()) if robot else Controller()
+        self.rollout = CompiledRollout(model, controller, timestep=TIMESTEPS[name])
+        self.limits = ArmLimits.of(model.arm) if robot else None
+        self.bounds, self.target = default_bounds(model.arm), Target(TARGETS[name])
+        self.rollouts_per_gradient = 1 + len(self.bounds.lower)
+
+    def run(self, criteria: tuple[Criterion, Criterion], method: Callable, trials: int) -> tuple[Front, float, int]:
+        """Return the front of what a search tried, the processor time that it took [s], and how many hits it had."""
+        objective = Objective(
+            self.rollout,
+            self.target,
+            bounds=self.bounds,
+            max_trials=trials,
+            limits=self.limits,
+            criteria=criteria,
+        )
+        start = time.process_time()
+        run_search(objective, method, "", seed=0)
+        hits = sum(trial.outcome.hit for trial in objective.trials)
+        return Front.of(criteria, objective.trials), time.process_time() - start, hits
+
+
+def random_strikes(objective: Objective, *, seed: int) -> None:
+    """Try random strikes, many at a time, until the objective stops it."""
+    rng = np.random.default_rng(seed)
+    while True:
+        objective.batch(objective.admissible(objective.bounds.sample(rng, RANDOM_BATCH)))
+
+
+def chebyshev(front: Front) -> Callable:
+    """Return CMA-ES towards points of a front, one weighting after the other, each with its share of the trials."""
+    costs = oriented(front.criteria, front.values)
+    ideal, span = costs.min(axis=0), np.ptp(costs, axis=0)
+
+    def method(objective: Objective, *, seed: int) -> None:
+        assert objective.max_trials is not None
+        share = objective.max_trials // WEIGHTS
+        for k, weight in enumerate(np.linspace(0.05, 0.95, WEIGHTS)):
+            weights, last = np.array([weight, 1 - weight]), (k + 1) * share
+
+            def batch(strikes: np.ndarray, weights: np.ndarray = weights, last: int = last) -> list[SimpleNamespace]:
+                if len(objective.trials) >= last:
+                    raise SearchStopped("trials")
+                found = []
+                for outcome in objective.batch(strikes):
+                    cost = outcome.miss_distance
+                    if outcome.hit:
+                        above = (oriented(front.criteria, [outcome.values])[0] - ideal) / span
+                        cost = -1 / (1 + np.log1p(max((weights * above).max(), 0)))
+                    found.append(SimpleNamespace(cost=cost))
+                return found
+
+            one = SimpleNamespace(bounds=objective.bounds, admissible=objective.admissible, batch=batch)
+            try:
+                cmaes_search(one, seed=seed + k)  # type: ignore[arg-type]
+            except SearchStopped:
+                continue
+
+    return method
+
+
+def nsga2(objective: Objective, *, seed: int) -> None:
+    """Evolve strikes by NSGA-II, hits being its constraint, until the objective stops it."""
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.core.problem import Problem
+    from pymoo.problems.static import StaticProblem
+
+    lower, upper = objective.bounds.box
+    ends = {"xl": np.zeros(len(lower)), "xu": np.ones(len(lower))}
+    box = Problem(n_var=len(lower), n_obj=2, n_ieq_constr=1, **ends)
+    algorithm = NSGA2(pop_size=POPULATION)
+    algorithm.setup(box, seed=seed + 1, verbose=False, termination=("n_gen", 10**9))
+    while (generation := algorithm.ask()) is not None:
+        unit = np.clip(generation.get("X"), 0, 1)
+        outcomes = objective.batch(objective.admissible(lower + unit * (upper - lower)))
+        costs = [oriented(objective.criteria, [x.values])[0] if x.values else np.full(2, 1e9) for x in outcomes]
+        missing = [0.0 if x.hit else max(x.miss_distance, 1e-9) for x in outcomes]
+        Evaluator().eval(StaticProblem(box, F=np.array(costs), G=np.array(missing)[:, None]), generation)
+        algorithm.tell(infills=generation)
+
+
+def compare(arm: Arm, names: tuple[str, str], trials: int, times: int) -> tuple[dict, dict[str, Front]]:
+    """Return numbers of one pair's front and its rivals, and the fronts."""
+    from pymoo.indicators.hv import HV
+
+    first, second = (find_criterion(name, arm.bounds) for name in names)
+    criteria, budget = (first, second), trials * arm.rollouts_per_gradient
+    front, seconds, hits = arm.run(criteria, pareto_search, trials)
+    entry = {"trials": trials, "rollouts": budget, "hits": hits, "points": len(front.trials), "cpu_seconds": seconds}
+    entry |= {"from": front.values[0].tolist(), "to": front.values[-1].tolist(), "rivals": {}}
+    fronts = {"front": front}
+    rivals = {
+        "random": (random_strikes, times * budget),
+        "cmaes": (chebyshev(front), times * budget),
+        "nsga2": (nsga2, times * budget),
+        "nsga2, equal": (nsga2, budget),
+    }
+    for name, (method, rollouts) in rivals.items():
+        other, seconds, hits = arm.run(criteria, method, rollouts)
+        fronts[name] = other
+        by = front.dominated_by(other.values) if len(other.trials) else np.array([-np.inf])
+        back = other.dominated_by(front.values) if len(other.trials) > 1 else np.array([np.nan])
+        entry["rivals"][name] = {
+            "rollouts": rollouts,
+            "hits": hits,
+            "points": len(other.trials),
+            "dominates_by": max(float(by.max()), 0.0),
+            "dominated_by": float(back.max()) if np.isfinite(back).all() else None,
+            "cpu_seconds": seconds,
+        }
+    costs = {name: oriented(criteria, found.values) for name, found in fronts.items()}
+    together = np.concatenate(list(costs.values()))
+    low, high = together.min(axis=0), together.max(axis=0)
+    volume = HV(ref_point=np.ones(2))
+    volumes = {name: float(volume((x - low) / (high - low))) if len(x) else 0.0 for name, x in costs.items()}
+    entry["hypervolume"] = volumes.pop("front")
+    for name, value in volumes.items():
+        entry["rivals"][name]["hypervolume"] = value
+    return entry, fronts
+
+
+def draw(folder: Path, name: str, fronts: dict[str, Front]) -> None:
+    """Write a figure of a front and its rivals."""
+    front = fronts["front"]
+    labels = [f"{x.words} [{x.unit}]" for x in front.criteria]
+    rivals = {"random": ("orange", "s"), "cmaes": ("green", "^"), "nsga2": ("vermilion", "x")}
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((6.4, 4.4), layout="constrained")
+        ax = plot_front(figure.subplots(), front.values, np.empty((0, 2)), labels=labels)
+        for rival, (color, marker) in rivals.items():
+            style = {"linestyle": "", "marker": marker, "markersize": 4, "color": COLORS[color]}
+            ax.plot(*fronts[rival].values.T, label=f"{rival}, {TIMES} times the rollouts", **style)
+        ax.legend()
+        save_figure(figure, folder / f"{name}.png")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="lemon2024 alone, effort against miss, a small budget")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    parser.add_argument("--out", type=Path, help="draw the fronts into this folder")
+    arguments = parser.parse_args()
+    report: dict[str, dict] = {}
+    for name in ("lemon2024",) if arguments.quick else TRIALS:
+        arm = Arm(name)
+        for pair in PAIRS[:1] if arguments.quick else PAIRS:
+            trials, times = (150, 1) if arguments.quick else (TRIALS[name], TIMES)
+            label = f"{name} {pair[0]}-{pair[1]}"
+            report[label], fronts = compare(arm, pair, trials, times)
+            if arguments.out is not None:
+                draw(arguments.out, label.replace(" ", "-"), fronts)
+            if not arguments.json:
+                tell(label, report[label])
+    worst = max(rival["dominates_by"] for entry in report.values() for rival in entry["rivals"].values())
+    if arguments.json:
+        print(json.dumps({"worst": worst, "margin": MARGIN, "fronts": report}, allow_nan=False))
+    else:
+        print(f"no rival's hit dominates a front by more than {worst:.3f} of its range (margin {MARGIN:g})")
+
+
+def tell(label: str, entry: dict) -> None:
+    """Print one pair's numbers."""
+    print(
+        f"{label}: {entry['points']} hits on the front of {entry['trials']} trials ({entry['rollouts']} rollouts, "
+        f"{entry['cpu_seconds']:.0f} s), from {entry['from']} to {entry['to']}, hypervolume {entry['hypervolume']:.4f}"
+    )
+    for name, rival in entry["rivals"].items():
+        back = "-" if rival["dominated_by"] is None else f"{rival['dominated_by']:.4f}"
+        print(
+            f"  {name:12s} {rival['rollouts']:7d} rollouts, {rival['cpu_seconds']:4.0f} s, {rival['hits']:6d} hits, "
+            f"{rival['points']:4d} on its front: dominates by {rival['dominates_by']:.4f}, is dominated by {back}, "
+            f"hypervolume {rival['hypervolume']:.4f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""Criteria on lemon2024 against differences, draws, and closed forms."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from linear_rollout import BOUNDS, LinearRollout
+from rich_model import everything
+from slopes import compare
+
+from whiptool.criteria import (
+    CRITERIA,
+    Effort,
+    Robustness,
+    Struck,
+    find_criterion,
+    hit_excess,
+    hit_excess_slopes,
+)
+from whiptool.errors import InputError
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.models import preset
+from whiptool.models.strike import default_bounds
+from whiptool.rollout import CompiledRollout
+from whiptool.target import Target
+
+LEMON = preset("lemon2024")
+LEMON_BOUNDS = default_bounds(LEMON.arm)
+GOALS = Target((1.3, 0.0), 0.06, direction=(0.3, 1.0), cone=0.4, speed=9.0).goals
+STRIKES = LEMON_BOUNDS.sample(np.random.default_rng(21), 24)
+NOISE = (0.01, 0.02, 0.03, 0.01, 0.005)
+
+
+@pytest.fixture(scope="module")
+def rollout() -> CompiledRollout:
+    return CompiledRollout(everything(), Controller(ConstantImpedance()), timestep=1e-3)
+
+
+def agree(found: np.ndarray, seen, numbers: int) -> None:
+    """Slopes (B, k, m) against differences of `seen`, (B, k), by so many numbers of a strike."""
+    compared = 0
+    for j in range(numbers):
+        for part in range(found.shape[1]):
+
+            def at(by: float, j: int = j, part: int = part) -> np.ndarray:
+                shifted = STRIKES.copy()
+                shifted[:, j] += by
+                return seen(shifted)[:, part]
+
+            wrong, still = compare(found[:, part, j], at, 3e-6)
+            assert not wrong.any(), (j, part)
+            compared += int(still.sum())
+    assert compared > 0.7 * numbers * found.shape[1] * len(STRIKES)
+
+
+@pytest.mark.parametrize("name", CRITERIA)
+def test_derivatives_of_measures_against_differences(name, rollout):
+    criterion = find_criterion(name, LEMON_BOUNDS, noise=NOISE if name == "robustness" else (0.01,))
+    found = criterion.measure_slopes(Struck(rollout, STRIKES, GOALS, 0.3))
+    numbers = 4 if name == "speed" else 5  # the step that holds the closest approach moves with D
+    agree(found, lambda strikes: criterion.measures(Struck(rollout, strikes, GOALS, 0.3)), numbers)
+
+
+def test_derivatives_of_what_is_missing_of_a_hit_against_differences(rollout):
+    found = hit_excess_slopes(Struck(rollout, STRIKES, GOALS, 0.3))
+    assert found.shape == (24, 3, 5)
+    agree(found, lambda strikes: hit_excess(Struck(rollout, strikes, GOALS, 0.3)), 4)
+
+
+def test_nothing_is_missing_of_hits_alone():
+    """Strikes around a target: hits are those that a goal calls so, each part of it for itself."""
+    strikes = BOUNDS.sample(np.random.default_rng(2), 4000)
+    for target in (
+        Target((0.3, 0.1), 0.9),
+        Target((0.3, 0.1), 0.9, direction=(1.0, 0.4), cone=0.5),
+        Target((0.3, 0.1), 0.9, direction=(1.0, 0.4), cone=0.5, speed=3.5),
+        Target((0.3, 0.1), 0.9, speed=3.5),
+    ):
+        struck = Struck(LinearRollout(), strikes, target.goals, 0.3)
+        near = struck.near
+        hits = (near.distance <= 0.9) & target.goals.arrives(near.velocity)
+        assert 50 < hits.sum() < 2000
+        np.testing.assert_array_equal((hit_excess(struck) <= 0).all(axis=1), hits)
+
+
+def test_noise_of_a_linear_tip_has_a_closed_form():
+    """E |miss|^2 = |miss|^2 + the variances of the two numbers that move the tip; what has no noise takes no strike."""
+    strikes, target = BOUNDS.sample(np.random.default_rng(3), 50), Target((0.3, 0.1))
+    for noise in (NOISE, (0.0, 0.2, 0.0, 0.1, 0.0)):
+        rollout = LinearRollout()
+        struck = Struck(rollout, strikes, target.goals, 0.3)
+        expected = struck.near.distance**2 + noise[0] ** 2 + noise[1] ** 2
+        criterion, before = Robustness(noise), rollout.rolled
+        np.testing.assert_allclose(criterion.values(struck) ** 2, expected, rtol=1e-12)
+        criterion.measures(struck)
+        assert rollout.rolled - before == 2 * np.count_nonzero(noise) * len(strikes)
+
+
+def test_robustness_is_the_root_mean_square_of_draws_and_nearly_that_of_the_first_order():
+    """4096 draws beside each strike of lemon2024 that comes near; |miss|^2 + trace(J S J^T) is its limit."""
+    rollout, sigma = CompiledRollout(LEMON, Controller(ConstantImpedance())), 0.003
+    goals = Target((1.3, 0.0)).goals
+    strikes = LEMON_BOUNDS.sample(np.random.default_rng(3), 2000)
+    strikes = strikes[np.argsort(rollout.approach(strikes, goals.positions[0]).distance)[:4]]
+    near, J, _ = rollout.arrival_gradient(strikes, goals.positions[0])
+    found = Robustness((sigma,) * 5).values(Struck(rollout, strikes, goals, 0.3))
+    first_order = np.sqrt(near.distance**2 + sigma**2 * (J**2).sum(axis=(1, 2)))
+    np.testing.assert_allclose(found, first_order, rtol=0.03)
+    draws = strikes[:, None] + sigma * np.random.default_rng(4).normal(size=(4, 4096, 5))
+    squares = rollout.approach(draws.reshape(-1, 5), goals.positions[0]).distance.reshape(4, -1) ** 2
+    error = squares.std(axis=1) / 64
+    assert (np.abs(found**2 - squares.mean(axis=1)) < 4 * error + 0.02 * found**2).all()
+
+
+def test_costs_are_negative_and_in_order():
+    for name in CRITERIA:
+        criterion = find_criterion(name, BOUNDS)
+        costs = [criterion.cost(value, 0.06) for value in (0.0, 1e-6, 1e-2, 1.0, 30.0, 1e5, np.inf)]
+        assert all(cost <= 0 for cost in costs)
+        assert sorted(set(costs), reverse=criterion.largest) == costs
+        assert criterion.largest == (name == "speed")
+
+
+def test_speed_counts_along_the_direction_where_there_is_one():
+    strikes = BOUNDS.sample(np.random.default_rng(3), 5)
+    speed = find_criterion("speed", BOUNDS)
+    velocity = strikes[:, 2:4] + [3.0, 0.0]
+    any_way = Struck(LinearRollout(), strikes, Target((0.3, 0.1)).goals, 0.3)
+    np.testing.assert_allclose(speed.values(any_way), np.linalg.norm(velocity, axis=1))
+    upward = Struck(LinearRollout(), strikes, Target((0.3, 0.1), direction=(0, 2)).goals, 0.3)
+    np.testing.assert_allclose(speed.values(upward), velocity[:, 1])
+    np.testing.assert_allclose(speed.measures(upward)[:, 0], -velocity[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("noise", "allowed"),
+    [((0.0,), "not all 0"), ((-0.1,), "0 or more"), ((0.1, 0.1), "5"), ((np.nan,), "finite"), ((0.3,), "of D")],
+)
+def test_noise_that_says_nothing_is_refused(noise, allowed):
+    with pytest.raises(InputError, match=allowed):
+        find_criterion("robustness", BOUNDS, noise=noise)
+
+
+def test_what_is_not_known_is_refused():
+    with pytest.raises(InputError, match="effort, peak-torque"):
+        find_criterion("beauty", BOUNDS)
+
+    class Blind(LinearRollout):
+        def approach(self, strikes, target, *, t_stay=0.3):
+            return dataclasses.replace(super().approach(strikes, target, t_stay=t_stay), effort=None)
+
+    with pytest.raises(InputError, match="torques"):
+        Effort().values(Struck(Blind(), STRIKES, GOALS, 0.3))

@@ -1,0 +1,74 @@
+"""Pareto fronts by the epsilon-constraint method (Haimes, Lasdon and Wismer 1971) along exact derivatives."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from whiptool.objective import Objective
+from whiptool.optimizers.constrained import Cap, descend
+from whiptool.optimizers.front import Front
+
+BATCH = 64  # random strikes from which a front begins
+STARTS = 3  # of them are followed to the best hit by each criterion
+END = 0.01  # part of a criterion's range within which hits are as good as the best by it
+FRESH = 16  # random strikes of which one is a new start
+
+
+def pareto_search(objective: Objective, *, seed: int) -> None:
+    """Find the front of an objective's two criteria until the objective stops it.
+
+    First the best hits by each criterion alone, and of those that are as good the best by the other (the payoff table
+    of Mavrotas 2009). Then, again and again, the widest gap of the front: one criterion is held at the gap's middle and
+    the other minimised, from either end of the gap and from a new random strike in turn. A gap that was tried counts
+    half as wide.
+
+    Raises:
+        SearchStopped: The objective ended the search.
+    """
+    first, second = objective.criteria
+    rng = np.random.default_rng(seed)
+    strikes = objective.admissible(objective.bounds.sample(rng, BATCH))
+    costs = [outcome.cost for outcome in objective.batch(strikes)]
+    for i in np.argsort(costs, kind="stable")[:STARTS]:
+        for criterion in (first, second):
+            descend(objective, strikes[i], criterion)
+    while len(Front.of((first, second), objective.trials).trials) < 2:
+        descend(objective, _fresh(objective, rng), first)
+    _improve_ends(objective, Front.of((first, second), objective.trials))
+    tried: Counter[tuple[int, int]] = Counter()
+    while True:
+        _fill(objective, Front.of((first, second), objective.trials), tried, rng)
+
+
+def _improve_ends(objective: Objective, front: Front) -> None:
+    """Improve the best hits by each criterion by the other one."""
+    spans = np.ptp(front.values, axis=0)
+    for end, held in ((0, 0), (-1, 1)):
+        criterion = front.criteria[held]
+        slack = END * spans[held] * (-1 if criterion.largest else 1)
+        cap = Cap(criterion, float(front.values[end, held] + slack))
+        descend(objective, front.strikes[end], front.criteria[1 - held], [cap])
+
+
+def _fresh(objective: Objective, rng: np.random.Generator) -> np.ndarray:
+    """Return the best of some random strikes."""
+    strikes = objective.admissible(objective.bounds.sample(rng, FRESH))
+    return strikes[int(np.argmin([outcome.cost for outcome in objective.batch(strikes)]))]
+
+
+def _fill(objective: Objective, front: Front, tried: Counter[tuple[int, int]], rng: np.random.Generator) -> None:
+    """Descend into the widest gap of a front."""
+    steps = np.abs(np.diff(front.costs, axis=0))
+    gaps = [(a.number, b.number) for a, b in zip(front.trials, front.trials[1:])]
+    widths = steps.max(axis=1) * 0.5 ** np.array([tried[gap] for gap in gaps])
+    k = int(widths.argmax())
+    held = int(steps[k].argmax())
+    ends = front.values[k : k + 2]
+    starts = front.strikes[k : k + 2]
+    turn = tried[gaps[k]] % 3
+    tried[gaps[k]] += 1
+    start = _fresh(objective, rng) if turn == 2 else starts[(held + turn) % 2]
+    cap = Cap(front.criteria[held], float(ends[:, held].mean()))
+    descend(objective, start, front.criteria[1 - held], [cap])

@@ -1,0 +1,61 @@
+"""Options of what a strike is judged by beside the hit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from whiptool.errors import InputError
+from whiptool.options.base import OptionGroup, refuse_idle
+
+if TYPE_CHECKING:
+    from whiptool.criteria import Criterion
+    from whiptool.models.strike import StrikeBounds
+
+CriterionName = Literal["miss", "effort", "peak-torque", "speed", "robustness"]  # those of `whiptool.criteria`
+
+
+@dataclass(frozen=True, kw_only=True)
+class CriteriaOptions(OptionGroup):
+    """What a strike is judged by beside the hit."""
+
+    minimise: CriterionName = "miss"
+    """Look for the hit with the least of this: the miss distance; the effort, which is the integral of the squared
+    torques; the largest torque; the root mean square miss under noise (robustness). The tip's speed through the target
+    is maximised. Other than for miss, a search goes on after the first hit."""
+    pareto: tuple[CriterionName, CriterionName] | None = None
+    """Look for all hits of which none is better by one of these two and not worse by the other, along derivatives."""
+    noise: tuple[float, ...] = (0.01,)
+    """Standard deviation of each number of a strike [rad, s] under which robustness is judged, or one for all."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.criteria import Robustness
+
+        super().check()
+        if self.pareto is not None:
+            refuse_idle(self, {"minimise": "nothing beside --pareto"})
+            if self.pareto[0] == self.pareto[1]:
+                raise InputError("--pareto", self.pareto, "two different criteria")
+        if "robustness" not in (self.minimise, *(self.pareto or ())):
+            refuse_idle(self, {"noise": "nothing without --minimise robustness or robustness in --pareto"})
+        Robustness(self.noise)
+
+    @property
+    def judged(self) -> bool:
+        """Whether hits are judged by more than the cost."""
+        return self.pareto is not None or self.minimise != "miss"
+
+    def build_criteria(self, bounds: StrikeBounds) -> tuple[Criterion, ...]:
+        """Return what hits are judged by: two criteria for a front, one, or none for the cost alone.
+
+        Args:
+            bounds: Of the strikes.
+
+        Raises:
+            InputError: The noise does not fit them.
+        """
+        from whiptool.criteria import find_criterion
+
+        names = self.pareto or ((self.minimise,) if self.judged else ())
+        return tuple(find_criterion(name, bounds, noise=self.noise) for name in names)

@@ -1,0 +1,43 @@
+"""Figures of Pareto fronts: what one criterion costs in another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from whiptool.viz.style import COLORS, STYLE, save_figure
+
+
+def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str]) -> Axes:
+    """Draw a front as a line through its hits, over all hits that were tried.
+
+    The axes show the front and a part of what lies behind it, as hits far behind would flatten it.
+
+    Args:
+        ax: Where to.
+        front: Two criteria of its hits, in order, (P, 2).
+        tried: Of all hits, (Q, 2).
+        labels: Of the two criteria, with units.
+    """
+    ax.plot(*tried.T, linestyle="", marker="o", markersize=2.4, color="0.6", label="other hits", rasterized=True)
+    ax.plot(*front.T, marker="o", markersize=4.5, linewidth=1.4, color=COLORS["blue"], label="Pareto front")
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    for axis, column in (("x", 0), ("y", 1)):
+        low, high = front[:, column].min(), front[:, column].max()
+        around = max(high - low, 1e-3 * abs(high), 1e-12) * np.array([-0.25, 0.25])
+        ax.set(**{f"{axis}lim": np.array([low, high]) + around})
+    ax.legend(loc="best")
+    return ax
+
+
+def save_front(folder: Path, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str], title: str = "") -> Path:
+    """Write `front.png` (see `plot_front`) into a folder; return the file."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((6.4, 4.4), layout="constrained")
+        plot_front(figure.subplots(), front, tried, labels=labels).set_title(title)
+        return save_figure(figure, folder / "front.png")
