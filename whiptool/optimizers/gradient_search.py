@@ -5,7 +5,8 @@ from __future__ import annotations
 import nlopt
 import numpy as np
 
-from whiptool.models.strike import FASTEST
+from whiptool.models.command_limits import CommandLimits
+from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
 
 BATCH = 64  # random strikes a round
@@ -31,25 +32,19 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
                 return
 
 
-def _keep_speeds(optimizer: nlopt.opt, objective: Objective) -> None:
-    """Add the limits of the commanded speeds, linear in a strike, of an optimizer over the unit box."""
-    speeds = objective.speeds
-    if speeds is None or not np.isfinite(speeds).any():
+def _keep_command(optimizer: nlopt.opt, command: CommandLimits, bounds: StrikeBounds) -> None:
+    """Add the limits of what may be commanded to an optimizer over the unit box."""
+    lower, upper = bounds.box
+    count = len(command.constraints(lower)[0])
+    if not count:
         return
-    lower, upper = objective.bounds.box
-    a, moving = len(speeds), np.flatnonzero(np.isfinite(speeds))
-    rows = np.zeros((2, len(moving), len(lower)))  # sign (q_f - q_i) 15/8 - speed D <= 0
-    for rows_of_sign, sign in zip(rows, (1, -1), strict=True):
-        for row, j in zip(rows_of_sign, moving, strict=True):
-            row[[j, a + j, -1]] = -sign * FASTEST, sign * FASTEST, -speeds[j]
-    A, b = rows.reshape(-1, len(lower)) * (upper - lower), rows.reshape(-1, len(lower)) @ lower
 
     def beyond(result: np.ndarray, u: np.ndarray, gradient: np.ndarray) -> None:
-        result[:] = A @ u + b
+        result[:], slopes = command.constraints(lower + u * (upper - lower))
         if gradient.size:
-            gradient[:] = A
+            gradient[:] = slopes * (upper - lower)
 
-    optimizer.add_inequality_mconstraint(beyond, np.full(len(A), 1e-9))
+    optimizer.add_inequality_mconstraint(beyond, np.full(count, 1e-9))
 
 
 def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) -> bool:
@@ -62,7 +57,8 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
     optimizer.set_maxeval(STEPS)
     optimizer.set_xtol_rel(1e-10)
     optimizer.set_stopval(tolerance**2 / 2)
-    _keep_speeds(optimizer, objective)
+    for command in objective.commands:
+        _keep_command(optimizer, command, objective.bounds)
     ended: list[BaseException] = []
 
     def half_square(u: np.ndarray, gradient: np.ndarray) -> float:

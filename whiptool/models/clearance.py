@@ -1,0 +1,124 @@
+"""What an arm and its whip must not touch: the arm itself, the floor, and the whip the arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.motor_limits import Motion
+from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
+
+if TYPE_CHECKING:
+    from whiptool.models.scene import Nearest, Scene
+
+SAMPLED = 1e-3  # [s] between the states that are looked at, about
+UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """The distance that arm, whip and floor keep from each other, as capsules; see `Scene`.
+
+    Whole strikes are judged where they would be hits or the best.
+
+    Args:
+        model: Arm and whip.
+        floor: Its height, of the plane z (in the plane y) = floor [m]; None: there is none.
+        least: Distance to be kept [m].
+
+    Raises:
+        InputError: There is nothing to touch: the arm has no capsules, and there is no floor; or a number is not finite,
+            or the distance negative.
+    """
+
+    model: Model
+    floor: float | None = None
+    least: float = 0.0
+
+    judges: ClassVar[str] = "clearance"
+    by_peaks: ClassVar[bool] = True  # which never convict
+    command: ClassVar[None] = None
+    positions: ClassVar[None] = None
+    of_candidates: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.floor is not None:
+            object.__setattr__(self, "floor", number("floor", self.floor))
+        object.__setattr__(self, "least", number("least", self.least, low=0))
+        if not self.is_of(self.model) and self.floor is None:
+            raise InputError("clearance", "none", "an arm with capsules, or a floor")
+
+    @staticmethod
+    def is_of(model: Model) -> bool:
+        """Whether a model's arm has capsules."""
+        return isinstance(model.arm, SpatialArm) and any(link.capsules for link in model.arm.links)
+
+    @property
+    def words(self) -> str:
+        """The limits for people."""
+        kept = f" of {1e3 * self.least:g} mm" if self.least else ""
+        return f"the distance{kept} between arm, whip" + (" and arm" if self.floor is None else ", arm and floor")
+
+    @cached_property
+    def _scene(self) -> Scene:
+        from whiptool.models.scene import Scene
+
+        return Scene(self.model, self.floor)
+
+    @cached_property
+    def _scene_of_arm(self) -> Scene:
+        from whiptool.models.scene import Scene
+
+        return Scene(self.model, self.floor, with_whip=False)
+
+    def nearest(self, trajectory: Motion) -> tuple[Nearest, float]:
+        """Return where bodies come nearest over a strike, and when [s]."""
+        step = np.median(np.diff(trajectory.t)) if len(trajectory.t) > 1 else SAMPLED
+        stride = max(1, int(SAMPLED / step + 1e-9))
+        found = self._scene.nearest(trajectory.q[::stride])
+        assert found is not None
+        return found, float(trajectory.t[::stride][found.instant])
+
+    def violation(self, trajectory: Motion) -> float:
+        """Return how far a strike comes nearer than it may, in tenths of a metre; <= 0: not."""
+        if trajectory.diverged:
+            return math.inf
+        return (self.least - self.nearest(trajectory)[0].clearance) / UNIT
+
+    def violation_of_peaks(self, outcome: object) -> np.ndarray:
+        """Return -1 for each strike, (B,): peaks say nothing of distances."""
+        return np.full(np.shape(outcome.diverged), -1.0)  # type: ignore[attr-defined]
+
+    def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
+        """Return in words what comes nearest to what."""
+        found, at = self.nearest(trajectory)
+        return f"at {at:.3f} s {self._said(found)}"
+
+    def beyond_on_way(self, t: np.ndarray, q: np.ndarray) -> str | None:
+        """Return what an arm without its whip comes too near to on a way, in words; None: nothing.
+
+        Args:
+            t: Times [s], (T,).
+            q: Positions of its joints [rad or m], (T, a).
+        """
+        found = self._scene_of_arm.nearest(q) if isinstance(self.model.arm, SpatialArm) else None
+        if found is None or found.clearance >= self.least:
+            return None
+        return f"at {t[found.instant]:.3f} s {self._said(found)}"
+
+    def _said(self, found: Nearest) -> str:
+        one, other = found.names
+        distance = 1e3 * abs(found.clearance)
+        if found.clearance < 0:
+            where = "below" if other == "the floor" else "inside"
+            return f"{one} is {distance:.0f} mm {where} {other}"
+        kept = f"; it has to keep {1e3 * self.least:g} mm" if found.clearance < self.least else ""
+        return f"{one} is {distance:.0f} mm from {other}{kept}"
