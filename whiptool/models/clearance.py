@@ -35,8 +35,8 @@ class Clearance:
         least: Distance to be kept [m].
 
     Raises:
-        InputError: There is nothing to touch: the arm has no capsules, and there is no floor; or a number is not finite,
-            or the distance negative.
+        InputError: There is nothing to touch, as the arm has no capsules and there is no floor; or a number is out of
+            range.
     """
 
     model: Model
@@ -68,30 +68,30 @@ class Clearance:
         return f"the distance{kept} between arm, whip" + (" and arm" if self.floor is None else ", arm and floor")
 
     @cached_property
-    def _scene(self) -> Scene:
+    def _scenes(self) -> tuple[Scene, Scene]:
+        """What the arm alone touches, and what the whip does."""
         from whiptool.models.scene import Scene
 
-        return Scene(self.model, self.floor)
+        return Scene(self.model, self.floor, of_whip=False), Scene(self.model, self.floor)
 
-    @cached_property
-    def _scene_of_arm(self) -> Scene:
-        from whiptool.models.scene import Scene
+    def nearest(self, trajectory: Motion, *, enough: float = math.inf) -> tuple[Nearest, float]:
+        """Return where bodies come nearest over a strike, and when [s].
 
-        return Scene(self.model, self.floor, with_whip=False)
-
-    def nearest(self, trajectory: Motion) -> tuple[Nearest, float]:
-        """Return where bodies come nearest over a strike, and when [s]."""
-        step = np.median(np.diff(trajectory.t)) if len(trajectory.t) > 1 else SAMPLED
+        Args:
+            trajectory: Of the strike.
+            enough: Clearance from which it does not matter how large it is [m].
+        """
+        step = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else SAMPLED
         stride = max(1, int(SAMPLED / step + 1e-9))
-        found = self._scene.nearest(trajectory.q[::stride])
-        assert found is not None
-        return found, float(trajectory.t[::stride][found.instant])
+        found = (scene.nearest(trajectory.q[::stride], enough=enough) for scene in self._scenes)
+        nearest = min((x for x in found if x is not None), key=lambda x: x.clearance)
+        return nearest, float(trajectory.t[::stride][nearest.instant])
 
     def violation(self, trajectory: Motion) -> float:
         """Return how far a strike comes nearer than it may, in tenths of a metre; <= 0: not."""
         if trajectory.diverged:
             return math.inf
-        return (self.least - self.nearest(trajectory)[0].clearance) / UNIT
+        return (self.least - self.nearest(trajectory, enough=self.least)[0].clearance) / UNIT + 0.0  # no -0.0
 
     def violation_of_peaks(self, outcome: object) -> np.ndarray:
         """Return -1 for each strike, (B,): peaks say nothing of distances."""
@@ -109,7 +109,8 @@ class Clearance:
             t: Times [s], (T,).
             q: Positions of its joints [rad or m], (T, a).
         """
-        found = self._scene_of_arm.nearest(q) if isinstance(self.model.arm, SpatialArm) else None
+        in_space = isinstance(self.model.arm, SpatialArm)
+        found = self._scenes[0].nearest(q, enough=self.least) if in_space else None
         if found is None or found.clearance >= self.least:
             return None
         return f"at {t[found.instant]:.3f} s {self._said(found)}"

@@ -104,9 +104,9 @@ _UR5E_BODIES = (  # mass [kg], centre of mass [m], quarter turns about x of the 
     (0.365, (0, 0, -0.001159), 0,
      (0.00018694, 0.00018908, 0.00025756, 0.00000006, -0.00000017, -0.00000092)),
 )  # fmt: skip
-# Capsules: the collision shapes of MuJoCo Menagerie's universal_robots_ur5e/ur5e.xml, moved into these frames; the flange,
-# a cylinder there, has a capsule's round ends here. The base, which has none there: as thick as its footprint (149 mm,
-# the maker's technical details), 0.1 m high, where the shoulder begins.
+# Capsules: the collision shapes of MuJoCo Menagerie's universal_robots_ur5e/ur5e.xml, moved into these frames; the
+# flange, a cylinder there, has a capsule's round ends here. The base, which has none there: as
+# thick as its footprint (149 mm, the maker's technical details), 0.1 m high, where the shoulder begins.
 _UR5E_BASE = Capsule((0, 0, 0), (0, 0, 0.025), 0.0745)
 _UR5E_CAPSULES = (  # segment from, to [m], radius [m]
     (Capsule((0, 0, -0.1), (0, 0, 0.02), 0.06),),

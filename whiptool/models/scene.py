@@ -56,26 +56,25 @@ class Scene:
     """What of a model may touch what.
 
     A link is compared with all but its neighbours, the arm's `never_touch` and the base of the first; the whip with all
-    links, but its first segments not with those that hold it; arm and whip with the floor. Arms in the plane have no
+    links, but its first segments not with those that hold it; arm or whip with the floor. Arms in the plane have no
     thickness and nothing to touch but a floor.
 
     Args:
         model: Arm and whip.
         floor: Its height [m]; None: there is none.
-        with_whip: Whether the whip is there, too.
+        of_whip: Whether what the whip touches is looked at, or what the arm alone does.
     """
 
     model: Model
     floor: float | None = None
-    with_whip: bool = True
+    of_whip: bool = True
     bodies: list[_Body] = field(init=False)
 
     def __post_init__(self) -> None:
         self._capsules = self._capsules_of_arm()
         self.bodies = [_Body(name, link, c.radius, c.length) for name, link, c in self._capsules]
-        whip = self.model.whip
-        if self.with_whip:
-            lengths = whip.per_node("l")
+        if self.of_whip:
+            lengths = self.model.whip.per_node("l")
             self.bodies += [_Body(f"the whip's node {i + 1}", _WHIP, 0.0, float(l), i) for i, l in enumerate(lengths)]
         self._geometry = pin.GeometryModel()
         for i, body in enumerate(self.bodies):
@@ -111,15 +110,18 @@ class Scene:
             for j in range(i + 1, n):
                 if self._may_touch(self.bodies[i], self.bodies[j]):
                     yield i, j
-            if self.floor is not None and self.bodies[i].link != _BASE:
+            if self.floor is not None and (
+                self.bodies[i].link == _WHIP if self.of_whip else self.bodies[i].link != _BASE
+            ):
                 yield i, n
 
     def _may_touch(self, one: _Body, other: _Body) -> bool:
         arm = self.model.arm
         if not isinstance(arm, SpatialArm) or one.link == _WHIP:  # the whip comes last
             return False
-        if other.link == _WHIP:
-            return other.segment >= NEAR_HAND or one.link < arm.n - _HOLDING
+        if other.link == _WHIP or self.of_whip:
+            far = other.segment >= NEAR_HAND or one.link < arm.n - _HOLDING
+            return other.link == _WHIP and far
         apart = [tuple(sorted(arm.joints.index(joint) for joint in pair)) for pair in arm.never_touch]
         return other.link - one.link > 1 and (one.link, other.link) not in apart
 
@@ -136,30 +138,33 @@ class Scene:
             for found, end in ((starts, capsule.start), (ends, capsule.end)):
                 fixed = np.broadcast_to(np.array(end), (len(q), 3))
                 found.append(fixed if link == _BASE else frames[link].carried(end).origin)
-        if self.with_whip:
+        if self.of_whip:
             nodes = joint_points(self.model, q)[:, a:]
             starts += list(np.moveaxis(nodes[:, :-1], 1, 0))
             ends += list(np.moveaxis(nodes[:, 1:], 1, 0))
         return np.stack(starts, axis=1), np.stack(ends, axis=1)
 
-    def nearest(self, q: np.ndarray) -> Nearest | None:
+    def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> Nearest | None:
         """Return where two bodies come nearest over successive states q, (T, n); None: nothing is compared.
 
         States that no motion could bring nearer than the nearest so far are not looked at.
+
+        Args:
+            q: Joint positions, (T, n), of an arm alone (T, a).
+            enough: Clearance from which it does not matter how large it is [m]: then that of some state is returned.
         """
         if not self.pairs:
             return None
         starts, ends = self.segments(q)
         placed = _placements(starts, ends)
         travel = self._travel(starts, ends)
-        best = Nearest(np.inf, 0, ("", ""))
-        for k in np.linspace(0, len(q) - 1, min(len(q), 16)).astype(int):
-            best = min(best, self._at(k, *placed), key=lambda x: x.clearance)
-        k = 0
+        first = (self._at(k, *placed) for k in np.linspace(0, len(q) - 1, min(len(q), 16)).astype(int))
+        best, k = min(first, key=lambda x: x.clearance), 0
         while k < len(q):
             here = self._at(k, *placed)
             best = min(best, here, key=lambda x: x.clearance)
-            k = max(k + 1, int(np.searchsorted(travel, travel[k] + here.clearance - best.clearance)))
+            spare = here.clearance - min(best.clearance, enough)
+            k = max(k + 1, int(np.searchsorted(travel, travel[k] + spare)))
         return best
 
     def _travel(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from whiptool.options.budget import (
     TrainingOptions,
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
+from whiptool.options.limits import LimitOptions
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
 from whiptool.options.trajectory import TrajectoryOptions
@@ -38,6 +39,7 @@ __all__ = [
     "JsonOptions",
     "LawOptions",
     "Learner",
+    "LimitOptions",
     "Methods",
     "ModelOptions",
     "Observation",
