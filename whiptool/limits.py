@@ -13,6 +13,14 @@ from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.rollout.trajectory import Approach, Trajectory
 
 
+class Smooth(Protocol):
+    """Functions of a strike that are <= 0 where it keeps something, with derivatives."""
+
+    def constraints(self, strike: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
+        """Return the functions (m,) and their derivatives (m, 2 a + 1) at a strike, (2 a + 1,)."""
+        ...
+
+
 class Limits(Protocol):
     """What a strike has to keep: `MotorLimits`, the `ArmLimits` of joints, `Clearance`.
 
@@ -30,6 +38,11 @@ class Limits(Protocol):
     @property
     def command(self) -> CommandLimits | None:
         """What may be commanded; None: anything."""
+        ...
+
+    @property
+    def smooth(self) -> Sequence[Smooth]:
+        """What a search can keep beforehand."""
         ...
 
     @property
@@ -70,6 +83,11 @@ class AllLimits:
             () if given is None else tuple(given) if isinstance(given, Sequence) else (given,)
         )
         self.commands = tuple(x.command for x in self.members if x.command is not None)
+
+    @property
+    def smooth(self) -> tuple[Smooth, ...]:
+        """What a search can keep beforehand."""
+        return tuple(each for limits in self.members for each in limits.smooth)
 
     def __bool__(self) -> bool:
         return bool(self.members)

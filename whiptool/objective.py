@@ -12,8 +12,7 @@ from scipy.special import ndtr, stdtr
 
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.limits import AllLimits, Limits
-from whiptool.models.command_limits import CommandLimits
+from whiptool.limits import AllLimits, Limits, Smooth
 from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.interface import Rollout
@@ -204,9 +203,9 @@ class Objective:
         return bool(self.limits) and not outcome.diverged and outcome.miss_distance > self.penalty
 
     @property
-    def commands(self) -> tuple[CommandLimits, ...]:
-        """What searches may command."""
-        return self.limits.commands
+    def smooth(self) -> tuple[Smooth, ...]:
+        """What searches can keep beforehand, as smooth functions of a strike."""
+        return self.limits.smooth
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, 2 n + 1) for a search, shortened where joints would be commanded faster than they may.
@@ -214,7 +213,7 @@ class Objective:
         They stay in the bounds. It is no promise: what joints really do depends on the whip and the controller, and is
         judged with the outcome.
         """
-        return np.clip(self.limits.shortened(strikes), *self.bounds.box) if self.commands else strikes
+        return np.clip(self.limits.shortened(strikes), *self.bounds.box) if self.limits.commands else strikes
 
     def __call__(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike, a `Strike` or its vector, (2 n + 1,).

@@ -85,7 +85,7 @@ def test_it_ends_at_the_target_and_where_it_is_told():
 def test_a_refinement_keeps_the_commanded_speeds(fastest):
     """The nearest strike to the minimum among the admissible ones: a quadratic program, by SciPy."""
     bowl = Bowl()
-    bowl.commands = (
+    bowl.smooth = (
         CommandLimits((JointLimits(), JointLimits(velocity=fastest)), share=1.0),
     )  # of the elbow alone, which the minimum moves by -0.4 in 1.1 s
     start = np.array([0.9, 0.3, 5.5, 0.3, 0.5])

@@ -95,6 +95,11 @@ class ArmLimits:
         return CommandLimits(self.joints, self.share)
 
     @property
+    def smooth(self) -> tuple[CommandLimits, ...]:
+        """What a search can keep beforehand."""
+        return (self.command,)
+
+    @property
     def speeds(self) -> np.ndarray:
         """Largest speed at which searches command joints to move [rad/s or m/s], (a,)."""
         return self.command.largest[0]

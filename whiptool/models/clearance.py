@@ -17,6 +17,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 
 if TYPE_CHECKING:
+    from whiptool.models.path_clearance import PathClearance
     from whiptool.models.scene import Nearest, Scene
 
 SAMPLED = 1e-3  # [s] between the states that are looked at, about
@@ -74,6 +75,15 @@ class Clearance:
 
         return Scene(self.model, self.floor, of_whip=False), Scene(self.model, self.floor)
 
+    @cached_property
+    def smooth(self) -> tuple[PathClearance, ...]:
+        """What a search can keep beforehand: the clearance of an arm in space along its commanded path."""
+        if not isinstance(self.model.arm, SpatialArm):
+            return ()
+        from whiptool.models.path_clearance import PathClearance
+
+        return (PathClearance(self.model, self.floor, self.least),)
+
     def nearest(self, trajectory: Motion, *, enough: float = math.inf) -> tuple[Nearest, float]:
         """Return where bodies come nearest over a strike, and when [s].
 
@@ -83,8 +93,11 @@ class Clearance:
         """
         step = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else SAMPLED
         stride = max(1, int(SAMPLED / step + 1e-9))
-        found = (scene.nearest(trajectory.q[::stride], enough=enough) for scene in self._scenes)
-        nearest = min((x for x in found if x is not None), key=lambda x: x.clearance)
+        found: list[Nearest] = []
+        for scene in self._scenes:
+            here = scene.nearest(trajectory.q[::stride], enough=enough)
+            found += [] if here is None else [here]
+        nearest = min(found, key=lambda x: x.clearance)
         return nearest, float(trajectory.t[::stride][nearest.instant])
 
     def violation(self, trajectory: Motion) -> float:

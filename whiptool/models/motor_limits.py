@@ -95,6 +95,11 @@ class MotorLimits:
         """None: a movement may be commanded at any speed."""
 
     @property
+    def smooth(self) -> tuple[()]:
+        """What a search can keep beforehand: nothing."""
+        return ()
+
+    @property
     def positions(self) -> None:
         """None: a motor turns for ever."""
 

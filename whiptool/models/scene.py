@@ -167,6 +167,28 @@ class Scene:
             k = max(k + 1, int(np.searchsorted(travel, travel[k] + spare)))
         return best
 
+    def links_of(self, pair: tuple[int, int]) -> tuple[int, int]:
+        """Return the numbers of the links of a pair of bodies; negative: the base, the floor or the whip."""
+        i, j = pair
+        return self.bodies[i].link, _FLOOR if j == len(self.bodies) else self.bodies[j].link
+
+    def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return how near all pairs come at states q, (T, n).
+
+        Returns:
+            Distances (T, pairs) [m], negative where they overlap; the nearest points of both (T, pairs, 2, 3) [m]; unit
+            vectors from the first body to the second, (T, pairs, 3).
+        """
+        placed = _placements(*self.segments(q))
+        distances, points = np.empty((len(q), len(self.pairs))), np.empty((len(q), len(self.pairs), 2, 3))
+        normals = np.empty((len(q), len(self.pairs), 3))
+        for k in range(len(q)):
+            self._at(k, *placed)
+            for p, found in enumerate(self._data.distanceResults):
+                distances[k, p], normals[k, p] = found.min_distance, found.normal
+                points[k, p] = found.getNearestPoint1(), found.getNearestPoint2()
+        return distances, points, normals
+
     def _travel(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """How much nearer to each other bodies can have come since the first state [m], (T,): a bound.
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+
 import nlopt
 import numpy as np
 
-from whiptool.models.command_limits import CommandLimits
+from whiptool.limits import Smooth
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
 
 BATCH = 64  # random strikes a round
 REFINED = 8  # of them are refined
+KEPT = 1e-9  # by which smooth functions may be beyond, for rounding
 STEPS = 60  # gradient evaluations a refinement at most
 
 
@@ -27,24 +30,30 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
     while True:
         strikes = objective.admissible(objective.bounds.sample(rng, BATCH))
         costs = [outcome.cost for outcome in objective.batch(strikes)]
-        for i in np.argsort(costs, kind="stable")[:REFINED]:
-            if refine(objective, strikes[i]):
+        starts = (x for x in strikes[np.argsort(costs, kind="stable")] if _may_start(objective, x))
+        for start in itertools.islice(starts, REFINED):
+            if refine(objective, start):
                 return
 
 
-def _keep_command(optimizer: nlopt.opt, command: CommandLimits, bounds: StrikeBounds) -> None:
-    """Add the limits of what may be commanded to an optimizer over the unit box."""
+def _may_start(objective: Objective, strike: np.ndarray) -> bool:
+    """Whether a strike keeps what can be kept beforehand."""
+    return all((smooth.constraints(strike)[0] <= KEPT).all() for smooth in objective.smooth)
+
+
+def _keep(optimizer: nlopt.opt, smooth: Smooth, bounds: StrikeBounds) -> None:
+    """Add what can be kept beforehand to an optimizer over the unit box."""
     lower, upper = bounds.box
-    count = len(command.constraints(lower)[0])
+    count = len(smooth.constraints(lower)[0])
     if not count:
         return
 
     def beyond(result: np.ndarray, u: np.ndarray, gradient: np.ndarray) -> None:
-        result[:], slopes = command.constraints(lower + u * (upper - lower))
+        result[:], slopes = smooth.constraints(lower + u * (upper - lower))
         if gradient.size:
             gradient[:] = slopes * (upper - lower)
 
-    optimizer.add_inequality_mconstraint(beyond, np.full(count, 1e-9))
+    optimizer.add_inequality_mconstraint(beyond, np.full(count, KEPT))
 
 
 def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) -> bool:
@@ -57,8 +66,8 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
     optimizer.set_maxeval(STEPS)
     optimizer.set_xtol_rel(1e-10)
     optimizer.set_stopval(tolerance**2 / 2)
-    for command in objective.commands:
-        _keep_command(optimizer, command, objective.bounds)
+    for smooth in objective.smooth:
+        _keep(optimizer, smooth, objective.bounds)
     ended: list[BaseException] = []
 
     def half_square(u: np.ndarray, gradient: np.ndarray) -> float:
