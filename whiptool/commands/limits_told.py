@@ -24,7 +24,8 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, join
     table: dict[str, float | str | None] = {}
     for each in limits.members:
         if isinstance(each, Clearance):
-            table["clearance"] = None if trajectory.diverged else each.nearest(trajectory)[0].clearance
+            nearest = None if trajectory.diverged else each.nearest(trajectory)[0]
+            table["clearance"] = None if nearest is None else nearest.clearance
             continue
         commanded = 0.0 if each.command is None else 1 + float(each.command.violation(strike.vector[None])[0])
         used = max(each.violation(trajectory) + 1, commanded)

@@ -28,6 +28,7 @@ UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
 class Clearance:
     """The distance that arm, whip and floor keep from each other, as capsules; see `Scene`.
 
+    Links that have but one between them are always near each other: they have to be apart, but need not keep more.
     Whole strikes are judged where they would be hits or the best.
 
     Args:
@@ -69,11 +70,12 @@ class Clearance:
         return f"the distance{kept} between arm, whip" + (" and arm" if self.floor is None else ", arm and floor")
 
     @cached_property
-    def _scenes(self) -> tuple[Scene, Scene]:
-        """What the arm alone touches, and what the whip does."""
+    def _scenes(self) -> tuple[Scene, Scene, Scene]:
+        """What is looked at: close links, links apart, the whip."""
         from whiptool.models.scene import Scene
 
-        return Scene(self.model, self.floor, of_whip=False), Scene(self.model, self.floor)
+        close, apart = (Scene(self.model, self.floor, of) for of in ("close", "apart"))
+        return close, apart, Scene(self.model, self.floor, "whip")
 
     @cached_property
     def smooth(self) -> tuple[PathClearance, ...]:
@@ -84,35 +86,47 @@ class Clearance:
 
         return (PathClearance(self.model, self.floor, self.least),)
 
-    def nearest(self, trajectory: Motion, *, enough: float = math.inf) -> tuple[Nearest, float]:
-        """Return where bodies come nearest over a strike, and when [s].
+    def nearest(self, trajectory: Motion, *, enough: float = math.inf) -> tuple[Nearest | None, float]:
+        """Return where bodies come nearest over a strike, and when [s]; close links only where they overlap.
 
         Args:
             trajectory: Of the strike.
             enough: Clearance from which it does not matter how large it is [m].
+
+        Returns:
+            None, where nothing is compared.
         """
         step = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else SAMPLED
         stride = max(1, int(SAMPLED / step + 1e-9))
-        found: list[Nearest] = []
-        for scene in self._scenes:
-            here = scene.nearest(trajectory.q[::stride], enough=enough)
-            found += [] if here is None else [here]
-        nearest = min(found, key=lambda x: x.clearance)
-        return nearest, float(trajectory.t[::stride][nearest.instant])
+        found = self._nearest(trajectory.q[::stride], enough, self._scenes)
+        return found, 0.0 if found is None else float(trajectory.t[::stride][found.instant])
+
+    def _nearest(self, q: np.ndarray, enough: float, scenes: Sequence[Scene]) -> Nearest | None:
+        close, *others = scenes
+        overlap = close.nearest(q, enough=0.0)
+        found = [overlap] if overlap is not None and overlap.clearance < 0 else []
+        found += [x for x in (scene.nearest(q, enough=enough) for scene in others) if x is not None]
+        return min(found, key=lambda x: x.clearance, default=None)
 
     def violation(self, trajectory: Motion) -> float:
         """Return how far a strike comes nearer than it may, in tenths of a metre; <= 0: not."""
         if trajectory.diverged:
             return math.inf
-        return (self.least - self.nearest(trajectory, enough=self.least)[0].clearance) / UNIT + 0.0  # no -0.0
+        found = self.nearest(trajectory, enough=self.least)[0]
+        return -math.inf if found is None else self._beyond(found)
 
     def violation_of_peaks(self, outcome: object) -> np.ndarray:
         """Return -1 for each strike, (B,): peaks say nothing of distances."""
         return np.full(np.shape(outcome.diverged), -1.0)  # type: ignore[attr-defined]
 
+    def _beyond(self, found: Nearest) -> float:
+        return (self.least - found.clearance) / UNIT
+
     def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
         """Return in words what comes nearest to what."""
         found, at = self.nearest(trajectory)
+        if found is None:
+            return "nothing is near anything"
         return f"at {at:.3f} s {self._said(found)}"
 
     def beyond_on_way(self, t: np.ndarray, q: np.ndarray) -> str | None:
@@ -123,8 +137,8 @@ class Clearance:
             q: Positions of its joints [rad or m], (T, a).
         """
         in_space = isinstance(self.model.arm, SpatialArm)
-        found = self._scenes[0].nearest(q, enough=self.least) if in_space else None
-        if found is None or found.clearance >= self.least:
+        found = self._nearest(q, self.least, self._scenes[:2]) if in_space else None
+        if found is None or self._beyond(found) <= 0:
             return None
         return f"at {t[found.instant]:.3f} s {self._said(found)}"
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 import coal  # pyright: ignore[reportMissingImports]  # built outside site-packages
 import numpy as np
@@ -14,6 +16,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 
 NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared with the links that hold it
+Of: TypeAlias = Literal["close", "apart", "whip"]
 _HOLDING = 2  # last links of an arm, which hold the whip: a flange and what carries it
 _BASE, _FLOOR, _WHIP = -1, -2, -3  # in place of a link's number
 
@@ -55,25 +58,26 @@ class Nearest:
 class Scene:
     """What of a model may touch what.
 
-    A link is compared with all but its neighbours, the arm's `never_touch` and the base of the first; the whip with all
-    links, but its first segments not with those that hold it; arm or whip with the floor. Arms in the plane have no
-    thickness and nothing to touch but a floor.
+    It is of `close` links, that have one link between them and are always near each other; of `apart` links, that have
+    more, and of the arm and the floor; or of the `whip`, and of arm and floor. Neighbours are not compared, nor the
+    arm's `never_touch`, nor the whip's first segments with the links that hold it. Arms in the plane have no thickness
+    and nothing to touch but a floor.
 
     Args:
         model: Arm and whip.
         floor: Its height [m]; None: there is none.
-        of_whip: Whether what the whip touches is looked at, or what the arm alone does.
+        of: Which of them.
     """
 
     model: Model
     floor: float | None = None
-    of_whip: bool = True
+    of: Of = "whip"
     bodies: list[_Body] = field(init=False)
 
     def __post_init__(self) -> None:
         self._capsules = self._capsules_of_arm()
         self.bodies = [_Body(name, link, c.radius, c.length) for name, link, c in self._capsules]
-        if self.of_whip:
+        if self.of == "whip":
             lengths = self.model.whip.per_node("l")
             self.bodies += [_Body(f"the whip's node {i + 1}", _WHIP, 0.0, float(l), i) for i, l in enumerate(lengths)]
         self._geometry = pin.GeometryModel()
@@ -103,27 +107,28 @@ class Scene:
             found += [(f"the link of {joint}", i, capsule) for capsule in link.capsules]
         return found
 
-    def _pairs(self):
+    def _pairs(self) -> Iterator[tuple[int, int]]:
         """Yield the numbers of bodies that are compared; the floor's is one more than the last."""
-        n = len(self.bodies)
+        n, over_floor = len(self.bodies), {"close": (), "apart": range(self.model.arm.n), "whip": (_WHIP,)}[self.of]
         for i in range(n):
             for j in range(i + 1, n):
                 if self._may_touch(self.bodies[i], self.bodies[j]):
                     yield i, j
-            if self.floor is not None and (
-                self.bodies[i].link == _WHIP if self.of_whip else self.bodies[i].link != _BASE
-            ):
+            if self.floor is not None and self.bodies[i].link in over_floor:
                 yield i, n
 
     def _may_touch(self, one: _Body, other: _Body) -> bool:
+        """Whether two bodies are compared; the whip's come last."""
         arm = self.model.arm
-        if not isinstance(arm, SpatialArm) or one.link == _WHIP:  # the whip comes last
+        if not isinstance(arm, SpatialArm) or one.link == _WHIP:
             return False
-        if other.link == _WHIP or self.of_whip:
+        if self.of == "whip":
             far = other.segment >= NEAR_HAND or one.link < arm.n - _HOLDING
             return other.link == _WHIP and far
-        apart = [tuple(sorted(arm.joints.index(joint) for joint in pair)) for pair in arm.never_touch]
-        return other.link - one.link > 1 and (one.link, other.link) not in apart
+        never = [tuple(sorted(arm.joints.index(joint) for joint in pair)) for pair in arm.never_touch]
+        between = other.link - one.link - 1
+        asked = between == 1 if self.of == "close" else between > 1
+        return asked and (one.link, other.link) not in never
 
     def segments(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return both ends of every body [m], (T, bodies, 3) each, of states q (T, n), or of an arm alone (T, a)."""
@@ -138,7 +143,7 @@ class Scene:
             for found, end in ((starts, capsule.start), (ends, capsule.end)):
                 fixed = np.broadcast_to(np.array(end), (len(q), 3))
                 found.append(fixed if link == _BASE else frames[link].carried(end).origin)
-        if self.of_whip:
+        if self.of == "whip":
             nodes = joint_points(self.model, q)[:, a:]
             starts += list(np.moveaxis(nodes[:, :-1], 1, 0))
             ends += list(np.moveaxis(nodes[:, 1:], 1, 0))
