@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
@@ -22,6 +22,15 @@ if TYPE_CHECKING:
 
 SAMPLED = 1e-3  # [s] between the states that are looked at, about
 UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
+
+
+class Diverging(Protocol):
+    """What came of strikes; an `Approach`."""
+
+    @property
+    def diverged(self) -> np.ndarray | bool:
+        """Whether the simulation was given up, () or (B,)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -115,9 +124,9 @@ class Clearance:
         found = self.nearest(trajectory, enough=self.least)[0]
         return -math.inf if found is None else self._beyond(found)
 
-    def violation_of_peaks(self, outcome: object) -> np.ndarray:
-        """Return -1 for each strike, (B,): peaks say nothing of distances."""
-        return np.full(np.shape(outcome.diverged), -1.0)  # type: ignore[attr-defined]
+    def violation_of_peaks(self, outcome: Diverging) -> np.ndarray:
+        """Return -1 for each strike, (B,), as peaks say nothing of distances; infinity where it diverged."""
+        return np.where(outcome.diverged, math.inf, -1.0)
 
     def _beyond(self, found: Nearest) -> float:
         return (self.least - found.clearance) / UNIT
