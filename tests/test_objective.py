@@ -22,7 +22,7 @@ REACH = StraightFlight.model.reach
 class Limits:
     """Of motors: peaks are beyond by the first angle less 0.3, the whole strike by half of that."""
 
-    by_peaks, speeds = False, None
+    by_peaks, of_candidates, command, positions, smooth = False, False, None, None, ()
 
     def __init__(self) -> None:
         self.looked_at = []

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
 
 import numpy as np
 from scipy.special import ndtr, stdtr
@@ -14,8 +13,9 @@ from scipy.special import ndtr, stdtr
 from whiptool.criteria import Criterion, Struck
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.limits import AllLimits, Limits, Smooth
 from whiptool.models.parameters import number, whole
-from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds, shortened
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.target import Target, as_target
@@ -129,28 +129,6 @@ class SearchStopped(WhiptoolError):
         self.reason = reason
 
 
-class Limits(Protocol):
-    """What an arm can do: `MotorLimits`, or the `ArmLimits` of its joints.
-
-    `by_peaks` says whether peaks alone decide.
-    """
-
-    by_peaks: ClassVar[bool]
-
-    @property
-    def speeds(self) -> np.ndarray | None:
-        """Largest speed at which searches may command each joint to move [rad/s or m/s], (a,); None: any."""
-        ...
-
-    def violation_of_peaks(self, outcome: Approach, /) -> np.ndarray:
-        """How far strikes are beyond the limits by their peaks alone, (B,); <= 0: surely within."""
-        ...
-
-    def violation(self, trajectory: Trajectory, /) -> float:
-        """How far a strike is beyond the limits; <= 0: within."""
-        ...
-
-
 class Objective:
     """Miss distance of strikes at one target, for one simulated arm and whip.
 
@@ -163,8 +141,9 @@ class Objective:
         max_time: No trial starts later than this after the objective was made [s]; None: no limit.
         stop_at_hit: End the search with the first hit.
         check_reach: Refuse a target out of reach.
-        limits: Of the arm's motors or joints: a strike beyond them is refused: it is never a hit, and its miss distance
-            is larger than any real one and grows with how far it is beyond; None: the arm can do anything.
+        limits: One or several, such as `ArmLimits` and `Clearance`: a strike beyond them is refused: it is never a hit,
+            and its miss distance is larger than any real one and grows with how far it is beyond; None: the arm can do
+            anything. The box is narrowed to limits of position.
         criteria: What hits are judged by: searches look for the best hit by the first; none: for the smallest cost.
 
     Attributes:
@@ -186,22 +165,24 @@ class Objective:
         max_time: float | None = None,
         stop_at_hit: bool = False,
         check_reach: bool = True,
-        limits: Limits | None = None,
+        limits: Limits | Sequence[Limits] | None = None,
         criteria: Sequence[Criterion] = (),
     ) -> None:
         self.rollout, self.target = rollout, as_target(target, rollout.model.dimension)
         if check_reach:
             self.target.check_reach(rollout.model)
+        self.limits = AllLimits(limits)
         self.bounds = bounds or default_bounds(rollout.model.arm)
         if len(self.bounds.lower) != 2 * rollout.model.arm.n + 1:
             raise InputError("bounds", self.bounds.lower, f"{2 * rollout.model.arm.n + 1} values each")
+        self.bounds = self.limits.narrowed(self.bounds)
         self.criteria = tuple(criteria)
         self.t_stay = number("t_stay", t_stay, low=0)
         longest = np.array([self.bounds.upper[-1] + self.t_stay])
         time_grid(longest, timestep=rollout.timestep, control_period=None)  # refuses what would never end
         self.max_trials = None if max_trials is None else whole("max trials", max_trials)
         self.max_time = None if max_time is None else number("max time", max_time, low=0, strict=True)
-        self.stop_at_hit, self.limits = stop_at_hit, limits
+        self.stop_at_hit = stop_at_hit
         self.trials: list[Trial] = []
         self.best: Trial | None = None
         self._recorded: list[Trial] = []
@@ -232,20 +213,20 @@ class Objective:
 
     def refuses(self, outcome: Outcome) -> bool:
         """Whether the outcome is that of a strike beyond the limits."""
-        return self.limits is not None and not outcome.diverged and outcome.miss_distance > self.penalty
+        return bool(self.limits) and not outcome.diverged and outcome.miss_distance > self.penalty
 
     @property
-    def speeds(self) -> np.ndarray | None:
-        """Largest speed at which searches may command each joint to move [rad/s or m/s], (n,); None: any."""
-        return None if self.limits is None else self.limits.speeds
+    def smooth(self) -> tuple[Smooth, ...]:
+        """What searches can keep beforehand, as smooth functions of a strike."""
+        return self.limits.smooth
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
-        """Return strikes (B, 2 n + 1) for a search, shortened where joints would be commanded beyond their speeds.
+        """Return strikes (B, 2 n + 1) for a search, shortened where joints would be commanded faster than they may.
 
         They stay in the bounds. It is no promise: what joints really do depends on the whip and the controller, and is
         judged with the outcome.
         """
-        return strikes if self.speeds is None else np.clip(shortened(strikes, self.speeds), *self.bounds.box)
+        return np.clip(self.limits.shortened(strikes), *self.bounds.box) if self.limits.commands else strikes
 
     def __call__(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike, a `Strike` or its vector, (2 n + 1,).
@@ -363,29 +344,38 @@ class Objective:
 
     def _roll(self, strikes: np.ndarray) -> list[Outcome]:
         struck = Struck(self.rollout, strikes, self.goals, self.t_stay)
-        beyond = self._beyond(struck.near, strikes)
-        values = np.array([criterion.values(struck) for criterion in self.criteria]).T
-        return [
-            self._outcome(struck.near, i, float(beyond[i]), values[i] if self.criteria else ())
-            for i in range(len(strikes))
-        ]
+        near = struck.near
+        beyond = self.limits.violations(strikes, near, self._trajectory)
+        values = [criterion.values(struck) for criterion in self.criteria]
+        judged = np.array(values).T if values else np.empty((len(strikes), 0))
+        outcomes = [self._outcome(near, i, float(beyond[i]), judged[i]) for i in range(len(strikes))]
+        return self._candidates_judged(strikes, near, outcomes, judged) if self.limits.of_candidates else outcomes
 
-    def judge(self, trajectory: Trajectory) -> Outcome:
-        """Outcome of a trajectory that is there already; it is no trial."""
-        beyond = 0.0 if self.limits is None else self.limits.violation(trajectory)
+    def _candidates_judged(
+        self, strikes: np.ndarray, near: Approach, outcomes: list[Outcome], judged: np.ndarray
+    ) -> list[Outcome]:
+        """The same outcomes, but those that would be hits or the best are refused where the whole strike has to be."""
+        lowest = math.inf if self.best is None else self.best.outcome.cost
+        for i, outcome in enumerate(outcomes):
+            within = outcome.miss_distance < self.penalty
+            if within and (outcome.hit or outcome.cost < lowest):
+                beyond = self.limits.violation(self._trajectory(strikes[i]))
+                outcomes[i] = outcome = self._outcome(near, i, beyond, judged[i])
+            lowest = min(lowest, outcome.cost)
+        return outcomes
+
+    def _trajectory(self, strike: np.ndarray) -> Trajectory:
+        return self.rollout.trajectory(Strike.from_vector(strike), t_stay=self.t_stay)
+
+    def judge(self, trajectory: Trajectory, strike: Strike | None = None) -> Outcome:
+        """Outcome of a trajectory that is there already; it is no trial.
+
+        Args:
+            trajectory: What the strike did.
+            strike: What was commanded; None: limits of that are not judged.
+        """
+        beyond = self.limits.violation(trajectory, strike)
         return self._outcome(trajectory.approach(np.array(self.target.position)), 0, beyond)
-
-    def _beyond(self, near: Approach, strikes: np.ndarray) -> np.ndarray:
-        """How far each strike is beyond the limits, (B,); <= 0: within. Peaks acquit, whole strikes convict."""
-        if self.limits is None:
-            return np.zeros(len(strikes))
-        beyond = self.limits.violation_of_peaks(near)
-        if self.limits.by_peaks:
-            return beyond
-        for i in np.flatnonzero((beyond > 0) & np.isfinite(beyond)):
-            strike = Strike.from_vector(strikes[i])
-            beyond[i] = self.limits.violation(self.rollout.trajectory(strike, t_stay=self.t_stay))
-        return beyond
 
     def _outcome(self, near: Approach, i: int, beyond: float, values: Sequence[float] | np.ndarray = ()) -> Outcome:
         diverged = bool(near.diverged[i]) or not np.isfinite(near.distance[i])

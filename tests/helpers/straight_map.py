@@ -6,7 +6,7 @@ import numpy as np
 
 from whiptool.goals import Goals
 from whiptool.models.strike import StrikeBounds
-from whiptool.strike_map.striker import Struck
+from whiptool.strike_map.striker import Landings
 
 BOUNDS = StrikeBounds((-1.0, -1.0, -1.0, -1.0, 0.4), (1.0, 1.0, 1.0, 1.0, 1.0))
 
@@ -39,13 +39,13 @@ class CurvedStriker:
         away = (strikes - self.centre) @ self.linear.T
         return away + self.curvature * away**2
 
-    def strike(self, strikes: np.ndarray, goals: Goals) -> Struck:
+    def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
         """What the strikes come to."""
         self.rolled += len(strikes)
         left = self.residuals(strikes)
         distance = np.linalg.norm(left, axis=1)
         nothing = np.zeros(len(strikes))
-        return Struck(left, distance, nothing, nothing, distance <= goals.hit_radius)
+        return Landings(left, distance, nothing, nothing, distance <= goals.hit_radius)
 
     def derivatives(self, strikes: np.ndarray, goals: Goals) -> np.ndarray:
         """Exact derivatives of the residuals."""

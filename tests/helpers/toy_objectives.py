@@ -22,7 +22,7 @@ class Recorder:
     """An objective that keeps every generation in units of the box; misses are a function of the individual."""
 
     penalty = 10.0
-    speeds = None
+    smooth = ()
 
     class bounds:
         box = (LOWER, UPPER)
@@ -49,7 +49,7 @@ class Bowl:
     """The miss is the distance from the minimum, at least `floor`; its slope has a kink there."""
 
     bounds = BOUNDS
-    speeds = None
+    smooth = ()
     criteria = ()
 
     def __init__(self, floor: float = 0.0, most: int = 10**6) -> None:

@@ -81,3 +81,35 @@ def test_arms_have_limits_or_none():
     for name in ("lemon2024", "nah2023"):
         with pytest.raises(InputError, match="limits: got 'none'; allowed: an arm whose joints have limits"):
             ArmLimits.of(preset(name).arm)
+
+
+def test_the_change_of_torque_is_judged_on_whole_strikes_alone():
+    limited = ArmLimits((JointLimits(torque=10.0, torque_rate=400.0), JointLimits(), JointLimits()))
+    t = np.arange(0, 0.2, 0.01)[:, None]  # as `path` has them
+    tau = np.hstack([np.clip(6 - 550 * (t - 0.12), -4, 50 * t), 1e4 * t, 0 * t])
+    strike = path(np.repeat(REST, 20, axis=0)[:20], 0 * tau, tau)
+    assert limited.of_candidates
+    assert not LIMITS.of_candidates
+    assert limited.violation(strike) == pytest.approx(550 / 400 - 1)
+    peak = np.abs(tau[:, 0]).max()
+    assert limited.violation_of_peaks(strike.approach(np.zeros(3))) == pytest.approx([peak / 10 - 1])
+    said = limited.explain(strike, ("a", "b", "c"))
+    assert said == "at 0.121 s the torque of a changes by -550 N m/s; its limit is 400 N m/s"
+    assert limited.violation(strike, margin=0.2) == pytest.approx(550 / 400 - 0.8)
+
+
+def test_what_is_kept_free_is_a_part_of_every_limit():
+    """Of magnitudes the same part of each, of a range its middle."""
+    arm = preset("panda").arm
+    whole, left = ArmLimits.of(arm), ArmLimits.of(arm, keep_free=0.2)
+    assert left.words == "the arm's limits, 20% of them kept free"
+    for name in ("velocity", "acceleration", "jerk", "torque", "torque_rate"):
+        ratio = [getattr(b, name) / getattr(a, name) for a, b in zip(whole.joints, left.joints, strict=True)]
+        assert ratio == pytest.approx([0.8] * 7)
+    middles, spans = (np.mean(whole.positions, axis=0), np.ptp(whole.positions, axis=0))
+    np.testing.assert_allclose(np.mean(left.positions, axis=0), middles)
+    np.testing.assert_allclose(np.ptp(left.positions, axis=0), 0.8 * spans)
+    assert JointLimits((0.0, math.inf)).keeping_free(0.5) == JointLimits((0.0, math.inf))
+    for share in (1.0, -0.1, math.nan):
+        with pytest.raises(InputError, match="keep free: got"):
+            ArmLimits.of(arm, keep_free=share)

@@ -117,3 +117,11 @@ def test_the_makers_figures():
     for name in ("stall_torque", "no_load_speed", "stall_current"):
         with pytest.raises(InputError, match=name):
             dataclasses.replace(MOTOR, **{name: 0.0})
+
+
+def test_what_is_kept_free_of_the_line_is_the_margin():
+    rng = np.random.default_rng(0)
+    v, tau = rng.uniform(-5, 5, (2, 40)), rng.uniform(-5, 5, (2, 40))
+    left = XM430.keeping_free(0.2)
+    np.testing.assert_allclose(left.usage(v, tau), XM430.usage(v, tau) / 0.8)
+    assert left.torque_constant == pytest.approx(XM430.torque_constant)

@@ -9,6 +9,8 @@ import pytest
 import scipy.optimize
 from toy_objectives import BOUNDS, MINIMUM, Bowl, Enough
 
+from whiptool.models import JointLimits
+from whiptool.models.command_limits import CommandLimits
 from whiptool.optimizers.gradient_search import BATCH, REFINED, STEPS, gradient_search, refine
 
 
@@ -83,7 +85,9 @@ def test_it_ends_at_the_target_and_where_it_is_told():
 def test_a_refinement_keeps_the_commanded_speeds(fastest):
     """The nearest strike to the minimum among the admissible ones: a quadratic program, by SciPy."""
     bowl = Bowl()
-    bowl.speeds = np.array([np.inf, fastest])  # of the elbow alone, which the minimum moves by -0.4 in 1.1 s
+    bowl.smooth = (
+        CommandLimits((JointLimits(), JointLimits(velocity=fastest)), share=1.0),
+    )  # of the elbow alone, which the minimum moves by -0.4 in 1.1 s
     start = np.array([0.9, 0.3, 5.5, 0.3, 0.5])
     refine(bowl, start)  # type: ignore[arg-type]
     strikes = np.array(bowl.refined)

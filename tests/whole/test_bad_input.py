@@ -253,7 +253,6 @@ map-build --rounds -1 | --rounds
 map-build --goals 0 | --goals
 map-build --gate-strikes -1 | --gate-strikes
 map-build --tests 0 | --tests
-map-build --limits xm430 | arm, none
 map-build --limits arm | limits
 map-build --cone 0 --arrival-angle 3 | --cone
 map-build --cone 20 | --cone

@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from tyro.conf import Positional
@@ -18,6 +18,7 @@ from whiptool.errors import InputError
 from whiptool.options import (
     MANY_TARGETS,
     GoalOptions,
+    LimitOptions,
     ModelOptions,
     OutputOptions,
     RegionOptions,
@@ -32,8 +33,6 @@ from whiptool.options import (
 )
 
 if TYPE_CHECKING:
-    from whiptool.models.arm_limits import ArmLimits
-    from whiptool.models.parameters import Model
     from whiptool.models.strike import Strike
     from whiptool.strike_map import Building, Plan, StrikeMap
     from whiptool.target import Target
@@ -45,6 +44,7 @@ WORDS = {"build": "build the map of a region of goals", "strike": "strike at a g
 class BuildOptions(
     ResumableOptions,
     SeedOptions,
+    LimitOptions,
     StepOptions,
     SimulatedControllerOptions,
     ModelOptions,
@@ -54,9 +54,6 @@ class BuildOptions(
 
     in_space: ClassVar[bool] = True
 
-    limits: Literal["arm", "none"] | None = None
-    """Strikes beyond the arm's limits of position, velocity and torque are refused; default: arm, where its joints have
-    limits."""
     random_strikes: int = 8192
     """Random strikes, whose passages through the region are the first answers."""
     room: int = 2
@@ -79,13 +76,6 @@ class BuildOptions(
         for name in ("rounds", "gate_strikes"):
             whole(flag(name), getattr(self, name), low=0, high=MANY_TARGETS)
 
-    def build_limits(self, model: Model) -> ArmLimits | None:
-        """Return the limits that strikes have to keep; None: there are none."""
-        from whiptool.models.arm_limits import ArmLimits
-
-        wanted = ArmLimits.are_in(model.arm) if self.limits is None else self.limits == "arm"
-        return ArmLimits.of(model.arm) if wanted else None
-
     def build_plan(self) -> Plan:
         """Return how much is rolled out."""
         from whiptool.strike_map import Plan
@@ -100,7 +90,7 @@ class BuildOptions(
         controller.check_fits(model.arm)
         region = GoalRegion(self.build_zone(model), self.build_arrival(), self.hit_radius)
         rollout = self.build_compiled(model, controller)
-        striker = Striker(rollout, limits=self.build_limits(model), t_stay=self.t_stay)
+        striker = Striker(rollout, limits=self.build_limits(model, controller), t_stay=self.t_stay)
         return Building(striker, region, self.build_plan(), seed=self.seed)
 
 
@@ -272,10 +262,11 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
 
     striker = strike_map.striker
     rollout, model = striker.rollout, striker.rollout.model
-    commanded = options.build_trajectory(model, strike, striker.t_stay)  # refused before anything is written
     trajectory = rollout.trajectory(strike, t_stay=striker.t_stay)
-    objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=striker.limits)
-    outcome = objective.judge(trajectory)
+    limits, beyond = striker.limits.members, striker.limits.explain(trajectory, model.arm.joints, strike)
+    commanded = options.build_trajectory(model, strike, striker.t_stay, limits, beyond)  # before anything is written
+    objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=limits)
+    outcome = objective.judge(trajectory, strike)
     place, expected = np.array(target.position), outcome.miss_distance
     seen = replay(model, rollout.controller, strike, place, t_stay=striker.t_stay, expected=expected)
     summary = {

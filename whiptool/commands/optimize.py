@@ -8,16 +8,18 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
 from whiptool.commands import cli
+from whiptool.commands.limits_told import limit_lines, limits_table
 from whiptool.errors import InputError
 from whiptool.options import (
     METHODS,
     CriteriaOptions,
     GoalOptions,
+    LimitOptions,
     ModelOptions,
     ResumableOptions,
     SearchOptions,
@@ -30,8 +32,6 @@ from whiptool.options import (
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
-    from whiptool.models import Model, MotorLimits
-    from whiptool.models.arm_limits import ArmLimits
     from whiptool.models.joint_trajectory import JointTrajectory
 
 
@@ -42,6 +42,7 @@ class OptimizeOptions(
     CriteriaOptions,
     SeedOptions,
     SearchOptions,
+    LimitOptions,
     SimulatorOptions,
     SimulatedControllerOptions,
     ModelOptions,
@@ -56,9 +57,6 @@ class OptimizeOptions(
     """How strikes are searched; nlopt:NAME is any of NLopt's global algorithms, such as nlopt:GN_CRS2_LM."""
     max_time: float | None = None
     """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
-    limits: Literal["xm430", "arm", "none"] | None = None
-    """Strikes beyond this motor's speed-torque line, or beyond the arm's limits of position, velocity and torque, are
-    refused, and count as misses; default: arm, where its joints have limits."""
     stop_at_hit: bool = True
     """End with the first hit, or the batch that holds it; otherwise go on to come closer. Where hits are judged by more
     than the miss, a search goes on in any case."""
@@ -82,15 +80,6 @@ class OptimizeOptions(
                 )
         if self.max_time is not None:
             number("--max-time", self.max_time, low=0, strict=True)
-
-    def build_limits(self, model: Model) -> MotorLimits | ArmLimits | None:
-        """Return the limits that strikes have to keep; None: there are none."""
-        from whiptool.models.arm_limits import ArmLimits
-        from whiptool.models.motor_limits import limits_preset
-
-        if self.limits == "arm" or (self.limits is None and ArmLimits.are_in(model.arm)):
-            return ArmLimits.of(model.arm)
-        return None if self.limits in (None, "none") else limits_preset(self.limits)
 
 
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
@@ -127,7 +116,7 @@ class _Run:
         self.target.check_reach(self.model)
         self.controller.check_fits(self.model.arm)
         self.rollout = options.build_rollout(self.model, self.controller)
-        self.limits = options.build_limits(self.model)
+        self.given = options.build_limits(self.model, self.controller)
         bounds = options.build_bounds(self.model)
         self.objective = Objective(
             self.rollout,
@@ -137,7 +126,7 @@ class _Run:
             max_trials=options.max_trials,
             max_time=options.max_time,
             stop_at_hit=options.stop_at_hit and not options.judged,
-            limits=self.limits,
+            limits=self.given,
             criteria=options.build_criteria(bounds),
         )
         self.version = code_version()
@@ -191,10 +180,8 @@ class _Run:
         summary = self._summary(result, reference=replayed)
         trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
         summary["warning"] = self._refine(result, trajectory)
-        if self.limits is not None:
-            usage = self.limits.violation(trajectory) + 1
-            key = f"{self.limits.judges}_usage"
-            summary |= {"n_refused": self.objective.n_refused, key: usage if math.isfinite(usage) else None}
+        table = limits_table(self.objective.limits, trajectory, result.strike, self.model.arm.joints)
+        summary |= table | ({"n_refused": self.objective.n_refused} if table else {})
         self.folder.write_result(summary)
         files = save_strike(
             self.folder.path,
@@ -213,7 +200,8 @@ class _Run:
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         files += self._save_front(result, label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
-        commanded = self.options.build_trajectory(self.model, result.strike, self.options.t_stay)
+        beyond = summary.get("beyond")
+        commanded = self.options.build_trajectory(self.model, result.strike, self.options.t_stay, self.given, beyond)
         export_trajectory(self.options, commanded, self.controller)
         return status
 
@@ -342,7 +330,7 @@ class _Run:
             f" ({result.n_diverged} diverged)",
             *strike_lines(summary["strike"], zip(bounds.lower, bounds.upper, strict=True)),
             *(
-                ["  outcome        refused, as was every strike tried: beyond the limits"]
+                [f"  outcome        refused, as was every strike tried; the best: {summary['beyond']}"]
                 if refused
                 else outcome_lines(result.outcome, self.target, self.model.arm.joints)
             ),
@@ -350,12 +338,9 @@ class _Run:
         for judged in summary["judged"] or ():
             if judged["value"] is not None:
                 lines.append(f"  {judged['name']:14s} {judged['value']:.6g} {judged['unit']}")
-        if self.limits is not None and summary[f"{self.limits.judges}_usage"] is not None:
-            used, what = summary[f"{self.limits.judges}_usage"], self.limits.words
-            lines.append(
-                f"  {self.limits.judges + 's':14s} {used:.0%} of {what} at the worst instant; "
-                f"{summary['n_refused']} strikes beyond were refused"
-            )
+        lines += limit_lines(self.objective.limits, {**summary, "beyond": None} if refused else summary)
+        if self.objective.limits:
+            lines.append(f"  refused        {summary['n_refused']} strikes that were beyond")
         reference = summary["reference"]
         if reference["miss_distance"] is None:
             spared = result.outcome.diverged or refused

@@ -15,6 +15,7 @@ from whiptool.commands import cli
 from whiptool.errors import NOTHING, InputError
 from whiptool.options import (
     GoalOptions,
+    LimitOptions,
     ModelOptions,
     OutputOptions,
     SimulatedControllerOptions,
@@ -27,7 +28,13 @@ from whiptool.whole_files import write_whole
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions(
-    OutputOptions, TrajectoryOptions, SimulatorOptions, SimulatedControllerOptions, ModelOptions, GoalOptions
+    OutputOptions,
+    TrajectoryOptions,
+    LimitOptions,
+    SimulatorOptions,
+    SimulatedControllerOptions,
+    ModelOptions,
+    GoalOptions,
 ):
     """Play one strike and save its trajectory, figures and video."""
 
@@ -53,7 +60,9 @@ class SimulateOptions(
             Strike.from_vector(self.strike)
             refuse_idle(self, {"trajectory": "nothing beside --strike"})
         elif self.trajectory is not None:
-            not_used = {f.name for of in (SimulatorOptions, SimulatedControllerOptions) for f in fields(of)}
+            not_used = {
+                f.name for of in (LimitOptions, SimulatorOptions, SimulatedControllerOptions) for f in fields(of)
+            }
             refuse_idle(self, dict.fromkeys(sorted(not_used | {"t_stay"}), "nothing beside --trajectory"))
         elif self.export is None:
             raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, --trajectory or --export FILE.xml")
@@ -108,8 +117,10 @@ def _export(options: SimulateOptions, model) -> None:
 
 
 def _play(options: SimulateOptions, model, strike) -> None:
+    from whiptool.commands.limits_told import limit_lines, limits_table
     from whiptool.commands.optimize import arrival_table, export_trajectory, outcome_lines, save_strike, strike_lines
     from whiptool.impedance.files import controller_to_table
+    from whiptool.limits import AllLimits
     from whiptool.models.strike import named_strike
     from whiptool.rollout.refinement import refine
     from whiptool.runs import code_version
@@ -118,9 +129,13 @@ def _play(options: SimulateOptions, model, strike) -> None:
     target.check_dimension(model)
     target.check_radius(model)
     options.check_posture(model)
-    commanded = options.build_trajectory(model, strike, options.t_stay)  # refused before anything is written
+    given = options.build_limits(model, controller)
     rollout = options.build_rollout(model, controller)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
+    limits = AllLimits(given)
+    used = limits_table(limits, trajectory, strike, model.arm.joints)
+    # refused before anything is written
+    commanded = options.build_trajectory(model, strike, options.t_stay, given, used.get("beyond"))
     outcome = _judged(rollout, trajectory, target)
     place = np.array(target.position)
     warning = refine(
@@ -141,6 +156,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "max_joint_speed": dict(zip(model.arm.joints, outcome.max_joint_speed, strict=True)),
         "max_torque": dict(zip(model.arm.joints, outcome.max_torque, strict=True)),
         "diverged": outcome.diverged,
+        **used,
         "simulator": options.simulator,
         "engine": rollout.engine,
         "timestep": rollout.timestep,
@@ -158,7 +174,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     else:
         engine = f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
         lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"])]
-        lines += outcome_lines(outcome, target, model.arm.joints)
+        lines += [*outcome_lines(outcome, target, model.arm.joints), *limit_lines(limits, used)]
         print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
     export_trajectory(options, commanded, controller)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice
+from whiptool.models.capsules import Capsule
 from whiptool.models.planar_arm import ArmLink, ArmParameters
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
 from whiptool.models.stick import with_stick
@@ -58,12 +59,21 @@ def arm_from_table(table: object, folder: Path) -> ArmParameters | SpatialArm:
         planar = tuple(build_from(ArmLink, link, f"arm.links[{i}].") for i, link in enumerate(links))
         return build_from(ArmParameters, {**table, "links": planar}, "arm.")
     spatial = tuple(_link_from_table(link, f"arm.links[{i}].") for i, link in enumerate(links))
-    return build_from(SpatialArm, {**table, "links": spatial}, "arm.")
+    base = _capsules_from_tables(table.get("base", []), "arm.base")
+    return build_from(SpatialArm, {**table, "links": spatial, "base": base}, "arm.")
+
+
+def _capsules_from_tables(tables: object, place: str) -> tuple[Capsule, ...]:
+    if not isinstance(tables, list):
+        raise InputError(place, tables, "tables, each with start, end and radius")
+    return tuple(build_from(Capsule, table, f"{place}[{i}].") for i, table in enumerate(tables))
 
 
 def _link_from_table(table: object, place: str) -> SpatialLink:
     if isinstance(table, Mapping) and "limits" in table:
         table = {**table, "limits": build_from(JointLimits, table["limits"], place + "limits.")}
+    if isinstance(table, Mapping) and "capsules" in table:
+        table = {**table, "capsules": _capsules_from_tables(table["capsules"], place + "capsules")}
     return build_from(SpatialLink, table, place)
 
 
@@ -78,8 +88,8 @@ def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
         raise error.within("arm: ") from None
     if stick is None:
         return arm
-    if not isinstance(stick, Mapping) or set(stick) != {"length", "mass"}:
-        raise InputError("arm.stick", stick, "a table with length [m] and mass [kg]")
+    if not isinstance(stick, Mapping) or set(stick) - {"radius"} != {"length", "mass"}:
+        raise InputError("arm.stick", stick, "a table with length [m] and mass [kg]; radius [m] may be given, too")
     return with_stick(arm, **stick)
 
 
@@ -90,6 +100,11 @@ def arm_to_table(arm: ArmParameters | SpatialArm) -> dict[str, Any]:
         limits = {name: value for name, value in link.pop("limits").items() if not _unlimited(value)}
         if limits:
             link["limits"] = limits
+        if not link["capsules"]:
+            del link["capsules"]
+    for name in ("base", "never_touch"):
+        if not table.get(name, True):
+            del table[name]
     return {"joints": table.pop("joints"), **table}
 
 

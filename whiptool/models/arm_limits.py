@@ -1,4 +1,4 @@
-"""What an arm's own joints can do: how far a strike is beyond their limits of position, velocity and torque."""
+"""What an arm's own joints can do: how far a strike is beyond their limits."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.command_limits import ROUNDING, CommandLimits
 from whiptool.models.motor_limits import Motion, Peaks
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import JointLimits, SpatialArm
+from whiptool.models.torque_rate import torque_rates
 
 
 class Extremes(Peaks, Protocol):
@@ -24,7 +26,7 @@ class Extremes(Peaks, Protocol):
         ...
 
 
-_COMMANDED = 0.9
+FOLLOWED, PRESCRIBED = 0.9, 1.0 - ROUNDING  # shares of the velocities that searches command
 _NAMES = ("position", "velocity", "torque")
 
 
@@ -34,42 +36,53 @@ def limits_of(arm: ArmParameters | SpatialArm) -> tuple[JointLimits, ...]:
 
 
 def _limited(joints: Sequence[JointLimits]) -> bool:
-    """Whether any joint has a limit of position, velocity or torque."""
-    return any(np.isfinite((*joint.position, joint.velocity, joint.torque)).any() for joint in joints)
+    """Whether any joint has a limit."""
+    return any(joint != JointLimits() for joint in joints)
 
 
 @dataclass(frozen=True)
 class ArmLimits:
-    """Limits of position, velocity and torque of each joint of an arm.
+    """Limits of each joint of an arm.
 
-    Those of acceleration, jerk and torque rate are not judged: makers set them for commanded paths.
+    Position, velocity and torque are judged by what the joints do, acceleration and jerk by the commanded path alone,
+    for which makers set them, and the change of torque (`torque_rates`) on whole strikes that would be hits or the
+    best.
 
     Args:
         joints: Of each joint; see `JointLimits`.
         words: The limits for people.
+        share: Of the velocities, that searches command: less than all where joints only follow what is commanded.
 
     Raises:
         InputError: No joint has a limit.
     """
 
     joints: tuple[JointLimits, ...]
-    words: str = "the arm's limits of position, velocity and torque"
+    words: str = "the arm's limits"
+    share: float = FOLLOWED
 
     judges: ClassVar[str] = "joint"
     by_peaks: ClassVar[bool] = True  # each limit is of one quantity
 
     def __post_init__(self) -> None:
         if not _limited(self.joints):
-            raise InputError("limits", "none", "an arm whose joints have limits of position, velocity or torque")
+            raise InputError("limits", "none", "an arm whose joints have limits")
 
     @classmethod
-    def of(cls, arm: ArmParameters | SpatialArm) -> ArmLimits:
+    def of(cls, arm: ArmParameters | SpatialArm, *, keep_free: float = 0.0, prescribed: bool = False) -> ArmLimits:
         """Return the limits of an arm.
 
+        Args:
+            arm: Whose joints have limits.
+            keep_free: This share of every limit is kept free.
+            prescribed: Whether joints move exactly as commanded, as under position control.
+
         Raises:
-            InputError: It has none; planar arms have none.
+            InputError: It has none, as planar arms; or the share is not in [0, 1).
         """
-        return cls(limits_of(arm))
+        joints = tuple(joint.keeping_free(keep_free) for joint in limits_of(arm))
+        words = "the arm's limits" + (f", {keep_free:.0%} of them kept free" if keep_free else "")
+        return cls(joints, words, PRESCRIBED if prescribed else FOLLOWED)
 
     @staticmethod
     def are_in(arm: ArmParameters | SpatialArm) -> bool:
@@ -77,9 +90,29 @@ class ArmLimits:
         return _limited(limits_of(arm))
 
     @property
+    def command(self) -> CommandLimits:
+        """What searches command, and what is judged of the command alone."""
+        return CommandLimits(self.joints, self.share)
+
+    @property
+    def smooth(self) -> tuple[CommandLimits, ...]:
+        """What a search can keep beforehand."""
+        return (self.command,)
+
+    @property
     def speeds(self) -> np.ndarray:
-        """Largest speed at which searches command joints to move [rad/s or m/s], (a,); a tenth is left for errors."""
-        return _COMMANDED * np.array([joint.velocity for joint in self.joints])
+        """Largest speed at which searches command joints to move [rad/s or m/s], (a,)."""
+        return self.command.largest[0]
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Lowest and highest position of each joint [rad or m], (2, a); infinite where there is no limit."""
+        return np.array([joint.position for joint in self.joints]).T
+
+    @property
+    def of_candidates(self) -> bool:
+        """Whether whole strikes have to be judged where they would be hits or the best."""
+        return any(math.isfinite(joint.torque_rate) for joint in self.joints)
 
     def usage(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """How much of each limit states use: 1 is at it, more is beyond, 0 where there is none.
@@ -108,7 +141,8 @@ class ArmLimits:
         """
         if trajectory.diverged:
             return math.inf
-        return float(self._usage_of(trajectory).max()) - (1.0 - margin)
+        worst = max(self._usage_of(trajectory).max(), self._rate_usage_of(trajectory)[1].max())
+        return float(worst) - (1.0 - margin)
 
     def violation_of_peaks(self, outcome: Extremes, *, margin: float = 0.0) -> np.ndarray:
         """The same from what each joint does at most, which says all: each limit is of one quantity.
@@ -128,6 +162,11 @@ class ArmLimits:
     def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
         """The worst instant in words."""
         usage = self._usage_of(trajectory)
+        t, of_rates, rates = self._rate_usage_of(trajectory)
+        if of_rates.max() > usage.max():
+            i, j = (int(x) for x in np.unravel_index(of_rates.argmax(), of_rates.shape))
+            rate = f"{rates[i, j]:+.0f} N m/s; its limit is {self.joints[j].torque_rate:.0f} N m/s"
+            return f"at {t[i]:.3f} s the torque of {joints[j]} changes by {rate}"
         i, what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
         value = (trajectory.q, trajectory.v, trajectory.tau)[what][i, j]
         limit = getattr(self.joints[j], _NAMES[what])
@@ -137,3 +176,13 @@ class ArmLimits:
     def _usage_of(self, trajectory: Motion) -> np.ndarray:
         a = trajectory.tau.shape[1]
         return self.usage(trajectory.q[:, :a], trajectory.v[:, :a], trajectory.tau)
+
+    def _rate_usage_of(self, trajectory: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times (S,), what changes of torques use of their limits, and the changes [N m/s], (S, a)."""
+        t, rates = torque_rates(trajectory.t, trajectory.tau) if self.of_candidates else _NO_RATES
+        if not len(t):
+            return np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1))
+        return t, np.abs(rates) / np.array([joint.torque_rate for joint in self.joints]), rates
+
+
+_NO_RATES = np.zeros(0), np.zeros((0, 1))

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.command_limits import LARGEST_ACCELERATION, LARGEST_JERK
 from whiptool.models.numbers import number, numbers
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import FASTEST, Strike
@@ -21,8 +22,6 @@ RATE = 500.0  # [1/s], of a UR5e's servos
 REST = 3.0  # [s] in which the whip comes to hang still
 GENTLE = 0.2  # share of the joints' limits that the way to the start uses
 SPEED, ACCELERATION = 1.0, 2.0  # [rad/s or m/s], [rad/s2 or m/s2] of the way to the start at most
-_LARGEST_ACCELERATION = 10 / math.sqrt(3)  # of a minimum-jerk path (Eq. 1), in spans per squared duration
-_LARGEST_JERK = 60.0  # likewise, per cubed duration
 _QUANTITIES = ("position", "velocity", "acceleration")
 _ROUNDING = 1e-9  # by which a sample may be beyond a limit
 
@@ -191,8 +190,8 @@ def lead_in_time(start: np.ndarray, end: np.ndarray, limits: Sequence[JointLimit
     longest = 0.0
     for span, limit in zip(np.abs(end - start), limits or [JointLimits()] * len(start), strict=True):
         by_velocity = FASTEST * span / min(GENTLE * limit.velocity, SPEED)
-        by_acceleration = math.sqrt(_LARGEST_ACCELERATION * span / min(GENTLE * limit.acceleration, ACCELERATION))
-        by_jerk = (_LARGEST_JERK * span / (GENTLE * limit.jerk)) ** (1 / 3)
+        by_acceleration = math.sqrt(LARGEST_ACCELERATION * span / min(GENTLE * limit.acceleration, ACCELERATION))
+        by_jerk = (LARGEST_JERK * span / (GENTLE * limit.jerk)) ** (1 / 3)
         longest = max(longest, by_velocity, by_acceleration, by_jerk)
     return longest
 

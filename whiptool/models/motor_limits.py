@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import number
+from whiptool.models.spatial_arm import kept_free
 
 
 class Motion(Protocol):
@@ -90,8 +91,32 @@ class MotorLimits:
             number(name, getattr(self, name), low=0, strict=True)
 
     @property
-    def speeds(self) -> None:
+    def command(self) -> None:
         """None: a movement may be commanded at any speed."""
+
+    @property
+    def smooth(self) -> tuple[()]:
+        """What a search can keep beforehand: nothing."""
+        return ()
+
+    @property
+    def positions(self) -> None:
+        """None: a motor turns for ever."""
+
+    @property
+    def of_candidates(self) -> bool:
+        """Whether whole strikes have to be judged where they would be hits or the best: no, they all are."""
+        return False
+
+    def keeping_free(self, share: float) -> MotorLimits:
+        """Return what is left of the line where a share of it is kept free.
+
+        Raises:
+            InputError: The share is not in [0, 1).
+        """
+        left = 1.0 - kept_free(share)
+        scaled = {name: left * getattr(self, name) for name in ("stall_torque", "no_load_speed", "stall_current")}
+        return replace(self, **scaled)
 
     @property
     def words(self) -> str:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from whiptool.models.capsules import Capsule
 from whiptool.models.parameters import Model
 from whiptool.models.profile import WhipProfile
 from whiptool.models.spatial_arm import IDENTITY, JointLimits, Matrix, SpatialArm, SpatialLink, Vector
@@ -103,6 +104,21 @@ _UR5E_BODIES = (  # mass [kg], centre of mass [m], quarter turns about x of the 
     (0.365, (0, 0, -0.001159), 0,
      (0.00018694, 0.00018908, 0.00025756, 0.00000006, -0.00000017, -0.00000092)),
 )  # fmt: skip
+# Capsules: the collision shapes of MuJoCo Menagerie's universal_robots_ur5e/ur5e.xml, moved into these frames; the
+# flange, a cylinder there, has a capsule's round ends here. The base, which has none there: as
+# thick as its footprint (149 mm, the maker's technical details), 0.1 m high, where the shoulder begins.
+_UR5E_BASE = Capsule((0, 0, 0), (0, 0, 0.025), 0.0745)
+_UR5E_CAPSULES = (  # segment from, to [m], radius [m]
+    (Capsule((0, 0, -0.1), (0, 0, 0.02), 0.06),),
+    (Capsule((0, 0, 0.038), (0, 0, 0.158), 0.06), Capsule((0, 0, 0.138), (-0.4, 0, 0.138), 0.05)),
+    (Capsule((0, 0, 0.027), (0, 0, 0.147), 0.055), Capsule((-0.01, 0, 0.007), (-0.39, 0, 0.007), 0.038)),
+    (Capsule((0, 0, -0.1463), (0, 0, -0.0063), 0.04),),
+    (
+        Capsule((0, 0.0007, -0.1197), (0, 0.0007, 0.0003), 0.04),
+        Capsule((0, -0.0193, 0.0003), (0, 0.0607, 0.0003), 0.04),
+    ),
+    (Capsule((0, 0, -0.0389), (0, 0, 0.0011), 0.04),),
+)
 _UR5E_TORQUES = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)  # [N m]
 
 
@@ -116,14 +132,14 @@ def _turned(inertia: tuple[float, ...], rotation: Matrix) -> tuple[float, ...]:
 
 def _ur5e() -> SpatialArm:
     links = []
-    for name, (position, rotation), (mass, com, quarters, inertia), torque in zip(
-        _UR5E_JOINTS, _UR5E_PLACES, _UR5E_BODIES, _UR5E_TORQUES, strict=True
+    for name, (position, rotation), (mass, com, quarters, inertia), torque, capsules in zip(
+        _UR5E_JOINTS, _UR5E_PLACES, _UR5E_BODIES, _UR5E_TORQUES, _UR5E_CAPSULES, strict=True
     ):
         farthest = math.pi if name == "elbow" else 2 * math.pi  # [rad]
         limits = JointLimits(position=(-farthest, farthest), velocity=math.pi, torque=torque)
         about_com = _turned(inertia, _roll(quarters))
-        links.append(SpatialLink(mass, com, about_com, _Z, position, rotation, limits=limits))
-    return SpatialArm(tuple(links), _UR5E_JOINTS, hand_rotation=_HALF_X)
+        links.append(SpatialLink(mass, com, about_com, _Z, position, rotation, limits=limits, capsules=capsules))
+    return SpatialArm(tuple(links), _UR5E_JOINTS, hand_rotation=_HALF_X, base=(_UR5E_BASE,))
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -160,16 +176,40 @@ _PANDA_LIMITS = (  # lowest, highest [rad], velocity [rad/s], acceleration [rad/
     (-2.8973, 2.8973, 2.6100, 20.0, 10000.0, 12.0),
 )
 _PANDA_TORQUE_RATE = 1000.0  # [N m/s], of every joint
+# Capsules: the maker's coarse shapes of the robot's own check of self-collision, franka_description's
+# robots/common/franka_arm.xacro; the last of them is turned by 45 degrees there. Links 1 and 3, whose
+# capsules meet at the end of joint 2, are not compared, as in panda_moveit_config's config/panda_arm.xacro.
+_HALF_ROOT = 0.055 / math.sqrt(2), 0.065 / math.sqrt(2)
+_PANDA_BASE = Capsule((-0.09, 0, 0.06), (-0.06, 0, 0.06), 0.06)
+_PANDA_CAPSULES = (  # segment from, to [m], radius [m]
+    (Capsule((0, 0, -0.333), (0, 0, -0.05), 0.06),),
+    (Capsule((0, 0, -0.06), (0, 0, 0.06), 0.06),),
+    (Capsule((0, 0, -0.22), (0, 0, -0.07), 0.06),),
+    (Capsule((0, 0, -0.06), (0, 0, 0.06), 0.06),),
+    (Capsule((0, 0, -0.31), (0, 0, -0.21), 0.06), Capsule((0, 0.08, -0.2), (0, 0.08, -0.06), 0.025)),
+    (Capsule((0, 0, -0.07), (0, 0, 0.01), 0.05),),
+    (
+        Capsule((0, 0, -0.06), (0, 0, 0.08), 0.04),
+        Capsule((_HALF_ROOT[0], _HALF_ROOT[0], 0.082), (_HALF_ROOT[1], _HALF_ROOT[1], 0.082), 0.03),
+    ),
+)
 
 
 def _panda() -> SpatialArm:
     links = []
-    for (position, quarters), (mass, com, inertia), (low, high, velocity, acceleration, jerk, torque) in zip(
-        _PANDA_PLACES, _PANDA_BODIES, _PANDA_LIMITS, strict=True
+    for (position, quarters), (mass, com, inertia), (low, high, velocity, acceleration, jerk, torque), capsules in zip(
+        _PANDA_PLACES, _PANDA_BODIES, _PANDA_LIMITS, _PANDA_CAPSULES, strict=True
     ):
         limits = JointLimits((low, high), velocity, acceleration, jerk, torque, _PANDA_TORQUE_RATE)
-        links.append(SpatialLink(mass, com, inertia, _Z, position, _roll(quarters), limits=limits))
-    return SpatialArm(tuple(links), hand_position=_PANDA_FLANGE, hand_rotation=_HALF_X)
+        rotation = _roll(quarters)
+        links.append(SpatialLink(mass, com, inertia, _Z, position, rotation, limits=limits, capsules=capsules))
+    return SpatialArm(
+        tuple(links),
+        hand_position=_PANDA_FLANGE,
+        hand_rotation=_HALF_X,
+        base=(_PANDA_BASE,),
+        never_touch=(("joint1", "joint3"),),
+    )
 
 
 UR5E_ARM, PANDA_ARM = _ur5e(), _panda()  # without a tool

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.capsules import Capsule, checked_capsules
 from whiptool.models.joint_names import checked_joints, subscripts
 from whiptool.models.numbers import number, numbers
 from whiptool.models.planar_arm import ArmParameters
@@ -22,6 +23,7 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 XYZ = ("x", "y", "z")
 MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of an inertia's six numbers
 
+_MAGNITUDES = ("velocity", "acceleration", "jerk", "torque", "torque_rate")  # of limits, beside the range of positions
 _ROUNDED = 1e-12  # entries of rotations and axes this close to 0, 1 or -1 are meant to be it: zeros are structural
 _SLANTED = 1e-6  # by which a rotation or a unit vector may be wrong where it was written with few digits
 
@@ -55,11 +57,35 @@ class JointLimits:
         if not low < high:
             raise InputError("position", ends, "a lowest position below the highest")
         object.__setattr__(self, "position", (low, high))
-        for name in ("velocity", "acceleration", "jerk", "torque", "torque_rate"):
+        for name in _MAGNITUDES:
             value = _or_infinite(name, getattr(self, name))
             if not value > 0:
                 raise InputError(name, getattr(self, name), "a number > 0")
             object.__setattr__(self, name, value)
+
+    def keeping_free(self, share: float) -> JointLimits:
+        """Return what is left where a share of every limit is kept free, of a range its share at both ends together.
+
+        Raises:
+            InputError: The share is not in [0, 1).
+        """
+        left = 1.0 - kept_free(share)
+        low, high = self.position
+        shift = (high - low) * (1.0 - left) / 2 if math.isfinite(high - low) else 0.0
+        rest = {name: left * getattr(self, name) for name in _MAGNITUDES}
+        return JointLimits((low + shift, high - shift), **rest)
+
+
+def kept_free(share: object) -> float:
+    """Return the share of limits that is kept free.
+
+    Raises:
+        InputError: It is not in [0, 1).
+    """
+    value = number("keep free", share, low=0, high=1)
+    if value == 1:
+        raise InputError("keep free", share, "a share >= 0 and < 1")
+    return value
 
 
 def _or_infinite(name: str, value: object) -> float:
@@ -84,6 +110,7 @@ class SpatialLink:
         friction: Viscous friction of the joint [N m s/rad or N s/m].
         armature: Inertia of the rotor, as the joint feels it [kg m^2 or kg].
         limits: What the joint can do.
+        capsules: What of the body may touch something; none: nothing of it does.
 
     Raises:
         InputError: A value is not finite, or no body has such an inertia, axis or rotation.
@@ -99,6 +126,7 @@ class SpatialLink:
     friction: float = 0.0
     armature: float = 0.0
     limits: JointLimits = JointLimits()
+    capsules: tuple[Capsule, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("mass", "friction", "armature"):
@@ -112,6 +140,7 @@ class SpatialLink:
             raise InputError("kind", self.kind, "revolute or prismatic")
         if not isinstance(self.limits, JointLimits):
             raise InputError("limits", self.limits, "JointLimits")
+        object.__setattr__(self, "capsules", checked_capsules("capsules", self.capsules))
 
     @property
     def inertia_matrix(self) -> np.ndarray:
@@ -177,6 +206,8 @@ class SpatialArm:
         hand_position: Where the whip's first joint is, in the last link's frame [m], (3,).
         hand_rotation: The hand's frame in the last link's, (3, 3): the whip lies along its -z where its joints are
             at 0.
+        base: Capsules of what does not move, in the base's frame.
+        never_touch: Pairs of links, by their joints' names, whose capsules are not compared: their shapes never meet.
 
     Raises:
         InputError: There is no link, a name is wrong, or a prismatic joint has no limits of position.
@@ -186,6 +217,8 @@ class SpatialArm:
     joints: tuple[str, ...] = ()
     hand_position: Vector = (0.0, 0.0, 0.0)
     hand_rotation: Matrix = IDENTITY
+    base: tuple[Capsule, ...] = ()
+    never_touch: tuple[tuple[str, str], ...] = ()
 
     SCALARS: ClassVar = ("mass", "friction", "armature")
     dimension: ClassVar = 3
@@ -201,6 +234,8 @@ class SpatialArm:
         object.__setattr__(self, "joints", checked_joints(self.joints, len(links)))
         object.__setattr__(self, "hand_position", numbers("hand_position", self.hand_position, 3))
         object.__setattr__(self, "hand_rotation", checked_rotation("hand_rotation", self.hand_rotation))
+        object.__setattr__(self, "base", checked_capsules("base", self.base))
+        object.__setattr__(self, "never_touch", _checked_pairs(self.never_touch, self.joints))
 
     @property
     def n(self) -> int:
@@ -256,6 +291,13 @@ class SpatialArm:
             for i, link in enumerate(self.links)
         )
         return dataclasses.replace(self, links=links, hand_position=row("hand_position", XYZ))  # type: ignore[arg-type]
+
+
+def _checked_pairs(given: object, joints: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    pairs = tuple(tuple(pair) for pair in given) if isinstance(given, (list, tuple)) else (())
+    if not isinstance(given, (list, tuple)) or not all(len(p) == 2 and set(p) <= set(joints) for p in pairs):
+        raise InputError("never_touch", given, "pairs of the arm's joints, by their names")
+    return tuple((a, b) for a, b in pairs)
 
 
 def in_space(arm: ArmParameters) -> SpatialArm:

@@ -6,17 +6,21 @@ import dataclasses
 
 import numpy as np
 
+from whiptool.models.capsules import Capsule
 from whiptool.models.numbers import number
 from whiptool.models.spatial_arm import SpatialArm, SpatialLink
 
+RADIUS = 8e-3  # [m], of a stick that is 16 mm thick
 
-def with_stick(arm: SpatialArm, *, length: float, mass: float) -> SpatialArm:
+
+def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = RADIUS) -> SpatialArm:
     """Return the arm with a thin uniform stick along the -z of its hand, whose far end is the hand from now on.
 
     Args:
         arm: Its hand holds the stick.
         length: Of the stick [m].
         mass: [kg]
+        radius: Of the capsule that it is where the arm has any [m]; its inertia is that of a thin one.
 
     Raises:
         InputError: A number is negative or not finite.
@@ -27,6 +31,9 @@ def with_stick(arm: SpatialArm, *, length: float, mass: float) -> SpatialArm:
     inertia = mass * length**2 / 12 * (np.eye(3) - np.outer(along, along))
     last = _welded(arm.links[-1], mass, at + along * length / 2, inertia)
     x, y, z = (at + along * length).tolist()
+    if any(link.capsules for link in arm.links):
+        stick = Capsule(tuple(at.tolist()), (x, y, z), radius)
+        last = dataclasses.replace(last, capsules=(*last.capsules, stick))
     return dataclasses.replace(arm, links=(*arm.links[:-1], last), hand_position=(x, y, z))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from whiptool.criteria import Criterion, Struck, hit_excess, hit_excess_slopes
 from whiptool.objective import Objective
-from whiptool.optimizers.speed_limits import keep_speeds
+from whiptool.optimizers.smooth_limits import keep_limits
 
 STEPS = 60  # gradient evaluations at most
 _INSIDE = 1e-6  # of a constraint's size, by which it is kept, so that rounding leaves a hit a hit
@@ -140,7 +140,7 @@ def descend(objective: Objective, start: np.ndarray, criterion: Criterion, caps:
     optimizer.set_maxeval(STEPS)
     optimizer.set_xtol_rel(1e-6)
     optimizer.set_ftol_rel(1e-7)
-    keep_speeds(optimizer, objective)
+    keep_limits(optimizer, objective)
 
     def largest(x: np.ndarray, gradient: np.ndarray) -> float:
         if several:

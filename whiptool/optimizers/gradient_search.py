@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import nlopt
 import numpy as np
 
 from whiptool.objective import Objective
 from whiptool.optimizers.constrained import descend
-from whiptool.optimizers.speed_limits import keep_speeds
+from whiptool.optimizers.smooth_limits import keep_limits, may_start
 
 BATCH = 64  # random strikes a round
 REFINED = 8  # of them are refined
@@ -28,10 +30,11 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
     while True:
         strikes = objective.admissible(objective.bounds.sample(rng, BATCH))
         costs = [outcome.cost for outcome in objective.batch(strikes)]
-        for i in np.argsort(costs, kind="stable")[:REFINED]:
+        starts = (x for x in strikes[np.argsort(costs, kind="stable")] if may_start(objective, x))
+        for start in itertools.islice(starts, REFINED):
             if objective.criteria:
-                descend(objective, strikes[i], objective.criteria[0])
-            elif refine(objective, strikes[i]):
+                descend(objective, start, objective.criteria[0])
+            elif refine(objective, start):
                 return
 
 
@@ -45,7 +48,7 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
     optimizer.set_maxeval(STEPS)
     optimizer.set_xtol_rel(1e-10)
     optimizer.set_stopval(tolerance**2 / 2)
-    keep_speeds(optimizer, objective)
+    keep_limits(optimizer, objective)
     ended: list[BaseException] = []
 
     def half_square(u: np.ndarray, gradient: np.ndarray) -> float:

@@ -22,8 +22,9 @@ from whiptool.options.budget import (
     TrainingOptions,
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
-from whiptool.options.region import RegionOptions
 from whiptool.options.criteria import CriteriaOptions, CriterionName
+from whiptool.options.limits import LimitOptions
+from whiptool.options.region import RegionOptions
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
 from whiptool.options.trajectory import TrajectoryOptions
@@ -43,6 +44,7 @@ __all__ = [
     "JsonOptions",
     "LawOptions",
     "Learner",
+    "LimitOptions",
     "Methods",
     "ModelOptions",
     "Observation",

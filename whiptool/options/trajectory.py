@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -10,6 +11,7 @@ from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
+    from whiptool.limits import Limits
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
     from whiptool.models.strike import Strike
@@ -57,21 +59,32 @@ class TrajectoryOptions(OptionGroup):
         if self.posture is not None and len(self.posture) != model.arm.n:
             raise InputError("--posture", self.posture, f"{model.arm.n} numbers, for an arm of {model.arm.n} joints")
 
-    def build_trajectory(self, model: Model, strike: Strike, t_stay: float) -> JointTrajectory | None:
+    def build_trajectory(
+        self, model: Model, strike: Strike, t_stay: float, given: Sequence[Limits] = (), beyond: str | None = None
+    ) -> JointTrajectory | None:
         """Return a strike with the way to its start and a rest before it; None: the options ask for none.
 
+        Args:
+            model: Of the arm, whose own limits the samples always keep.
+            strike: What is to be struck.
+            t_stay: At the end, after the strike [s].
+            given: What it has to keep besides.
+            beyond: Which of them the strike is beyond, in words; None: none.
+
         Raises:
-            InputError: It is beyond a limit of the arm.
+            InputError: It is beyond a limit, or the arm touches on its way what it must not.
         """
         if self.export_trajectory is None:
             return None
-        from whiptool.models.arm_limits import limits_of
+        from whiptool.models.arm_limits import ArmLimits, limits_of
+        from whiptool.models.clearance import Clearance
         from whiptool.models.joint_trajectory import JointTrajectory
 
-        limits = limits_of(model.arm)
+        limits = next((x.joints for x in given if isinstance(x, ArmLimits)), limits_of(model.arm))
         options = {"start": self.posture, "rate": self.trajectory_rate, "rest": self.rest, "t_stay": t_stay}
         found = JointTrajectory.of_strike(strike, model.arm.joints, limits=limits, **options)
-        beyond = found.beyond(limits)
+        touches = (x.beyond_on_way(found.t, found.q) for x in given if isinstance(x, Clearance))
+        beyond = found.beyond(limits) or next((said for said in touches if said is not None), beyond)
         if beyond is not None:
             raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {beyond}")
         return found

@@ -8,7 +8,7 @@ import numpy as np
 
 from whiptool.goals import Goals
 from whiptool.strike_map.correction import correct
-from whiptool.strike_map.striker import Striker, Struck
+from whiptool.strike_map.striker import Landings, Striker
 
 TOLERANCE = 1e-4  # [m]: a smaller cost is not refined any more
 STEPS = 30  # rollouts of each strike at most, those for derivatives apart
@@ -31,7 +31,7 @@ class Refined:
     """
 
     strikes: np.ndarray
-    struck: Struck
+    struck: Landings
     rollouts: int
     derivatives: int
 

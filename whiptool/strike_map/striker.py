@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from whiptool.goals import Goals
-from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds, shortened
-from whiptool.objective import Limits
+from whiptool.limits import AllLimits, Limits
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.rollout.trajectory import Approach
+from whiptool.rollout.trajectory import Approach, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
-class Struck:
+class Landings:
     """How B strikes came to B goals.
 
     Args:
@@ -38,11 +39,11 @@ class Struck:
         cost = np.linalg.norm(self.residuals, axis=1) + np.maximum(self.beyond, 0.0)
         return np.where(np.isfinite(cost), cost, np.inf)
 
-    def take(self, which: np.ndarray) -> Struck:
+    def take(self, which: np.ndarray) -> Landings:
         """Return some of them."""
-        return Struck(*(getattr(self, f.name)[which] for f in fields(self)))
+        return Landings(*(getattr(self, f.name)[which] for f in fields(self)))
 
-    def with_rows(self, rows: np.ndarray, others: Struck) -> Struck:
+    def with_rows(self, rows: np.ndarray, others: Landings) -> Landings:
         """Return the same with others in some rows."""
         changed = {}
         for f in fields(self):
@@ -57,8 +58,8 @@ class Striker:
 
     Args:
         rollout: Simulator with derivatives.
-        bounds: Box of the strikes; default: `default_bounds`.
-        limits: Of the arm; None: it can do anything.
+        bounds: Box of the strikes; default: `default_bounds`. It is narrowed to limits of position.
+        limits: One or several that strikes have to keep; None: the arm can do anything.
         t_stay: A strike is watched this long after the movement ended [s].
     """
 
@@ -67,11 +68,11 @@ class Striker:
         rollout: CompiledRollout,
         *,
         bounds: StrikeBounds | None = None,
-        limits: Limits | None = None,
+        limits: Limits | Sequence[Limits] | None = None,
         t_stay: float = T_STAY,
     ) -> None:
-        self.rollout, self.limits, self.t_stay = rollout, limits, t_stay
-        self.bounds = bounds or default_bounds(rollout.model.arm)
+        self.rollout, self.limits, self.t_stay = rollout, AllLimits(limits), t_stay
+        self.bounds = self.limits.narrowed(bounds or default_bounds(rollout.model.arm))
         self.lower, self.upper = self.bounds.box
 
     @property
@@ -82,9 +83,7 @@ class Striker:
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, m) put into the box, shortened where joints would be commanded beyond their speeds."""
         inside = np.clip(strikes, self.lower, self.upper)
-        if self.limits is None or self.limits.speeds is None:
-            return inside
-        return np.clip(shortened(inside, self.limits.speeds), self.lower, self.upper)
+        return np.clip(self.limits.shortened(inside), self.lower, self.upper)
 
     def inside(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether strikes (B, m) lie in the box, (B,)."""
@@ -94,20 +93,32 @@ class Striker:
         """Return whether strikes (B, m) keep the limits and do not diverge, (B,)."""
         anywhere = np.zeros(self.rollout.model.dimension)
         near = self.rollout.approach(strikes, anywhere, t_stay=self.t_stay)
-        return ~near.diverged if self.limits is None else self.limits.violation_of_peaks(near) <= 0
+        return self._beyond(strikes, near) <= 0
 
-    def strike(self, strikes: np.ndarray, goals: Goals) -> Struck:
-        """Return what strikes (B, m) come to, each at its goal."""
+    def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
+        """Return what strikes (B, m) come to, each at its goal.
+
+        Limits that are judged on whole strikes are judged on those that would be hits.
+        """
         near = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
-        return self._struck(near, goals)
+        beyond = self._beyond(strikes, near)
+        hit = (near.distance <= goals.hit_radius) & goals.arrives(near.velocity) & (beyond <= 0)
+        if self.limits.of_candidates:
+            for i in np.flatnonzero(hit):
+                beyond[i] = self.limits.violation(self._trajectory(strikes[i]))
+            hit &= beyond <= 0
+        return Landings(
+            goals.residuals(near.tip, near.velocity), near.distance, goals.angle(near.velocity), beyond, hit
+        )
 
     def derivatives(self, strikes: np.ndarray, goals: Goals) -> np.ndarray:
         """Return the exact derivatives of the residuals by the strikes' numbers, (B, r, m)."""
         near, dtip, dvelocity = self.rollout.arrival_gradient(strikes, goals.positions, t_stay=self.t_stay)
         return goals.residual_slopes(near.velocity, dtip, dvelocity)
 
-    def _struck(self, near: Approach, goals: Goals) -> Struck:
-        limits = self.limits
-        beyond = np.where(near.diverged, np.inf, 0.0) if limits is None else limits.violation_of_peaks(near)
-        hit = (near.distance <= goals.hit_radius) & goals.arrives(near.velocity) & (beyond <= 0)
-        return Struck(goals.residuals(near.tip, near.velocity), near.distance, goals.angle(near.velocity), beyond, hit)
+    def _beyond(self, strikes: np.ndarray, near: Approach) -> np.ndarray:
+        """Return how far strikes are beyond the limits, (B,); infinite where they diverged."""
+        return np.where(near.diverged, np.inf, self.limits.violations(strikes, near, self._trajectory))
+
+    def _trajectory(self, strike: np.ndarray) -> Trajectory:
+        return self.rollout.trajectory(Strike.from_vector(strike), t_stay=self.t_stay)

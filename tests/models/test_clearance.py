@@ -1,0 +1,92 @@
+"""Clearance of strikes: through a floor, through the arm, in words; and ways of robots."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.models.clearance import UNIT, Clearance
+from whiptool.models.kinematics import joint_points
+from whiptool.rollout.trajectory import Trajectory
+
+UR5E = dataclasses.replace(
+    preset("ur5e"), whip=dataclasses.replace(preset("ur5e").whip, joints="rod", node_inertia=0.0)
+)
+AHEAD = (0.0, -1.0, 1.5, -3.6, -1.5707963, 0.0)  # the stick level and forward
+FOLDED = (0.0, -1.0, 3.1, -3.6, -1.5707963, 0.0)  # elbow shut
+
+
+def held(*postures, model=UR5E, along=(0.0, 0.0, -1.0), diverged: bool = False) -> Trajectory:
+    """A trajectory from posture to posture, 100 ms each, the whip straight along a direction."""
+    a, N = model.arm.n, model.whip.N
+    t = np.arange(0, 0.1 * (len(postures) - 1) + 1e-9, 2.5e-4)
+    q = np.stack([np.interp(t, 0.1 * np.arange(len(postures)), x) for x in np.transpose(postures)], axis=1)
+    q = np.hstack([q, np.tile(along, (len(t), N))])
+    zeros, gains, tip = np.zeros((len(t), a)), np.zeros((len(t), a, a)), np.zeros((len(t), 3))
+    return Trajectory(t, q, 0 * q, q[:, :a], zeros, zeros, gains, gains, tip, tip, diverged)
+
+
+def test_a_tip_that_dips_into_the_floor_by_hand():
+    strike = held(AHEAD, AHEAD)
+    lowest = joint_points(UR5E, strike.q)[0, -1, 2]
+    assert Clearance(UR5E, floor=lowest + 0.05).violation(strike) == pytest.approx(0.05 / UNIT, abs=1e-9)
+    assert Clearance(UR5E, floor=lowest - 0.001).violation(strike) == pytest.approx(-0.001 / UNIT, abs=1e-9)
+    assert Clearance(UR5E, floor=lowest - 0.05, least=0.08).violation(strike) == pytest.approx(0.3, abs=1e-9)
+    said = Clearance(UR5E, floor=lowest + 0.05).explain(strike, UR5E.arm.joints)
+    assert said == "at 0.000 s the whip's node 20 is 50 mm below the floor"
+    said = Clearance(UR5E, floor=lowest - 0.05, least=0.08).explain(strike, UR5E.arm.joints)
+    assert said == "at 0.000 s the whip's node 20 is 50 mm from the floor; it has to keep 80 mm"
+
+
+def test_an_arm_that_folds_into_itself_and_a_whip_that_lies_on_it():
+    limits = Clearance(UR5E)
+    assert limits.violation(held(AHEAD, AHEAD)) <= 0
+    folding = held(AHEAD, FOLDED)
+    assert limits.violation(folding) > 0
+    said = limits.explain(folding, UR5E.arm.joints)
+    assert said.startswith("at 0.")
+    assert "the link of shoulder_lift is" in said
+    assert "mm inside the link of" in said
+    back = held(AHEAD, AHEAD, along=(-1.0, 0.0, 0.0))  # along the stick
+    assert limits.violation(back) > 0
+    assert "is 40 mm inside the whip's node" in limits.explain(back, UR5E.arm.joints)
+    assert limits.violation(held(AHEAD, AHEAD, diverged=True)) == np.inf
+
+
+def test_the_way_of_a_robot_without_its_whip():
+    limits = Clearance(UR5E)
+    t = np.linspace(0, 2, 201)
+    q = np.array(AHEAD) + t[:, None] / 2 * (np.array(FOLDED) - AHEAD)
+    assert limits.beyond_on_way(t[:2], q[:2]) is None
+    said = limits.beyond_on_way(t, q)
+    assert said is not None
+    assert "inside" in said
+
+
+def test_a_floor_in_the_plane():
+    """Of the planar arm and whip that hang straight down, the tip is as low as all lengths together."""
+    model = preset("lemon2024")
+    straight = np.zeros((2, model.n))
+    low = joint_points(model, straight)[0, -1, 1]
+    zeros, gains, tip = np.zeros((2, 2)), np.zeros((2, 2, 2)), np.zeros((2, 2))
+    strike = Trajectory(np.array([0, 1e-3]), straight, straight, zeros, zeros, zeros, gains, gains, tip, tip)
+    assert Clearance(model, floor=low - 0.02).violation(strike) == pytest.approx(-0.2, abs=1e-9)
+    limits = Clearance(model, floor=low + 0.02)
+    assert limits.violation(strike) == pytest.approx(0.2, abs=1e-9)
+    assert limits.explain(strike, model.arm.joints).endswith(f"the whip's node {model.whip.N} is 20 mm below the floor")
+    assert limits.smooth == ()
+    assert limits.beyond_on_way(strike.t, strike.q[:, :2]) is None
+
+
+def test_nothing_to_touch_is_named():
+    with pytest.raises(InputError, match="clearance: got 'none'; allowed: an arm with capsules, or a floor"):
+        Clearance(preset("lemon2024"))
+    with pytest.raises(InputError, match="least: got -1"):
+        Clearance(UR5E, least=-1)
+    with pytest.raises(InputError, match="floor: got nan"):
+        Clearance(UR5E, floor=float("nan"))
+    assert Clearance(UR5E).words == "the distance between arm, whip and arm"

@@ -1,0 +1,112 @@
+"""Several limits at once: which of them convicts, what is left of a box, and whole strikes of candidates alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import whiptool as wt
+from whiptool.errors import InputError
+from whiptool.impedance import PositionControl
+from whiptool.limits import AllLimits
+from whiptool.models import JointLimits, StrikeBounds, default_bounds, preset
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.clearance import Clearance
+from whiptool.models.scene import Scene
+from whiptool.objective import Objective
+from whiptool.optimizers import search
+from whiptool.rollout import CompiledRollout
+from whiptool.target import Target
+
+TARGET = Target((1.2, 0.2, 0.1), 0.05)
+GOOD = [-1.27, 0.83, -2.04, -3.1, -0.51, 1.67, 0.25, -0.78, -0.07, -1.06, 1.48, 1.74, 1.35]
+
+
+@pytest.fixture(scope="module")
+def rollout() -> CompiledRollout:
+    """The UR5e with its rope of rods, its joints exactly on the reference."""
+    model = preset("ur5e")
+    model = dataclasses.replace(model, whip=dataclasses.replace(model.whip, joints="rod", node_inertia=0.0))
+    return CompiledRollout(model, wt.Controller(PositionControl()), timestep=1.5e-3)
+
+
+def lowest(rollout: CompiledRollout, strike: list[float]) -> float:
+    """Height of the lowest point of arm and whip over a strike [m]."""
+    q, found = rollout.trajectory(np.array(strike)).q, []
+    for of in ("apart", "whip"):
+        scene = Scene(rollout.model, 0.0, of)
+        floor = len(scene.bodies)
+        over = [i for i, j in scene.pairs if j == floor]
+        radius = np.array([scene.bodies[i].radius for i in over])
+        found += [(ends[:, over, 2] - radius).min() for ends in scene.segments(q)]
+    return float(min(found))
+
+
+def test_a_strike_that_goes_through_the_floor_or_is_commanded_too_fast_is_refused_and_told_why(rollout):
+    model = rollout.model
+    arm = ArmLimits.of(model.arm, prescribed=True)
+    floor = lowest(rollout, GOOD)
+    path, strike = rollout.trajectory(np.array(GOOD)), wt.Strike.from_vector(GOOD)
+    above, below = (Clearance(model, floor=floor + dz) for dz in (0.1, -0.01))
+    kept, left = Objective(rollout, TARGET, limits=[arm, below]), Objective(rollout, TARGET, limits=[arm, above])
+    free = Objective(rollout, TARGET)
+    assert not free.refuses(free(GOOD))
+    assert kept(GOOD) == free(GOOD)
+    assert left.refuses(left(GOOD))
+    assert left.n_refused == 1
+    assert left.refuses(left.judge(path, strike))
+    said = left.limits.explain(path, model.arm.joints, strike)
+    assert said is not None
+    assert said.endswith("100 mm below the floor")
+    assert kept.limits.explain(path, model.arm.joints, strike) is None
+    slow = tuple(dataclasses.replace(joint, acceleration=1.0) for joint in arm.joints)
+    gentle = Objective(rollout, TARGET, limits=[ArmLimits(slow), below])
+    assert gentle.refuses(gentle(GOOD))
+    said = gentle.limits.explain(path, model.arm.joints, strike)
+    assert said is not None
+    assert "is commanded up to" in said
+    assert not gentle.refuses(gentle.judge(path))  # what was commanded is not known
+
+
+def test_only_what_would_be_a_hit_or_the_best_is_looked_at_whole(rollout):
+    """Beyond distances a strike that is neither counts as it is."""
+    limits, arm = Clearance(rollout.model), ArmLimits.of(rollout.model.arm)
+    some = arm.command.shortened(default_bounds(rollout.model.arm).sample(np.random.default_rng(0), 16))
+    judged, free = (Objective(rollout, TARGET, limits=x) for x in (limits, None))
+    outcomes, plain = judged.batch(some), free.batch(some)
+    beyond = [limits.violation(path) > 0 for path in rollout.trajectories(some)]
+    lowest_cost, looked_at = math.inf, []
+    for ours, theirs, is_beyond in zip(outcomes, plain, beyond, strict=True):
+        looked_at.append(theirs.cost < lowest_cost)
+        assert judged.refuses(ours) == (is_beyond and looked_at[-1])
+        assert judged.refuses(ours) or ours == theirs
+        lowest_cost = min(lowest_cost, ours.cost)
+    assert any(beyond[i] and looked_at[i] for i in range(16))
+    assert any(beyond[i] and not looked_at[i] for i in range(16))
+    assert judged.best is not None
+    assert not judged.refuses(judged.best.outcome)
+
+
+def test_the_gradient_search_keeps_what_it_can_beforehand(rollout):
+    model = rollout.model
+    limits = [ArmLimits.of(model.arm, keep_free=0.1, prescribed=True), Clearance(model, floor=-0.9, least=0.01)]
+    objective = Objective(rollout, TARGET, limits=limits, max_trials=400, stop_at_hit=True)
+    found = search(objective, "gradient", seed=0)
+    assert found.outcome is not None
+    assert found.strike is not None
+    assert found.outcome.hit
+    assert objective.limits.violation(rollout.trajectory(found.strike), found.strike) <= 0
+    assert all((smooth.constraints(found.strike.vector)[0] <= 1e-6).all() for smooth in objective.smooth)
+
+
+def test_the_box_is_narrowed_to_positions():
+    box = StrikeBounds((-3.0, -3.0, -3.0, -3.0, 0.4), (3.0, 3.0, 3.0, 3.0, 1.0))
+    limits = AllLimits(ArmLimits((JointLimits((-1.0, 9.0)), JointLimits((-9.0, 2.0)))))
+    assert limits.narrowed(box) == StrikeBounds((-1.0, -3.0, -1.0, -3.0, 0.4), (3.0, 2.0, 3.0, 2.0, 1.0))
+    with pytest.raises(InputError, match=r"bounds: .*not wholly beyond the limits of position"):
+        AllLimits(ArmLimits((JointLimits((4.0, 9.0)), JointLimits()))).narrowed(box)
+    assert AllLimits(None).narrowed(box) == box
+    assert not AllLimits(None)

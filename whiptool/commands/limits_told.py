@@ -1,0 +1,45 @@
+"""What a strike uses of its limits, for programs and for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from whiptool.limits import AllLimits
+    from whiptool.models import Strike
+    from whiptool.rollout.trajectory import Trajectory
+
+
+def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, joints: Sequence[str]) -> dict:
+    """Return for JSON what a strike uses: `joint_usage` or `motor_usage`, `clearance` [m], and `beyond`, in words.
+
+    Empty where there are no limits.
+    """
+    from whiptool.models.clearance import Clearance
+
+    if not limits:
+        return {}
+    table: dict[str, float | str | None] = {}
+    for each in limits.members:
+        if isinstance(each, Clearance):
+            nearest = None if trajectory.diverged else each.nearest(trajectory)[0]
+            table["clearance"] = None if nearest is None else nearest.clearance
+            continue
+        commanded = 0.0 if each.command is None else 1 + float(each.command.violation(strike.vector[None])[0])
+        used = max(each.violation(trajectory) + 1, commanded)
+        table[f"{each.judges}_usage"] = used if math.isfinite(used) else None
+    return table | {"beyond": None if trajectory.diverged else limits.explain(trajectory, joints, strike)}
+
+
+def limit_lines(limits: AllLimits, table: dict) -> list[str]:
+    """Return the lines that tell people the same."""
+    lines = []
+    for each in limits.members:
+        if table.get(f"{each.judges}_usage") is not None:
+            used = table[f"{each.judges}_usage"]
+            lines.append(f"  {each.judges + 's':14s} {used:.0%} of {each.words} at the worst instant")
+        elif table.get(each.judges) is not None:
+            lines.append(f"  {each.judges:14s} {1e3 * table[each.judges]:.0f} mm at least; {each.words}")
+    return lines + ([f"  beyond         {table['beyond']}"] if table.get("beyond") else [])

@@ -1,0 +1,166 @@
+"""What strikes have to keep: limits of motors, joints and distances, one or several, and when each is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Protocol, TypeAlias
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.command_limits import CommandLimits
+from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.rollout.trajectory import Approach, Trajectory
+
+
+class Smooth(Protocol):
+    """Functions of a strike that are <= 0 where it keeps something, with derivatives."""
+
+    def constraints(self, strike: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
+        """Return the functions (m,) and their derivatives (m, 2 a + 1) at a strike, (2 a + 1,)."""
+        ...
+
+
+class Limits(Protocol):
+    """What a strike has to keep: `MotorLimits`, the `ArmLimits` of joints, `Clearance`.
+
+    `by_peaks` says whether peaks alone decide what is not judged of candidates alone.
+    """
+
+    judges: ClassVar[str]
+    by_peaks: ClassVar[bool]
+
+    @property
+    def words(self) -> str:
+        """The limits for people."""
+        ...
+
+    @property
+    def command(self) -> CommandLimits | None:
+        """What may be commanded; None: anything."""
+        ...
+
+    @property
+    def smooth(self) -> Sequence[Smooth]:
+        """What a search can keep beforehand."""
+        ...
+
+    @property
+    def positions(self) -> np.ndarray | None:
+        """Lowest and highest position of each joint [rad or m], (2, a); None: any."""
+        ...
+
+    @property
+    def of_candidates(self) -> bool:
+        """Whether whole strikes have to be judged where they would be hits or the best."""
+        ...
+
+    def violation_of_peaks(self, outcome: Approach, /) -> np.ndarray:
+        """How far strikes are beyond the limits by their peaks alone, (B,); <= 0: surely within."""
+        ...
+
+    def violation(self, trajectory: Trajectory, /) -> float:
+        """How far a strike is beyond the limits; <= 0: within."""
+        ...
+
+    def explain(self, trajectory: Trajectory, joints: Sequence[str], /) -> str:
+        """What a strike uses most of, in words."""
+        ...
+
+
+Given: TypeAlias = Limits | Sequence[Limits] | None
+
+
+class AllLimits:
+    """Several limits, of which a strike has to keep all.
+
+    Args:
+        given: One or several; None: none.
+    """
+
+    def __init__(self, given: Given) -> None:
+        self.members: tuple[Limits, ...] = (
+            () if given is None else tuple(given) if isinstance(given, Sequence) else (given,)
+        )
+        self.commands = tuple(x.command for x in self.members if x.command is not None)
+
+    @property
+    def smooth(self) -> tuple[Smooth, ...]:
+        """What a search can keep beforehand."""
+        return tuple(each for limits in self.members for each in limits.smooth)
+
+    def __bool__(self) -> bool:
+        return bool(self.members)
+
+    def shortened(self, strikes: np.ndarray) -> np.ndarray:
+        """Return strikes (B, 2 a + 1) whose joints are commanded no faster than they may."""
+        for command in self.commands:
+            strikes = command.shortened(strikes)
+        return strikes
+
+    def narrowed(self, bounds: StrikeBounds) -> StrikeBounds:
+        """Return what of a box of strikes is within the limits of position.
+
+        Raises:
+            InputError: Nothing is.
+        """
+        lower, upper = bounds.box
+        for limits in self.members:
+            if limits.positions is not None:
+                low, high = (np.r_[x, x, end] for x, end in zip(limits.positions, (-np.inf, np.inf), strict=True))
+                lower, upper = np.maximum(lower, low), np.minimum(upper, high)
+        if not (lower < upper).all():
+            raise InputError("bounds", bounds.box, "a box that is not wholly beyond the limits of position")
+        return StrikeBounds(tuple(lower), tuple(upper))
+
+    def violation_of_command(self, strikes: np.ndarray) -> np.ndarray:
+        """How far strikes (B, 2 a + 1) are commanded beyond the limits, (B,); <= 0: not."""
+        return np.max([c.violation(strikes) for c in self.commands], axis=0, initial=0.0) * np.ones(len(strikes))
+
+    def violations(
+        self, strikes: np.ndarray, near: Approach, trajectory: Callable[[np.ndarray], Trajectory]
+    ) -> np.ndarray:
+        """How far each strike is beyond the limits, (B,); <= 0: within. Peaks acquit, whole strikes convict.
+
+        Args:
+            strikes: Vectors, (B, 2 a + 1).
+            near: What came of them.
+            trajectory: What gives the whole of one, where its peaks do not decide.
+        """
+        beyond = self.violation_of_command(strikes)
+        for limits in self.members:
+            its = limits.violation_of_peaks(near)
+            if not limits.by_peaks:
+                for i in np.flatnonzero((its > 0) & np.isfinite(its)):
+                    its[i] = limits.violation(trajectory(strikes[i]))
+            beyond = np.maximum(beyond, its)
+        return beyond
+
+    @property
+    def of_candidates(self) -> bool:
+        """Whether whole strikes have to be judged where they would be hits or the best."""
+        return any(limits.of_candidates for limits in self.members)
+
+    def violation(self, trajectory: Trajectory, strike: Strike | None = None) -> float:
+        """How far a whole strike is beyond the limits; <= 0: within.
+
+        Args:
+            trajectory: What it did.
+            strike: What was commanded; None: that is not judged.
+        """
+        commanded = [] if strike is None else [float(self.violation_of_command(strike.vector[None])[0])]
+        return max([0.0, *commanded, *(limits.violation(trajectory) for limits in self.members)])
+
+    def explain(self, trajectory: Trajectory, joints: Sequence[str], strike: Strike | None = None) -> str | None:
+        """What a strike is farthest beyond, in words; None: it is within all limits."""
+        found: list[tuple[float, Callable[[], str]]] = [
+            (limits.violation(trajectory), lambda limits=limits: limits.explain(trajectory, joints))
+            for limits in self.members
+        ]
+        if strike is not None:
+            vector = strike.vector
+            found += [
+                (float(c.violation(vector[None])[0]), lambda c=c: c.explain(vector, joints)) for c in self.commands
+            ]
+        worst, words = max(found, key=lambda x: x[0], default=(0.0, str))
+        return words() if worst > 0 else None

@@ -1,0 +1,161 @@
+"""What an arm and its whip must not touch: the arm itself, the floor, and the whip the arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.motor_limits import Motion
+from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
+
+if TYPE_CHECKING:
+    from whiptool.models.path_clearance import PathClearance
+    from whiptool.models.scene import Nearest, Scene
+
+SAMPLED = 1e-3  # [s] between the states that are looked at, about
+UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
+
+
+class Diverging(Protocol):
+    """What came of strikes; an `Approach`."""
+
+    @property
+    def diverged(self) -> np.ndarray | bool:
+        """Whether the simulation was given up, () or (B,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """The distance that arm, whip and floor keep from each other, as capsules; see `Scene`.
+
+    Links that have but one between them are always near each other: they have to be apart, but need not keep more.
+    Whole strikes are judged where they would be hits or the best.
+
+    Args:
+        model: Arm and whip.
+        floor: Its height, of the plane z (in the plane y) = floor [m]; None: there is none.
+        least: Distance to be kept [m].
+
+    Raises:
+        InputError: There is nothing to touch, as the arm has no capsules and there is no floor; or a number is out of
+            range.
+    """
+
+    model: Model
+    floor: float | None = None
+    least: float = 0.0
+
+    judges: ClassVar[str] = "clearance"
+    by_peaks: ClassVar[bool] = True  # which never convict
+    command: ClassVar[None] = None
+    positions: ClassVar[None] = None
+    of_candidates: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.floor is not None:
+            object.__setattr__(self, "floor", number("floor", self.floor))
+        object.__setattr__(self, "least", number("least", self.least, low=0))
+        if not self.is_of(self.model) and self.floor is None:
+            raise InputError("clearance", "none", "an arm with capsules, or a floor")
+
+    @staticmethod
+    def is_of(model: Model) -> bool:
+        """Whether a model's arm has capsules."""
+        return isinstance(model.arm, SpatialArm) and any(link.capsules for link in model.arm.links)
+
+    @property
+    def words(self) -> str:
+        """The limits for people."""
+        kept = f" of {1e3 * self.least:g} mm" if self.least else ""
+        return f"the distance{kept} between arm, whip" + (" and arm" if self.floor is None else ", arm and floor")
+
+    @cached_property
+    def _scenes(self) -> tuple[Scene, Scene, Scene]:
+        """What is looked at: close links, links apart, the whip."""
+        from whiptool.models.scene import Scene
+
+        close, apart = (Scene(self.model, self.floor, of) for of in ("close", "apart"))
+        return close, apart, Scene(self.model, self.floor, "whip")
+
+    @cached_property
+    def smooth(self) -> tuple[PathClearance, ...]:
+        """What a search can keep beforehand: the clearance of an arm in space along its commanded path."""
+        if not isinstance(self.model.arm, SpatialArm):
+            return ()
+        from whiptool.models.path_clearance import PathClearance
+
+        return (PathClearance(self.model, self.floor, self.least),)
+
+    def nearest(self, trajectory: Motion, *, enough: float = math.inf) -> tuple[Nearest | None, float]:
+        """Return where bodies come nearest over a strike, and when [s]; close links only where they overlap.
+
+        Args:
+            trajectory: Of the strike.
+            enough: Clearance from which it does not matter how large it is [m].
+
+        Returns:
+            None, where nothing is compared.
+        """
+        step = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else SAMPLED
+        stride = max(1, int(SAMPLED / step + 1e-9))
+        found = self._nearest(trajectory.q[::stride], enough, self._scenes)
+        return found, 0.0 if found is None else float(trajectory.t[::stride][found.instant])
+
+    def _nearest(self, q: np.ndarray, enough: float, scenes: Sequence[Scene]) -> Nearest | None:
+        close, *others = scenes
+        overlap = close.nearest(q, enough=0.0)
+        found = [overlap] if overlap is not None and overlap.clearance < 0 else []
+        found += [x for x in (scene.nearest(q, enough=enough) for scene in others) if x is not None]
+        return min(found, key=lambda x: x.clearance, default=None)
+
+    def violation(self, trajectory: Motion) -> float:
+        """Return how far a strike comes nearer than it may, in tenths of a metre; <= 0: not."""
+        if trajectory.diverged:
+            return math.inf
+        found = self.nearest(trajectory, enough=self.least)[0]
+        return -math.inf if found is None else self._beyond(found)
+
+    def violation_of_peaks(self, outcome: Diverging) -> np.ndarray:
+        """Return -1 for each strike, (B,), as peaks say nothing of distances; infinity where it diverged."""
+        return np.where(outcome.diverged, math.inf, -1.0)
+
+    def _beyond(self, found: Nearest) -> float:
+        return (self.least - found.clearance) / UNIT
+
+    def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
+        """Return in words what comes nearest to what."""
+        found, at = self.nearest(trajectory)
+        if found is None:
+            return "nothing is near anything"
+        return f"at {at:.3f} s {self._said(found)}"
+
+    def beyond_on_way(self, t: np.ndarray, q: np.ndarray) -> str | None:
+        """Return what an arm without its whip comes too near to on a way, in words; None: nothing.
+
+        Args:
+            t: Times [s], (T,).
+            q: Positions of its joints [rad or m], (T, a).
+        """
+        in_space = isinstance(self.model.arm, SpatialArm)
+        found = self._nearest(q, self.least, self._scenes[:2]) if in_space else None
+        if found is None or self._beyond(found) <= 0:
+            return None
+        return f"at {t[found.instant]:.3f} s {self._said(found)}"
+
+    def _said(self, found: Nearest) -> str:
+        one, other = found.names
+        distance = 1e3 * abs(found.clearance)
+        if found.clearance < 0:
+            where = "below" if other == "the floor" else "inside"
+            return f"{one} is {distance:.0f} mm {where} {other}"
+        kept = f"; it has to keep {1e3 * self.least:g} mm" if found.clearance < self.least else ""
+        return f"{one} is {distance:.0f} mm from {other}{kept}"

@@ -1,0 +1,76 @@
+"""Options of what a strike has to keep: limits of joints or motors, and distances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from whiptool.errors import InputError
+from whiptool.options.base import OptionGroup, refuse_idle
+
+if TYPE_CHECKING:
+    from whiptool.impedance import Controller
+    from whiptool.limits import Limits
+    from whiptool.models import Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitOptions(OptionGroup):
+    """What a strike has to keep."""
+
+    limits: Literal["xm430", "arm", "none"] | None = None
+    """Limits that strikes have to keep: this motor's speed-torque line, or those of the arm's joints; none: nothing at
+    all. Default: arm, where its joints have limits. optimize refuses strikes beyond, which count as misses; simulate
+    tells."""
+    keep_free: float = 0.0
+    """Share of those limits that is kept free, such as 0.1."""
+    floor: float | None = None
+    """Height of the floor [m], above the base (shoulder); below it negative. Default: there is no floor."""
+    clearance: float = 0.0
+    """Distance that arm, whip and floor have to keep from each other [m]."""
+    ignore_collisions: bool = False
+    """Arm and whip may go through each other, as in the plane, where they do not lie in one."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.numbers import number
+        from whiptool.models.spatial_arm import kept_free
+
+        super().check()
+        try:
+            kept_free(self.keep_free)
+        except InputError as error:
+            raise error.renamed("--keep-free") from None
+        number("--clearance", self.clearance, low=0)
+        if self.floor is not None:
+            number("--floor", self.floor)
+        if self.limits == "none":
+            idle = ("keep_free", "floor", "clearance", "ignore_collisions")
+            refuse_idle(self, dict.fromkeys(idle, "nothing beside --limits none"))
+        if self.ignore_collisions:
+            refuse_idle(self, dict.fromkeys(("floor", "clearance"), "nothing beside --ignore-collisions"))
+
+    def build_limits(self, model: Model, controller: Controller) -> list[Limits]:
+        """Return the limits that strikes have to keep.
+
+        Raises:
+            InputError: The arm has none, or there is nothing of which a share or a distance could be kept.
+        """
+        from whiptool.models.arm_limits import ArmLimits
+        from whiptool.models.clearance import Clearance
+        from whiptool.models.motor_limits import limits_preset
+
+        found: list[Limits] = []
+        if self.limits == "none":
+            return found
+        if self.limits == "arm" or (self.limits is None and ArmLimits.are_in(model.arm)):
+            found.append(ArmLimits.of(model.arm, keep_free=self.keep_free, prescribed=controller.prescribed))
+        elif self.limits is not None:
+            found.append(limits_preset(self.limits).keeping_free(self.keep_free))
+        elif self.keep_free:
+            raise InputError("--keep-free", self.keep_free, "0 for an arm without limits", "give --limits")
+        if not self.ignore_collisions and (self.floor is not None or Clearance.is_of(model)):
+            found.append(Clearance(model, self.floor, self.clearance))
+        elif self.clearance:
+            raise InputError("--clearance", self.clearance, "0 for an arm without capsules, above no floor")
+        return found
