@@ -7,6 +7,7 @@ import pytest
 import torch
 from toy_objectives import BOUNDS, Bowl, Enough
 
+from whiptool.goals import Goals
 from whiptool.optimizers.learner_search import BATCH, RANDOM_BATCHES, UPDATES, gain, learner_search
 from whiptool.rl import training
 from whiptool.rl.task import reward
@@ -18,6 +19,7 @@ class Target:
 
 class Counted(Bowl):
     target = Target()
+    goals = Goals(np.zeros((1, 2)), Target().hit_radius)
 
     def batch(self, strikes):
         if len(self.batches) == 5:
