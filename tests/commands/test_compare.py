@@ -7,12 +7,14 @@ import json
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from processes import HANG
 
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
@@ -24,6 +26,7 @@ from whiptool.studies.comparison.learner_unit import Checkpoint, one_torch_threa
 from whiptool.studies.comparison.plan import deterministic
 from whiptool.studies.comparison.policy_trials import trials_within
 from whiptool.target import Target
+from whiptool.zone import Disc
 
 pytestmark = pytest.mark.slow
 
@@ -182,6 +185,34 @@ def test_compare_writes_tables_and_plots(alone):
     for name in ("bars.png", "ecdf.png"):
         assert (alone / name).read_bytes()[:4] == b"\x89PNG"
     assert not list((alone / "checkpoints").iterdir())
+
+
+def test_methods_are_compared_at_the_same_directions(tmp_path):
+    """The report and the result say what is asked, and every search is one at the target's own direction."""
+    asked = ("--target", 1, 0.3, "--arrival-angle", 60, 120, "--cone", 25, "--least-speed", 2)
+    few = ("--targets", 3, "--seeds", 1, "--max-trials", 60, "--episodes", 4, "--trials", 8, "--random-episodes", 2)
+    words = (*asked, *few, "--methods", "sac", "--observation", "goal", "--hindsight", 1, "--tighter", 0.04)
+    done = compare(*words, "--workers", 1, "--out", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    run = tmp_path / "run"
+    said = "within 25 degrees of an angle of its own, drawn from 60 to 120 degrees, at 2 m/s or more. One and the same"
+    assert said in (run / "table.md").read_text()
+    result = json.loads((run / "result.json").read_text())
+    assert result["arrival"]["least_speed"] == 2
+    assert 0 < result["task"]["one_strike_hits"] <= 1
+    rule = ArrivalRule(angle=(np.radians(60), np.radians(120)), cone=np.radians(25), speed=2.0)
+    scene = Scene(model=preset("lemon2024"), controller=Controller(), zone=Disc((1.0, 0.3)), targets=3, arrival=rule)
+    rollout, found = scene.rollout(1), []
+    for i in range(3):
+        target = replace(Target.of(scene.goals(), i), hit_radius=0.06)
+        objective = Objective(rollout, target, max_trials=60, stop_at_hit=True)
+        trace = search(objective, "random", seed=int(np.random.SeedSequence((0, i)).generate_state(1)[0]) >> 1).trace
+        found.append(len(trace))
+    (row,) = [row for row in table(run) if row["method"] == "random" and row["hit_radius"] == "0.06"]
+    assert float(row["mean_trials"]) == pytest.approx(np.mean(found))
+    assert compare("--resume", "run", "--least-speed", 3, cwd=tmp_path).returncode == 2
+    again = compare("--resume", "run", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
 
 
 def test_workers_make_no_difference(alone, tmp_path):

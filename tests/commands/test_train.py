@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import os
 import signal
 import subprocess
@@ -19,14 +20,17 @@ from full_disk import full_disk
 torch = pytest.importorskip("torch")
 
 from whiptool import whole_files  # noqa: E402
+from whiptool.arrival_rule import sample_goals  # noqa: E402
 from whiptool.commands import train  # noqa: E402
 from whiptool.commands.train import load_policy  # noqa: E402
 from whiptool.errors import InputError  # noqa: E402
 from whiptool.models import preset  # noqa: E402
+from whiptool.objective import Objective  # noqa: E402
 from whiptool.rl import event_log  # noqa: E402
 from whiptool.rl.policy import trials_to_hit  # noqa: E402
 from whiptool.rl.training import load_checkpoint  # noqa: E402
 from whiptool.rollout import CompiledRollout  # noqa: E402
+from whiptool.target import Target  # noqa: E402
 from whiptool.zone import sample  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -75,9 +79,45 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
         load_policy(tmp_path)
 
 
+UPWARD = ["--target", "1", "0.3", "--arrival-angle", "60", "120", "--cone", "25", "--hit-radius", "0.1"]
+
+
+def test_a_policy_is_trained_at_arrival_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its result and words say what was asked; its strikes hit as an objective of each target says."""
+    run = tmp_path / "run"
+    words = [*UPWARD, "--hindsight", "1", "--episodes", "5", "--random-episodes", "2", "--trials", "16", "--tests", "3"]
+    assert train.main([*words, "--json", "--out", str(run)]) == 0
+    asked = json.loads(capsys.readouterr().out)["arrival"]
+    assert asked == {
+        "direction": None,
+        "arrival_angle": pytest.approx([math.radians(60), math.radians(120)]),
+        "cone": pytest.approx(math.radians(25)),
+        "least_speed": None,
+    }
+    policy = load_policy(run)
+    goals = sample_goals(policy.task.zone, policy.task.arrival, 0.1, 30, np.random.default_rng(1))
+    targets = [Target.of(goals, i) for i in range(30)]
+    rollout = CompiledRollout(preset("lemon2024"), train.TrainOptions().build_controller())
+    hit = [Objective(rollout, target)(policy.strike(target)).hit for target in targets]
+    np.testing.assert_array_equal(trials_to_hit(policy.learner, policy.task, goals, cap=1, convention="mean")[1], hit)
+    with pytest.raises(InputError, match=r"direction: got nothing; allowed: one of those that were learned"):
+        policy.strike((1.0, 0.3))
+    with pytest.raises(InputError, match=r"angles from 60 to 120 degrees"):
+        policy.strike(Target.arriving((1.0, 0.3), 0.0))
+    assert train.main(["--resume", str(run), "--cone", "20"]) == 2
+    assert "--cone: got 20.0; allowed: 25.0, as the run was begun" in capsys.readouterr().err
+    before = (run / "result.json").read_bytes()
+    assert train.main(["--resume", str(run)]) == 0  # at its end
+    said = capsys.readouterr().out
+    assert "arriving within 25 degrees of an angle of its own, drawn from 60 to 120 degrees" in said
+    again = json.loads(before)["trials_to_hit"]
+    assert json.loads((run / "result.json").read_text())["trials_to_hit"] == again
+
+
 # a run that stays before its last episode, so that it can be killed however slow the machine is
 WAITS_FOR_ITS_END = """
 import sys, time
+from whiptool.arrival_rule import sample_goals  # noqa: E402
 from whiptool.commands import train  # noqa: E402
 from whiptool.rl.training import Training
 episode = Training.episode

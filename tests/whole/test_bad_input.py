@@ -275,6 +275,19 @@ map-strike --rest 2 | --rest
 map-strike --trajectory-rate 9 | --trajectory-rate
 map-strike of-simulate --export-trajectory strike.txt | --export-trajectory
 train --episodes 2 --random-episodes 99 | --random-episodes
+train --direction 0 0 | --direction: got (0.0, 0.0); allowed: a vector that is not zero
+train --direction 1 0 0 | --direction: got (1.0, 0.0, 0.0); allowed: 2 coordinates
+train --direction 1 nan | direction
+train --direction 1 0 --arrival-angle 30 | --direction or --arrival-angle, not both
+train --direction 1 0 --target 1.514 0 --zone-radius 0.01 | where arm and whip are stretched to their reach
+train --arrival-angle nan | --arrival-angle
+train --arrival-angle 90 30 | --arrival-angle: got (90.0, 30.0); allowed: an angle, or from which to which
+train --arrival-angle 0 400 | one turn at most
+train --arrival-angle 1 2 3 | --arrival-angle
+train --arrival-angle -30 30 --cone 0 | --cone
+train --arrival-angle 30 --cone 181 | --cone
+train --cone 20 | nothing without --direction
+train --least-speed 0 | --least-speed
 train --trials 1000000000000 | --trials
 train --strikes 0 | --strikes
 train --hindsight 2 --observation paper | --hindsight
@@ -314,6 +327,13 @@ compare --methods ga --episodes 600 | --episodes
 compare --methods ga --hindsight 1 | --hindsight
 compare --methods sac --observation paper --further-episodes 60 | --further-episodes
 compare --zone slow | disc, fast
+compare --direction 0 0 | --direction
+compare --direction 1 0 0 | 2 coordinates
+compare --arrival-angle 90 30 | --arrival-angle
+compare --arrival-angle inf | --arrival-angle
+compare --arrival-angle 30 --cone nan | --cone
+compare --cone 20 | nothing without --direction
+compare --least-speed -1 | --least-speed
 compare --zone fast --zone-radius 0.3 | --zone-radius
 compare --zone fast --target 1 0 | --target
 compare --zone-radius 50 | zone
