@@ -8,9 +8,10 @@ hit dominates the front is the additive epsilon indicator in parts of the front'
 to be moved in both criteria. NSGA-II is also given the front's own number of rollouts. Hypervolumes are parts of the
 box around all fronts, 1 being all of it.
 
-    python benchmarks/pareto.py [--quick] [--json] [--out FOLDER]
+    python benchmarks/pareto.py [--quick] [--json] [--only MODEL] [--pair NAME] [--out FOLDER]
 
-With --out, each pair's fronts are drawn there.
+With --out, what is found stands in that folder, with a figure of each pair's fronts, and a run that was broken off goes
+on where it was.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -34,15 +36,16 @@ from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import run_search
 from whiptool.optimizers.cmaes_search import cmaes_search
-from whiptool.optimizers.front import Front, oriented
+from whiptool.optimizers.front import Front, dominated_by, oriented
 from whiptool.optimizers.pareto_search import pareto_search
 from whiptool.rollout import CompiledRollout
 from whiptool.target import Target
 from whiptool.viz.plots_front import plot_front
 from whiptool.viz.style import COLORS, STYLE, save_figure
+from whiptool.whole_files import write_whole
 
 PAIRS = (("effort", "miss"), ("speed", "miss"))
-TRIALS = {"lemon2024": 600, "ur5e": 400}
+TRIALS = {"lemon2024": 600, "ur5e": 600}
 TARGETS = {"lemon2024": (1.3, 0.0), "ur5e": (1.0, 0.0, 0.0)}
 TIMESTEPS = {"lemon2024": 5e-4, "ur5e": 1e-3}  # [s]
 TIMES = 10  # the front's rollouts
@@ -52,36 +55,60 @@ POPULATION = 40
 RANDOM_BATCH = 1000
 
 
-class Arm:
-    """One model, its controller and target, and objectives with a number of trials.
+@dataclass(frozen=True)
+class Found:
+    """The front of what one search tried.
+
+    Args:
+        values: Both criteria of its hits, (P, 2).
+        hits: Of all that was tried.
+        seconds: Processor time.
+    """
+
+    values: np.ndarray
+    hits: int
+    seconds: float
+
+
+class Case:
+    """One model and two criteria; what is found stands in a folder, if there is one, and is not searched again.
 
     Args:
         name: Of the model.
+        pair: Names of the criteria.
+        folder: None: nothing is kept.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, pair: tuple[str, str], folder: Path | None) -> None:
         model = preset(name)
         robot = name == "ur5e"
         controller = Controller(PositionControl()) if robot else Controller()
         self.rollout = CompiledRollout(model, controller, timestep=TIMESTEPS[name])
         self.limits = ArmLimits.of(model.arm) if robot else None
         self.bounds, self.target = default_bounds(model.arm), Target(TARGETS[name])
+        first, second = (find_criterion(x, self.bounds) for x in pair)
+        self.criteria = (first, second)
+        self.label, self.folder = f"{name}-{pair[0]}-{pair[1]}", folder
         self.rollouts_per_gradient = 1 + len(self.bounds.lower)
 
-    def run(self, criteria: tuple[Criterion, Criterion], method: Callable, trials: int) -> tuple[Front, float, int]:
-        """Return the front of what a search tried, the processor time that it took [s], and how many hits it had."""
-        objective = Objective(
-            self.rollout,
-            self.target,
-            bounds=self.bounds,
-            max_trials=trials,
-            limits=self.limits,
-            criteria=criteria,
-        )
+    def run(self, name: str, method: Callable, trials: int) -> Found:
+        """Return what a search of so many trials finds."""
+        kept = None if self.folder is None else self.folder / f"{self.label}-{name}-{trials}.json"
+        if kept is not None and kept.exists():
+            stored = json.loads(kept.read_text())
+            return Found(np.array(stored["values"]).reshape(-1, 2), stored["hits"], stored["seconds"])
+        options = {"bounds": self.bounds, "limits": self.limits, "criteria": self.criteria}
+        objective = Objective(self.rollout, self.target, max_trials=trials, **options)
         start = time.process_time()
-        run_search(objective, method, "", seed=0)
+        run_search(objective, method, name, seed=0)
         hits = sum(trial.outcome.hit for trial in objective.trials)
-        return Front.of(criteria, objective.trials), time.process_time() - start, hits
+        front = Front.of(self.criteria, objective.trials)
+        found = Found(front.values, hits, time.process_time() - start)
+        if kept is not None:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            stored = {"values": found.values.tolist(), "hits": hits, "seconds": found.seconds}
+            write_whole(kept, json.dumps(stored))
+        return found
 
 
 def random_strikes(objective: Objective, *, seed: int) -> None:
@@ -91,9 +118,9 @@ def random_strikes(objective: Objective, *, seed: int) -> None:
         objective.batch(objective.admissible(objective.bounds.sample(rng, RANDOM_BATCH)))
 
 
-def chebyshev(front: Front) -> Callable:
-    """Return CMA-ES towards points of a front, one weighting after the other, each with its share of the trials."""
-    costs = oriented(front.criteria, front.values)
+def chebyshev(criteria: Sequence[Criterion], front: np.ndarray) -> Callable:
+    """Return CMA-ES towards points of a front (P, 2), one weighting after the other, each with its share of trials."""
+    costs = oriented(criteria, front)
     ideal, span = costs.min(axis=0), np.ptp(costs, axis=0)
 
     def method(objective: Objective, *, seed: int) -> None:
@@ -109,7 +136,7 @@ def chebyshev(front: Front) -> Callable:
                 for outcome in objective.batch(strikes):
                     cost = outcome.miss_distance
                     if outcome.hit:
-                        above = (oriented(front.criteria, [outcome.values])[0] - ideal) / span
+                        above = (oriented(criteria, [outcome.values])[0] - ideal) / span
                         cost = -1 / (1 + np.log1p(max((weights * above).max(), 0)))
                     found.append(SimpleNamespace(cost=cost))
                 return found
@@ -144,59 +171,54 @@ def nsga2(objective: Objective, *, seed: int) -> None:
         algorithm.tell(infills=generation)
 
 
-def compare(arm: Arm, names: tuple[str, str], trials: int, times: int) -> tuple[dict, dict[str, Front]]:
-    """Return numbers of one pair's front and its rivals, and the fronts."""
+def compare(case: Case, trials: int, times: int) -> tuple[dict, dict[str, np.ndarray]]:
+    """Return numbers of one front and its rivals, and the hits on each."""
     from pymoo.indicators.hv import HV
 
-    first, second = (find_criterion(name, arm.bounds) for name in names)
-    criteria, budget = (first, second), trials * arm.rollouts_per_gradient
-    front, seconds, hits = arm.run(criteria, pareto_search, trials)
-    entry = {"trials": trials, "rollouts": budget, "hits": hits, "points": len(front.trials), "cpu_seconds": seconds}
-    entry |= {"from": front.values[0].tolist(), "to": front.values[-1].tolist(), "rivals": {}}
-    fronts = {"front": front}
+    budget = trials * case.rollouts_per_gradient
+    front = case.run("front", pareto_search, trials)
+    entry = {"trials": trials, "rollouts": budget, "hits": front.hits, "points": len(front.values)}
+    entry |= {"cpu_seconds": front.seconds, "from": front.values[0].tolist(), "to": front.values[-1].tolist()}
     rivals = {
+        "nsga2-equal": (nsga2, budget),
+        "cmaes": (chebyshev(case.criteria, front.values), times * budget),
         "random": (random_strikes, times * budget),
-        "cmaes": (chebyshev(front), times * budget),
         "nsga2": (nsga2, times * budget),
-        "nsga2, equal": (nsga2, budget),
     }
-    for name, (method, rollouts) in rivals.items():
-        other, seconds, hits = arm.run(criteria, method, rollouts)
-        fronts[name] = other
-        by = front.dominated_by(other.values) if len(other.trials) else np.array([-np.inf])
-        back = other.dominated_by(front.values) if len(other.trials) > 1 else np.array([np.nan])
-        entry["rivals"][name] = {
-            "rollouts": rollouts,
-            "hits": hits,
-            "points": len(other.trials),
-            "dominates_by": max(float(by.max()), 0.0),
-            "dominated_by": float(back.max()) if np.isfinite(back).all() else None,
-            "cpu_seconds": seconds,
-        }
-    costs = {name: oriented(criteria, found.values) for name, found in fronts.items()}
+    found = {"front": front} | {name: case.run(name, *how) for name, how in rivals.items()}
+    costs = {name: oriented(case.criteria, x.values) for name, x in found.items()}
     together = np.concatenate(list(costs.values()))
     low, high = together.min(axis=0), together.max(axis=0)
     volume = HV(ref_point=np.ones(2))
     volumes = {name: float(volume((x - low) / (high - low))) if len(x) else 0.0 for name, x in costs.items()}
-    entry["hypervolume"] = volumes.pop("front")
-    for name, value in volumes.items():
-        entry["rivals"][name]["hypervolume"] = value
-    return entry, fronts
+    entry |= {"hypervolume": volumes["front"], "rivals": {}}
+    for name, (_, rollouts) in rivals.items():
+        other, by = found[name], 0.0
+        if len(other.values):
+            by = max(float(dominated_by(case.criteria, front.values, other.values).max()), 0.0)
+        entry["rivals"][name] = {
+            "rollouts": rollouts,
+            "hits": other.hits,
+            "points": len(other.values),
+            "dominates_by": by,
+            "hypervolume": volumes[name],
+            "cpu_seconds": other.seconds,
+        }
+    return entry, {name: x.values for name, x in found.items()}
 
 
-def draw(folder: Path, name: str, fronts: dict[str, Front]) -> None:
+def draw(folder: Path, case: Case, fronts: dict[str, np.ndarray]) -> None:
     """Write a figure of a front and its rivals."""
-    front = fronts["front"]
-    labels = [f"{x.words} [{x.unit}]" for x in front.criteria]
+    labels = [f"{x.words} [{x.unit}]" for x in case.criteria]
     rivals = {"random": ("orange", "s"), "cmaes": ("green", "^"), "nsga2": ("vermilion", "x")}
     with matplotlib.rc_context(STYLE):
         figure = Figure((6.4, 4.4), layout="constrained")
-        ax = plot_front(figure.subplots(), front.values, np.empty((0, 2)), labels=labels)
+        ax = plot_front(figure.subplots(), fronts["front"], np.empty((0, 2)), labels=labels)
         for rival, (color, marker) in rivals.items():
             style = {"linestyle": "", "marker": marker, "markersize": 4, "color": COLORS[color]}
-            ax.plot(*fronts[rival].values.T, label=f"{rival}, {TIMES} times the rollouts", **style)
+            ax.plot(*fronts[rival].T, label=f"{rival}, {TIMES} times the rollouts", **style)
         ax.legend()
-        save_figure(figure, folder / f"{name}.png")
+        save_figure(figure, folder / f"{case.label}.png")
 
 
 def main() -> None:
@@ -204,19 +226,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="lemon2024 alone, effort against miss, a small budget")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    parser.add_argument("--only", metavar="MODEL", choices=TRIALS, help="this model alone")
+    parser.add_argument("--pair", metavar="NAME", choices=[first for first, _ in PAIRS], help="this against miss alone")
     parser.add_argument("--out", type=Path, help="draw the fronts into this folder")
     arguments = parser.parse_args()
     report: dict[str, dict] = {}
-    for name in ("lemon2024",) if arguments.quick else TRIALS:
-        arm = Arm(name)
-        for pair in PAIRS[:1] if arguments.quick else PAIRS:
+    models = ["lemon2024"] if arguments.quick else [x for x in TRIALS if arguments.only in (None, x)]
+    pairs = PAIRS[:1] if arguments.quick else [pair for pair in PAIRS if arguments.pair in (None, pair[0])]
+    for name in models:
+        for pair in pairs:
+            case = Case(name, pair, arguments.out)
             trials, times = (150, 1) if arguments.quick else (TRIALS[name], TIMES)
-            label = f"{name} {pair[0]}-{pair[1]}"
-            report[label], fronts = compare(arm, pair, trials, times)
+            report[case.label], fronts = compare(case, trials, times)
             if arguments.out is not None:
-                draw(arguments.out, label.replace(" ", "-"), fronts)
+                draw(arguments.out, case, fronts)
             if not arguments.json:
-                tell(label, report[label])
+                tell(case.label, report[case.label])
     worst = max(rival["dominates_by"] for entry in report.values() for rival in entry["rivals"].values())
     if arguments.json:
         print(json.dumps({"worst": worst, "margin": MARGIN, "fronts": report}, allow_nan=False))
@@ -231,10 +256,9 @@ def tell(label: str, entry: dict) -> None:
         f"{entry['cpu_seconds']:.0f} s), from {entry['from']} to {entry['to']}, hypervolume {entry['hypervolume']:.4f}"
     )
     for name, rival in entry["rivals"].items():
-        back = "-" if rival["dominated_by"] is None else f"{rival['dominated_by']:.4f}"
         print(
             f"  {name:12s} {rival['rollouts']:7d} rollouts, {rival['cpu_seconds']:4.0f} s, {rival['hits']:6d} hits, "
-            f"{rival['points']:4d} on its front: dominates by {rival['dominates_by']:.4f}, is dominated by {back}, "
+            f"{rival['points']:4d} on its front: dominates by {rival['dominates_by']:.4f}, "
             f"hypervolume {rival['hypervolume']:.4f}",
             flush=True,
         )

@@ -98,20 +98,18 @@ def test_noise_of_a_linear_tip_has_a_closed_form():
         assert rollout.rolled - before == 2 * np.count_nonzero(noise) * len(strikes)
 
 
-def test_robustness_is_the_root_mean_square_of_draws_and_nearly_that_of_the_first_order():
-    """4096 draws beside each strike of lemon2024 that comes near; |miss|^2 + trace(J S J^T) is its limit."""
-    rollout, sigma = CompiledRollout(LEMON, Controller(ConstantImpedance())), 0.003
-    goals = Target((1.3, 0.0)).goals
-    strikes = LEMON_BOUNDS.sample(np.random.default_rng(3), 2000)
-    strikes = strikes[np.argsort(rollout.approach(strikes, goals.positions[0]).distance)[:4]]
+def test_robustness_is_the_root_mean_square_of_draws_and_nearly_that_of_the_first_order(rollout):
+    """1024 draws beside two strikes that are aimed at; |miss|^2 + trace(J S J^T) is its limit for little noise."""
+    strikes, sigma = STRIKES[:2], 0.003
+    goals = Target(tuple(rollout.approach(strikes, (1.3, 0.0)).tip.mean(axis=0)), 0.5).goals
     near, J, _ = rollout.arrival_gradient(strikes, goals.positions[0])
     found = Robustness((sigma,) * 5).values(Struck(rollout, strikes, goals, 0.3))
     first_order = np.sqrt(near.distance**2 + sigma**2 * (J**2).sum(axis=(1, 2)))
     np.testing.assert_allclose(found, first_order, rtol=0.03)
-    draws = strikes[:, None] + sigma * np.random.default_rng(4).normal(size=(4, 4096, 5))
-    squares = rollout.approach(draws.reshape(-1, 5), goals.positions[0]).distance.reshape(4, -1) ** 2
-    error = squares.std(axis=1) / 64
-    assert (np.abs(found**2 - squares.mean(axis=1)) < 4 * error + 0.02 * found**2).all()
+    draws = strikes[:, None] + sigma * np.random.default_rng(4).normal(size=(2, 1024, 5))
+    squares = rollout.approach(draws.reshape(-1, 5), goals.positions[0]).distance.reshape(2, -1) ** 2
+    error = squares.std(axis=1) / 32
+    assert (np.abs(found**2 - squares.mean(axis=1)) < 4 * error).all()
 
 
 def test_costs_are_negative_and_in_order():

@@ -10,7 +10,7 @@ import pytest
 
 from whiptool.criteria import Effort, Miss, Speed
 from whiptool.objective import Outcome, Trial
-from whiptool.optimizers.front import Front, oriented
+from whiptool.optimizers.front import Front, dominated_by, oriented
 
 NAMES = ("q_si", "q_ei", "q_sf", "q_ef", "D")
 
@@ -50,7 +50,9 @@ def test_gains_that_count_as_nothing_are_left_out_at_both_ends():
 def test_how_far_a_hit_dominates_is_what_the_front_has_to_be_moved_by():
     front = Front.of((Effort(), Speed()), [trial(1, (1.0, 10.0)), trial(2, (2.0, 20.0)), trial(3, (5.0, 30.0))])
     given = np.array([[1.0, 10.0], [6.0, 5.0], [4.0, 30.0], [0.6, 10.0], [0.6, 12.0], [4.0, 34.0]])
-    np.testing.assert_allclose(front.dominated_by(given), [0.0, -0.75, 0.25, 0.1, 0.1, 0.25], atol=1e-12)
+    np.testing.assert_allclose(
+        dominated_by(front.criteria, front.values, given), [0.0, -0.75, 0.25, 0.1, 0.1, 0.25], atol=1e-12
+    )
     np.testing.assert_allclose(np.ptp(front.costs, axis=0), 1)
 
 

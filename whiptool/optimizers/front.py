@@ -93,19 +93,22 @@ class Front:
             writer.writerow([trial.number, *map(repr, trial.outcome.values), *map(repr, trial.strike)])
         return text.getvalue()
 
-    def dominated_by(self, values: np.ndarray) -> np.ndarray:
-        """Return by how much each of other hits dominates the front, in parts of its range, (Q,).
 
-        It is the additive epsilon indicator (Zitzler et al. 2003): what the front would have to be moved by, in both
-        criteria, to be no worse than that hit; 0 or less: the hit dominates nothing of it.
+def dominated_by(criteria: Sequence[Criterion], front: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return by how much each of other hits dominates a front, in parts of its range, (Q,).
 
-        Args:
-            values: The criteria of other hits, (Q, 2).
-        """
-        costs = oriented(self.criteria, self.values)
-        span = np.where(np.ptp(costs, axis=0) > 0, np.ptp(costs, axis=0), 1.0)
-        behind = (costs[None] - oriented(self.criteria, values)[:, None]) / span  # (Q, P, 2)
-        return behind.max(axis=2).min(axis=1)
+    It is the additive epsilon indicator (Zitzler et al. 2003): what the front would have to be moved by, in both
+    criteria, to be no worse than that hit; 0 or less: the hit dominates nothing of it.
+
+    Args:
+        criteria: Two.
+        front: Of the hits on the front, (P, 2).
+        values: Of the other hits, (Q, 2).
+    """
+    costs = oriented(criteria, front)
+    span = np.where(np.ptp(costs, axis=0) > 0, np.ptp(costs, axis=0), 1.0)
+    behind = (costs[None] - oriented(criteria, values)[:, None]) / span  # (Q, P, 2)
+    return behind.max(axis=2).min(axis=1)
 
 
 def _gaining(order: Sequence[int] | np.ndarray, costs: np.ndarray, step: float) -> list[int]:
