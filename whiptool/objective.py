@@ -354,14 +354,17 @@ class Objective:
     def _candidates_judged(
         self, strikes: np.ndarray, near: Approach, outcomes: list[Outcome], judged: np.ndarray
     ) -> list[Outcome]:
-        """The same outcomes, but those that would be hits or the best are refused where the whole strike has to be."""
+        """The same outcomes, but those that would be hits or the best are refused where the whole strike has to be.
+
+        The nearest are looked at first: once one is within, what is farther cannot be the best.
+        """
         lowest = math.inf if self.best is None else self.best.outcome.cost
-        for i, outcome in enumerate(outcomes):
-            within = outcome.miss_distance < self.penalty
-            if within and (outcome.hit or outcome.cost < lowest):
+        for i in np.argsort([outcome.cost for outcome in outcomes], kind="stable"):
+            within = outcomes[i].miss_distance < self.penalty
+            if within and (outcomes[i].hit or outcomes[i].cost < lowest):
                 beyond = self.limits.violation(self._trajectory(strikes[i]))
-                outcomes[i] = outcome = self._outcome(near, i, beyond, judged[i])
-            lowest = min(lowest, outcome.cost)
+                outcomes[i] = self._outcome(near, int(i), beyond, judged[i])
+            lowest = min(lowest, outcomes[i].cost)
         return outcomes
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 from robot_files import MJCF, URDF
@@ -87,3 +89,25 @@ def test_mistakes_are_named(tmp_path):
         model_from_table({**good, "whip": {**good["whip"], "joints": "hinge", "node_inertia": 0}})
     with pytest.raises(InputError, match=r"^model: got 'robot\.sdf'; allowed: a preset .*ur5e"):
         find_model("robot.sdf")
+
+
+def test_capsules_are_in_the_file_and_bad_ones_are_named(tmp_path):
+    arm = preset("panda").arm
+    table = model_to_table(preset("panda"))
+    assert model_from_table(table).arm == arm
+    assert table["arm"]["never_touch"] == [["joint1", "joint3"]]
+    assert "capsules" not in model_to_table(preset("nah2023"))["arm"]["links"][0]
+    for path, value, message in (
+        (("links", 0, "capsules", 0, "radius"), -1, r"arm.links\[0\].capsules\[0\].radius"),
+        (("links", 0, "capsules"), 3, r"arm.links\[0\].capsules"),
+        (("base", 0, "thick"), 3, r"arm.base\[0\].thick"),
+        (("never_touch",), [["joint1", "elbow"]], "arm.never_touch"),
+        (("never_touch",), "joint1", "arm.never_touch"),
+    ):
+        bad = copy.deepcopy(table)
+        at = bad["arm"]
+        for key in path[:-1]:
+            at = at[key]
+        at[path[-1]] = value
+        with pytest.raises(InputError, match=message):
+            model_from_table(bad)

@@ -11,6 +11,7 @@ from spatial_arms import ARMS, random_arm
 from whiptool.errors import InputError
 from whiptool.models import Model, WhipParameters
 from whiptool.models.kinematics import arm_frames
+from whiptool.models.robots import UR5E_ARM
 from whiptool.models.stick import with_stick
 
 WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="universal")
@@ -85,3 +86,12 @@ def test_bad_sticks_are_named(length, mass, message):
     arm = random_arm(1, np.random.default_rng(0))
     with pytest.raises(InputError, match=f"^{message}"):
         with_stick(arm, length=length, mass=mass)
+
+
+def test_the_stick_is_a_capsule_where_the_arm_has_any():
+    bare, stick = UR5E_ARM, with_stick(UR5E_ARM, length=0.5, mass=0.1, radius=0.01)
+    last = stick.links[-1].capsules[-1]
+    assert len(stick.links[-1].capsules) == len(bare.links[-1].capsules) + 1
+    assert (last.start, last.end, last.radius) == (bare.hand_position, stick.hand_position, 0.01)
+    arm = random_arm(2, np.random.default_rng(0))
+    assert not with_stick(arm, length=0.5, mass=0.1).links[-1].capsules

@@ -10,6 +10,8 @@ import pytest
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller, oiac_preset
 from whiptool.models import preset
+from whiptool.models.command_limits import CommandLimits
+from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import METHODS, Status, find_method, search
@@ -68,7 +70,9 @@ def test_the_budget_is_kept_exactly_and_the_best_is_kept(method):
 class Slow:
     """Limits of the commanded speeds alone."""
 
-    speeds, by_peaks = np.array([0.5, np.inf]), True
+    judges, words, by_peaks, of_candidates, positions = "joint", "a speed", True, False, None
+    command = CommandLimits((JointLimits(velocity=0.5), JointLimits()))
+    smooth = (command,)
 
     def violation_of_peaks(self, near):
         return np.full(len(near.distance), -1.0)

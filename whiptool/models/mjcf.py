@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +10,21 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice
+from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
+
+_BASE = -1  # in place of a joint's number
+_SIMPLE = ("sphere", "capsule", "cylinder", "box")  # shapes
 
 
 def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of an MJCF file, its base frame that of the world.
 
     Bodies without joints, or on locked ones, count with the link that carries them. Meshes need not be there where
-    bodies have an `<inertial>`. Dry friction and springs of joints have no part in the model.
+    bodies have an `<inertial>`. Spheres, capsules, cylinders and boxes that may collide are the arm's capsules:
+    cylinders with round ends, boxes in the capsule that holds them. Dry friction and springs of joints have no part in
+    the model.
 
     Args:
         path: Of the file.
@@ -138,11 +144,12 @@ class _Robot:
 
     def arm(self) -> SpatialArm:
         """The chain of the movers; of several joints on one body all but the last have massless links."""
-        groups = self._groups()
+        groups, capsules = self._groups(), self._capsules()
         links, origin, axes = [], np.zeros(3), np.eye(3)
         for i in self.movers:
             at, turned = self.data.xanchor[i], self._axes(i)
-            links.append(self._link(i, _together(groups[i]), axes.T @ (at - origin), axes.T @ turned))
+            link = self._link(i, _together(groups[i]), axes.T @ (at - origin), axes.T @ turned)
+            links.append(replace(link, capsules=tuple(capsules[i])))
             origin, axes = at, turned
         if self.tip in self.bodies:
             tip = self.data.body(self.tip)
@@ -151,25 +158,47 @@ class _Robot:
         x, y, z = (axes.T @ (tip.xpos - origin)).tolist()
         hand = axes.T @ tip.xmat.reshape(3, 3) @ self.choice.hand
         names = tuple(joint_name(self.model.joint(i).name or f"joint{i}") for i in self.movers)
-        return SpatialArm(tuple(links), names, (x, y, z), tuple(map(tuple, hand.tolist())))
+        turn = tuple(map(tuple, hand.tolist()))
+        return SpatialArm(tuple(links), names, (x, y, z), turn, base=tuple(capsules[_BASE]))
 
     def _axes(self, joint: int) -> np.ndarray:
         return self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
 
     def _groups(self) -> dict[int, list[_Body]]:
         """Bodies that each mover carries, but for those that the next one moves."""
-        last_of = {self.model.jnt_bodyid[i]: i for i in self.movers}
         groups: dict[int, list[_Body]] = {i: [] for i in self.movers}
         for body in range(1, self.model.nbody):
-            carrier = body
-            while carrier and carrier not in last_of:
-                carrier = self.model.body_parentid[carrier]
-            if carrier:
+            mover = self._mover_of(body)
+            if mover != _BASE:
                 R = self.data.ximat[body].reshape(3, 3)
                 inertia = (R * self.model.body_inertia[body]) @ R.T
-                group = groups[last_of[carrier]]
-                group.append(_Body(float(self.model.body_mass[body]), self.data.xipos[body], inertia))
+                groups[mover].append(_Body(float(self.model.body_mass[body]), self.data.xipos[body], inertia))
         return groups
+
+    def _mover_of(self, body: int) -> int:
+        """Return the mover that carries a body, `_BASE` where none does."""
+        last_of = {self.model.jnt_bodyid[i]: i for i in self.movers}
+        while body and body not in last_of:
+            body = self.model.body_parentid[body]
+        return last_of.get(body, _BASE)
+
+    def _capsules(self) -> dict[int, list[Capsule]]:
+        """Capsules that each mover carries, in its frame, and those of the robot's base; the world's are not its."""
+        model, data, found = self.model, self.data, {i: [] for i in [_BASE, *self.movers]}
+        for i in range(model.ngeom):
+            kind = self.mujoco.mjtGeom(model.geom_type[i]).name.removeprefix("mjGEOM_").lower()
+            collides = model.geom_contype[i] or model.geom_conaffinity[i]
+            if kind not in _SIMPLE or not collides or not model.geom_bodyid[i]:
+                continue
+            mover = self._mover_of(int(model.geom_bodyid[i]))
+            origin, axes = (np.zeros(3), np.eye(3)) if mover == _BASE else (data.xanchor[mover], self._axes(mover))
+            R, p = axes.T @ data.geom_xmat[i].reshape(3, 3), axes.T @ (data.geom_xpos[i] - origin)
+            size = model.geom_size[i]
+            if kind == "box":
+                found[mover].append(Capsule.around_box(R, p, size))
+            else:
+                found[mover].append(Capsule.along(R, p, 0.0 if kind == "sphere" else float(size[1]), float(size[0])))
+        return found
 
     def _link(self, joint: int, body: _Body, position: np.ndarray, rotation: np.ndarray) -> SpatialLink:
         model, v = self.model, self.model.jnt_dofadr[joint]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +12,22 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice, quiet
+from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
 
 _MOVABLE = ("revolute", "continuous", "prismatic")
 _TYPES = (*_MOVABLE, "fixed")
+_SIMPLE = ("box", "cylinder", "capsule", "sphere")  # shapes
 
 
 def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of a URDF file, its base frame that of the root link.
 
-    Bodies on fixed or locked joints count with the link that carries them. Shapes are not looked at, but for this: a
-    moving link without mass is a mere frame, as between two hinges at one point, if it has no shape. Dry friction of
-    joints has no part in the model.
+    Bodies on fixed or locked joints count with the link that carries them. Spheres, capsules, cylinders and boxes that
+    are `<collision>` shapes are the arm's capsules: cylinders with round ends, boxes in the capsule that holds them;
+    meshes are not looked at. A moving link without mass is a mere frame, as between two hinges at one point, if it has
+    no shape. Dry friction of joints has no part in the model.
 
     Args:
         path: Of the file; xacro has to be expanded.
@@ -124,15 +128,47 @@ def _arm(text: str, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialAr
     for name, value in choice.locked.items():
         at[whole.idx_vs[whole.getJointId(name)]] = value
     locked = [i for i in range(1, whole.njoints) if whole.names[i] not in movers]
-    model = pin.buildReducedModel(whole, locked, pin.integrate(whole, pin.neutral(whole), at))
+    posture = pin.integrate(whole, pin.neutral(whole), at)
+    model, (shapes,) = pin.buildReducedModel(whole, [_shapes(whole, text)], locked, posture)
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     _check_masses(model, _shaped(text))
-    links = tuple(_link(model, data, i) for i in range(1, model.njoints))
+    capsules: list[list[Capsule]] = [[] for _ in range(model.njoints)]
+    for shape in shapes.geometryObjects:
+        capsules[shape.parentJoint].append(_capsule(shape))
+    links = tuple(replace(_link(model, data, i), capsules=tuple(capsules[i])) for i in range(1, model.njoints))
     frame = model.frames[model.getFrameId(tip)]
     hand = frame.placement.rotation @ choice.hand
     x, y, z = frame.placement.translation.tolist()
-    return SpatialArm(links, tuple(joint_name(name) for name in model.names[1:]), (x, y, z), _rows(hand))
+    names = tuple(joint_name(name) for name in model.names[1:])
+    return SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]))
+
+
+def _shapes(model: Any, text: str) -> Any:
+    """Return the simple collision shapes of a robot, as Pinocchio reads them."""
+    import pinocchio as pin  # pyright: ignore[reportMissingImports]
+
+    robot = ET.fromstring(text)
+    for link in robot.findall("link"):
+        for shape in link.findall("collision"):
+            if not any(shape.find(f"geometry/{kind}") is not None for kind in _SIMPLE):
+                link.remove(shape)
+    simple = ET.tostring(robot, encoding="unicode")
+    try:
+        with quiet():
+            return pin.buildGeomFromUrdfString(model, simple, pin.GeometryType.COLLISION)
+    except (ValueError, RuntimeError) as error:
+        raise InputError("file", "no shapes", f"a URDF file whose shapes Pinocchio reads ({error})") from None
+
+
+def _capsule(shape: Any) -> Capsule:
+    """Return the capsule that holds a simple shape, in its joint's frame."""
+    import coal  # pyright: ignore[reportMissingImports]
+
+    R, p, kind = shape.placement.rotation, shape.placement.translation, shape.geometry
+    if isinstance(kind, coal.Box):
+        return Capsule.around_box(R, p, np.array(kind.halfSide))
+    return Capsule.along(R, p, float(getattr(kind, "halfLength", 0.0)), float(kind.radius))
 
 
 def _shaped(text: str) -> set[str]:
