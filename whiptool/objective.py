@@ -14,7 +14,8 @@ from scipy.special import ndtr, stdtr
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.parameters import number, whole
-from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds, shortened
+from whiptool.models.joint_space import AnyStrike, JointSpace
+from whiptool.models.strike import T_STAY, StrikeBounds, shortened
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.target import Target, as_target
@@ -148,13 +149,14 @@ class Objective:
         rollout: Simulator of a model and controller.
         target: Point and hit radius, or (x, y) or (x, y, z) [m] alone.
         t_stay: The strike is watched this long after the movement ended [s].
-        bounds: Box in which strikes are searched; default: `default_bounds`.
+        bounds: Box in which strikes are searched; default: those of the rollout's space, see `default_bounds`.
         max_trials: No more trials than these; None: no limit.
         max_time: No trial starts later than this after the objective was made [s]; None: no limit.
         stop_at_hit: End the search with the first hit.
         check_reach: Refuse a target out of reach.
         limits: Of the arm's motors or joints: a strike beyond them is refused: it is never a hit, and its miss distance
-            is larger than any real one and grows with how far it is beyond; None: the arm can do anything.
+            is larger than any real one and grows with how far it is beyond; None: the arm can do anything. So is a
+            strike of the hand that no joints can make.
 
     Attributes:
         trials: In order.
@@ -180,9 +182,10 @@ class Objective:
         self.rollout, self.target = rollout, as_target(target, rollout.model.dimension)
         if check_reach:
             self.target.check_reach(rollout.model)
-        self.bounds = bounds or default_bounds(rollout.model.arm)
-        if len(self.bounds.lower) != 2 * rollout.model.arm.n + 1:
-            raise InputError("bounds", self.bounds.lower, f"{2 * rollout.model.arm.n + 1} values each")
+        self.space = rollout.space
+        self.bounds = bounds or self.space.bounds
+        if len(self.bounds.lower) != self.space.width:
+            raise InputError("bounds", self.bounds.lower, f"{self.space.width} values each")
         self.t_stay = number("t_stay", t_stay, low=0)
         longest = np.array([self.bounds.upper[-1] + self.t_stay])
         time_grid(longest, timestep=rollout.timestep, control_period=None)  # refuses what would never end
@@ -219,12 +222,15 @@ class Objective:
 
     def refuses(self, outcome: Outcome) -> bool:
         """Whether the outcome is that of a strike beyond the limits."""
-        return self.limits is not None and not outcome.diverged and outcome.miss_distance > self.penalty
+        refusing = self.limits is not None or not isinstance(self.space, JointSpace)
+        return refusing and not outcome.diverged and outcome.miss_distance > self.penalty
 
     @property
     def speeds(self) -> np.ndarray | None:
-        """Largest speed at which searches may command each joint to move [rad/s or m/s], (n,); None: any."""
-        return None if self.limits is None else self.limits.speeds
+        """Largest speed at which searches may command each joint to move [rad/s or m/s], (n,); None: any, as of strikes
+        that are not told by their joints."""
+        told = isinstance(self.space, JointSpace)
+        return None if self.limits is None or not told else self.limits.speeds
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, 2 n + 1) for a search, shortened where joints would be commanded beyond their speeds.
@@ -234,7 +240,7 @@ class Objective:
         """
         return strikes if self.speeds is None else np.clip(shortened(strikes, self.speeds), *self.bounds.box)
 
-    def __call__(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
+    def __call__(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike, a `Strike` or its vector, (2 n + 1,).
 
         A hit is an outcome like any other, also with `stop_at_hit`; `trial` is what searches call.
@@ -249,13 +255,13 @@ class Objective:
                 raise
             return self.trials[-1].outcome
 
-    def trial(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
+    def trial(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike of a search.
 
         Raises:
             SearchStopped: The budget was used up before this strike, or this strike was the hit to stop at.
         """
-        vector = strike.vector if isinstance(strike, Strike) else np.asarray(strike, float)
+        vector = strike.vector if isinstance(strike, AnyStrike) else np.asarray(strike, float)
         return self.batch(np.atleast_2d(vector))[0]
 
     def batch(self, strikes: np.ndarray) -> list[Outcome]:
@@ -266,7 +272,7 @@ class Objective:
                 was the hit to stop at (all are counted, but of a rollout that is `one_by_one` no later ones).
         """
         strikes = np.array(strikes, float, ndmin=2)  # a copy: optimizers reuse their buffers
-        width = 2 * self.rollout.model.arm.n + 1
+        width = self.space.width
         if strikes.ndim != 2 or strikes.shape[1] != width or not np.isfinite(strikes).all():
             raise InputError("strikes", strikes.tolist()[:1], f"{width} finite numbers each")
         if self.max_time is not None and time.monotonic() - self._start > self.max_time:
@@ -340,6 +346,17 @@ class Objective:
         return [trial.outcome for trial in known]
 
     def _roll(self, strikes: np.ndarray) -> list[Outcome]:
+        """Outcomes of strikes; those that the arm cannot make are refused without a rollout."""
+        outside = self.space.beyond(strikes)
+        made = iter(self._rolled(strikes[outside <= 0]) if (outside <= 0).any() else [])
+        return [next(made) if x <= 0 else self._not_made(float(x)) for x in outside]
+
+    def _not_made(self, beyond: float) -> Outcome:
+        a, d = self.rollout.model.arm.n, self.rollout.model.dimension
+        distance, nowhere, nothing = self.penalty * (2 - 1 / (1 + beyond)), (math.nan,) * d, (math.nan,) * a
+        return Outcome(distance, False, math.nan, nowhere, nowhere, nothing, nothing, False)
+
+    def _rolled(self, strikes: np.ndarray) -> list[Outcome]:
         near = self.rollout.approach(strikes, np.array(self.target.position), t_stay=self.t_stay)
         beyond = self._beyond(near, strikes)
         return [self._outcome(near, i, float(beyond[i])) for i in range(len(strikes))]
@@ -357,8 +374,7 @@ class Objective:
         if self.limits.by_peaks:
             return beyond
         for i in np.flatnonzero((beyond > 0) & np.isfinite(beyond)):
-            strike = Strike.from_vector(strikes[i])
-            beyond[i] = self.limits.violation(self.rollout.trajectory(strike, t_stay=self.t_stay))
+            beyond[i] = self.limits.violation(self.rollout.trajectory(strikes[i], t_stay=self.t_stay))
         return beyond
 
     def _outcome(self, near: Approach, i: int, beyond: float) -> Outcome:

@@ -21,8 +21,8 @@ from whiptool.options import (
     ResumableOptions,
     SearchOptions,
     SeedOptions,
-    SimulatedControllerOptions,
     SimulatorOptions,
+    SpaceOptions,
     TrajectoryOptions,
 )
 
@@ -40,7 +40,7 @@ class OptimizeOptions(
     SeedOptions,
     SearchOptions,
     SimulatorOptions,
-    SimulatedControllerOptions,
+    SpaceOptions,
     ModelOptions,
     GoalOptions,
 ):
@@ -122,7 +122,7 @@ class _Run:
             self.rollout,
             self.target,
             t_stay=options.t_stay,
-            bounds=options.build_bounds(self.model),
+            bounds=options.build_bounds(self.model, self.rollout.space),
             max_trials=options.max_trials,
             max_time=options.max_time,
             stop_at_hit=options.stop_at_hit,
@@ -133,7 +133,9 @@ class _Run:
         config = cli.configuration(options, "optimize", self.model, self.controller, bounds=bounds)
         self.folder = cli.open_folder(options, options.method.replace(":", "-"), config)
         arriving = not self.objective.goals.only_points
-        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm, arriving=arriving)
+        self.log = TrialLog(
+            self.folder.path / TRIALS, self.model.arm, names=self.rollout.space.names, arriving=arriving
+        )
         self.recorded = self.log.read() if options.resume else []
 
     def search(self):
@@ -196,7 +198,8 @@ class _Run:
         label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
-        commanded = self.options.build_trajectory(self.model, result.strike, self.options.t_stay)
+        path = self.rollout.space.path(result.strike.vector)
+        commanded = self.options.build_trajectory(self.model, path, self.options.t_stay)
         export_trajectory(self.options, commanded, self.controller)
         return status
 
@@ -251,7 +254,6 @@ class _Run:
 
     def _summary(self, result, *, reference: dict) -> dict:
         from whiptool.impedance.files import controller_to_table
-        from whiptool.models.strike import named_strike
 
         outcome = result.outcome
         return {
@@ -260,11 +262,12 @@ class _Run:
             "message": result.message,
             "target": list(self.target.position),
             "hit_radius": self.target.hit_radius,
-            "strike": named_strike(result.strike, self.model.arm),
+            "space": self.rollout.space.kind,
+            "strike": dict(zip(self.rollout.space.names, map(float, result.strike.vector), strict=True)),
             "miss_distance": outcome.miss_distance,
             "hit": outcome.hit,
             "hit_time": outcome.hit_time,
-            "tip_speed": None if outcome.diverged else outcome.tip_speed,
+            "tip_speed": outcome.tip_speed if math.isfinite(outcome.tip_speed) and not outcome.diverged else None,
             "arrival": arrival_table(outcome, self.target),
             "n_trials": result.n_trials,
             "n_diverged": result.n_diverged,
@@ -319,10 +322,17 @@ def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
     limits = list(bounds) if bounds is not None else [None] * len(strike)
     width = max(14, *map(len, strike))
     for (name, value), limit in zip(strike.items(), limits, strict=True):
-        text = f"{value:.4f} s" if name == "D" else cli.degrees(value)
+        text = _number_text(name, value)
         within = "" if limit is None else f"   within {limit[0]:+.4f} .. {limit[1]:+.4f}"
         lines.append(f"  {name:{width}s} {text:27s}{within}")
     return lines
+
+
+def _number_text(name: str, value: float) -> str:
+    """One of a strike's numbers for people: joint positions are angles, coordinates of the hand lengths."""
+    if name == "D":
+        return f"{value:.4f} s"
+    return f"{value:+.4f} m" if name[0] in "xyz" else cli.degrees(value)
 
 
 def outcome_lines(outcome, target, joints: Sequence[str]) -> list[str]:

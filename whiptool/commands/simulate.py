@@ -17,8 +17,8 @@ from whiptool.options import (
     GoalOptions,
     ModelOptions,
     OutputOptions,
-    SimulatedControllerOptions,
     SimulatorOptions,
+    SpaceOptions,
     TrajectoryOptions,
     refuse_idle,
 )
@@ -27,7 +27,7 @@ from whiptool.whole_files import write_whole
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions(
-    OutputOptions, TrajectoryOptions, SimulatorOptions, SimulatedControllerOptions, ModelOptions, GoalOptions
+    OutputOptions, TrajectoryOptions, SimulatorOptions, SpaceOptions, ModelOptions, GoalOptions
 ):
     """Play one strike and save its trajectory, figures and video."""
 
@@ -35,7 +35,8 @@ class SimulateOptions(
     in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None
-    """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints."""
+    """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space x_i y_i x_f y_f [m]
+    and D, in space x_i y_i z_i x_f y_f z_f."""
     trajectory: Path | None = None
     """Instead of --strike: have position servos in MuJoCo follow the joint trajectory in this CSV file, as
     --export-trajectory wrote it."""
@@ -53,7 +54,7 @@ class SimulateOptions(
             Strike.from_vector(self.strike)
             refuse_idle(self, {"trajectory": "nothing beside --strike"})
         elif self.trajectory is not None:
-            not_used = {f.name for of in (SimulatorOptions, SimulatedControllerOptions) for f in fields(of)}
+            not_used = {f.name for of in (SimulatorOptions, SpaceOptions) for f in fields(of)}
             refuse_idle(self, dict.fromkeys(sorted(not_used | {"t_stay"}), "nothing beside --trajectory"))
         elif self.export is None:
             raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, --trajectory or --export FILE.xml")
@@ -74,7 +75,7 @@ def _main(args: Sequence[str] | None) -> int:
     options = cli.parse(SimulateOptions, prog="whiptool simulate", description=_EXAMPLE, args=args)
     with cli.options_named(options):
         model = options.build_model()
-        strike = None if options.strike is None else _strike(options, model.arm.n)
+        strike = None if options.strike is None else _strike(options, model)
         if options.export is not None:
             _export(options, model)
         if strike is not None:
@@ -84,13 +85,13 @@ def _main(args: Sequence[str] | None) -> int:
     return 0
 
 
-def _strike(options: SimulateOptions, n: int):
-    from whiptool.models.strike import Strike
-
+def _strike(options: SimulateOptions, model):
     assert options.strike is not None
-    if len(options.strike) != 2 * n + 1:
-        raise InputError("--strike", options.strike, f"{2 * n + 1} numbers, for an arm of {n} joints")
-    return Strike.from_vector(options.strike)
+    space = options.build_controller().strike_space(model.arm)
+    if len(options.strike) != space.width:
+        whose = f"an arm of {model.arm.n} joints" if space.kind == "joint" else f"the hand: {' '.join(space.names)}"
+        raise InputError("--strike", options.strike, f"{space.width} numbers, for {whose}")
+    return space.strike(options.strike)
 
 
 def _export(options: SimulateOptions, model) -> None:
@@ -110,7 +111,6 @@ def _export(options: SimulateOptions, model) -> None:
 def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.commands.optimize import arrival_table, export_trajectory, outcome_lines, save_strike, strike_lines
     from whiptool.impedance.files import controller_to_table
-    from whiptool.models.strike import named_strike
     from whiptool.rollout.refinement import refine
     from whiptool.runs import code_version
 
@@ -118,7 +118,9 @@ def _play(options: SimulateOptions, model, strike) -> None:
     target.check_dimension(model)
     target.check_radius(model)
     options.check_posture(model)
-    commanded = options.build_trajectory(model, strike, options.t_stay)  # refused before anything is written
+    space = controller.strike_space(model.arm)
+    path = space.path(strike.vector)
+    commanded = options.build_trajectory(model, path, options.t_stay)  # refused before anything is written
     rollout = options.build_rollout(model, controller)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
     outcome = _judged(rollout, trajectory, target)
@@ -129,7 +131,8 @@ def _play(options: SimulateOptions, model, strike) -> None:
     if warning is not None:
         print(f"whiptool: {warning}", file=sys.stderr)
     summary = {
-        "strike": named_strike(strike, model.arm),
+        "space": space.kind,
+        "strike": dict(zip(space.names, map(float, strike.vector), strict=True)),
         "target": list(target.position),
         "hit_radius": target.hit_radius,
         "miss_distance": outcome.miss_distance,
@@ -168,7 +171,7 @@ def _judged(rollout, trajectory, target):
     from whiptool.models.strike import StrikeBounds
     from whiptool.objective import Objective
 
-    n = 2 * rollout.model.arm.n
+    n = rollout.space.width - 1
     anywhere = StrikeBounds((-1.0,) * n + (0.1,), (1.0,) * (n + 1))  # what is there already needs no box
     return Objective(rollout, target, bounds=anywhere, check_reach=False).judge(trajectory)
 

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from whiptool.impedance.constant import ConstantImpedance
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.numbers import number
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
+
+if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
 
 SINGULAR = 0.02  # [m/rad] below which a direction of the hand counts as one in which joints cannot move it
 
@@ -52,3 +60,26 @@ def hand_space(arm: ArmParameters | SpatialArm, hand: HandControl, *, led: bool)
         InputError: The arm has no such space.
     """
     return HandSpace(arm, posture=hand.posture, led=led)
+
+
+def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: float = 3.0) -> ConstantImpedance:
+    """Return the stiffness and damping, alike in all directions, of a hand that nobody has measured [N/m, N s/m].
+
+    In the home posture they give the arm and the whip's mass in its hand a natural frequency, and damp it critically,
+    along the direction in which they are the heaviest.
+
+    Args:
+        model: Arm and whip.
+        hand: How the hand is controlled; default: as usual.
+        frequency: [Hz]
+    """
+    from whiptool.impedance.arm import Arm
+
+    kinematics = hand_space(model.arm, hand or HandControl(), led=False).kinematics
+    q = kinematics.posture
+    J = kinematics.jacobian(q)
+    mobility = J @ np.linalg.solve(Arm(model).inertia(q), J.T)  # the inverse of the mass that the hand feels
+    mass = 1 / np.linalg.eigvalsh(mobility)[0] + model.whip.mass
+    omega = 2 * math.pi * frequency
+    K, B = mass * omega**2 * np.eye(len(J)), 2 * mass * omega * np.eye(len(J))
+    return ConstantImpedance(tuple(map(tuple, K.tolist())), tuple(map(tuple, B.tolist())))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -95,6 +95,8 @@ class HandSpace:
         InputError: The posture is of another arm, or the arm has no joints for the hand's coordinates.
     """
 
+    kind: ClassVar[str] = "hand"
+
     def __init__(
         self,
         arm: ArmParameters | SpatialArm,
@@ -104,6 +106,7 @@ class HandSpace:
         led: bool = False,
     ) -> None:
         self.arm, self.led = arm, led
+        self._last: tuple[bytes, _Found] | None = None
         home = np.zeros(arm.n) if posture is None else np.array(numbers("posture", tuple(posture), arm.n))
         m = HandKinematics(arm, home, orientation=orientation).m
         if m > arm.n:
@@ -200,6 +203,13 @@ class HandSpace:
         return (_TO_POWERS @ _TO_SERIES @ nodes).reshape(len(nodes), -1)
 
     def _solved(self, vectors: np.ndarray) -> _Found:
+        """Solve for the joints' paths; those of the vectors that were asked for last are kept."""
+        key = vectors.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._solve(vectors)
+        return self._last[1]
+
+    def _solve(self, vectors: np.ndarray) -> _Found:
         m, a, B = self.m, self.arm.n, len(vectors)
         ends = np.stack([vectors[:, :m], vectors[:, m : 2 * m]], axis=1)  # (B, 2, m)
         found = self.kinematics.solve(ends)
@@ -263,13 +273,14 @@ class HandSpace:
 def home_posture(arm: ArmParameters | SpatialArm, *, orientation: bool = False) -> np.ndarray:
     """Return the posture near which an arm holds its hand unless another is given [rad or m], (a,).
 
-    Of the postures whose joints are multiples of 45 degrees (or of half a range, where that is less) away from the
-    middle of the arm's usual bounds, two steps at most, it is the one in which the hand's least speed per unit of the
-    joints', times how far forward it is, is largest; of several that nearest to the middle.
+    Of the postures whose joints are one or two steps of 45 degrees (of a fifth of the range, where that is less) away
+    from the middle of the arm's usual bounds, it is the one in which the hand's least speed per unit of the joints',
+    times how far forward it is, is largest; of several that nearest to the middle.
     """
     box = default_bounds(arm)
-    low, high = np.array(box.lower[: arm.n]), np.array(box.upper[: arm.n])
-    middle, step = (low + high) / 2, np.minimum(_QUARTER, (high - low) / 4)
+    low, high = (np.reshape(side[:-1], (2, arm.n)) for side in (box.lower, box.upper))  # of q_i and q_f
+    low, high = low.min(axis=0), high.max(axis=0)
+    middle, step = (low + high) / 2, np.minimum(_QUARTER, (high - low) / 5)
     kinematics, best, chosen = HandKinematics(arm, middle, orientation=orientation), (-1.0, 0.0), middle
     every = np.array(list(itertools.product((0, 1, -1, 2, -2), repeat=arm.n)))
     for steps in np.array_split(every, 1 + len(every) // 4096):

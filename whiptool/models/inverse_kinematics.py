@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import ArmParameters
-from whiptool.models.spatial_arm import SpatialArm, in_space
+from whiptool.models.spatial_arm import SpatialArm, SpatialLink, in_space
 
 STEPS = 8  # of the way from the given posture's pose
-NEWTON = 4  # iterations at each
+NEWTON = 2  # iterations at each
 AT_END = 12  # at the last, at most
 FOUND = 1e-9  # [rad or m] that joints move in the last iteration, at most, where a posture is found
 _LARGEST = 0.5  # [rad or m] that a joint moves in one iteration
@@ -41,6 +40,23 @@ class Postures(NamedTuple):
     missed: np.ndarray
 
 
+class _Link(NamedTuple):
+    """A link's joint: its place (3,), rotation (3, 3) and axis (3,), the axis' cross product and its square (3, 3)."""
+
+    position: np.ndarray
+    rotation: np.ndarray
+    axis: np.ndarray
+    skew: np.ndarray
+    twice: np.ndarray
+
+    @classmethod
+    def of(cls, link: SpatialLink) -> _Link:
+        """Return the joint of a link."""
+        x, y, z = link.axis
+        skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return cls(np.array(link.position), np.array(link.rotation), np.array(link.axis), skew, skew @ skew)
+
+
 class HandKinematics:
     """Where an arm of a joints has its hand, in m coordinates, and the inverse.
 
@@ -57,6 +73,7 @@ class HandKinematics:
         self.dimension, self.orientation, self.posture = arm.dimension, orientation, np.asarray(posture, float)
         self._arm = arm if isinstance(arm, SpatialArm) else in_space(arm)
         self._turns = np.array([link.kind == "revolute" for link in self._arm.links])
+        self._links = [_Link.of(link) for link in self._arm.links]
         if arm.dimension == 2:
             rows = np.array([[1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, -1, 0]], float)
         else:
@@ -71,16 +88,22 @@ class HandKinematics:
 
     def motion(self, q: np.ndarray) -> HandMotion:
         """Return where postures (..., a) hold the hand."""
-        frames = arm_frames(self._arm, q)
-        hand = frames[-1]
-        axes = np.stack(
-            [f.rotation @ np.array(link.axis) for f, link in zip(frames[:-1], self._arm.links, strict=True)], axis=-2
-        )
-        places = np.stack([f.origin for f in frames[:-1]], axis=-2)
+        axes, places = np.empty((2, *q.shape, 3))
+        place, rotation = np.zeros((*q.shape[:-1], 3)), np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
+        sin, cos = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
+        for i, link in enumerate(self._links):
+            place, rotation = place + rotation @ link.position, rotation @ link.rotation
+            axes[..., i, :] = rotation @ link.axis
+            if self._turns[i]:
+                rotation = rotation @ (np.eye(3) + sin[..., i, :, :] * link.skew + (1 - cos[..., i, :, :]) * link.twice)
+            else:
+                place = place + axes[..., i, :] * q[..., i, None]
+            places[..., i, :] = place
+        place = place + rotation @ np.array(self._arm.hand_position)
         turning = axes * self._turns[:, None]  # (..., a, 3)
-        moving = np.where(self._turns[:, None], np.cross(axes, hand.origin[..., None, :] - places), axes)
+        moving = np.where(self._turns[:, None], _cross(axes, place[..., None, :] - places), axes)
         jacobian = np.concatenate([moving, turning], axis=-1)
-        return HandMotion(hand.origin, hand.rotation, np.swapaxes(jacobian, -1, -2))
+        return HandMotion(place, rotation @ np.array(self._arm.hand_rotation), np.swapaxes(jacobian, -1, -2))
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """Return the hand's coordinates (..., m) at postures (..., a)."""
@@ -179,13 +202,20 @@ class HandKinematics:
         a = jacobian.shape[-1]
         velocity, spin = np.swapaxes(jacobian[..., :3, :], -1, -2), np.swapaxes(jacobian[..., 3:, :], -1, -2)
         # weights . (omega_i x J_j) = J_j . (weights x omega_i)
-        turned = np.cross(weights[..., None, :3], spin)  # (..., i, 3)
+        turned = _cross(weights[..., None, :3], spin)  # (..., i, 3)
         first = np.einsum("...jc,...ic->...ji", velocity, turned)  # row j, column i: i is before j or j itself
         before = np.tril(np.ones((a, a)))  # i <= j
         by_place = first * before + np.swapaxes(first, -1, -2) * (1 - before)
-        turned = np.cross(weights[..., None, 3:], spin)
-        by_turn = np.einsum("...jc,...ic->...ji", spin, turned) * np.tril(np.ones((a, a)), -1)
-        return by_place + by_turn
+        if not self.orientation:
+            return by_place
+        turned = _cross(weights[..., None, 3:], spin)
+        return by_place + np.einsum("...jc,...ic->...ji", spin, turned) * np.tril(np.ones((a, a)), -1)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross products of vectors (..., 3); `np.cross` is slower."""
+    x, y, z = (a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in ((1, 2), (2, 0), (0, 1)))
+    return np.stack([x, y, z], axis=-1)
 
 
 def rotation_vector(R: np.ndarray) -> np.ndarray:

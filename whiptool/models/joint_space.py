@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -35,7 +35,13 @@ class StrikePath(Protocol):
 
 
 class StrikeSpace(Protocol):
-    """What strikes are told by: the joints (`JointSpace`) or the hand (`HandSpace`)."""
+    """What strikes are told by: the joints (`JointSpace`) or the hand (`HandSpace`).
+
+    Args:
+        kind: `joint` or `hand`.
+    """
+
+    kind: ClassVar[str]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,6 +90,8 @@ class JointSpace:
     Args:
         arm: Of a joints.
     """
+
+    kind: ClassVar[str] = "joint"
 
     def __init__(self, arm: ArmParameters | SpatialArm) -> None:
         self.arm = arm

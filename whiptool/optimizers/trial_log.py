@@ -28,18 +28,25 @@ class TrialLog:
     Args:
         path: The file; made with its header if it is not there.
         arm: Names the columns.
+        names: Of a strike's numbers; default: those of the arm's joints.
         measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
         arriving: The target asks for a direction or a speed: there are columns of how the tip arrived, NaN where a
             strike was lost, and of the cost.
     """
 
     def __init__(
-        self, path: Path, arm: ArmParameters | SpatialArm, *, measured: bool = False, arriving: bool = False
+        self,
+        path: Path,
+        arm: ArmParameters | SpatialArm,
+        *,
+        names: Sequence[str] | None = None,
+        measured: bool = False,
+        arriving: bool = False,
     ) -> None:
         self.path, self.n, self.dimension = path, arm.n, arm.dimension
         self.measured, self.arriving = measured, arriving
         axes = "xyz"[: self.dimension]
-        self._names = strike_names(arm)
+        self._names = strike_names(arm) if names is None else tuple(names)
         self._header = [
             "trial",
             *self._names,

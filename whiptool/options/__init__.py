@@ -24,6 +24,7 @@ from whiptool.options.budget import (
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
+from whiptool.options.space import Space, SpaceOptions
 from whiptool.options.trajectory import TrajectoryOptions
 
 __all__ = [
@@ -50,6 +51,8 @@ __all__ = [
     "SimulatedControllerOptions",
     "Simulator",
     "SimulatorOptions",
+    "Space",
+    "SpaceOptions",
     "StepOptions",
     "TargetOptions",
     "TrainingOptions",

@@ -12,7 +12,7 @@ from whiptool.options.base import OptionGroup, refuse_idle
 if TYPE_CHECKING:
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
-    from whiptool.models.strike import Strike
+    from whiptool.models.joint_space import StrikePath
 
 _IDLE = "nothing without --export-trajectory"
 _WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
@@ -57,7 +57,7 @@ class TrajectoryOptions(OptionGroup):
         if self.posture is not None and len(self.posture) != model.arm.n:
             raise InputError("--posture", self.posture, f"{model.arm.n} numbers, for an arm of {model.arm.n} joints")
 
-    def build_trajectory(self, model: Model, strike: Strike, t_stay: float) -> JointTrajectory | None:
+    def build_trajectory(self, model: Model, strike: StrikePath, t_stay: float) -> JointTrajectory | None:
         """Return a strike with the way to its start and a rest before it; None: the options ask for none.
 
         Raises:
