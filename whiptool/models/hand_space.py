@@ -23,6 +23,8 @@ EXACT = 1e-4  # [m or rad] by which the hand may leave its path between the node
 TURNED = 1.0  # [rad] by which searches turn the hand from the home posture's orientation about any axis
 _D = (0.4, 1.5)  # [s], of searches
 _QUARTER = np.pi / 4
+_SAMPLES = 100  # along each axis, for the bounds
+_EASY = 0.2  # the hand's least speed per unit of the joints' there, in that at home, at least
 
 _NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # of Chebyshev and Lobatto, shares of the path
 _BETWEEN = (_NODES[1:] + _NODES[:-1]) / 2
@@ -143,16 +145,20 @@ class HandSpace:
 
     @cached_property
     def bounds(self) -> StrikeBounds:
-        """Bounds in which strikes are searched: a cube about the hand of the home posture, the largest of which the
-        hand reaches the middle of every face; turns of `TURNED`; D as in joint space."""
+        """Bounds in which strikes are searched: from the hand of the home posture as far along each axis as the arm
+        takes it with ease, either way; turns of `TURNED`; D as in joint space."""
         d, home = self.arm.dimension, self.kinematics.coordinates(self.kinematics.posture)
-        faces = np.vstack([np.eye(self.m)[:d], -np.eye(self.m)[:d]])
-        sides = np.linspace(0, 1, 65)[1:] * self.arm.length
-        found = self.kinematics.solve(home + sides[:, None, None] * faces)
-        reached = (np.isfinite(found.missed) & (self._beyond_limits(found.q) <= 0)).all(axis=1)
-        side = sides[max(int(np.argmin(reached)) - 1, 0)] if not reached.all() else sides[-1]
-        half = np.r_[np.full(d, side), np.full(self.m - d, TURNED)]
-        return StrikeBounds((*(home - half), *(home - half), _D[0]), (*(home + half), *(home + half), _D[1]))
+        ways = np.vstack([-np.eye(self.m)[:d], np.eye(self.m)[:d]])
+        distances = np.arange(1, _SAMPLES + 1) / _SAMPLES * 2 * self.arm.length
+        found = self.kinematics.solve(home + distances[:, None, None] * ways)
+        ease, at_home = (np.linalg.svd(self.kinematics.jacobian(q), compute_uv=False)[..., -1]
+                         for q in (found.q, self.kinematics.posture))  # fmt: skip
+        reached = np.isfinite(found.missed) & (self._beyond_limits(found.q) <= 0) & (ease > _EASY * at_home)
+        steps = np.where(reached.all(axis=0), _SAMPLES, reached.argmin(axis=0))  # the last that is reached
+        before, ahead = np.split(steps / _SAMPLES * 2 * self.arm.length, 2)
+        turns = np.full(self.m - d, TURNED)
+        low, high = home - np.r_[before, turns], home + np.r_[ahead, turns]
+        return StrikeBounds((*low, *low, _D[0]), (*high, *high, _D[1]))
 
     def strike(self, vector: Sequence[float] | np.ndarray) -> HandStrike:
         """Return the strike of a vector (2 m + 1,)."""

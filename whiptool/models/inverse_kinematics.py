@@ -18,6 +18,7 @@ STEPS = 8  # of the way from the given posture's pose
 NEWTON = 2  # iterations at each
 AT_END = 12  # at the last, at most
 FOUND = 1e-9  # [rad or m] that joints move in the last iteration, at most, where a posture is found
+REACHED = 1e-7  # [m or rad] that the hand is away from its pose then, at most
 _LARGEST = 0.5  # [rad or m] that a joint moves in one iteration
 _DAMPING = 1e-12  # of the multipliers: keeps the equations solvable where the hand cannot move in some direction
 
@@ -158,7 +159,7 @@ class HandKinematics:
         slopes, missed = np.empty((*q.shape, self.m)), np.full(q.shape[:-1], np.inf)
         for _ in range(AT_END):
             q, multipliers, left, moved, slopes = self._improved(q, multipliers, *pose)
-            missed = np.where(moved < FOUND, left, np.inf)
+            missed = np.where((moved < FOUND) & (left < REACHED), left, np.inf)
             if (moved < FOUND).all():
                 break
         return Postures(q, slopes @ self.spins(x), missed)
