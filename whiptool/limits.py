@@ -9,7 +9,8 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.command_limits import CommandLimits
-from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.models.joint_space import AnyStrike
+from whiptool.models.strike import StrikeBounds
 from whiptool.rollout.trajectory import Approach, Trajectory
 
 
@@ -76,18 +77,20 @@ class AllLimits:
 
     Args:
         given: One or several; None: none.
+        by_joints: Whether strikes are told by their joints; if not, nothing of them can be kept or judged beforehand.
     """
 
-    def __init__(self, given: Given) -> None:
+    def __init__(self, given: Given, *, by_joints: bool = True) -> None:
         self.members: tuple[Limits, ...] = (
             () if given is None else tuple(given) if isinstance(given, Sequence) else (given,)
         )
-        self.commands = tuple(x.command for x in self.members if x.command is not None)
+        self._by_joints = by_joints
+        self.commands = tuple(x.command for x in self.members if by_joints and x.command is not None)
 
     @property
     def smooth(self) -> tuple[Smooth, ...]:
         """What a search can keep beforehand."""
-        return tuple(each for limits in self.members for each in limits.smooth)
+        return tuple(each for limits in self.members for each in limits.smooth) if self._by_joints else ()
 
     def __bool__(self) -> bool:
         return bool(self.members)
@@ -106,7 +109,7 @@ class AllLimits:
         """
         lower, upper = bounds.box
         for limits in self.members:
-            if limits.positions is not None:
+            if limits.positions is not None and self._by_joints:
                 low, high = (np.r_[x, x, end] for x, end in zip(limits.positions, (-np.inf, np.inf), strict=True))
                 lower, upper = np.maximum(lower, low), np.minimum(upper, high)
         if not (lower < upper).all():
@@ -141,7 +144,7 @@ class AllLimits:
         """Whether whole strikes have to be judged where they would be hits or the best."""
         return any(limits.of_candidates for limits in self.members)
 
-    def violation(self, trajectory: Trajectory, strike: Strike | None = None) -> float:
+    def violation(self, trajectory: Trajectory, strike: AnyStrike | None = None) -> float:
         """How far a whole strike is beyond the limits; <= 0: within.
 
         Args:
@@ -151,7 +154,7 @@ class AllLimits:
         commanded = [] if strike is None else [float(self.violation_of_command(strike.vector[None])[0])]
         return max([0.0, *commanded, *(limits.violation(trajectory) for limits in self.members)])
 
-    def explain(self, trajectory: Trajectory, joints: Sequence[str], strike: Strike | None = None) -> str | None:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str], strike: AnyStrike | None = None) -> str | None:
         """What a strike is farthest beyond, in words; None: it is within all limits."""
         found: list[tuple[float, Callable[[], str]]] = [
             (limits.violation(trajectory), lambda limits=limits: limits.explain(trajectory, joints))

@@ -14,8 +14,9 @@ from whiptool.criteria import Criterion, Struck
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.limits import AllLimits, Limits, Smooth
+from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import number, whole
-from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
+from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.target import Target, as_target
@@ -136,14 +137,15 @@ class Objective:
         rollout: Simulator of a model and controller.
         target: Point and hit radius, or (x, y) or (x, y, z) [m] alone.
         t_stay: The strike is watched this long after the movement ended [s].
-        bounds: Box in which strikes are searched; default: `default_bounds`.
+        bounds: Box in which strikes are searched; default: those of the rollout's space, see `default_bounds`.
         max_trials: No more trials than these; None: no limit.
         max_time: No trial starts later than this after the objective was made [s]; None: no limit.
         stop_at_hit: End the search with the first hit.
         check_reach: Refuse a target out of reach.
         limits: One or several, such as `ArmLimits` and `Clearance`: a strike beyond them is refused: it is never a hit,
             and its miss distance is larger than any real one and grows with how far it is beyond; None: the arm can do
-            anything. The box is narrowed to limits of position.
+            anything. The box is narrowed to limits of position. So is a strike of the hand refused that no joints
+            can make.
         criteria: What hits are judged by: searches look for the best hit by the first; none: for the smallest cost.
 
     Attributes:
@@ -171,10 +173,11 @@ class Objective:
         self.rollout, self.target = rollout, as_target(target, rollout.model.dimension)
         if check_reach:
             self.target.check_reach(rollout.model)
-        self.limits = AllLimits(limits)
-        self.bounds = bounds or default_bounds(rollout.model.arm)
-        if len(self.bounds.lower) != 2 * rollout.model.arm.n + 1:
-            raise InputError("bounds", self.bounds.lower, f"{2 * rollout.model.arm.n + 1} values each")
+        self.space = rollout.space
+        self.limits = AllLimits(limits, by_joints=self.space.kind == "joint")
+        self.bounds = bounds or self.space.bounds
+        if len(self.bounds.lower) != self.space.width:
+            raise InputError("bounds", self.bounds.lower, f"{self.space.width} values each")
         self.bounds = self.limits.narrowed(self.bounds)
         self.criteria = tuple(criteria)
         self.t_stay = number("t_stay", t_stay, low=0)
@@ -213,7 +216,8 @@ class Objective:
 
     def refuses(self, outcome: Outcome) -> bool:
         """Whether the outcome is that of a strike beyond the limits."""
-        return bool(self.limits) and not outcome.diverged and outcome.miss_distance > self.penalty
+        refusing = bool(self.limits) or self.space.kind != "joint"
+        return refusing and not outcome.diverged and outcome.miss_distance > self.penalty
 
     @property
     def smooth(self) -> tuple[Smooth, ...]:
@@ -228,7 +232,7 @@ class Objective:
         """
         return np.clip(self.limits.shortened(strikes), *self.bounds.box) if self.limits.commands else strikes
 
-    def __call__(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
+    def __call__(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike, a `Strike` or its vector, (2 n + 1,).
 
         A hit is an outcome like any other, also with `stop_at_hit`; `trial` is what searches call.
@@ -243,13 +247,13 @@ class Objective:
                 raise
             return self.trials[-1].outcome
 
-    def trial(self, strike: Strike | np.ndarray | Sequence[float]) -> Outcome:
+    def trial(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike of a search.
 
         Raises:
             SearchStopped: The budget was used up before this strike, or this strike was the hit to stop at.
         """
-        vector = strike.vector if isinstance(strike, Strike) else np.asarray(strike, float)
+        vector = strike.vector if isinstance(strike, AnyStrike) else np.asarray(strike, float)
         return self.batch(np.atleast_2d(vector))[0]
 
     def batch(self, strikes: np.ndarray) -> list[Outcome]:
@@ -260,7 +264,7 @@ class Objective:
                 was the hit to stop at (all are counted, but of a rollout that is `one_by_one` no later ones).
         """
         strikes = np.array(strikes, float, ndmin=2)  # a copy: optimizers reuse their buffers
-        width = 2 * self.rollout.model.arm.n + 1
+        width = self.space.width
         if strikes.ndim != 2 or strikes.shape[1] != width or not np.isfinite(strikes).all():
             raise InputError("strikes", strikes.tolist()[:1], f"{width} finite numbers each")
         if self.max_time is not None and time.monotonic() - self._start > self.max_time:
@@ -343,6 +347,17 @@ class Objective:
         return self.trial(vector), Struck(self.rollout, vector[None], self.goals, self.t_stay)
 
     def _roll(self, strikes: np.ndarray) -> list[Outcome]:
+        """Outcomes of strikes; those that the arm cannot make are refused without a rollout."""
+        outside = self.space.beyond(strikes)
+        made = iter(self._rolled(strikes[outside <= 0]) if (outside <= 0).any() else [])
+        return [next(made) if x <= 0 else self._not_made(float(x)) for x in outside]
+
+    def _not_made(self, beyond: float) -> Outcome:
+        a, d = self.rollout.model.arm.n, self.rollout.model.dimension
+        distance, nowhere, nothing = self.penalty * (2 - 1 / (1 + beyond)), (math.nan,) * d, (math.nan,) * a
+        return Outcome(distance, False, math.nan, nowhere, nowhere, nothing, nothing, False)
+
+    def _rolled(self, strikes: np.ndarray) -> list[Outcome]:
         struck = Struck(self.rollout, strikes, self.goals, self.t_stay)
         near = struck.near
         beyond = self.limits.violations(strikes, near, self._trajectory)
@@ -368,9 +383,9 @@ class Objective:
         return outcomes
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
-        return self.rollout.trajectory(Strike.from_vector(strike), t_stay=self.t_stay)
+        return self.rollout.trajectory(strike, t_stay=self.t_stay)
 
-    def judge(self, trajectory: Trajectory, strike: Strike | None = None) -> Outcome:
+    def judge(self, trajectory: Trajectory, strike: AnyStrike | None = None) -> Outcome:
         """Outcome of a trajectory that is there already; it is no trial.
 
         Args:

@@ -24,8 +24,8 @@ from whiptool.options import (
     ResumableOptions,
     SearchOptions,
     SeedOptions,
-    SimulatedControllerOptions,
     SimulatorOptions,
+    SpaceOptions,
     TrajectoryOptions,
     refuse_idle,
 )
@@ -44,7 +44,7 @@ class OptimizeOptions(
     SearchOptions,
     LimitOptions,
     SimulatorOptions,
-    SimulatedControllerOptions,
+    SpaceOptions,
     ModelOptions,
     GoalOptions,
 ):
@@ -117,7 +117,7 @@ class _Run:
         self.controller.check_fits(self.model.arm)
         self.rollout = options.build_rollout(self.model, self.controller)
         self.given = options.build_limits(self.model, self.controller)
-        bounds = options.build_bounds(self.model)
+        bounds = options.build_bounds(self.model, self.rollout.space)
         self.objective = Objective(
             self.rollout,
             self.target,
@@ -136,7 +136,13 @@ class _Run:
         self.folder = cli.open_folder(options, self.method.replace(":", "-"), config)
         arriving = not self.objective.goals.only_points
         names = [criterion.name for criterion in self.objective.criteria]
-        self.log = TrialLog(self.folder.path / TRIALS, self.model.arm, arriving=arriving, criteria=names)
+        self.log = TrialLog(
+            self.folder.path / TRIALS,
+            self.model.arm,
+            names=self.rollout.space.names,
+            arriving=arriving,
+            criteria=names,
+        )
         self.recorded = self.log.read() if options.resume else []
 
     def search(self):
@@ -200,8 +206,8 @@ class _Run:
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         files += self._save_front(result, label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
-        beyond = summary.get("beyond")
-        commanded = self.options.build_trajectory(self.model, result.strike, self.options.t_stay, self.given, beyond)
+        path, beyond = self.rollout.space.path(result.strike.vector), summary.get("beyond")
+        commanded = self.options.build_trajectory(self.model, path, self.options.t_stay, self.given, beyond)
         export_trajectory(self.options, commanded, self.controller)
         return status
 
@@ -293,7 +299,6 @@ class _Run:
 
     def _summary(self, result, *, reference: dict) -> dict:
         from whiptool.impedance.files import controller_to_table
-        from whiptool.models.strike import named_strike
 
         outcome = result.outcome
         return {
@@ -302,11 +307,12 @@ class _Run:
             "message": result.message,
             "target": list(self.target.position),
             "hit_radius": self.target.hit_radius,
-            "strike": named_strike(result.strike, self.model.arm),
+            "space": self.rollout.space.kind,
+            "strike": dict(zip(self.rollout.space.names, map(float, result.strike.vector), strict=True)),
             "miss_distance": outcome.miss_distance,
             "hit": outcome.hit,
             "hit_time": outcome.hit_time,
-            "tip_speed": None if outcome.diverged else outcome.tip_speed,
+            "tip_speed": outcome.tip_speed if math.isfinite(outcome.tip_speed) and not outcome.diverged else None,
             "arrival": arrival_table(outcome, self.target),
             "judged": self._judged(result),
             "n_trials": result.n_trials,
@@ -367,10 +373,17 @@ def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
     limits = list(bounds) if bounds is not None else [None] * len(strike)
     width = max(14, *map(len, strike))
     for (name, value), limit in zip(strike.items(), limits, strict=True):
-        text = f"{value:.4f} s" if name == "D" else cli.degrees(value)
+        text = _number_text(name, value)
         within = "" if limit is None else f"   within {limit[0]:+.4f} .. {limit[1]:+.4f}"
         lines.append(f"  {name:{width}s} {text:27s}{within}")
     return lines
+
+
+def _number_text(name: str, value: float) -> str:
+    """One of a strike's numbers for people: joint positions are angles, coordinates of the hand lengths."""
+    if name == "D":
+        return f"{value:.4f} s"
+    return f"{value:+.4f} m" if name[0] in "xyz" else cli.degrees(value)
 
 
 def outcome_lines(outcome, target, joints: Sequence[str]) -> list[str]:

@@ -18,8 +18,8 @@ from whiptool.options import (
     LimitOptions,
     ModelOptions,
     OutputOptions,
-    SimulatedControllerOptions,
     SimulatorOptions,
+    SpaceOptions,
     TrajectoryOptions,
     refuse_idle,
 )
@@ -32,7 +32,7 @@ class SimulateOptions(
     TrajectoryOptions,
     LimitOptions,
     SimulatorOptions,
-    SimulatedControllerOptions,
+    SpaceOptions,
     ModelOptions,
     GoalOptions,
 ):
@@ -42,7 +42,8 @@ class SimulateOptions(
     in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None
-    """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints."""
+    """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space x_i y_i x_f y_f [m]
+    and D, in space x_i y_i z_i x_f y_f z_f."""
     trajectory: Path | None = None
     """Instead of --strike: have position servos in MuJoCo follow the joint trajectory in this CSV file, as
     --export-trajectory wrote it."""
@@ -60,9 +61,7 @@ class SimulateOptions(
             Strike.from_vector(self.strike)
             refuse_idle(self, {"trajectory": "nothing beside --strike"})
         elif self.trajectory is not None:
-            not_used = {
-                f.name for of in (LimitOptions, SimulatorOptions, SimulatedControllerOptions) for f in fields(of)
-            }
+            not_used = {f.name for of in (LimitOptions, SimulatorOptions, SpaceOptions) for f in fields(of)}
             refuse_idle(self, dict.fromkeys(sorted(not_used | {"t_stay"}), "nothing beside --trajectory"))
         elif self.export is None:
             raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, --trajectory or --export FILE.xml")
@@ -83,7 +82,7 @@ def _main(args: Sequence[str] | None) -> int:
     options = cli.parse(SimulateOptions, prog="whiptool simulate", description=_EXAMPLE, args=args)
     with cli.options_named(options):
         model = options.build_model()
-        strike = None if options.strike is None else _strike(options, model.arm.n)
+        strike = None if options.strike is None else _strike(options, model)
         if options.export is not None:
             _export(options, model)
         if strike is not None:
@@ -93,13 +92,13 @@ def _main(args: Sequence[str] | None) -> int:
     return 0
 
 
-def _strike(options: SimulateOptions, n: int):
-    from whiptool.models.strike import Strike
-
+def _strike(options: SimulateOptions, model):
     assert options.strike is not None
-    if len(options.strike) != 2 * n + 1:
-        raise InputError("--strike", options.strike, f"{2 * n + 1} numbers, for an arm of {n} joints")
-    return Strike.from_vector(options.strike)
+    space = options.build_controller().strike_space(model.arm)
+    if len(options.strike) != space.width:
+        whose = f"an arm of {model.arm.n} joints" if space.kind == "joint" else f"the hand: {' '.join(space.names)}"
+        raise InputError("--strike", options.strike, f"{space.width} numbers, for {whose}")
+    return space.strike(options.strike)
 
 
 def _export(options: SimulateOptions, model) -> None:
@@ -121,7 +120,6 @@ def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.commands.optimize import arrival_table, export_trajectory, outcome_lines, save_strike, strike_lines
     from whiptool.impedance.files import controller_to_table
     from whiptool.limits import AllLimits
-    from whiptool.models.strike import named_strike
     from whiptool.rollout.refinement import refine
     from whiptool.runs import code_version
 
@@ -129,13 +127,14 @@ def _play(options: SimulateOptions, model, strike) -> None:
     target.check_dimension(model)
     target.check_radius(model)
     options.check_posture(model)
-    given = options.build_limits(model, controller)
+    space, given = controller.strike_space(model.arm), options.build_limits(model, controller)
+    path = space.path(strike.vector)
     rollout = options.build_rollout(model, controller)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
-    limits = AllLimits(given)
+    limits = AllLimits(given, by_joints=space.kind == "joint")
     used = limits_table(limits, trajectory, strike, model.arm.joints)
     # refused before anything is written
-    commanded = options.build_trajectory(model, strike, options.t_stay, given, used.get("beyond"))
+    commanded = options.build_trajectory(model, path, options.t_stay, given, used.get("beyond"))
     outcome = _judged(rollout, trajectory, target)
     place = np.array(target.position)
     warning = refine(
@@ -144,7 +143,8 @@ def _play(options: SimulateOptions, model, strike) -> None:
     if warning is not None:
         print(f"whiptool: {warning}", file=sys.stderr)
     summary = {
-        "strike": named_strike(strike, model.arm),
+        "space": space.kind,
+        "strike": dict(zip(space.names, map(float, strike.vector), strict=True)),
         "target": list(target.position),
         "hit_radius": target.hit_radius,
         "miss_distance": outcome.miss_distance,
@@ -184,7 +184,7 @@ def _judged(rollout, trajectory, target):
     from whiptool.models.strike import StrikeBounds
     from whiptool.objective import Objective
 
-    n = 2 * rollout.model.arm.n
+    n = rollout.space.width - 1
     anywhere = StrikeBounds((-1.0,) * n + (0.1,), (1.0,) * (n + 1))  # what is there already needs no box
     return Objective(rollout, target, bounds=anywhere, check_reach=False).judge(trajectory)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
 
@@ -14,6 +15,7 @@ from whiptool.dynamics.rods import RodFrame, bend, torque_of
 from whiptool.dynamics.serial_arm import ArmMotion, Body, LedMotion, SerialArm, solve
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
+from whiptool.impedance.hand import SINGULAR
 from whiptool.impedance.law import LAWS
 
 __all__ = ["ClosedLoop", "Structure", "closed_loop"]
@@ -134,37 +136,73 @@ class ClosedLoop(System):
         """Desired positions, velocities and accelerations (n_arm, 1) at time t (Eq. 1); at rest before 0, after D."""
         P = self.parameters
         s = ca.fmax(ca.fmin(t / P["D"], 1), 0)
+        if "path" in P:
+            return self._along_path(s)
         span = P["q_f"] - P["q_i"]
         position = P["q_i"] + span * (10 * s**3 - 15 * s**4 + 6 * s**5)  # Eq. 1
         velocity = span * (30 * s**2 - 60 * s**3 + 30 * s**4) / P["D"]
         acceleration = span * (60 * s - 180 * s**2 + 120 * s**3) / P["D"] ** 2
         return position, velocity, acceleration
 
-    def torque(self, t: ca.SX, q: ca.SX, v: ca.SX, weight: ca.SX) -> ca.SX:
+    def _along_path(self, s: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Positions, velocities and accelerations (n_arm, 1) of joints that hold the hand on its path, at the share s
+        of D; polynomials of the share of the path, by Horner's scheme."""
+        P, a = self.parameters, self.structure.n_arm
+        ease = s**3 * (10 - 15 * s + 6 * s**2)  # Eq. 1
+        speed = 30 * s**2 * (1 - s) ** 2 / P["D"]
+        growth = 60 * s * (1 - s) * (1 - 2 * s) / P["D"] ** 2
+        x, q, once, half_twice = 2 * ease - 1, ca.SX.zeros(a), ca.SX.zeros(a), ca.SX.zeros(a)
+        for coefficient in reversed(ca.vertsplit(P["path"], a)):
+            half_twice, once, q = half_twice * x + once, once * x + q, q * x + coefficient
+        return q, 2 * once * speed, 8 * half_twice * speed**2 + 2 * once * growth
+
+    def torque(self, t: ca.SX, q: ca.SX, v: ca.SX, weight: ca.SX, hand: tuple[ca.SX, ca.SX] | None = None) -> ca.SX:
         """The controller's torques (n_arm, 1) for the arm's `q` and `v` (n_arm, 1); Eq. 2.
 
         Args:
             t, q, v: Time [s] and state of the arm.
             weight: Torques that hold the arm's weight there (n_arm, 1); Eq. 3.
+            hand: Where the hand is (3, 1), and its motion per unit of the joints' speeds (6, n_arm), for a law of its
+                errors.
         """
-        q_d, v_d, a_d = self.reference(t)
         law = {name.removeprefix("law."): x for name, x in self.parameters.items() if name.startswith("law.")}
-        tau = LAWS[self.structure.law].expression(law, q_d - q, v_d - v) + weight
-        P = self.parameters
-        if self.structure.feedforward:
-            tau += self.bare_arm.inverse(q_d, v_d, a_d, 0.0) + self._friction * v_d
+        expression, P = LAWS[self.structure.law].expression, self.parameters
+        if hand is not None:
+            tau = self._hand_torque(t, v, *hand, lambda e, de: expression(law, e, de)) + weight
+        else:
+            q_d, v_d, a_d = self.reference(t)
+            tau = expression(law, q_d - q, v_d - v) + weight
+            if self.structure.feedforward:
+                tau += self.bare_arm.inverse(q_d, v_d, a_d, 0.0) + self._friction * v_d
         if self.structure.limits:
             limit = P["torque_limit"]
             tau = ca.fmin(ca.fmax(tau, -limit), limit)
         return tau
 
-    def _torque_and_gain(self, now: Instant, weight: ca.SX) -> tuple[ca.SX, ca.SX | None]:
+    def _hand_torque(
+        self, t: ca.SX, v: ca.SX, place: ca.SX, jacobian: ca.SX, force: Callable[[ca.SX, ca.SX], ca.SX]
+    ) -> ca.SX:
+        """Torques (n_arm, 1) of a law of the hand's errors, and of what brakes joints that do not move the hand."""
+        P, seen, (a, m) = self.parameters, list(self.coordinates), (self.structure.n_arm, self.structure.hand)
+        s = ca.fmax(ca.fmin(t / P["D"], 1), 0)
+        span = P["x_f"] - P["x_i"]
+        x_d = P["x_i"] + span * (10 * s**3 - 15 * s**4 + 6 * s**5)  # Eq. 1
+        v_d = span * (30 * s**2 - 60 * s**3 + 30 * s**4) / P["D"]
+        J = jacobian[3:, :][seen, :]
+        tau = ca.mtimes(J.T, force(x_d - place[seen], v_d - ca.mtimes(J, v)))
+        moved = solve(ca.mtimes(J, J.T) + SINGULAR**2 * ca.SX.eye(m), ca.mtimes(J, v))
+        assert tau.numel() == a
+        return tau - P["null_damping"] * (v - ca.mtimes(J.T, moved))
+
+    def _torque_and_gain(
+        self, now: Instant, weight: ca.SX, hand: tuple[ca.SX, ca.SX] | None
+    ) -> tuple[ca.SX, ca.SX | None]:
         """The arm's torques (a, 1), and how they brake the arm's speed, `-d tau / d v` (a, a)."""
         a = self.structure.n_arm
         if self.structure.held:
             return now.u, None
         va, held = ca.SX.sym("va", a), ca.SX.sym("weight", a)
-        tau = self.torque(now.t, now.q, va, held)
+        tau = self.torque(now.t, now.q, va, held, hand)
         return tuple(ca.substitute([tau, -ca.jacobian(tau, va)], [va, held], [now.v, weight]))  # type: ignore[return-value]
 
     # -----------------------------------------------------------------------------------------------------------------
@@ -179,6 +217,8 @@ class ClosedLoop(System):
             first = ca.SX.zeros(6) if self.explicit else first
         else:
             motion = arm.motion(q, v, gravity, [] if self.held else self._compensated[0])
+            if self.structure.hand and not self.held:
+                motion = motion._replace(place=posture.hand)
             first = motion.drift + ca.mtimes(motion.jacobian, before)
         moves = ca.mtimes(motion.jacobian, v)
         turned = posture.hand_turned if len(self.hinges) == 1 else posture.hand_turned.settled
@@ -196,7 +236,8 @@ class ClosedLoop(System):
             return self._led(now, motion, carried)
         a, P = self.n_drive, self.parameters
         weight = motion.weight + motion.jacobian[5, :].T * (self._compensated[1] * P["gravity"])
-        tau, gain = self._torque_and_gain(now, weight)
+        hand = (motion.place, motion.jacobian) if self.structure.hand else None
+        tau, gain = self._torque_and_gain(now, weight, hand)
         friction = self._friction
         braked = GAMMA * now.h * friction
         loop = ca.SX.zeros(a, a) if gain is None else GAMMA * now.h * gain
@@ -208,8 +249,8 @@ class ClosedLoop(System):
         H = motion.inertia + ca.mtimes(motion.jacobian.T, whip) + loop + ca.diag(braked)
         load = ca.mtimes(motion.jacobian.T, ca.vertcat(carried.moment, carried.force)) + ca.mtimes(whip.T, motion.drift)
         qdd = solve(H, torque - motion.bias - load)
-        hand = motion.drift + ca.mtimes(motion.jacobian, qdd)
-        return Reaction(qdd, SpatialAcceleration(hand[:3], hand[3:]), tau)
+        moves = motion.drift + ca.mtimes(motion.jacobian, qdd)
+        return Reaction(qdd, SpatialAcceleration(moves[:3], moves[3:]), tau)
 
     def _led(self, now: Instant, motion: LedMotion, carried: SpatialCarried) -> Reaction:
         """Return the accelerations that are given, and the torques that they need under what the hand carries."""
@@ -231,8 +272,10 @@ class ClosedLoop(System):
         x, t = ca.SX.sym("x", 2 * n), ca.SX.sym("t")
         bodies, load = self._compensated
         weights = [*bodies, self._at_hand(load)]
-        weight = self.arm.weight(self.arm.posture(x[:a]), weights, self.parameters["gravity"])
-        tau = self.torque(t, x[:a], x[n : n + a], weight)
+        posture = self.arm.posture(x[:a])
+        weight = self.arm.weight(posture, weights, self.parameters["gravity"])
+        hand = (posture.hand, posture.jacobian) if self.structure.hand else None
+        tau = self.torque(t, x[:a], x[n : n + a], weight, hand)
         return ca.Function("control", [x, t, self.p], [tau], ["x", "t", "p"], ["tau"], {"cse": True})
 
     # -----------------------------------------------------------------------------------------------------------------

@@ -36,13 +36,18 @@ class ArmPosture(NamedTuple):
     hand: ca.SX
     hand_turned: Turned
 
+    @property
+    def jacobian(self) -> ca.SX:
+        """The hand's motion per unit of the joints' speeds (6, a), angular first."""
+        return ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], self.hand)) for S in self.motions))
+
 
 class ArmMotion(NamedTuple):
     """What a moving arm is to what it carries; weight enters as the base's acceleration.
 
     Its joints' inertia (a, a) [kg m^2], the torques that its motion without acceleration needs (a, 1) [N m]; the hand's
-    motion per unit of the joints' speeds (6, a) and its acceleration without theirs (6, 1), both angular first; and the
-    torques that hold its weight (a, 1).
+    motion per unit of the joints' speeds (6, a) and its acceleration without theirs (6, 1), both angular first; the
+    torques that hold its weight (a, 1); and, for a law of the hand's errors, where the hand is (3, 1), else nothing.
     """
 
     inertia: ca.SX
@@ -50,9 +55,10 @@ class ArmMotion(NamedTuple):
     jacobian: ca.SX
     drift: ca.SX
     weight: ca.SX
+    place: ca.SX = ca.SX(0, 1)
 
     def entries(self) -> list[ca.SX]:
-        """Return its a a + 8 a + 6 numbers as scalars, field by field, each matrix column by column."""
+        """Return its a a + 8 a + 6 numbers, and those of the place, as scalars, field by field, each matrix column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> ArmMotion:
@@ -146,7 +152,7 @@ class SerialArm:
         return ArmMotion(
             inertia=self._inertia(at, world),
             bias=self._torques(at, world, drifts, speeds),
-            jacobian=_jacobian(at),
+            jacobian=at.jacobian,
             drift=_of_point(drifts[-1], speeds[-1], at.hand),
             weight=self.weight(at, weights, gravity),
         )
@@ -158,7 +164,7 @@ class SerialArm:
         drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity), a)
         bodies = [_World.of(body, at) for body in self.bodies]
         torque = self._torques(at, bodies, drifts, speeds) + self.armatures * a
-        return LedMotion(torque, _jacobian(at), _of_point(drifts[-1], speeds[-1], at.hand))
+        return LedMotion(torque, at.jacobian, _of_point(drifts[-1], speeds[-1], at.hand))
 
     def weight(self, at: ArmPosture, bodies: list[Body], gravity: ca.SX | float) -> ca.SX:
         """Return the torques (a, 1) that hold these bodies' weight (Eq. 3)."""
@@ -262,11 +268,6 @@ class _World(NamedTuple):
             ca.mtimes(self.inertia, angular) + ca.cross(self.first, linear),
             self.mass * linear - ca.cross(self.first, angular),
         )
-
-
-def _jacobian(at: ArmPosture) -> ca.SX:
-    """Return the hand's motion per unit of the joints' speeds (6, a)."""
-    return ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], at.hand)) for S in at.motions))
 
 
 def _rotated(turned: Turned, x: ca.SX) -> ca.SX:

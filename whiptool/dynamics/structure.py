@@ -13,6 +13,8 @@ from whiptool.dynamics.columns import Columns
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.law import LAWS
 from whiptool.impedance.position import PositionControl
+from whiptool.models.hand_space import hand_layout
+from whiptool.models.joint_space import joint_layout
 from whiptool.models.parameters import ArmParameters, Model, SpatialArm
 from whiptool.models.spatial_arm import MOMENTS, XYZ
 
@@ -86,6 +88,7 @@ class Structure:
     joints: str = "hinge"  # of the whip
     arm: ArmShape | None = None  # of an arm in space
     explicit: bool = False  # steps are the classical Runge-Kutta method's, for joints on their reference
+    hand: int = 0  # coordinates of the hand that the law is of; none: it is of the joints
 
     @classmethod
     def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = (), explicit: bool = False) -> Structure:
@@ -115,6 +118,7 @@ class Structure:
             joints=whip.joints,
             arm=ArmShape.of(model, free) if model.dimension == 3 else None,
             explicit=explicit,
+            hand=0 if controller.hand is None else controller.strike_space(model.arm).width // 2,
         )
 
     def __contains__(self, other: Structure) -> bool:
@@ -139,10 +143,15 @@ class Structure:
         return self.n_arm + self.n_whip * {"hinge": 1, "universal": 2, "rod": 3}[self.joints]
 
     @property
+    def strike_layout(self) -> dict[str, int]:
+        """Name and size of every block of a strike's numbers, in order; the first is `q_i`."""
+        return hand_layout(self.n_arm, self.hand, led=self.prescribed) if self.hand else joint_layout(self.n_arm)
+
+    @property
     def layout(self) -> dict[str, int]:
         """Name and size of every block of the parameter vector, in order."""
         a, N = self.n_arm, self.n_whip
-        blocks = {"q_i": a, "q_f": a, "D": 1}
+        blocks = self.strike_layout
         if self.arm is None:
             blocks |= {f"arm.{name}": a for name in ArmParameters.QUANTITIES}
         else:
@@ -153,7 +162,9 @@ class Structure:
         if "dry_friction" in self.optional:
             blocks["whip.friction_velocity"] = 1
         blocks["gravity"] = 1
-        blocks |= {f"law.{name}": size for name, size in LAWS[self.law].sizes(a).items()}
+        blocks |= {f"law.{name}": size for name, size in LAWS[self.law].sizes(self.hand or a).items()}
+        if self.hand and not self.prescribed:
+            blocks["null_damping"] = 1
         if self.limits:
             blocks["torque_limit"] = self.limits
         if self.compensated:
@@ -174,7 +185,7 @@ class Structure:
 
         Args:
             model, controller: Of this structure.
-            strikes: Strike vectors, shape (B, 2 n_arm + 1).
+            strikes: Numbers of strikes, as `strike_layout` has them: in joint space strike vectors, (B, 2 n_arm + 1).
 
         Returns:
             Shape (B, n_parameters).
@@ -193,7 +204,8 @@ class Structure:
             "gravity": model.gravity,
             "torque_limit": controller.torque_limit,
             "compensated": controller.compensated,
+            "null_damping": None if controller.hand is None else controller.hand.null_damping,
         }
-        fixed = [np.ravel(values[name]) for name in self.layout if name not in ("q_i", "q_f", "D")]
+        fixed = [np.ravel(values[name]) for name in self.layout if name not in self.strike_layout]
         same = np.concatenate(fixed)
         return np.hstack([strikes, np.broadcast_to(same, (len(strikes), len(same)))])

@@ -4,6 +4,7 @@ their cost."""
 from whiptool.impedance.constant import CONSTANT_PRESETS, ConstantImpedance, constant_preset
 from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.impedance.cost import Cost, impedance_cost
+from whiptool.impedance.hand import HandControl, hand_impedance
 from whiptool.impedance.law import LAWS, Law, register
 from whiptool.impedance.oiac import OIAC, OIAC_PRESETS, oiac_preset
 from whiptool.impedance.position import PositionControl
@@ -17,9 +18,11 @@ __all__ = [
     "ControlLoop",
     "Controller",
     "Cost",
+    "HandControl",
     "Law",
     "PositionControl",
     "constant_preset",
+    "hand_impedance",
     "impedance_cost",
     "oiac_preset",
     "register",

@@ -94,6 +94,16 @@ class Arm:
         jacobians = (pin.getFrameJacobian(self._model, self._data, frame, world) for frame in self._frames)
         return np.array([jacobian.reshape(6, -1)[: self._dimension] for jacobian in jacobians])  # (6,) for one joint
 
+    def hand(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the hand is, (2,) or in space (3,) [m], and its Jacobian (2, n) or (3, n) [m/rad]."""
+        d = self._dimension
+        pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
+        pin.updateFramePlacements(self._model, self._data)
+        jacobian = pin.getFrameJacobian(
+            self._model, self._data, self._frames[-1], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        return self._data.oMf[self._frames[-1]].translation[:d].copy(), jacobian.reshape(6, -1)[:d]
+
     def gravity_compensation(self, q: np.ndarray, masses: Sequence[float] | None = None) -> np.ndarray:
         """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3).
 

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.impedance.hand import SINGULAR, HandControl, hand_space
 from whiptool.impedance.law import Law
 from whiptool.impedance.oiac import oiac_preset
 from whiptool.impedance.position import PositionControl
+from whiptool.models.hand_space import HandPath
+from whiptool.models.joint_space import JointSpace, StrikeSpace
 from whiptool.models.parameters import ArmParameters, number
 from whiptool.models.spatial_arm import SpatialArm
 
@@ -34,6 +37,7 @@ class Controller:
         control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
         compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) reckons with;
             None: those of the model that it is rolled out with. A rig's controller has the masses of the nominal model.
+        hand: The law is one of the hand's errors, and strikes are the hand's; None: of the joints.
 
     Raises:
         InputError: A number is not positive, `feedforward` is neither true nor false, or an option is set that
@@ -45,6 +49,7 @@ class Controller:
     torque_limit: float | tuple[float, ...] | None = None
     control_period: float | None = None
     compensated: tuple[float, ...] | None = None
+    hand: HandControl | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.feedforward, bool):
@@ -66,28 +71,40 @@ class Controller:
             for name in ("feedforward", "torque_limit", "control_period", "compensated"):
                 if getattr(self, name) not in (None, False):
                     raise InputError(name, getattr(self, name), "nothing beside position control")
+        if self.hand is not None and self.feedforward:
+            raise InputError("feedforward", True, "nothing in hand space")
 
     @property
     def prescribed(self) -> bool:
         """Whether the arm's joints are exactly on the reference, and no torque is computed from errors."""
         return isinstance(self.law, PositionControl)
 
+    def strike_space(self, arm: ArmParameters | SpatialArm) -> StrikeSpace:
+        """Return the space of the strikes that it makes an arm strike.
+
+        Raises:
+            InputError: It is hand space, and the arm has none.
+        """
+        return JointSpace(arm) if self.hand is None else hand_space(arm, self.hand, led=self.prescribed)
+
     def check_fits(self, arm: ArmParameters | SpatialArm) -> None:
         """Refuse a law whose matrices are of another arm.
 
         Raises:
-            InputError: The law's matrices have not as many rows as the arm has joints, or `torque_limit` not as many
-                numbers, or `compensated` not one mass more.
+            InputError: The law's matrices have not as many rows as the arm has joints, in hand space as the hand has
+                coordinates, or `torque_limit` not as many numbers, or `compensated` not one mass more.
         """
         if isinstance(self.torque_limit, tuple) and len(self.torque_limit) != arm.n:
             raise InputError("torque_limit", self.torque_limit, f"one number, or {arm.n}, one per arm joint")
         if self.compensated is not None and len(self.compensated) != arm.n + 1:
             raise InputError("compensated", self.compensated, f"{arm.n + 1} masses: of every link and of the whip")
-        sizes = {name: len(x) for name, x in self.law.parameters().items()}
-        if sizes != self.law.sizes(arm.n):
+        sizes, space = {name: len(x) for name, x in self.law.parameters().items()}, self.strike_space(arm)
+        rows = space.width // 2
+        if sizes != self.law.sizes(rows):
             given = ", ".join(f"{name} of {math.isqrt(size)} rows" for name, size in sizes.items())
             fix = "give a controller file with them, or take oiac"
-            raise InputError(f"controller {self.law.kind}", given, f"matrices of {arm.n} rows, one per arm joint", fix)
+            each = "arm joint" if self.hand is None else "coordinate of the hand"
+            raise InputError(f"controller {self.law.kind}", given, f"matrices of {rows} rows, one per {each}", fix)
 
     def reckoning_with(self, model: Model) -> Controller:
         """The same controller, whose gravity compensation stays that of this model, whatever it is rolled out with."""
@@ -105,6 +122,8 @@ class Controller:
             named |= {f"torque_limit[{i}]": x for i, x in enumerate(self.torque_limit)}
         elif self.torque_limit is not None:
             named["torque_limit"] = self.torque_limit
+        if self.hand is not None and not self.prescribed:
+            named["null_damping"] = self.hand.null_damping
         return named
 
     def clipped(self, tau: np.ndarray) -> np.ndarray:
@@ -114,14 +133,16 @@ class Controller:
         limit = np.asarray(self.torque_limit)
         return np.clip(tau, -limit, limit)
 
-    def bind(self, arm: Arm, strike: Strike) -> ControlLoop:
-        """The controller at work: for one arm and one strike.
+    def bind(self, arm: Arm, strike: Strike | HandPath) -> ControlLoop | HandControlLoop:
+        """The controller at work: for one arm and one strike, in hand space its path.
 
         Raises:
             InputError: It is position control, which gives no torques.
         """
         if self.prescribed:
             raise InputError("controller", "position", "a law that gives torques: oiac, constant")
+        if isinstance(strike, HandPath):
+            return HandControlLoop(self, arm, strike)
         return ControlLoop(self, arm, strike)
 
 
@@ -140,3 +161,23 @@ class ControlLoop:
         if self.controller.feedforward:
             tau = tau + self.arm.feedforward(q_d, v_d, a_d)
         return self.controller.clipped(tau)
+
+
+class HandControlLoop:
+    """Torques of one strike of the hand, in NumPy and Pinocchio: for the reference rollout."""
+
+    def __init__(self, controller: Controller, arm: Arm, path: HandPath) -> None:
+        assert controller.hand is not None
+        self.controller, self.arm, self.path = controller, arm, path
+        self.null_damping = controller.hand.null_damping
+
+    def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Joint torques [N m], shape (n,), at time t [s] for measured `q` [rad] and `v` [rad/s] of shape (n,)."""
+        place, J = self.arm.hand(q)
+        x_d, v_d = self.path.hand(t)
+        e, de = x_d - place, v_d - J @ v
+        K, B = self.controller.law.gains(e, de)
+        tau = J.T @ (K @ e + B @ de) + self.arm.gravity_compensation(q, self.controller.compensated)  # Eqs. 2, 3
+        _, s, moving = np.linalg.svd(J, full_matrices=False)  # the hand is moved along these rows
+        still = v - moving.T @ (s**2 / (s**2 + SINGULAR**2) * (moving @ v))
+        return self.controller.clipped(tau - self.null_damping * still)

@@ -13,6 +13,7 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
+from whiptool.impedance.hand import HandControl
 from whiptool.impedance.law import LAWS, Law
 from whiptool.models.tables import read_toml
 
@@ -41,6 +42,8 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
     if law not in LAWS:
         raise InputError("controller.law", law, ", ".join(LAWS))
     options = {key: numbers.pop(key) for key in _OPTIONS if key in numbers}
+    if "hand" in options:
+        options["hand"] = _hand(options["hand"])
     known = [f.name for f in dataclasses.fields(LAWS[law])]  # type: ignore[arg-type]
     for key in numbers:
         if key not in known:
@@ -90,6 +93,28 @@ def _check_gains(law: Law) -> None:
             raise InputError(f"controller.{name}", numbers.tolist(), "numbers >= 0 on the diagonal")
 
 
+def _hand(table: Any) -> HandControl:
+    """Return the control of the hand that a table `[controller.hand]` holds.
+
+    Raises:
+        InputError: It is no table, a key is unknown, or a value breaks its rule.
+    """
+    known = [f.name for f in dataclasses.fields(HandControl)]
+    if not isinstance(table, Mapping):
+        raise InputError("controller.hand", table, "a table with some of " + ", ".join(known))
+    for key in table:
+        if key not in known:
+            raise InputError(f"controller.hand.{key}", table[key], "one of " + ", ".join(known))
+    try:
+        return HandControl(**table)
+    except InputError as error:
+        raise error.within("controller.hand.") from None
+    except TypeError:
+        raise InputError("controller.hand.posture", table["posture"], "a list of numbers") from None
+
+
 def _plain(value: Any) -> Any:
-    """Return tuples, also nested ones, as lists."""
+    """Return tuples, also nested ones, as lists; what a hand's control holds as a table."""
+    if isinstance(value, HandControl):
+        return {key: _plain(x) for key, x in dataclasses.asdict(value).items() if x is not None}
     return [_plain(x) for x in value] if isinstance(value, tuple) else value

@@ -13,6 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.command_limits import LARGEST_ACCELERATION, LARGEST_JERK
+from whiptool.models.joint_space import StrikePath
 from whiptool.models.numbers import number, numbers
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import FASTEST, Strike
@@ -60,7 +61,7 @@ class JointTrajectory:
     @classmethod
     def of_strike(
         cls,
-        strike: Strike,
+        strike: StrikePath,
         joints: Sequence[str],
         *,
         start: Sequence[float] | None = None,
@@ -72,7 +73,7 @@ class JointTrajectory:
         """Return the way from a posture to a strike's start, a rest, the strike's reference (Eq. 1), and a stay.
 
         Args:
-            strike: What is to be struck.
+            strike: What is to be struck; of a strike of the hand its joints' path.
             joints: Names of its n joints.
             start: Present posture [rad or m], (n,); default: the strike's start, so that there is no way to it.
             limits: Of each joint; see `lead_in_time`. Default: none.

@@ -137,6 +137,13 @@ class StrikeBounds:
         return rng.uniform(lower, upper, (size, len(lower)))
 
 
+def eased(t: np.ndarray, D: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the share of a minimum-jerk path (Eq. 1) that is behind at times t [s], and its first two derivatives."""
+    s = np.clip(t / D, 0.0, 1.0)
+    share = s**3 * (10 - 15 * s + 6 * s**2)
+    return share, 30 * s**2 * (1 - s) ** 2 / D, 60 * s * (1 - s) * (1 - 2 * s) / D**2
+
+
 def shortened(strikes: np.ndarray, speeds: np.ndarray) -> np.ndarray:
     """Return strikes whose commanded movements are no faster than given speeds.
 

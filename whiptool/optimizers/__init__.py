@@ -10,7 +10,6 @@ import nlopt
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.strike import Strike
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers.cmaes_search import cmaes_search
 from whiptool.optimizers.genetic_search import genetic_search
@@ -82,7 +81,7 @@ def run_search(objective: Objective, run: Method, name: str, *, seed: int, first
         method=name,
         status=status,
         message=MESSAGES[status] + detail,
-        strike=None if best is None else Strike.from_vector(best.strike),
+        strike=None if best is None else objective.space.strike(best.strike),
         outcome=None if best is None else best.outcome,
         trace=tuple(objective.trials),
         n_diverged=objective.n_diverged,

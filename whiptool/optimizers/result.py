@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from whiptool.models.strike import Strike
+from whiptool.models.joint_space import AnyStrike
 from whiptool.objective import Outcome, Trial
 
 
@@ -46,7 +46,7 @@ class Result:
     method: str
     status: Status
     message: str
-    strike: Strike | None
+    strike: AnyStrike | None
     outcome: Outcome | None
     trace: tuple[Trial, ...]
     n_diverged: int

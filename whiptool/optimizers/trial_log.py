@@ -28,6 +28,7 @@ class TrialLog:
     Args:
         path: The file; made with its header if it is not there.
         arm: Names the columns.
+        names: Of a strike's numbers; default: those of the arm's joints.
         measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
         arriving: The target asks for a direction or a speed: there are columns of how the tip arrived, NaN where a
             strike was lost, and of the cost.
@@ -40,6 +41,7 @@ class TrialLog:
         path: Path,
         arm: ArmParameters | SpatialArm,
         *,
+        names: Sequence[str] | None = None,
         measured: bool = False,
         arriving: bool = False,
         criteria: Sequence[str] = (),
@@ -47,7 +49,7 @@ class TrialLog:
         self.path, self.n, self.dimension = path, arm.n, arm.dimension
         self.measured, self.arriving, self.criteria = measured, arriving, tuple(criteria)
         axes = "xyz"[: self.dimension]
-        self._names = strike_names(arm)
+        self._names = strike_names(arm) if names is None else tuple(names)
         self._header = [
             "trial",
             *self._names,

@@ -27,6 +27,7 @@ from whiptool.options.limits import LimitOptions
 from whiptool.options.region import RegionOptions
 from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
+from whiptool.options.space import Space, SpaceOptions
 from whiptool.options.trajectory import TrajectoryOptions
 from whiptool.options.zone_goals import ZoneGoalOptions
 
@@ -58,6 +59,8 @@ __all__ = [
     "SimulatedControllerOptions",
     "Simulator",
     "SimulatorOptions",
+    "Space",
+    "SpaceOptions",
     "StepOptions",
     "TargetOptions",
     "TrainingOptions",

@@ -11,6 +11,7 @@ from whiptool.errors import InputError
 from whiptool.options.base import MANY_TARGETS, OptionGroup, whole
 
 if TYPE_CHECKING:
+    from whiptool.models.joint_space import StrikeSpace
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
 
@@ -26,7 +27,8 @@ class SearchOptions(OptionGroup):
     """Within which bounds strikes are searched, and how many are tried."""
 
     lower: tuple[float, ...] | None = None
-    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints."""
+    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space of
+    x_i y_i x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
     upper: tuple[float, ...] | None = None
     """Upper bounds, likewise."""
     max_trials: int = 600
@@ -37,22 +39,31 @@ class SearchOptions(OptionGroup):
         super().check()
         whole("--max-trials", self.max_trials)
 
-    def build_bounds(self, model: Model) -> StrikeBounds:
+    def build_bounds(self, model: Model, space: StrikeSpace | None = None) -> StrikeBounds:
         """Return the box of strikes that `--lower` and `--upper` give; the usual bounds where they are not given.
+
+        Args:
+            model: Whose arm strikes.
+            space: Of the strikes; default: that of the arm's joints.
 
         Raises:
             InputError: They are not of this arm, or cross.
         """
-        from whiptool.models.strike import StrikeBounds, default_bounds
+        from whiptool.models.joint_space import JointSpace
+        from whiptool.models.strike import StrikeBounds
 
-        numbers = 2 * model.arm.n + 1
+        space = JointSpace(model.arm) if space is None else space
+        of = (
+            f"an arm of {model.arm.n} joints" if isinstance(space, JointSpace) else f"the hand: {' '.join(space.names)}"
+        )
+        numbers = space.width
         for name, given in (("--lower", self.lower), ("--upper", self.upper)):
             if given is not None and len(given) != numbers:
-                raise InputError(name, given, f"{numbers} numbers, for an arm of {model.arm.n} joints")
+                raise InputError(name, given, f"{numbers} numbers, for {of}")
         if self.lower is not None and self.upper is not None:
             return StrikeBounds(self.lower, self.upper)
         try:
-            usual = default_bounds(model.arm)
+            usual = space.bounds
         except InputError as error:  # of two joints alone there are usual ones
             raise InputError(error.name, error.given, error.allowed, "give --lower and --upper") from None
         return StrikeBounds(self.lower or usual.lower, self.upper or usual.upper)

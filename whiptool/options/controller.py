@@ -26,6 +26,7 @@ class LawOptions(OptionGroup):
     """Options that choose the impedance law."""
 
     usual_preset: ClassVar[Preset] = "table4"
+    takes_hand: ClassVar[bool] = False  # whether the command takes controllers of the hand
 
     controller: Annotated[str | None, arg(metavar=CONTROLLERS)] = None
     """Control law, or a file with a table [controller] (a run has one); position: the joints are exactly on their path,
@@ -72,7 +73,11 @@ class LawOptions(OptionGroup):
             raise InputError(
                 "--controller", str(path), "a TOML file with a table [controller]", "there is no such file"
             )
-        return read_controller(path)
+        found = read_controller(path)
+        if found.hand is not None and not self.takes_hand:
+            rule = "a controller of the joints, without a table [controller.hand], for this command"
+            raise InputError("--controller", str(path), rule)
+        return found
 
     def refuse_beside_file(self, option: str, value: object) -> None:
         """Refuse an option whose value belongs in the controller's file.

@@ -12,9 +12,9 @@ from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
     from whiptool.limits import Limits
+    from whiptool.models.joint_space import StrikePath
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
-    from whiptool.models.strike import Strike
 
 _IDLE = "nothing without --export-trajectory"
 _WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
@@ -60,7 +60,7 @@ class TrajectoryOptions(OptionGroup):
             raise InputError("--posture", self.posture, f"{model.arm.n} numbers, for an arm of {model.arm.n} joints")
 
     def build_trajectory(
-        self, model: Model, strike: Strike, t_stay: float, given: Sequence[Limits] = (), beyond: str | None = None
+        self, model: Model, strike: StrikePath, t_stay: float, given: Sequence[Limits] = (), beyond: str | None = None
     ) -> JointTrajectory | None:
         """Return a strike with the way to its start and a rest before it; None: the options ask for none.
 

@@ -16,8 +16,9 @@ from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.dynamics.structure import Structure, arm_column
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
+from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace
 from whiptool.models.parameters import Model, number
-from whiptool.models.strike import T_STAY, Strike, strike_names
+from whiptool.models.strike import T_STAY
 from whiptool.rollout.batch import Batch, Engine
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
 from whiptool.rollout.interface import (
@@ -25,8 +26,6 @@ from whiptool.rollout.interface import (
     Rollout,
     Strikes,
     joined,
-    one_strike_vector,
-    strike_vectors,
     target_points,
 )
 from whiptool.rollout.slopes import SLOPES, ApproachSlopes
@@ -92,6 +91,11 @@ class CompiledRollout(Rollout):
         self._rung, self._threads = engine or wanted_rung(), threads
         self.engine: str = self._engine(forward=False).rung
 
+    @property
+    def space(self) -> StrikeSpace:
+        """What its strikes are told by: the joints, or the hand."""
+        return self.controller.strike_space(self.model.arm)
+
     def _engine(self, *, forward: bool) -> Engine:
         return find_engine(self.structure, forward=forward, rung=self._rung)
 
@@ -117,7 +121,7 @@ class CompiledRollout(Rollout):
         Raises:
             InputError: Shapes do not match, or a model has terms that this rollout was not made with.
         """
-        strikes = strike_vectors(strikes, self.model.arm.n)
+        strikes = self.vectors(strikes)
         B, a = len(strikes), self.model.arm.n
         targets = target_points(target, B, self.model.dimension)
         engine, out = self._engine(forward=False), np.empty((B, outcome_columns(a, self.model.dimension).width))
@@ -148,7 +152,7 @@ class CompiledRollout(Rollout):
         Raises:
             InputError: Shapes do not match, or there is no such node.
         """
-        strikes = strike_vectors(strikes, self.model.arm.n)
+        strikes = self.vectors(strikes)
         B, a, d = len(strikes), self.model.arm.n, self.model.dimension
         if not nodes or not all(0 <= i < self.model.whip.N for i in nodes):
             raise InputError("nodes", list(nodes), f"some of 0 to {self.model.whip.N - 1}")
@@ -203,17 +207,16 @@ class CompiledRollout(Rollout):
         self, strikes: Strikes, target: Points, t_stay: float, names: Sequence[str] | None
     ) -> tuple[Approach, np.ndarray, Columns]:
         """The approaches, what the engine says along each of m directions, (B, m, width), and its columns."""
-        strikes = strike_vectors(strikes, self.model.arm.n)
-        names = list(strike_names(self.model.arm) if names is None else names)
+        strikes = self.vectors(strikes)
+        names = list(self.space.names if names is None else names)
         B, m = len(strikes), len(names)
         targets = target_points(target, B, self.model.dimension)
-        directions = self.directions(names)
         columns = outcome_columns(self.model.arm.n, self.model.dimension)
         out = np.empty((B, m, columns.width))
         at_once = max(1, _AT_ONCE // m)
         for first in range(0, B, at_once):
             part = slice(first, first + at_once)
-            batch = self._forward_batch(strikes[part], targets[part], t_stay, directions)
+            batch = self._forward_batch(strikes[part], targets[part], t_stay, names)
             out[part] = self._engine(forward=True)(batch, threads=self._threads).out.reshape(-1, m, out.shape[2])
         return _approach(out[:, 0], self.model.arm.n, self.model.dimension), out, columns
 
@@ -239,20 +242,20 @@ class CompiledRollout(Rollout):
             Times (S,) [s]; positions (B, S, d) [m], d the model's dimension, NaN after a strike's end; derivatives
             (B, S, d, m).
         """
-        strikes = strike_vectors(strikes, self.model.arm.n)
+        strikes = self.vectors(strikes)
         number("rate", rate, low=0, strict=True)
         if names and (models or controllers):
             raise InputError("names", list(names), "none, where strikes differ in their models")
         S = int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1
         B, m, d = len(strikes), len(names), self.model.dimension
-        directions, engine = self.directions(names), self._engine(forward=m > 0)
+        engine = self._engine(forward=m > 0)
         paths, slopes = np.empty((B, S, d)), np.empty((B, S, d, m))
         at_once = max(1, _AT_ONCE // max(m, 1))
         for first in range(0, B, at_once):
             part = slice(first, first + at_once)
             targets = np.zeros((len(strikes[part]), d))
             if m:
-                batch = self._forward_batch(strikes[part], targets, t_stay, directions)
+                batch = self._forward_batch(strikes[part], targets, t_stay, names)
             else:
                 batch = self._batch(
                     strikes[part], targets, t_stay, models and models[part], controllers and controllers[part]
@@ -277,13 +280,13 @@ class CompiledRollout(Rollout):
             stride: Steps of the integrator from one sample to the next. A strike's samples are its steps, which D
                 shifts: derivatives by it hold a share of the velocity.
         """
-        strikes = strike_vectors(strikes, self.model.arm.n)
-        directions, d = self.directions(names), self.model.dimension
+        strikes = self.vectors(strikes)
+        d = self.model.dimension
         ends = self.model.arm.n + self.model.whip.N
-        m, at_once = len(directions), max(1, _TRAJECTORIES_AT_ONCE // len(directions))
+        m, at_once = len(names), max(1, _TRAJECTORIES_AT_ONCE // len(names))
         for first in range(0, len(strikes), at_once):
             some = strikes[first : first + at_once]
-            batch = self._forward_batch(some, np.zeros((len(some), d)), t_stay, directions)
+            batch = self._forward_batch(some, np.zeros((len(some), d)), t_stay, names)
             batch.columns, batch.stride = np.arange(ends * d), stride
             paths, slopes = self._engine(forward=True)(batch, threads=self._threads).observed()
             for i in range(len(some)):
@@ -292,13 +295,13 @@ class CompiledRollout(Rollout):
                 shape = (len(path), ends, d)
                 yield ChainPath(np.arange(len(path)) * interval, path.reshape(shape), slope.reshape(*shape, m))
 
-    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+    def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """The whole strike, at every step of the integrator."""
-        return next(self.trajectories(one_strike_vector(strike, self.model.arm.n), t_stay=t_stay))
+        return next(self.trajectories(self.one_vector(strike), t_stay=t_stay))
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
         """The whole of many strikes, one after the other; only a few are in memory at a time."""
-        strikes, n, a = strike_vectors(strikes, self.model.arm.n), self.structure.n, self.model.arm.n
+        strikes, n, a = self.vectors(strikes), self.structure.n, self.model.arm.n
         d = self.model.dimension
         columns, outcome = row_columns(n, a, d), outcome_columns(a, d)
         for first in range(0, len(strikes), _TRAJECTORIES_AT_ONCE):
@@ -313,7 +316,7 @@ class CompiledRollout(Rollout):
                 yield complete_trajectory(
                     self.model,
                     self.controller,
-                    Strike.from_vector(vector),
+                    self.space.path(vector),
                     t=rows[:, 0],
                     q=rows[:, columns["x"]][:, :n],
                     v=rows[:, columns["x"]][:, n:],
@@ -328,15 +331,17 @@ class CompiledRollout(Rollout):
         Raises:
             InputError: A name is unknown, or its term is not part of this rollout (see `free`).
         """
-        of_strike = strike_names(self.model.arm)
+        of_strike = self.space.names
         of_model, of_controller = self.model.parameters(), self.controller.parameters()
         rows = np.zeros((len(names), self.structure.n_parameters))
         layout = self.structure.layout
-        base = self.structure.pack(self.model, self.controller, np.zeros((1, len(of_strike))))[0]
+        none = np.zeros((1, sum(self.structure.strike_layout.values())))
+        base = self.structure.pack(self.model, self.controller, none)[0]
         for row, name in zip(rows, names, strict=True):
             block, index = re.match(r"([\w.]+)(?:\[(\d+)\])?", name).groups()  # type: ignore[union-attr]
             if name in of_strike:
-                row[of_strike.index(name)] = 1
+                if isinstance(self.space, JointSpace):  # else it is not the same for all strikes
+                    row[of_strike.index(name)] = 1
             elif name in of_controller:
                 row[self.structure.columns(block).start + int(index or 0)] = 1
             elif name in of_model and Structure.of(self.model, self.controller, free=[name]) in self.structure:
@@ -345,7 +350,7 @@ class CompiledRollout(Rollout):
                     row[self.structure.columns(f"arm.{quantity}").start + column] = 1
                     continue
                 moved = self.model.with_parameters({name: of_model[name] + 1})
-                row[:] = self.structure.pack(moved, self.controller, np.zeros((1, len(of_strike))))[0] - base
+                row[:] = self.structure.pack(moved, self.controller, none)[0] - base
             else:
                 known = [*of_strike, *(x for x in of_model if x.split("[")[0] in layout), *of_controller]
                 raise InputError(
@@ -367,10 +372,10 @@ class CompiledRollout(Rollout):
         n, B = self.structure.n, len(strikes)
         period = self.controller.control_period
         h, h_last, steps, hold = time_grid(strikes[:, -1] + t_stay, timestep=self.timestep, control_period=period)
-        x0 = np.zeros((B, 2 * n))
+        x0, numbers = np.zeros((B, 2 * n)), self.space.numbers(strikes)
         if models is None and controllers is None:
-            p = self.structure.pack(self.model, self.controller, strikes)
-            x0[:, :n] = start_posture(self.model, self._starts(strikes))
+            p = self.structure.pack(self.model, self.controller, numbers)
+            x0[:, :n] = start_posture(self.model, self._starts(numbers))
         else:
             p = np.empty((B, self.structure.n_parameters))
             pairs = zip(models or [self.model] * B, controllers or [self.controller] * B, strict=True)
@@ -379,13 +384,13 @@ class CompiledRollout(Rollout):
                 groups.setdefault((id(model), id(controller)), (model, controller, []))[2].append(i)
             for model, controller, which in groups.values():
                 self._check_within(model, controller)
-                p[which] = self.structure.pack(model, controller, strikes[which])
-                x0[which, :n] = start_posture(model, self._starts(strikes[which]))
+                p[which] = self.structure.pack(model, controller, numbers[which])
+                x0[which, :n] = start_posture(model, self._starts(numbers[which]))
         return Batch(p, x0, np.ascontiguousarray(targets), h, h_last, steps, hold)
 
-    def _starts(self, strikes: np.ndarray) -> np.ndarray:
-        """Where the arm stands when strikes begin, (B, a) [rad]."""
-        q_i = strikes[:, : self.model.arm.n]
+    def _starts(self, numbers: np.ndarray) -> np.ndarray:
+        """Where the arm stands when strikes of such numbers begin, (B, a) [rad]."""
+        q_i = numbers[:, : self.model.arm.n]
         return q_i if self._sag is None else q_i + self._sag(q_i)
 
     def _check_within(self, model: Model, controller: Controller) -> None:
@@ -398,19 +403,30 @@ class CompiledRollout(Rollout):
                 "make the rollout with the richest of them",
             )
 
-    def _forward_batch(self, strikes: np.ndarray, targets: np.ndarray, t_stay: float, directions: np.ndarray) -> Batch:
+    def _forward_batch(self, strikes: np.ndarray, targets: np.ndarray, t_stay: float, names: Sequence[str]) -> Batch:
         """Every strike once per direction: strike 0 along all of them, then strike 1, ..."""
-        m, n, a = len(directions), self.structure.n, self.model.arm.n
+        m, n = len(names), self.structure.n
         batch = self._batch(strikes, targets, t_stay).take(np.repeat(np.arange(len(strikes)), m))
-        batch.dp = np.tile(directions, (len(strikes), 1))
+        batch.dp = np.tile(self.directions(names), (len(strikes), 1))
+        if not isinstance(self.space, JointSpace):
+            self._add_slopes(strikes, names, batch.dp.reshape(len(strikes), m, -1))
         batch.dx0 = np.zeros_like(batch.x0)
         batch.dx0[:, :n] = start_derivative(self.model, self.structure, batch.x0[:, :n], batch.p, batch.dp)
-        longer = batch.dp[:, 2 * a]  # the strike's duration grows with D
+        longer = batch.dp[:, self.structure.columns("D").start]  # the strike's duration grows with D
         if self.controller.control_period is None:
             batch.dh = batch.dh_last = longer / batch.steps
         else:
             batch.dh, batch.dh_last = np.zeros(len(longer)), longer.copy()
         return batch
+
+    def _add_slopes(self, strikes: np.ndarray, names: Sequence[str], directions: np.ndarray) -> None:
+        """Add the directions of strikes' own numbers to (B, m, P), in place, where each strike has others."""
+        of_strike = list(self.space.names)
+        own = [(k, of_strike.index(name)) for k, name in enumerate(names) if name in of_strike]
+        if own:
+            slopes = self.space.slopes(strikes)
+            for k, column in own:
+                directions[:, k, : slopes.shape[1]] = slopes[:, :, column]
 
 
 def _approach(out: np.ndarray, a: int, dimension: int) -> Approach:

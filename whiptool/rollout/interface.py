@@ -10,13 +10,14 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, checked_vectors
 from whiptool.models.parameters import Model
-from whiptool.models.strike import T_STAY, Strike
+from whiptool.models.strike import T_STAY
 from whiptool.rollout.points import Points, target_points
 from whiptool.rollout.slopes import ApproachSlopes
 from whiptool.rollout.trajectory import Approach, Trajectory
 
-Strikes: TypeAlias = Strike | Sequence[Strike] | np.ndarray
+Strikes: TypeAlias = AnyStrike | Sequence[AnyStrike] | np.ndarray
 
 
 def strike_vectors(strikes: Strikes, joints: int) -> np.ndarray:
@@ -29,29 +30,7 @@ def strike_vectors(strikes: Strikes, joints: int) -> np.ndarray:
     Raises:
         InputError: They are of another arm, a value is not finite, or a duration D is not positive.
     """
-    if isinstance(strikes, Strike):
-        strikes = strikes.vector
-    elif not isinstance(strikes, np.ndarray):
-        strikes = np.array([x.vector if isinstance(x, Strike) else x for x in strikes], float)
-    vectors = np.ascontiguousarray(np.atleast_2d(strikes), float)
-    width = 2 * joints + 1
-    if vectors.ndim != 2 or vectors.shape[1] != width:
-        raise InputError("strikes", vectors.shape, f"an array of shape (B, {width}), for an arm of {joints} joints")
-    if not np.isfinite(vectors).all() or not (vectors[:, -1] > 0).all():
-        raise InputError("strikes", "a value that is not finite, or D <= 0", "finite angles and D > 0 s")
-    return vectors
-
-
-def one_strike_vector(strike: Strike | np.ndarray, joints: int) -> np.ndarray:
-    """Return one strike as a vector, (2 a + 1,).
-
-    Raises:
-        InputError: They are several, or see `strike_vectors`.
-    """
-    vectors = strike_vectors(strike, joints)
-    if len(vectors) != 1:
-        raise InputError("strikes", len(vectors), "one", "of several, take trajectories(strikes)")
-    return vectors[0]
+    return checked_vectors(strikes, 2 * joints + 1, f"an arm of {joints} joints")
 
 
 class Rollout(ABC):
@@ -69,12 +48,39 @@ class Rollout(ABC):
     timestep: float
     one_by_one: ClassVar[bool] = False
 
+    @property
+    def space(self) -> StrikeSpace:
+        """What its strikes are told by: the joints, or the hand."""
+        return JointSpace(self.model.arm)
+
+    def vectors(self, strikes: Strikes) -> np.ndarray:
+        """Return strikes as vectors, (B, width of `space`).
+
+        Raises:
+            InputError: They are of another space, a value is not finite, or a duration D is not positive.
+        """
+        space, joints = self.space, f"an arm of {self.model.arm.n} joints"
+        return checked_vectors(
+            strikes, space.width, joints if isinstance(space, JointSpace) else f"the hand of {joints}"
+        )
+
+    def one_vector(self, strike: AnyStrike | np.ndarray) -> np.ndarray:
+        """Return one strike as a vector.
+
+        Raises:
+            InputError: They are several, or see `vectors`.
+        """
+        vectors = self.vectors(strike)
+        if len(vectors) != 1:
+            raise InputError("strikes", len(vectors), "one", "of several, take trajectories(strikes)")
+        return vectors[0]
+
     @abstractmethod
-    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+    def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """Return the whole of one strike of `D + t_stay` seconds.
 
         Args:
-            strike: A `Strike`, or its vector, (2 a + 1,).
+            strike: A `Strike`, in hand space a `HandStrike`, or its vector, (2 a + 1,).
             t_stay: How long the strike is watched after the movement ended [s].
 
         Raises:
@@ -83,7 +89,7 @@ class Rollout(ABC):
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
         """Return the whole of many strikes, one after the other."""
-        for vector in strike_vectors(strikes, self.model.arm.n):
+        for vector in self.vectors(strikes):
             yield self.trajectory(vector, t_stay=t_stay)
 
     def approach(self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY) -> Approach:
@@ -97,7 +103,7 @@ class Rollout(ABC):
         Raises:
             InputError: Shapes do not match.
         """
-        vectors = strike_vectors(strikes, self.model.arm.n)
+        vectors = self.vectors(strikes)
         paths = self.trajectories(vectors, t_stay=t_stay)
         points = target_points(target, len(vectors), self.model.dimension)
         return joined([path.approach(point) for path, point in zip(paths, points, strict=True)])

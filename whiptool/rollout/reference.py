@@ -16,9 +16,10 @@ from whiptool.dynamics.stepping import FASTEST, LARGEST_STEP, SMALLEST_STEP, tim
 from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
+from whiptool.models.joint_space import AnyStrike, StrikeSpace
 from whiptool.models.parameters import Model, number
-from whiptool.models.strike import T_STAY, Strike
-from whiptool.rollout.interface import Rollout, one_strike_vector
+from whiptool.models.strike import T_STAY
+from whiptool.rollout.interface import Rollout
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.mujoco_rods import MujocoRods
@@ -87,21 +88,26 @@ class ReferenceRollout(Rollout):
         self._rubs, self._brakes = bool(self._friction.any()), bool(self._drag.any())
         self.has_forces = rods or self._rubs or self._brakes
 
-    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+    @property
+    def space(self) -> StrikeSpace:
+        """What its strikes are told by: the joints, or the hand."""
+        return self.controller.strike_space(self.model.arm)
+
+    def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """The whole strike of `D + t_stay` seconds, at every step.
 
         Raises:
             InputError: The strike is of another arm, or needs too many steps.
         """
         a, n = self.model.arm.n, self.model.coordinates
-        strike = Strike.from_vector(one_strike_vector(strike, a))
-        loop = None if self.controller.prescribed else self.controller.bind(self._arm, strike)
+        path = self.space.path(self.one_vector(strike))
+        loop = None if self.controller.prescribed else self.controller.bind(self._arm, path)
         grid = time_grid(
-            np.array([strike.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
+            np.array([path.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
         )
         h, h_last, steps = (x[0].item() for x in grid[:3])
         hold = grid[3] if self.controller.control_period is not None else 0
-        mj, data = self.mj, self.hang(np.array(strike.q_i))
+        mj, data = self.mj, self.hang(np.array(path.q_i))
         times, q, v = np.empty(steps + 1), np.empty((steps + 1, n)), np.empty((steps + 1, n))
         tau, (tip, velocity) = np.empty((steps + 1, a)), np.empty((2, steps + 1, self.model.dimension))
         diverged, i, unrecorded = False, 0, 0
@@ -114,7 +120,7 @@ class ReferenceRollout(Rollout):
             if self.has_forces:
                 self.apply_forces(data)
             if loop is None:
-                data.ctrl[:] = self._leading_torque(strike.reference(data.time)[2])
+                data.ctrl[:] = self._leading_torque(path.reference(data.time)[2])
             elif not hold:
                 data.ctrl[:] = loop.torque(data.time, data.qpos[:a], data.qvel[:a])
             if unrecorded == i:
@@ -130,7 +136,7 @@ class ReferenceRollout(Rollout):
                 data.time = t
                 mj.opt.timestep = h_last if i + 1 == steps else h
                 if loop is None:
-                    data.qpos[:a], data.qvel[:a], _ = strike.reference(t)
+                    data.qpos[:a], data.qvel[:a], _ = path.reference(t)
                 elif hold and i % hold == 0:
                     data.ctrl[:] = loop.torque(t, data.qpos[:a], data.qvel[:a])
                 if i == steps:
@@ -144,7 +150,7 @@ class ReferenceRollout(Rollout):
         return complete_trajectory(
             self.model,
             self.controller,
-            strike,
+            path,
             t=times[done],
             q=q[done],
             v=v[done],
@@ -263,7 +269,7 @@ AGREEMENT = 3e-4  # [m], of miss distances in the two simulators
 
 
 def replay(
-    model: Model, controller: Controller, strike: Strike, target: np.ndarray, *, t_stay: float, expected: float
+    model: Model, controller: Controller, strike: AnyStrike, target: np.ndarray, *, t_stay: float, expected: float
 ) -> Replay:
     """Play a strike in MuJoCo, and where that does not agree with what is expected, again at smaller steps.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from whiptool.models.hand_space import HandPath, HandSpace
 from whiptool.models.kinematics import chain_motion, joint_points
 from whiptool.models.parameters import Model
 from whiptool.rollout.closest import closest_on_segments
@@ -16,7 +17,7 @@ from whiptool.whole_files import write_npz
 
 if TYPE_CHECKING:
     from whiptool.impedance.controller import Controller
-    from whiptool.models.strike import Strike
+    from whiptool.models.joint_space import StrikePath
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,8 @@ class Trajectory:
     Args:
         t: Times [s], (T,).
         q, v: Joint positions [rad] and velocities [rad/s], (T, n).
-        q_d, v_d: Desired positions and velocities of the arm, (T, a).
+        q_d, v_d: Desired positions and velocities of the arm, (T, a); of a strike of the hand those that hold it on its
+            path.
         tau: Arm torques [N m], (T, a).
         K, B: Stiffness [N m/rad] and damping [N m s/rad] of the controller, (T, a, a).
         tip, tip_velocity: [m], [m/s], (T, 2), in space (T, 3).
@@ -156,7 +158,7 @@ class Trajectory:
 def complete_trajectory(
     model: Model,
     controller: Controller,
-    strike: Strike,
+    strike: StrikePath,
     *,
     t: np.ndarray,
     q: np.ndarray,
@@ -165,10 +167,16 @@ def complete_trajectory(
     diverged: bool,
     tip: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Trajectory:
-    """A trajectory with what follows from states: references, gains, and, unless given, the tip's path."""
+    """A trajectory with what follows from states: references, gains, and, unless given, the tip's path.
+
+    Of a law of the hand's errors the gains are those that joints feel, `J^T K J` and `J^T B J`.
+    """
     a = model.arm.n
     q_d, v_d, _ = strike.reference(t)
-    K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
+    if isinstance(strike, HandPath) and not controller.prescribed:
+        K, B = _hand_gains(controller, strike, controller.strike_space(model.arm), t, q[:, :a], v[:, :a])
+    else:
+        K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
     if tip is None and model.dimension == 3:
         points, velocities = chain_motion(model, q, v)
         tip = points[:, -1], velocities[:, -1]
@@ -182,3 +190,13 @@ def complete_trajectory(
     return Trajectory(
         t=t, q=q, v=v, q_d=q_d, v_d=v_d, tau=tau, K=K, B=B, tip=tip[0], tip_velocity=tip[1], diverged=diverged
     )
+
+
+def _hand_gains(
+    controller: Controller, path: HandPath, space: HandSpace, t: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and damping (T, a, a) that an arm's joints (T, a) feel of a law of the hand's errors."""
+    J, (x_d, v_d) = space.kinematics.jacobian(q), path.hand(t)
+    K, B = controller.law.gains(x_d - space.kinematics.coordinates(q), v_d - np.einsum("tmj,tj->tm", J, v))
+    back = np.swapaxes(J, 1, 2)
+    return back @ K @ J, back @ B @ J

@@ -1,0 +1,133 @@
+"""Hand space: names, bounds, the joints' way along the hand's path, its derivatives, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.models.hand_space import DEGREE, EXACT, HandSpace, home_posture
+from whiptool.models.hand_strike import HandStrike
+from whiptool.models.kinematics import arm_frames
+from whiptool.models.strike import Strike
+
+LEMON, UR5E, PANDA = (preset(name).arm for name in ("lemon2024", "ur5e", "panda"))
+SPACES = {name: HandSpace(preset(name).arm) for name in ("lemon2024", "ur5e", "panda")}
+RNG = np.random.default_rng(5)
+
+
+def possible(space: HandSpace, count: int) -> np.ndarray:
+    """Random strikes that the arm can make."""
+    strikes = space.bounds.sample(RNG, 6 * count)
+    return strikes[space.beyond(strikes) == 0][:count]
+
+
+every_space = pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
+
+
+def test_names_and_widths():
+    assert SPACES["lemon2024"].names == ("x_i", "y_i", "x_f", "y_f", "D")
+    assert SPACES["panda"].names == ("x_i", "y_i", "z_i", "x_f", "y_f", "z_f", "D")
+    assert SPACES["panda"].width == 7
+    assert HandSpace(UR5E, led=True).layout == {"q_i": 6, "path": 6 * (DEGREE + 1), "D": 1}
+
+
+@every_space
+def test_the_hand_goes_from_start_to_end_along_a_straight_line_at_least_jerk(space):
+    for vector in possible(space, 4):
+        path, strike = space.path(vector), space.strike(vector)
+        t = np.linspace(-0.1, strike.D + 0.1, 60)
+        of_hand = Strike(strike.x_i, strike.x_f, strike.D).reference(t)  # Eq. 1, of coordinates instead of joints
+        hand = path.hand(t)
+        np.testing.assert_allclose(hand[0], of_hand[0], atol=1e-14)
+        np.testing.assert_allclose(hand[1], of_hand[1], atol=1e-12)
+        q, v, _ = path.reference(t)
+        if space.arm.dimension == 2:
+            theta = np.cumsum(q, axis=1)
+            l = space.arm.per_link("length")
+            place = np.stack([(l * np.sin(theta)).sum(1), -(l * np.cos(theta)).sum(1)], axis=1)
+            np.testing.assert_allclose(place, of_hand[0], atol=EXACT)
+            continue
+        frame = arm_frames(space.arm, q, v)[-1]
+        np.testing.assert_allclose(frame.origin, of_hand[0], atol=EXACT)
+        np.testing.assert_allclose(frame.velocity, of_hand[1], atol=50 * EXACT)
+
+
+@every_space
+def test_speeds_and_accelerations_are_the_slopes_of_the_joints_way(space):
+    vector, h = possible(space, 1)[0], 1e-6
+    path, t = space.path(vector), np.linspace(0.05, vector[-1] - 0.05, 20)
+    before, after = path.reference(t - h), path.reference(t + h)
+    _, v, a = path.reference(t)
+    np.testing.assert_allclose((after[0] - before[0]) / (2 * h), v, atol=1e-7 * (1 + np.abs(v).max()))
+    np.testing.assert_allclose((after[1] - before[1]) / (2 * h), a, atol=1e-6 * (1 + np.abs(a).max()))
+    still = path.reference(np.array([0.0, vector[-1], 9.0]))
+    assert not still[1].any()
+    assert np.abs(still[2]).max() < 1e-9
+    assert path.reference(0.3)[0].shape == (space.arm.n,)
+    np.testing.assert_allclose(still[0][0], path.q_i, atol=1e-14)
+
+
+@pytest.mark.parametrize("led", [False, True])
+@pytest.mark.parametrize("arm", [LEMON, PANDA], ids=["plane", "panda"])
+def test_derivatives_of_what_rollouts_take_against_differences(arm, led):
+    space, h = HandSpace(arm, led=led), 1e-6
+    strikes = possible(space, 3)
+    slopes = space.slopes(strikes)
+    assert slopes.shape == (3, sum(space.layout.values()), space.width)
+    for j, step in enumerate(h * np.eye(space.width)):
+        change = (space.numbers(strikes + step) - space.numbers(strikes - step)) / (2 * h)
+        np.testing.assert_allclose(slopes[..., j], change, atol=2e-4 if led else 1e-6)
+
+
+@every_space
+def test_bounds_hold_the_home_posture_and_mostly_strikes_that_can_be_made(space):
+    box, hand = space.bounds, space.kinematics.coordinates(space.kinematics.posture)
+    assert ((np.array(box.lower)[: space.m] < hand) & (hand < np.array(box.upper)[: space.m])).all()
+    assert (space.beyond(box.sample(RNG, 128)) == 0).mean() > 0.3
+
+
+def test_a_strike_at_rest_at_home_takes_the_home_posture():
+    space = SPACES["panda"]
+    x = space.kinematics.coordinates(home_posture(PANDA))
+    path = space.path(np.array([*x, *x, 0.5]))
+    np.testing.assert_allclose(path.reference(np.linspace(0, 1, 5))[0], np.tile(home_posture(PANDA), (5, 1)), atol=1e-9)
+
+
+def test_what_the_arm_cannot_do_is_refused_in_one_line():
+    space = SPACES["ur5e"]
+    x = space.kinematics.coordinates(space.kinematics.posture)
+    with pytest.raises(InputError, match="places that the hand reaches"):
+        space.path(np.array([*x, 3.0, 0, 0, 0.6]))
+    with pytest.raises(InputError, match="passes no singular posture"):
+        space.path(np.array([-0.2, 0.9, 0.3, -0.2, -0.9, 0.3, 0.6]))  # behind its base
+    with pytest.raises(InputError, match=r"within the joints' limits; joint4 would be at"):
+        near = np.array([0.0, 0.3, 0.0, -0.1, 0.0, 1.5, 0.0])  # joint4 ends at -0.07
+        short = HandSpace(PANDA, posture=near)
+        ends = short.kinematics.coordinates(np.array([near, near + 0.3 * np.eye(7)[3]]))
+        short.path(np.array([*ends[0], *ends[1], 0.6]))
+    assert (space.beyond(np.array([[*x, 3.0, 0, 0, 0.6], [*x, *x, 0.6]])) > 0).tolist() == [True, False]
+    farther = space.beyond(np.array([[*x, 3.0, 0, 0, 0.6], [*x, 5.0, 0, 0, 0.6]]))
+    assert farther[1] > farther[0]
+
+
+def test_arms_without_such_a_space_and_home_postures_without_ease_are_refused():
+    with pytest.raises(InputError, match="3 joints or more"):
+        HandSpace(LEMON, orientation=True)
+    with pytest.raises(InputError, match="not a singular"):
+        HandSpace(LEMON, posture=(0.3, 0.0))
+    with pytest.raises(InputError, match="posture"):
+        HandSpace(LEMON, posture=(0.3, 0.0, 1.0))
+
+
+def test_strikes_of_the_hand_and_their_vectors():
+    strike = HandStrike((0.1, 0.2), (0.3, 0.4), 0.5)
+    np.testing.assert_array_equal(strike.vector, [0.1, 0.2, 0.3, 0.4, 0.5])
+    assert HandStrike.from_vector(strike.vector) == strike
+    assert repr(strike) == "HandStrike(x_i=(0.1, 0.2), x_f=(0.3, 0.4), D=0.5 s)"
+    for bad in ([0.1, 0.2, 0.3, 0.4], [0.1, np.nan, 0.3, 0.4, 0.5], [0.1, 0.2, 0.3, 0.4, 0.0]):
+        with pytest.raises(InputError):
+            HandStrike.from_vector(bad)
+    with pytest.raises(InputError, match="as many as x_i"):
+        HandStrike((0.1,), (0.3, 0.4), 0.5)

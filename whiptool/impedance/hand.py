@@ -1,0 +1,85 @@
+"""Control in hand space (Sect. 4.2): impedance between the hand and its path, or joints that follow that path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from whiptool.impedance.constant import ConstantImpedance
+from whiptool.models.hand_space import HandSpace
+from whiptool.models.numbers import number
+from whiptool.models.parameters import ArmParameters
+from whiptool.models.spatial_arm import SpatialArm
+
+if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
+
+SINGULAR = 0.02  # [m/rad] below which a direction of the hand counts as one in which joints cannot move it
+
+
+@dataclass(frozen=True)
+class HandControl:
+    """Control of the hand instead of the joints.
+
+    With J the hand's Jacobian and a law's `F = K e + B de` (Eq. 2) of the hand's errors [m, m/s], the joints' torques
+    are `J^T F` and gravity compensation, and what joints do that does not move the hand is braked by `null_damping`:
+    `-b (1 - J^+ J) v`. Beside position control the joints follow the hand's path exactly.
+
+    Args:
+        posture: Home posture of the arm [rad or m], near which it holds the hand; default: see `home_posture`.
+        null_damping: b [N m s/rad], of every joint; where a law gives torques.
+
+    Raises:
+        InputError: A number is not finite, or negative.
+    """
+
+    posture: tuple[float, ...] | None = None
+    null_damping: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.posture is not None:
+            angles = tuple(number(f"posture[{i}]", x) for i, x in enumerate(self.posture))
+            object.__setattr__(self, "posture", angles)
+        object.__setattr__(self, "null_damping", number("null_damping", self.null_damping, low=0))
+
+
+@lru_cache(maxsize=32)
+def hand_space(arm: ArmParameters | SpatialArm, hand: HandControl, *, led: bool) -> HandSpace:
+    """Return the space of an arm's hand strikes, made once.
+
+    Args:
+        arm: In the plane or in space.
+        hand: How its hand is controlled.
+        led: Whether its joints follow the hand's path exactly.
+
+    Raises:
+        InputError: The arm has no such space.
+    """
+    return HandSpace(arm, posture=hand.posture, led=led)
+
+
+def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: float = 3.0) -> ConstantImpedance:
+    """Return the stiffness and damping, alike in all directions, of a hand that nobody has measured [N/m, N s/m].
+
+    In the home posture they give the arm and the whip's mass in its hand a natural frequency, and damp it critically,
+    along the direction in which they are the heaviest.
+
+    Args:
+        model: Arm and whip.
+        hand: How the hand is controlled; default: as usual.
+        frequency: [Hz]
+    """
+    from whiptool.impedance.arm import Arm
+
+    kinematics = hand_space(model.arm, hand or HandControl(), led=False).kinematics
+    q = kinematics.posture
+    J = kinematics.jacobian(q)
+    mobility = J @ np.linalg.solve(Arm(model).inertia(q), J.T)  # the inverse of the mass that the hand feels
+    mass = 1 / np.linalg.eigvalsh(mobility)[0] + model.whip.mass
+    omega = 2 * math.pi * frequency
+    K, B = mass * omega**2 * np.eye(len(J)), 2 * mass * omega * np.eye(len(J))
+    return ConstantImpedance(tuple(map(tuple, K.tolist())), tuple(map(tuple, B.tolist())))

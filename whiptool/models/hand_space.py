@@ -1,0 +1,300 @@
+"""Hand space: strikes told by where the hand begins and ends, and the joints' way that goes with them (Sect. 4.2)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from whiptool.errors import InputError
+from whiptool.models.hand_strike import HandStrike
+from whiptool.models.inverse_kinematics import HandKinematics
+from whiptool.models.numbers import numbers
+from whiptool.models.parameters import ArmParameters
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.strike import StrikeBounds, default_bounds, eased
+
+DEGREE = 12  # of the polynomials that the joints follow along the hand's path
+EXACT = 1e-4  # [m or rad] by which the hand may leave its path between the nodes of these polynomials
+TURNED = 1.0  # [rad] by which searches turn the hand from the home posture's orientation about any axis
+_D = (0.4, 1.5)  # [s], of searches
+_QUARTER = np.pi / 4
+_SAMPLES = 100  # along each axis, for the bounds
+_EASY = 0.2  # the hand's least speed per unit of the joints' there, in that at home, at least
+
+_NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # of Chebyshev and Lobatto, shares of the path
+_BETWEEN = (_NODES[1:] + _NODES[:-1]) / 2
+_TO_SERIES = np.linalg.inv(chebyshev.chebvander(2 * _NODES - 1, DEGREE))  # of values at the nodes
+_TO_POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, DEGREE - i)) for i, row in enumerate(np.eye(DEGREE + 1))]).T
+_AT_BETWEEN = chebyshev.chebvander(2 * _BETWEEN - 1, DEGREE) @ _TO_SERIES
+
+
+def hand_layout(a: int, m: int, *, led: bool) -> dict[str, int]:
+    """Return name and size of every block of the numbers that rollouts take of a strike of the hand, in order.
+
+    Args:
+        a: Joints of the arm.
+        m: Coordinates of the hand.
+        led: Whether the joints follow the hand's path exactly.
+    """
+    return {"q_i": a, "path": a * (DEGREE + 1), "D": 1} if led else {"q_i": a, "x_i": m, "x_f": m, "D": 1}
+
+
+class HandPath:
+    """A strike of the hand for its arm: the joints' path that holds the hand on its own.
+
+    Args:
+        strike: Of the hand.
+        nodes: Joint positions (DEGREE + 1, a) where the hand is at the nodes of its path.
+    """
+
+    def __init__(self, strike: HandStrike, nodes: np.ndarray) -> None:
+        self.strike, self.D, self.q_i = strike, strike.D, tuple(map(float, nodes[0]))
+        self._series = [_TO_SERIES @ nodes]
+        for _ in range(2):
+            self._series.append(2 * chebyshev.chebder(self._series[-1], axis=0))  # by the share of the path
+
+    def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Desired positions, velocities and accelerations of the joints at times t [s], each (*t.shape, a)."""
+        s, ds, dds = (np.asarray(x, float)[..., None] for x in eased(np.asarray(t, float), self.D))
+        q, by_s, twice = (np.moveaxis(chebyshev.chebval(2 * s[..., 0] - 1, c), 0, -1) for c in self._series)
+        return q, by_s * ds, twice * ds**2 + by_s * dds
+
+    def hand(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Desired coordinates of the hand and their speeds at times t [s], each (*t.shape, m); Eq. 1."""
+        s, ds, _ = (np.asarray(x, float)[..., None] for x in eased(np.asarray(t, float), self.D))
+        start, span = np.array(self.strike.x_i), np.subtract(self.strike.x_f, self.strike.x_i)
+        return start + s * span, ds * span
+
+
+class _Found(NamedTuple):
+    """Of B strikes: joint positions at the nodes (B, K, a), their derivatives by the hand's coordinates (B, K, a, m),
+    and how far each is from what the arm can do, by reach, by its way, by its joints (B,); 0: not at all."""
+
+    nodes: np.ndarray
+    slopes: np.ndarray
+    reach: np.ndarray
+    way: np.ndarray
+    limits: np.ndarray
+
+
+class HandSpace:
+    """Strikes of an arm's hand: vectors `[x_i, x_f, D]` of 2 m + 1 numbers.
+
+    Of all postures that hold the hand somewhere, the arm takes that nearest to its home posture.
+
+    Args:
+        arm: In the plane or in space.
+        posture: The home posture [rad or m], (a,); default: see `home_posture`.
+        orientation: Whether strikes hold the hand's orientation, as it is turned from the home posture's.
+        led: Whether the joints follow the hand's path exactly.
+
+    Raises:
+        InputError: The posture is of another arm, or the arm has no joints for the hand's coordinates.
+    """
+
+    kind: ClassVar[str] = "hand"
+
+    def __init__(
+        self,
+        arm: ArmParameters | SpatialArm,
+        *,
+        posture: Sequence[float] | None = None,
+        orientation: bool = False,
+        led: bool = False,
+    ) -> None:
+        self.arm, self.led = arm, led
+        self._last: tuple[bytes, _Found] | None = None
+        home = np.zeros(arm.n) if posture is None else np.array(numbers("posture", tuple(posture), arm.n))
+        m = HandKinematics(arm, home, orientation=orientation).m
+        if m > arm.n:
+            what = "position and orientation" if orientation else "position"
+            raise InputError("hand space", f"an arm of {arm.n} joints", f"{m} joints or more, for the hand's {what}")
+        home = home_posture(arm, orientation=orientation) if posture is None else home
+        self.kinematics = HandKinematics(arm, home, orientation=orientation)
+        if np.linalg.svd(self.kinematics.jacobian(home), compute_uv=False)[-1] < 1e-3:
+            given = tuple(np.round(home, 4).tolist())
+            raise InputError("posture", given, "a posture in which the hand can move in all directions, not a singular")
+
+    @property
+    def m(self) -> int:
+        """Number of the hand's coordinates."""
+        return self.kinematics.m
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of a strike's numbers: `x_i`, `y_i`, ..., `D`; of turns `turn_x_i`, in the plane `turn_i`."""
+        d = self.arm.dimension
+        turns = ["turn"] if d == 2 else [f"turn_{axis}" for axis in "xyz"]
+        coordinates = ["x", "y", "z"][:d] + (turns if self.kinematics.orientation else [])
+        return (*(f"{c}_i" for c in coordinates), *(f"{c}_f" for c in coordinates), "D")
+
+    @property
+    def width(self) -> int:
+        """Numbers of a strike vector."""
+        return 2 * self.m + 1
+
+    @property
+    def layout(self) -> dict[str, int]:
+        """Name and size of every block of `numbers`."""
+        return hand_layout(self.arm.n, self.m, led=self.led)
+
+    @cached_property
+    def bounds(self) -> StrikeBounds:
+        """Bounds in which strikes are searched: from the hand of the home posture as far along each axis as the arm
+        takes it with ease, either way; turns of `TURNED`; D as in joint space."""
+        d, home = self.arm.dimension, self.kinematics.coordinates(self.kinematics.posture)
+        ways = np.vstack([-np.eye(self.m)[:d], np.eye(self.m)[:d]])
+        distances = np.arange(1, _SAMPLES + 1) / _SAMPLES * 2 * self.arm.length
+        found = self.kinematics.solve(home + distances[:, None, None] * ways)
+        ease, at_home = (np.linalg.svd(self.kinematics.jacobian(q), compute_uv=False)[..., -1]
+                         for q in (found.q, self.kinematics.posture))  # fmt: skip
+        reached = np.isfinite(found.missed) & (self._beyond_limits(found.q) <= 0) & (ease > _EASY * at_home)
+        steps = np.where(reached.all(axis=0), _SAMPLES, reached.argmin(axis=0))  # the last that is reached
+        before, ahead = np.split(steps / _SAMPLES * 2 * self.arm.length, 2)
+        turns = np.full(self.m - d, TURNED)
+        low, high = home - np.r_[before, turns], home + np.r_[ahead, turns]
+        return StrikeBounds((*low, *low, _D[0]), (*high, *high, _D[1]))
+
+    def strike(self, vector: Sequence[float] | np.ndarray) -> HandStrike:
+        """Return the strike of a vector (2 m + 1,)."""
+        return HandStrike.from_vector(vector)
+
+    def path(self, vector: np.ndarray) -> HandPath:
+        """Return the path of the arm's joints in a strike (2 m + 1,).
+
+        Raises:
+            InputError: The hand does not reach where it is to be, or not on a straight way within the joints' limits.
+        """
+        found = self._solved(vector[None])
+        self._refuse(found, vector[None])
+        return HandPath(self.strike(vector), found.nodes[0])
+
+    def numbers(self, vectors: np.ndarray) -> np.ndarray:
+        """Return what rollouts take of strikes (B, 2 m + 1), as `layout` has it.
+
+        Raises:
+            InputError: As in `path`.
+        """
+        found = self._solved(vectors)
+        self._refuse(found, vectors)
+        if not self.led:
+            return np.hstack([found.nodes[:, 0], vectors])
+        return np.hstack([found.nodes[:, 0], self._coefficients(found.nodes), vectors[:, -1:]])
+
+    def slopes(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `numbers` by the strikes' own, (B, numbers, 2 m + 1)."""
+        found, (B, width), m, a = self._solved(vectors), vectors.shape, self.m, self.arm.n
+        share = _NODES[:, None, None]
+        by_vector = np.zeros((B, DEGREE + 1, a, width))
+        by_vector[..., :m], by_vector[..., m : 2 * m] = (1 - share) * found.slopes, share * found.slopes
+        start = by_vector[:, 0]
+        if not self.led:
+            return np.concatenate([start, np.broadcast_to(np.eye(width), (B, width, width))], axis=1)
+        flat = by_vector.transpose(0, 3, 1, 2).reshape(B * width, DEGREE + 1, a)
+        coefficients = self._coefficients(flat).reshape(B, width, -1).transpose(0, 2, 1)
+        return np.concatenate([start, coefficients, np.broadcast_to(np.eye(width)[-1:], (B, 1, width))], axis=1)
+
+    def beyond(self, vectors: np.ndarray) -> np.ndarray:
+        """Return how far strikes (B, 2 m + 1) are from what the arm can do, (B,); 0: it can."""
+        found = self._solved(vectors)
+        return found.reach + found.way + found.limits
+
+    def _coefficients(self, nodes: np.ndarray) -> np.ndarray:
+        """Coefficients of powers of 2 s - 1, s the share of the path, of values at the nodes (B, K, a): (B, K a)."""
+        return (_TO_POWERS @ _TO_SERIES @ nodes).reshape(len(nodes), -1)
+
+    def _solved(self, vectors: np.ndarray) -> _Found:
+        """Solve for the joints' paths; those of the vectors that were asked for last are kept."""
+        key = vectors.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._solve(vectors)
+        return self._last[1]
+
+    def _solve(self, vectors: np.ndarray) -> _Found:
+        m, a, B = self.m, self.arm.n, len(vectors)
+        ends = np.stack([vectors[:, :m], vectors[:, m : 2 * m]], axis=1)  # (B, 2, m)
+        found = self.kinematics.solve(ends)
+        q_i, q_f = found.q[:, :1], found.q[:, 1:]
+        share = _NODES[:, None]
+        on_way = ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
+        inner = self.kinematics.settle(on_way[:, 1:-1], q_i + share[1:-1] * (q_f - q_i))
+        nodes = np.concatenate([q_i, inner.q, q_f], axis=1)
+        slopes = np.concatenate([found.slopes[:, :1], inner.slopes, found.slopes[:, 1:]], axis=1)
+        home = self.kinematics.coordinates(self.kinematics.posture)
+        away = np.abs(ends - home).max(axis=2) / self.arm.length
+        reach = np.where(np.isfinite(found.missed), 0.0, 1 + away).max(axis=1)
+        off = np.abs(self.kinematics.coordinates(_AT_BETWEEN @ nodes) - self._between(ends)).max(axis=(1, 2))
+        lost = ~(np.isfinite(inner.missed).all(axis=1) & (off <= EXACT))
+        way = np.where(lost & (reach == 0), 1 + np.minimum(off, 1.0), 0.0)
+        limits = np.where(reach + way == 0, np.maximum(self._beyond_limits(nodes).max(axis=1), 0.0), 0.0)
+        assert nodes.shape == (B, DEGREE + 1, a)
+        return _Found(nodes, slopes, reach, way, limits)
+
+    def _between(self, ends: np.ndarray) -> np.ndarray:
+        """Coordinates (B, K - 1, m) between the nodes of the path."""
+        return ends[:, :1] + _BETWEEN[:, None] * (ends[:, 1:] - ends[:, :1])
+
+    def _beyond_limits(self, q: np.ndarray) -> np.ndarray:
+        """How far postures (..., a) are beyond the joints' limits, in parts of half their ranges (...)."""
+        if not isinstance(self.arm, SpatialArm):
+            return np.zeros(q.shape[:-1])
+        low, high = np.array([link.limits.position for link in self.arm.links]).T
+        half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
+        return (np.maximum(low - q, q - high) / half).max(axis=-1)
+
+    def _refuse(self, found: _Found, vectors: np.ndarray) -> None:
+        """Refuse the first strike that the arm cannot make.
+
+        Raises:
+            InputError: There is one.
+        """
+        refused = np.flatnonzero(found.reach + found.way + found.limits > 0)
+        if not len(refused):
+            return
+        i = int(refused[0])
+        given = ", ".join(f"{x:.4g}" for x in vectors[i])
+        if found.reach[i] > 0:
+            rule = "places that the hand reaches, on the straight line from where the home posture holds it"
+        elif found.way[i] > 0:
+            rule = "a straight way of the hand within its reach, that passes no singular posture"
+        else:
+            worst = np.unravel_index(self._per_joint(found.nodes[i]).argmax(), found.nodes[i].shape)
+            joint, q = self.arm.joints[worst[1]], found.nodes[i][worst]
+            rule = f"a way of the hand within the joints' limits; {joint} would be at {q:.2f}"
+        raise InputError("strike of the hand", f"({given})", rule)
+
+    def _per_joint(self, q: np.ndarray) -> np.ndarray:
+        assert isinstance(self.arm, SpatialArm)
+        low, high = np.array([link.limits.position for link in self.arm.links]).T
+        half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
+        return np.maximum(low - q, q - high) / half
+
+
+@lru_cache(maxsize=32)
+def home_posture(arm: ArmParameters | SpatialArm, *, orientation: bool = False) -> np.ndarray:
+    """Return the posture near which an arm holds its hand unless another is given [rad or m], (a,).
+
+    Of the postures whose joints are one or two steps of 45 degrees (of a fifth of the range, where that is less) away
+    from the middle of the arm's usual bounds, it is the one in which the hand's least speed per unit of the joints',
+    times how far forward it is, is largest; of several that nearest to the middle.
+    """
+    box = default_bounds(arm)
+    low, high = (np.reshape(side[:-1], (2, arm.n)) for side in (box.lower, box.upper))  # of q_i and q_f
+    low, high = low.min(axis=0), high.max(axis=0)
+    middle, step = (low + high) / 2, np.minimum(_QUARTER, (high - low) / 5)
+    kinematics, best, chosen = HandKinematics(arm, middle, orientation=orientation), (-1.0, 0.0), middle
+    every = np.array(list(itertools.product((0, 1, -1, 2, -2), repeat=arm.n)))
+    for steps in np.array_split(every, 1 + len(every) // 4096):
+        at = middle + steps * step
+        worst = np.linalg.svd(kinematics.jacobian(at), compute_uv=False)[:, -1]
+        good = np.round(worst * kinematics.motion(at).position[:, 0], 9)
+        near = -(steps**2).sum(axis=1)
+        i = np.lexsort((near, good))[-1]
+        if (found := (float(good[i]), float(near[i]))) > best:
+            best, chosen = found, middle + steps[i] * step
+    return chosen

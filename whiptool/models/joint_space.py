@@ -1,0 +1,169 @@
+"""Joint space: strikes told by where the joints begin and end; and what any space of strikes says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.hand_strike import HandStrike
+from whiptool.models.parameters import ArmParameters
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.strike import Strike, StrikeBounds, default_bounds, strike_names
+
+AnyStrike = Strike | HandStrike
+
+
+class StrikePath(Protocol):
+    """A strike as its arm's joints make it: a `Strike` is its own, a `HandPath` one of the hand's."""
+
+    @property
+    def q_i(self) -> tuple[float, ...]:
+        """Joint positions at the start [rad or m], (a,)."""
+        ...
+
+    @property
+    def D(self) -> float:
+        """Duration of the movement [s]."""
+        ...
+
+    def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Desired positions, velocities and accelerations of the joints at times t [s], each (*t.shape, a)."""
+        ...
+
+
+class StrikeSpace(Protocol):
+    """What strikes are told by: the joints (`JointSpace`) or the hand (`HandSpace`).
+
+    Args:
+        kind: `joint` or `hand`.
+    """
+
+    kind: ClassVar[str]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of a strike's numbers."""
+        ...
+
+    @property
+    def width(self) -> int:
+        """Numbers of a strike vector; the last is D."""
+        ...
+
+    @property
+    def layout(self) -> Mapping[str, int]:
+        """Name and size of every block of `numbers`; the first is `q_i`."""
+        ...
+
+    @property
+    def bounds(self) -> StrikeBounds:
+        """Bounds in which strikes are usually searched."""
+        ...
+
+    def strike(self, vector: Sequence[float] | np.ndarray) -> Any:
+        """Return the strike of a vector."""
+        ...
+
+    def path(self, vector: np.ndarray) -> StrikePath:
+        """Return the strike of a vector as the arm's joints make it."""
+        ...
+
+    def numbers(self, vectors: np.ndarray) -> np.ndarray:
+        """Return what rollouts take of strikes (B, width), as `layout` has it."""
+        ...
+
+    def slopes(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `numbers` by the strikes' own, (B, numbers, width)."""
+        ...
+
+    def beyond(self, vectors: np.ndarray) -> np.ndarray:
+        """Return how far strikes (B, width) are from what the arm can do, (B,); 0: it can."""
+        ...
+
+
+class JointSpace:
+    """Strikes of an arm's joints: vectors `[q_i, q_f, D]` of 2 a + 1 numbers, which rollouts take as they are.
+
+    Args:
+        arm: Of a joints.
+    """
+
+    kind: ClassVar[str] = "joint"
+
+    def __init__(self, arm: ArmParameters | SpatialArm) -> None:
+        self.arm = arm
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of a strike's numbers; see `strike_names`."""
+        return strike_names(self.arm)
+
+    @property
+    def width(self) -> int:
+        """Numbers of a strike vector."""
+        return 2 * self.arm.n + 1
+
+    @property
+    def layout(self) -> dict[str, int]:
+        """Name and size of every block of a strike vector."""
+        return joint_layout(self.arm.n)
+
+    @property
+    def bounds(self) -> StrikeBounds:
+        """Bounds in which strikes are searched; see `default_bounds`.
+
+        Raises:
+            InputError: The arm has none.
+        """
+        return default_bounds(self.arm)
+
+    def strike(self, vector: Sequence[float] | np.ndarray) -> Strike:
+        """Return the strike of a vector (2 a + 1,)."""
+        return Strike.from_vector(vector)
+
+    def path(self, vector: np.ndarray) -> Strike:
+        """Return the strike of a vector (2 a + 1,), which is its joints' own path."""
+        return Strike.from_vector(vector)
+
+    def numbers(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the strikes' own numbers."""
+        return vectors
+
+    def slopes(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `numbers` by themselves, (B, 2 a + 1, 2 a + 1)."""
+        return np.broadcast_to(np.eye(self.width), (len(vectors), self.width, self.width))
+
+    def beyond(self, vectors: np.ndarray) -> np.ndarray:
+        """Return zeros (B,): every strike of the joints can be made."""
+        return np.zeros(len(vectors))
+
+
+def joint_layout(a: int) -> dict[str, int]:
+    """Return name and size of every block of a strike vector of a joints."""
+    return {"q_i": a, "q_f": a, "D": 1}
+
+
+def checked_vectors(strikes: Any, width: int, whose: str) -> np.ndarray:
+    """Return strikes as vectors, (B, width).
+
+    Args:
+        strikes: One strike or many, or vectors of shape (B, width) or (width,).
+        width: Numbers of a vector.
+        whose: What they are of, in words.
+
+    Raises:
+        InputError: They are of another width, a value is not finite, or a duration D is not positive.
+    """
+    if isinstance(strikes, AnyStrike):
+        strikes = strikes.vector
+    elif not isinstance(strikes, np.ndarray):
+        strikes = np.array([x.vector if isinstance(x, AnyStrike) else x for x in strikes], float)
+    vectors = np.ascontiguousarray(np.atleast_2d(strikes), float)
+    if vectors.ndim != 2 or vectors.shape[1] != width:
+        raise InputError("strikes", vectors.shape, f"an array of shape (B, {width}), for {whose}")
+    if not np.isfinite(vectors).all() or not (vectors[:, -1] > 0).all():
+        raise InputError("strikes", "a value that is not finite, or D <= 0", "finite angles and D > 0 s")
+    return vectors
