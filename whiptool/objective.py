@@ -383,7 +383,7 @@ class Objective:
         return outcomes
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
-        return self.rollout.trajectory(strike, t_stay=self.t_stay)
+        return self.rollout.trajectory(self.space.strike(strike), t_stay=self.t_stay)
 
     def judge(self, trajectory: Trajectory, strike: AnyStrike | None = None) -> Outcome:
         """Outcome of a trajectory that is there already; it is no trial.

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from whiptool.errors import InputError
 from whiptool.goals import Goals
 from whiptool.limits import AllLimits, Limits
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
@@ -61,6 +62,9 @@ class Striker:
         bounds: Box of the strikes; default: `default_bounds`. It is narrowed to limits of position.
         limits: One or several that strikes have to keep; None: the arm can do anything.
         t_stay: A strike is watched this long after the movement ended [s].
+
+    Raises:
+        InputError: Strikes of the rollout are not told by the arm's joints.
     """
 
     def __init__(
@@ -71,6 +75,8 @@ class Striker:
         limits: Limits | Sequence[Limits] | None = None,
         t_stay: float = T_STAY,
     ) -> None:
+        if rollout.space.kind != "joint":
+            raise InputError("space of strikes", rollout.space.kind, "joint, for a strike map")
         self.rollout, self.limits, self.t_stay = rollout, AllLimits(limits), t_stay
         self.bounds = self.limits.narrowed(bounds or default_bounds(rollout.model.arm))
         self.lower, self.upper = self.bounds.box
