@@ -60,7 +60,7 @@ def test_options_and_every_term_against_mujoco(controller):
     assert np.abs(fine - reference).max() < 2e-6
 
 
-@pytest.mark.parametrize("name", ["nah2020-n10", "nah2020-fitted"])
+@pytest.mark.parametrize("name", ["nah2020-n10", pytest.param("nah2020-fitted", marks=pytest.mark.heavy)])
 def test_other_presets_against_mujoco(name):
     model, controller = preset(name), Controller(ConstantImpedance())
     reference = misses(ReferenceRollout(model, controller), STRIKES[:1])
@@ -68,7 +68,14 @@ def test_other_presets_against_mujoco(name):
     assert np.abs(compiled - reference).max() < 1e-6
 
 
-@pytest.mark.parametrize("joints", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "joints",
+    [
+        pytest.param(1, marks=pytest.mark.heavy),
+        pytest.param(2, marks=pytest.mark.heavy),
+        pytest.param(3, marks=pytest.mark.slow),
+    ],
+)
 def test_arms_of_any_number_of_joints_against_mujoco(joints):
     """With every term of the whip; the law is OIAC, which is of no number of joints."""
     arm = ArmParameters(tuple(ArmLink(mass=0.3 - 0.05 * i, length=0.3, friction=0.02) for i in range(joints)))
