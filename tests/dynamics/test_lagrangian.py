@@ -22,6 +22,7 @@ def lagrange(key: Key) -> ca.Function:
     return s.function(*lagrangian_dynamics(s.chain, s.tau, s.q, s.v), *lagrangian(s.chain, s.q, s.v), cse=True)
 
 
+@pytest.mark.heavy
 @examples(100)
 @given(cases(SHORT))
 def test_agrees_with_lagrange_up_to_14_joints(case: Case):

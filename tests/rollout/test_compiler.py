@@ -55,6 +55,7 @@ def test_processes_that_start_at_once_share_the_cache(tmp_path):
     assert left[0].endswith(".so")
 
 
+@pytest.mark.heavy
 def test_a_damaged_cache_is_mended(tmp_path, monkeypatch):
     from whiptool.rollout import engine
 

@@ -103,6 +103,7 @@ def test_stiffness_and_damping_from_the_command_line(tracks, capsys, tmp_path):
     assert ("in a clamp" if HELD[held] is not None else "behind a free hinge") in page
 
 
+@pytest.mark.heavy
 def test_the_known_whip_and_state_give_the_swing_back(tracks):
     """Against Lagrange's equations: with the true numbers, only the readings' errors are left."""
     held, recordings = tracks

@@ -57,6 +57,7 @@ def test_one_node_is_the_tip():
     assert one.max_torque == pytest.approx(tip.max_torque)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("nodes", [[], [25], [-1]])
 def test_nodes_that_are_not_there_are_refused(nodes):
     with pytest.raises(InputError, match="0 to 24"):
