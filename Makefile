@@ -16,7 +16,7 @@ test: check
 	$(TEST)
 
 test-fast: $(VENV)/.dev
-	$(TEST) -m "not slow"
+	$(TEST) -m "not slow and not heavy"
 
 # does a wrong formula fail a test? goes on where it was stopped; MUTANTS="--package rl --sample 20" for a part
 mutants: $(VENV)/.dev

@@ -68,6 +68,7 @@ def words(found: list[Section]) -> str:
     return to_html("Adaptation", "", {}, found)
 
 
+@pytest.mark.heavy
 def test_lines_tell_the_outcome_and_where_each_number_comes_from(prior):
     said = "\n".join(lines(step_of(2, narrowed(prior, {"profile.length": 0.02})), prior))
     assert said.startswith("strike 2: the one that was chosen\n")
@@ -97,6 +98,7 @@ def test_numbers_that_narrowed_most_come_first_with_their_units(prior):
     assert re.search(r"profile\.length +0?\.\d+ m|profile\.length +1\.?\d* m", shown[0])
 
 
+@pytest.mark.heavy
 def test_bounds_and_contradictions_are_marked(prior):
     """The prior's drag is two standard errors above zero."""
     at = {"profile.drag": -2.0, "profile.length": 2.9, "delay": -3.1}
@@ -111,6 +113,7 @@ def test_bounds_and_contradictions_are_marked(prior):
     assert {row[0]: row[-1] for row in rows}["profile.drag"] == "at its bound"
 
 
+@pytest.mark.heavy
 def test_a_first_look_is_no_strike(prior):
     steps = [step_of(0, narrowed(prior, {"delay": 0.5})), step_of(1, narrowed(prior, {"delay": 0.2}))]
     assert lines(steps[0], prior)[0] == "first look: it tells much"
@@ -121,6 +124,7 @@ def test_a_first_look_is_no_strike(prior):
     assert "First hit: strike 1" in words(sections(steps, prior, TARGET))
 
 
+@pytest.mark.heavy
 def test_what_the_pictures_show(prior):
     steps = [step_of(n, narrowed(prior, {"delay": 0.5**n, "profile.length": 0.3**n})) for n in range(1, 9)]
     plane, sizes = parts(sections(steps, prior, TARGET), Picture)
@@ -142,6 +146,7 @@ def test_what_the_pictures_show(prior):
     assert {"profile.length", "delay"} < {text.get_text() for text in sizes.figure.axes[0].texts}
 
 
+@pytest.mark.heavy
 def test_the_speed_is_the_learned_whips_or_about_that_between_frames(prior):
     seen = parts(sections([step_of(1)], prior, TARGET), Table)[0].rows[1][7]
     tip = filmed("").points[:, 0]
@@ -189,6 +194,7 @@ def test_a_whip_that_diverges_has_no_path(prior):
     assert parts(found, Table)[0].rows[1][2] == "–"
 
 
+@pytest.mark.heavy
 def test_a_real_adaptation(prior):
     quick = Effort(pool=32, polished=2, steps=2, whips=4, population=4, rounds=1)
     port = TipPort(draw_twin("kin", 0, MODEL, CONTROLLER), TARGET.position)

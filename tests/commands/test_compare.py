@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 from processes import HANG
 
 from whiptool.arrival_rule import ArrivalRule
@@ -55,7 +56,7 @@ def scene() -> Scene:
 def alone(tmp_path_factory) -> Path:
     """A small comparison in one process."""
     folder = tmp_path_factory.mktemp("alone")
-    done = compare(*FEW, "--out", "run", "--json", cwd=folder)
+    done = called("compare", *FEW, "--workers", 1, "--out", "run", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == json.loads((folder / "run" / "result.json").read_text())
     return folder / "run"
@@ -267,7 +268,7 @@ def test_killed_and_resumed_it_ends_the_same(alone, tmp_path):
         for row in result["rows"]:
             del row["wall_time"]
     assert results[0] == results[1]
-    refused = compare("--resume", "run", "--targets", 7, cwd=tmp_path)
+    refused = called("compare", "--resume", "run", "--targets", 7, cwd=tmp_path)
     assert refused.returncode == 2
     assert "--targets" in refused.stderr
 
@@ -280,7 +281,7 @@ def test_killed_and_resumed_it_ends_the_same(alone, tmp_path):
     ],
 )
 def test_bad_input_gets_one_line(words, named, tmp_path):
-    done = compare(*words, cwd=tmp_path)
+    done = called("compare", *words, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith(f"whiptool: {named}")
     assert done.stderr.count("\n") == 1

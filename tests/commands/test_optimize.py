@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from command_line import assert_one_line, whiptool
+from command_line import assert_one_line, called
 from processes import HANG
 
 from whiptool.models import preset, read_model, write_model
@@ -45,7 +45,7 @@ KEYS = {
 
 def test_optimize_hits_the_default_target(tmp_path):
     """The main job, with figures and video."""
-    done = whiptool("optimize", "--json", "--out", "run", cwd=tmp_path)
+    done = called("optimize", "--json", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert set(result) == KEYS
@@ -70,7 +70,7 @@ def test_optimize_hits_the_default_target(tmp_path):
 
 
 def test_summary_for_people(tmp_path):
-    done = whiptool("optimize", "--no-video", "--method", "random", "--seed", 1, cwd=tmp_path)
+    done = called("optimize", "--no-video", "--method", "random", "--seed", 1, cwd=tmp_path)
     assert done.returncode == 0
     for text in ("rad (", "deg)", "within -1.5708 .. -0.3142", "m/s", "difference of", "runs/random-"):
         assert text in done.stdout
@@ -79,7 +79,7 @@ def test_summary_for_people(tmp_path):
 def test_a_model_file_is_taken(tmp_path):
     write_model(preset("nah2020-n10"), tmp_path / "mine.toml")
     assert read_model(tmp_path / "mine.toml") == preset("nah2020-n10")
-    done = whiptool("optimize", "--model", "mine.toml", "--controller", "constant", "--target", "1.2", "-0.4", "--json",
+    done = called("optimize", "--model", "mine.toml", "--controller", "constant", "--target", "1.2", "-0.4", "--json",
                     "--no-video", "--max-trials", "20", "--out", "run", cwd=tmp_path)  # fmt: skip
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -97,7 +97,7 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path, method):
     """SIGKILL in mid-search, half a line torn off, then --resume: the same trials and result as without the kill."""
     options = ["--method", method, "--target", "1.25", "0.05", "--no-stop-at-hit", "--max-trials", "500", "--no-video",
                "--timestep", "0.002", "--preset", "printed"]  # fmt: skip
-    assert whiptool("optimize", *options, "--out", "whole", cwd=tmp_path).returncode == 0
+    assert called("optimize", *options, "--out", "whole", cwd=tmp_path).returncode == 0
     command = [sys.executable, "-m", "whiptool.optimize", *options, "--out", "killed"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     trials = tmp_path / "killed" / "trials.csv"
@@ -109,7 +109,7 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path, method):
     assert not (tmp_path / "killed" / "result.json").exists()
     with trials.open("a") as file:
         file.write("999,0.1,0.")
-    done = whiptool("optimize", "--resume", "killed", "--no-video", cwd=tmp_path)
+    done = called("optimize", "--resume", "killed", "--no-video", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert outcome_of(tmp_path / "killed") == outcome_of(tmp_path / "whole")
 
@@ -139,11 +139,11 @@ def test_interruption_saves_and_summarises(tmp_path):
 
 
 def test_resume_refuses_another_configuration(tmp_path):
-    assert whiptool("optimize", "--no-video", "--out", "run", "--max-trials", "50", cwd=tmp_path).returncode == 0
+    assert called("optimize", "--no-video", "--out", "run", "--max-trials", "50", cwd=tmp_path).returncode == 0
     for options, name in ((["--target", "1.2", "0.1"], "--target"), (["--seed", "4"], "--seed"),
                           (["--out", "other"], "--out")):  # fmt: skip
-        done = whiptool("optimize", "--resume", "run", *options, cwd=tmp_path)
+        done = called("optimize", "--resume", "run", *options, cwd=tmp_path)
         assert_one_line(done, name)
     config = (tmp_path / "run" / "config.toml").read_text()
     (tmp_path / "run" / "config.toml").write_text(config.replace("m = 0.012", "m = 0.013"))
-    assert_one_line(whiptool("optimize", "--resume", "run", cwd=tmp_path), "--resume", "same model")
+    assert_one_line(called("optimize", "--resume", "run", cwd=tmp_path), "--resume", "same model")

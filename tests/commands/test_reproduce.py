@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 
 import pytest
-from processes import HANG
+from command_line import called, whiptool
 
 from whiptool.commands import reproduce
 from whiptool.studies.reproduction import PARTS
@@ -17,14 +15,13 @@ pytestmark = pytest.mark.slow
 
 
 def test_quick_form_of_everything(tmp_path):
-    """Smaller still than by itself, and also resumed: nothing is worked out again, and the report is the same."""
-    smaller = ["--targets", "6", "--max-trials", "20", "--episodes", "4", "--random-episodes", "2", "--trials", "16"]
-    words = [sys.executable, "-m", "whiptool.reproduce"]
+    """Smaller still than by itself, and also resumed: nothing is worked out again, and the report is the same.
 
-    def run(*more: str) -> subprocess.CompletedProcess:
-        return subprocess.run([*words, *more], cwd=tmp_path, capture_output=True, text=True, timeout=HANG, check=False)
-
-    done = run("all", "--quick", *smaller, "--out", "run", "--json")
+    Without processes of its own, each of which would import for seconds, part by part: `test_compare.py` has them.
+    """
+    smaller = ["--workers", "1", "--targets", "6", "--max-trials", "20", "--trials", "16"]
+    smaller += ["--episodes", "4", "--random-episodes", "2"]
+    done = whiptool("reproduce", "all", "--quick", *smaller, "--out", "run", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     page = (tmp_path / "run" / "report.html").read_text()
@@ -35,7 +32,7 @@ def test_quick_form_of_everything(tmp_path):
     shown = ("Fig. 5", "Fig. 6", "Fig. 7", "Table 4", "22.36 %", "training trials", "random", "hard task")
     for said in (*shown, "One and the same strike", "a disc of radius 0.3 m", "wherever the tip can pass"):
         assert said in page
-    again = run("--resume", "run", "--json")
+    again = called("reproduce", "--resume", "run", "--json", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["claims"] == result["claims"]
     assert (tmp_path / "run" / "report.html").read_text() == page

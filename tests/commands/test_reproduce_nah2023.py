@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 
 import pytest
-from processes import HANG
+from command_line import called
 
 pytestmark = pytest.mark.slow
 
@@ -16,9 +14,8 @@ pytestmark = pytest.mark.slow
 def test_quick_form_ends_and_resumes(tmp_path):
     """Resumed, nothing is worked out again, and the report is the same; a unit that is lost is worked out again."""
 
-    def run(*more: str) -> dict:
-        words = [sys.executable, "-m", "whiptool.reproduce", *more, "--json"]
-        done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=HANG, check=False)
+    def run(*words: str) -> dict:
+        done = called("reproduce", *words, "--workers", "1", "--json", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
 

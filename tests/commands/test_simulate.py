@@ -6,7 +6,7 @@ import json
 
 import mujoco
 import pytest
-from command_line import whiptool
+from command_line import called
 
 pytestmark = pytest.mark.slow
 
@@ -15,7 +15,7 @@ def test_simulate_replays_the_strike_that_was_found(tmp_path):
     strike = ["-1.2", "0.9", "1.2", "0.3", "0.7"]
     results = {}
     for simulator in ("compiled", "reference"):
-        done = whiptool("simulate", "--strike", *strike, "--simulator", simulator, "--json", "--no-video", cwd=tmp_path)
+        done = called("simulate", "--strike", *strike, "--simulator", simulator, "--json", "--no-video", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         results[simulator] = json.loads(done.stdout)
     assert results["compiled"]["miss_distance"] == pytest.approx(results["reference"]["miss_distance"], abs=3e-4)
@@ -24,7 +24,7 @@ def test_simulate_replays_the_strike_that_was_found(tmp_path):
 
 
 def test_export_writes_mjcf_that_mujoco_loads(tmp_path):
-    done = whiptool("simulate", "--export", "model.xml", cwd=tmp_path)
+    done = called("simulate", "--export", "model.xml", cwd=tmp_path)
     assert done.returncode == 0
     assert "does not hold the controller" in done.stderr
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml")).nq == 14

@@ -93,6 +93,7 @@ def test_three_engines_agree_up_to_14_joints(case: Case):
     assert worst(ours, theirs["Pinocchio"]) < 1e-11
 
 
+@pytest.mark.heavy
 @examples(50)
 @given(cases(LONG))
 def test_three_engines_agree_up_to_the_condition_number(case: Case):
@@ -179,6 +180,7 @@ def test_power_of_all_forces_is_the_rate_of_energy(case: Case):
 # Armature
 
 
+@pytest.mark.heavy
 @examples(150)
 @given(cases(SHORT), st.sampled_from(["none", "some", "all"]))
 def test_armature_equals_the_dense_solution(case: Case, armature: str):

@@ -144,7 +144,7 @@ def hand_jacobian(arm: pin.Model, q: np.ndarray, hand: pin.SE3) -> np.ndarray:
     return np.vstack([J[:3] - pin.skew(r) @ J[3:], J[3:]])
 
 
-@pytest.mark.parametrize(("a", "N"), [(1, 1), (2, 3), (3, 6), (4, 25), (7, 12)])
+@pytest.mark.parametrize(("a", "N"), [(1, 1), (2, 3), (3, 6), (7, 12), pytest.param(4, 25, marks=pytest.mark.heavy)])
 def test_a_dense_solve_with_multipliers_gives_the_same_accelerations(a: int, N: int):
     """Point masses at fixed distances, forces from energy and dissipation; the hand's drift is a difference of 1e-9."""
     for seed in range(3):

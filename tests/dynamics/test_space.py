@@ -33,7 +33,8 @@ from whiptool.models.presets import preset
 from whiptool.models.spatial_arm import in_space
 from whiptool.models.strike import Strike
 
-SIZES = [(1, 1), (1, 6), (2, 3), (3, 5), (3, 12), (4, 25), (5, 4), (6, 10), (7, 20), (7, 23)]
+LARGE = [pytest.param(a, N, marks=pytest.mark.heavy) for a, N in ((4, 25), (7, 20), (7, 23))]
+SIZES = [(1, 1), (1, 6), (2, 3), (3, 5), (3, 12), (5, 4), (6, 10), *LARGE]
 
 
 def worst(ours: np.ndarray, its: np.ndarray) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.strike import StrikeBounds
@@ -9,17 +11,17 @@ from whiptool.rl.task import StrikeTask
 from whiptool.rollout import CompiledRollout
 from whiptool.zone import Disc
 
-ONE_JOINT = CompiledRollout(
-    Model(
-        whip=WhipParameters(N=3, l=0.15, m=0.02, k=0.2, b=0.05),
-        arm=ArmParameters((ArmLink(mass=0.3, length=0.5),)),
-    ),
-    Controller(ConstantImpedance(K=((30.0,),), B=((3.0,),))),
-    timestep=1e-3,
-)
+
+@cache
+def one_joint() -> CompiledRollout:
+    """Compiled when it is first asked for, and not by every process that collects tests."""
+    model = Model(
+        whip=WhipParameters(N=3, l=0.15, m=0.02, k=0.2, b=0.05), arm=ArmParameters((ArmLink(mass=0.3, length=0.5),))
+    )
+    return CompiledRollout(model, Controller(ConstantImpedance(K=((30.0,),), B=((3.0,),))), timestep=1e-3)
 
 
 def one_joint_task(**options) -> StrikeTask:
     """Three numbers, q_1i, q_1f and D, and targets that one strike in six hits by chance."""
     bounds = StrikeBounds((-1.2, 0.3, 0.3), (0.0, 2.8, 1.0))
-    return StrikeTask(ONE_JOINT, Disc((0.75, 0.0), 0.15), bounds=bounds, **options)
+    return StrikeTask(one_joint(), Disc((0.75, 0.0), 0.15), bounds=bounds, **options)

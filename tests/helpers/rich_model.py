@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
@@ -12,6 +13,8 @@ from whiptool.models.parameters import Model
 from whiptool.rollout.trajectory import Approach
 
 LEMON = preset("lemon2024")
+# code of scalars is generated as that of lanes is: its derivatives are compiled in the whole suite only
+EVERY_RUNG = ["simd", pytest.param("scalar", marks=pytest.mark.heavy), "interpreter"]
 COMPUTED = [field.name for field in dataclasses.fields(Approach) if field.name != "error"]  # only measured ones have it
 
 

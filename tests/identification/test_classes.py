@@ -69,6 +69,7 @@ def test_a_class_is_withdrawn_where_the_model_does_not_explain_the_readings(erro
     assert (found.interval is None) is (kind == "withdrawn")
 
 
+@pytest.mark.heavy
 def test_classes_are_the_same_along_an_unseen_direction():
     """A last link's inertia may be all of what is seen of it, or next to nothing: an end is as good as the other."""
     free = ["link.mass[1]", "link.length[0]", *SPREAD]
@@ -90,6 +91,7 @@ def test_a_mass_beside_the_inertia_is_needed_to_see_the_centre_of_mass():
         assert set(found.values()) == {"pinned"}
 
 
+@pytest.mark.heavy
 def test_a_friction_that_may_be_none_is_not_pinned():
     """Five micro-newton metres with an interval across zero, though usual ones are a thousand times as large."""
     rubbing = TRUE.changed({"link.dry_friction[0]": 2e-3, "link.dry_friction[1]": 5e-6})

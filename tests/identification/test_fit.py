@@ -132,6 +132,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
     assert all(low <= count <= high for count in covered.values())
 
 
+@pytest.mark.heavy
 def test_command_joints_and_handle_tell_the_same_whip():
     rng = np.random.default_rng(5)
     films = [film(LEMON, v, rng, markers=("tip", "handle")) for v in STRIKES[:2]]
@@ -193,6 +194,7 @@ def test_a_prior_speaks_where_the_recordings_are_silent():
     assert not found.uncertainty.flat.any()
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("drive", ["joints", "handle"])
 def test_a_profile_is_told_by_the_motion_of_its_base(drive):
     """Stiffness and damping over mass: the model is the uniform whip's, cut into hats."""
@@ -225,6 +227,7 @@ def test_a_number_that_may_be_zero_is_bounded_however_near_zero_it_comes_out():
     assert max(widths) < 1.5 * min(widths)
 
 
+@pytest.mark.heavy
 def test_what_is_not_there_ends_at_its_bound_and_what_trades_is_named():
     rng = np.random.default_rng(8)
     films = [film(LEMON, v, rng, sigma=1e-3) for v in STRIKES[:2]]

@@ -49,7 +49,9 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(x, marks=[pytest.mark.heavy] * (x not in ("joints", "free"))) for x in CASES]
+)
 def test_derivatives_are_those_of_differences(case):
     plant, shared, own = CASES[case]
     kind = "command" if case == "profile" else case

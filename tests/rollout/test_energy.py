@@ -38,7 +38,9 @@ EVERYTHING = Model(  # every term that a model can have
         (ArmLink(mass=0.3, length=0.3, com=0.1, friction=0.02), ArmLink(mass=0.2, length=0.25, inertia=0.002))
     ),
 )
-MODELS = pytest.mark.parametrize("model", [LEMON, EVERYTHING], ids=["lemon2024", "every term"])
+MODELS = pytest.mark.parametrize(
+    "model", [LEMON, pytest.param(EVERYTHING, marks=pytest.mark.heavy)], ids=["lemon2024", "every term"]
+)
 
 
 def path_of(model, timestep):

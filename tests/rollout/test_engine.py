@@ -8,7 +8,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from rich_model import COMPUTED, everything
+from rich_model import COMPUTED, EVERY_RUNG, everything
 from slopes import compare
 
 from whiptool.dynamics.closed_loop import Structure
@@ -224,7 +224,7 @@ def test_derivatives_of_the_tip_at_its_closest_approach_against_differences():
     assert moving > 0.8 * 4 * 2 * 2 * len(strikes)
 
 
-@pytest.mark.parametrize("rung", engine_module.RUNGS[1:])
+@pytest.mark.parametrize("rung", EVERY_RUNG[1:])
 def test_engines_agree_on_the_derivatives_of_the_tip(rung):
     strikes, targets = STRIKES[:6], TARGETS[:6]
     best, other = (CompiledRollout(everything(), LAWS["constant"], timestep=1e-3, engine=x) for x in (None, rung))
@@ -233,6 +233,7 @@ def test_engines_agree_on_the_derivatives_of_the_tip(rung):
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
+@pytest.mark.heavy
 def test_a_parameter_whose_term_is_zero_can_be_freed():
     rollout = CompiledRollout(
         LEMON, Controller(ConstantImpedance()), free=["whip.drag", "whip.hinge_mass", "whip.rest_angle"]
@@ -252,7 +253,7 @@ def test_a_parameter_whose_term_is_zero_can_be_freed():
         rollout.gradient(STRIKES[:1], TARGET, t_stay=0.3, names=["whip.colour"])
 
 
-@pytest.mark.parametrize("name", engine_module.RUNGS)
+@pytest.mark.parametrize("name", EVERY_RUNG)
 def test_tip_paths_and_their_derivatives(name):
     """Paths at a given rate against the trajectory's own steps; derivatives against differences at fixed times."""
     rollout = CompiledRollout(LEMON, Controller(OIAC(a=5e-3)), timestep=5e-4, engine=name)

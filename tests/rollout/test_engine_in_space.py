@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_space import random_arm, random_whip
-from rich_model import COMPUTED
+from rich_model import COMPUTED, EVERY_RUNG
 from slopes import compare
 
 from whiptool.errors import InputError
@@ -33,6 +33,7 @@ STIFF = ROOT @ ROOT.T + 5 * np.eye(A)
 CONSTANT = Controller(ConstantImpedance(K=tuple(map(tuple, STIFF)), B=tuple(map(tuple, 0.2 * STIFF))))
 
 
+@pytest.mark.heavy
 def test_all_engines_agree_on_mixed_batches_in_space():
     names = (
         "gravity",
@@ -77,7 +78,12 @@ def test_a_diverging_lane_leaves_the_others_bit_identical(name: str):
 
 
 @pytest.mark.parametrize(
-    "law", [pytest.param("constant", marks=pytest.mark.slow), "oiac", pytest.param("held", marks=pytest.mark.slow)]
+    "law",
+    [
+        pytest.param("constant", marks=pytest.mark.slow),
+        pytest.param("oiac", marks=pytest.mark.heavy),
+        pytest.param("held", marks=pytest.mark.slow),
+    ],
 )
 def test_the_reference_makes_the_same_strike(law: str):
     """MuJoCo, Pinocchio and NumPy, without friction and drag and with them."""
@@ -160,6 +166,7 @@ def test_derivatives_against_central_differences(law: str):
     assert np.mean(compared) > 0.9
 
 
+@pytest.mark.heavy
 def test_a_number_that_is_zero_can_be_freed():
     arm = MODEL.arm.with_parameters({"com[0].x": 0.0, "armature[1]": 0.0})
     model, names = replace(MODEL, arm=arm), ["arm.com[0].x", "arm.armature[1]"]
@@ -177,7 +184,7 @@ def test_a_number_that_is_zero_can_be_freed():
         np.testing.assert_allclose(slopes[:, k], (sides[1] - sides[0]) / 1e-7, rtol=2e-3, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", RUNGS)
+@pytest.mark.parametrize("name", EVERY_RUNG)
 def test_tip_paths_in_space_and_their_derivatives(name: str):
     rollout = CompiledRollout(MODEL, CONSTANT, timestep=1e-3, engine=name)
     times, path, slopes = rollout.tip_path(STRIKES[:2], t_stay=0.2, rate=50.0, names=["q_1f", "D"])

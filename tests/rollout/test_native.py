@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import re
-from importlib.resources import files
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,9 +19,9 @@ from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.system import System
 from whiptool.rollout import native
 from whiptool.rollout.batch import Batch
-from whiptool.rollout.native import NativeEngine, _Strikes, generate_c
+from whiptool.rollout.native import NativeEngine, _Strikes, driver_source, generate_c
 
-DRIVER = files("whiptool.rollout").joinpath("driver.cpp").read_text()
+DRIVER = driver_source()
 
 
 @pytest.fixture(scope="module")

@@ -22,12 +22,13 @@ MODEL = Model(random_whip(RNG, N, forces=True), random_arm(RNG, A, prismatic=1))
 WHIP = replace(MODEL.whip, k=0.02, b=2e-4, dry_friction=0.0)
 LIGHT = replace(MODEL, whip=WHIP)  # not stiff: steps are explicit
 RODS = replace(MODEL, whip=replace(WHIP, joints="rod", node_inertia=0.0))
+HEAVY_STIFF, HEAVY_RODS = (pytest.param(model, marks=pytest.mark.heavy) for model in (MODEL, RODS))
 TARGETS = RNG.uniform(-0.6, 0.6, (24, 3))
 STRIKES = np.c_[RNG.uniform(-0.8, 0.8, (24, 2 * A)), RNG.uniform(0.4, 0.8, 24)]
 POSITION = Controller(PositionControl())
 
 
-@pytest.mark.parametrize("model", [MODEL, LIGHT, RODS], ids=["stiff", "light", "rod"])
+@pytest.mark.parametrize("model", [HEAVY_STIFF, LIGHT, HEAVY_RODS], ids=["stiff", "light", "rod"])
 def test_all_engines_agree(model):
     results = {}
     for name in RUNGS:
@@ -41,7 +42,7 @@ def test_all_engines_agree(model):
         np.testing.assert_allclose(near.positions, results["simd"].positions, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", [MODEL, LIGHT, preset("lemon2024")], ids=["stiff", "light", "plane"])
+@pytest.mark.parametrize("model", [HEAVY_STIFF, LIGHT, preset("lemon2024")], ids=["stiff", "light", "plane"])
 def test_mujoco_makes_the_same_strike_with_the_same_torques(model):
     """MuJoCo's own inertia and forces tell which torques give its joints the reference's accelerations."""
     a = model.arm.n
@@ -59,7 +60,7 @@ def test_mujoco_makes_the_same_strike_with_the_same_torques(model):
     assert (np.abs(path.tau - other.tau).max(axis=0) < 0.01 * scale).all()  # the first stage's: of first order
 
 
-@pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
+@pytest.mark.parametrize("model", [LIGHT, HEAVY_RODS], ids=["universal", "rod"])
 def test_it_is_the_limit_of_a_stiff_impedance(model):
     """Ten times as stiff, a tenth of the difference in path and torque."""
     strike, distances = Strike.from_vector(np.r_[STRIKES[1][: 2 * A], 0.8]), []
@@ -73,7 +74,11 @@ def test_it_is_the_limit_of_a_stiff_impedance(model):
     assert distances[1] < 0.2 * distances[0]
 
 
-@pytest.mark.parametrize(("model", "order"), [(MODEL, 2), (LIGHT, 4), (RODS, 4)], ids=["stiff", "light", "rod"])
+@pytest.mark.parametrize(
+    ("model", "order"),
+    [pytest.param(MODEL, 2, marks=pytest.mark.heavy), (LIGHT, 4), (RODS, 4)],
+    ids=["stiff", "light", "rod"],
+)
 def test_the_order_of_errors(model, order):
     """Up to D, where the reference's jerk jumps: a step across that has an error of second order by any method."""
 
@@ -86,7 +91,7 @@ def test_the_order_of_errors(model, order):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.6)
 
 
-@pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
+@pytest.mark.parametrize("model", [pytest.param(LIGHT, marks=pytest.mark.heavy), RODS], ids=["universal", "rod"])
 def test_derivatives_against_central_differences(model):
     rollout = CompiledRollout(model, POSITION, timestep=1e-3)
     strikes, compared = STRIKES[12:], []

@@ -19,12 +19,13 @@ from whiptool.rollout.reference import replay
 
 TARGET = np.array([1.3, 0.0])
 LEMON = preset("lemon2024")
-STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(11), 6)
+DRAWN = default_bounds(LEMON.arm).sample(np.random.default_rng(11), 6)
+STRIKES, T_STAY = DRAWN[np.argsort(DRAWN[:, -1])], 0.1  # the shortest first: MuJoCo takes its time
 LAWS = {"constant": ConstantImpedance(), **OIAC_PRESETS}
 
 
 def misses(rollout, strikes=STRIKES) -> np.ndarray:
-    paths = [rollout.trajectory(Strike.from_vector(s), t_stay=0.3) for s in strikes]
+    paths = [rollout.trajectory(Strike.from_vector(s), t_stay=T_STAY) for s in strikes]
     assert not any(path.diverged for path in paths)
     return np.array([path.approach(TARGET).distance[0] for path in paths])
 
@@ -36,8 +37,8 @@ def test_compiled_against_mujoco(law):
     controller = Controller(law)
     strikes = STRIKES[:4]
     reference = misses(ReferenceRollout(LEMON, controller, timestep=5e-5), strikes)
-    default = CompiledRollout(LEMON, controller).approach(strikes, TARGET, t_stay=0.3).distance
-    fine = CompiledRollout(LEMON, controller, timestep=2e-5).approach(strikes, TARGET, t_stay=0.3).distance
+    default = CompiledRollout(LEMON, controller).approach(strikes, TARGET, t_stay=T_STAY).distance
+    fine = CompiledRollout(LEMON, controller, timestep=2e-5).approach(strikes, TARGET, t_stay=T_STAY).distance
     assert np.abs(default - reference).max() < 3e-4
     assert np.abs(fine - reference).max() < 1e-6
 
@@ -56,19 +57,26 @@ def test_options_and_every_term_against_mujoco(controller):
     """Drag, dry friction, rest angles, hinge mass: in MuJoCo applied at joints and bodies."""
     model = everything()
     reference = misses(ReferenceRollout(model, controller, timestep=4e-5), STRIKES[:2])
-    fine = CompiledRollout(model, controller, timestep=1e-5).approach(STRIKES[:2], TARGET, t_stay=0.3).distance
+    fine = CompiledRollout(model, controller, timestep=1e-5).approach(STRIKES[:2], TARGET, t_stay=T_STAY).distance
     assert np.abs(fine - reference).max() < 2e-6
 
 
-@pytest.mark.parametrize("name", ["nah2020-n10", "nah2020-fitted"])
+@pytest.mark.parametrize("name", ["nah2020-n10", pytest.param("nah2020-fitted", marks=pytest.mark.heavy)])
 def test_other_presets_against_mujoco(name):
     model, controller = preset(name), Controller(ConstantImpedance())
     reference = misses(ReferenceRollout(model, controller), STRIKES[:1])
-    compiled = CompiledRollout(model, controller, timestep=2e-5).approach(STRIKES[:1], TARGET, t_stay=0.3).distance
+    compiled = CompiledRollout(model, controller, timestep=2e-5).approach(STRIKES[:1], TARGET, t_stay=T_STAY).distance
     assert np.abs(compiled - reference).max() < 1e-6
 
 
-@pytest.mark.parametrize("joints", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "joints",
+    [
+        pytest.param(1, marks=pytest.mark.heavy),
+        pytest.param(2, marks=pytest.mark.heavy),
+        pytest.param(3, marks=pytest.mark.slow),
+    ],
+)
 def test_arms_of_any_number_of_joints_against_mujoco(joints):
     """With every term of the whip; the law is OIAC, which is of no number of joints."""
     arm = ArmParameters(tuple(ArmLink(mass=0.3 - 0.05 * i, length=0.3, friction=0.02) for i in range(joints)))
@@ -96,7 +104,7 @@ def test_a_replay_is_repeated_until_it_agrees_or_cannot():
 
 def test_the_other_integrators_converge_to_the_same():
     controller = Controller(ConstantImpedance())
-    truth = CompiledRollout(LEMON, controller, timestep=5e-5).approach(STRIKES[:1], TARGET, t_stay=0.3).distance
+    truth = CompiledRollout(LEMON, controller, timestep=5e-5).approach(STRIKES[:1], TARGET, t_stay=T_STAY).distance
     for integrator in ("Euler", "implicit", "implicitfast"):
         coarse, fine = (
             abs(misses(ReferenceRollout(LEMON, controller, timestep=h, integrator=integrator), STRIKES[:1]) - truth)[0]

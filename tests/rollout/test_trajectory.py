@@ -16,7 +16,11 @@ TARGET = np.array([1.3, 0.0])
 STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(5), 40)
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS.values(), ids=CONTROLLERS)
+@pytest.mark.parametrize(
+    "controller",
+    [pytest.param(x, marks=[pytest.mark.heavy] * (name in ("all options", "held"))) for name, x in CONTROLLERS.items()],
+    ids=CONTROLLERS,
+)
 def test_trajectory_and_outcome_tell_the_same(controller):
     rollout = CompiledRollout(LEMON, controller)
     near = rollout.approach(STRIKES[:5], TARGET, t_stay=0.3)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from one_joint import ONE_JOINT, one_joint_task
+from one_joint import one_joint, one_joint_task
 
 from whiptool.errors import InputError
 from whiptool.rl import hindsight
@@ -304,7 +304,7 @@ def test_relabelled_rewards_are_those_of_the_physics():
     centre, half = np.array(task.zone.centre), task.zone.radius  # type: ignore[attr-defined]
     targets = centre + half * held["obs"][:, 4:].double().numpy()
     strikes = task.to_strikes(held["action"].double().numpy())
-    near = ONE_JOINT.approach(strikes, targets, t_stay=task.t_stay)
+    near = one_joint().approach(strikes, targets, t_stay=task.t_stay)
     gained = held["reward"].numpy()
     sampled = np.floor((strikes[:, -1] + task.t_stay) * hindsight.RATE) / hindsight.RATE
     # [m]: straight lines between samples, and a path that ends up to one sample before its strike

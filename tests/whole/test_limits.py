@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,19 @@ from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.target import Target
 
-ROLLOUT = wt.CompiledRollout(wt.preset("lemon2024"), Controller(OIAC()), timestep=5e-4)
 TARGET = Target((1.2, 0.1))
 SLOW = [-0.622, 0.221, 0.705, 2.122, 1.176]  # hits, within the line
 FAST = [-1.36, 0.47, 1.73, 1.41, 0.95]  # beyond it
 
 
+@cache
+def rollout() -> wt.CompiledRollout:
+    return wt.CompiledRollout(wt.preset("lemon2024"), Controller(OIAC()), timestep=5e-4)
+
+
 def fast_hit() -> np.ndarray:
     """A strike that hits, with motors that can do anything."""
-    found = search(Objective(ROLLOUT, TARGET, max_trials=600, stop_at_hit=True), "directl")
+    found = search(Objective(rollout(), TARGET, max_trials=600, stop_at_hit=True), "directl")
     assert found.outcome is not None
     assert found.outcome.hit
     assert found.strike is not None
@@ -34,7 +39,7 @@ def fast_hit() -> np.ndarray:
 
 def test_a_hit_beyond_the_line_is_none() -> None:
     vector = fast_hit()
-    objective = Objective(ROLLOUT, TARGET, limits=XM430)
+    objective = Objective(rollout(), TARGET, limits=XM430)
     outcome = objective(vector)
     assert not outcome.hit
     assert outcome.miss_distance > objective.penalty > 2.0
@@ -43,21 +48,22 @@ def test_a_hit_beyond_the_line_is_none() -> None:
     assert objective.n_diverged == 0
     within = objective(SLOW)
     assert within.hit
-    assert within.miss_distance == Objective(ROLLOUT, TARGET)(SLOW).miss_distance
+    assert within.miss_distance == Objective(rollout(), TARGET)(SLOW).miss_distance
     assert objective.n_refused == 1
     assert not objective.gradient(vector)[1].any()
 
 
+@pytest.mark.heavy
 def test_the_whole_strike_decides_where_peaks_do_not() -> None:
     """Largest speed and torque need not come at the same instant."""
-    bounds = Objective(ROLLOUT, TARGET).bounds
+    bounds = Objective(rollout(), TARGET).bounds
     strikes = bounds.sample(np.random.default_rng(0), 300)
     strikes[:, -1] = np.maximum(strikes[:, -1], 1.2)
-    near = ROLLOUT.approach(strikes, np.array(TARGET.position), t_stay=0.3)
-    exact = np.array([XM430.violation(path) for path in ROLLOUT.trajectories(strikes, t_stay=0.3)])
+    near = rollout().approach(strikes, np.array(TARGET.position), t_stay=0.3)
+    exact = np.array([XM430.violation(path) for path in rollout().trajectories(strikes, t_stay=0.3)])
     peaks = XM430.violation_of_peaks(near)
     assert (peaks >= exact - 1e-6).all()
-    objective = Objective(ROLLOUT, TARGET, limits=XM430)
+    objective = Objective(rollout(), TARGET, limits=XM430)
     outcomes = objective.batch(strikes)
     assert [objective.refuses(o) for o in outcomes] == (exact > 0).tolist()
     saved = (peaks > 0) & (exact <= 0)
@@ -69,22 +75,23 @@ def test_the_whole_strike_decides_where_peaks_do_not() -> None:
 
 @pytest.mark.parametrize("method", ["directl", "ga"])
 def test_searches_find_hits_within_the_line(method: str) -> None:
-    objective = Objective(ROLLOUT, TARGET, max_trials=3000, stop_at_hit=True, limits=XM430)
+    objective = Objective(rollout(), TARGET, max_trials=3000, stop_at_hit=True, limits=XM430)
     found = search(objective, method, seed=0)
     assert found.strike is not None
     assert found.outcome is not None
     assert found.outcome.hit
-    assert XM430.violation(ROLLOUT.trajectory(found.strike, t_stay=0.3)) <= 0
+    assert XM430.violation(rollout().trajectory(found.strike, t_stay=0.3)) <= 0
     assert objective.n_refused > 0
 
 
 def test_a_trajectory_is_judged_alike() -> None:
-    objective = Objective(ROLLOUT, TARGET, limits=XM430)
-    path = ROLLOUT.trajectory(wt.Strike.from_vector(FAST), t_stay=0.3)
+    objective = Objective(rollout(), TARGET, limits=XM430)
+    path = rollout().trajectory(wt.Strike.from_vector(FAST), t_stay=0.3)
     assert objective.judge(path).miss_distance == pytest.approx(objective(FAST).miss_distance, rel=1e-6)
     assert objective.refuses(objective.judge(path))
 
 
+@pytest.mark.heavy
 def test_a_diverged_strike_is_worse_than_any_refused_one() -> None:
     held = wt.CompiledRollout(
         wt.preset("lemon2024"), Controller(wt.oiac_preset("table4"), control_period=0.002), timestep=5e-4
@@ -97,6 +104,7 @@ def test_a_diverged_strike_is_worse_than_any_refused_one() -> None:
     assert Objective(held, TARGET)(FAST).miss_distance == objective.penalty
 
 
+@pytest.mark.heavy
 def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     common = ["--target", "1.2", "0.1", "--preset", "printed", "--limits", "xm430", "--no-video"]
     lower, upper = [str(x - 0.05) for x in SLOW], [str(x + 0.05) for x in SLOW]

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from nbclient import NotebookClient
 from processes import HANG
 from repository import ROOT
 
@@ -51,6 +50,8 @@ def test_there_are_notebooks():
 @pytest.mark.slow
 @each_notebook
 def test_it_runs(path, tmp_path):
+    from nbclient import NotebookClient  # seconds, in every process that collects tests
+
     notebook = nbformat.read(path, 4)
     if (data := path.parent / "data").is_dir():
         shutil.copytree(data, tmp_path / "data")

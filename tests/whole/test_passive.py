@@ -89,6 +89,7 @@ def assert_found(result: dict, held: str) -> None:
     assert unseen["predicted_from"] == pytest.approx(middle, abs=0.05)
 
 
+@pytest.mark.heavy
 def test_stiffness_and_damping_from_the_command_line(tracks, capsys, tmp_path):
     held, recordings = tracks
     names = [tmp_path / f"swing{i}.csv" for i in range(3)]
@@ -102,6 +103,7 @@ def test_stiffness_and_damping_from_the_command_line(tracks, capsys, tmp_path):
     assert ("in a clamp" if HELD[held] is not None else "behind a free hinge") in page
 
 
+@pytest.mark.heavy
 def test_the_known_whip_and_state_give_the_swing_back(tracks):
     """Against Lagrange's equations: with the true numbers, only the readings' errors are left."""
     held, recordings = tracks

@@ -11,7 +11,7 @@ import time
 import mujoco
 import numpy as np
 import pytest
-from command_line import assert_one_line, whiptool
+from command_line import assert_one_line, called
 
 from whiptool.models import preset
 from whiptool.models.arm_limits import ArmLimits
@@ -28,7 +28,7 @@ def test_a_killed_search_in_space_resumes_to_the_same_trials(tmp_path):
     """SIGKILL in mid-search of a robot with limits, half a line torn off, then --resume."""
     options = [*UR5E, "--target", "1.2", "0.3", "0.5", "--timestep", "0.001", "--no-stop-at-hit", "--no-video"]
     options += ["--method", "ga", "--max-trials", "300", "--seed", "3"]
-    done = whiptool("optimize", *options, "--json", "--out", "whole", cwd=tmp_path)
+    done = called("optimize", *options, "--json", "--out", "whole", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     command = [sys.executable, "-m", "whiptool.optimize", *options, "--out", "killed"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -41,7 +41,7 @@ def test_a_killed_search_in_space_resumes_to_the_same_trials(tmp_path):
     assert trials.read_text().count("\n") < 300
     with trials.open("a") as file:
         file.write("999,0.1,0.")
-    assert whiptool("optimize", "--resume", "killed", cwd=tmp_path).returncode == 0
+    assert called("optimize", "--resume", "killed", cwd=tmp_path).returncode == 0
     assert trials.read_text() == (tmp_path / "whole" / "trials.csv").read_text()
     results = [json.loads((tmp_path / run / "result.json").read_text()) for run in ("whole", "killed")]
     for result in results:
@@ -61,17 +61,17 @@ def test_a_killed_search_in_space_resumes_to_the_same_trials(tmp_path):
 
 
 def test_a_strike_in_space_for_people_and_as_mjcf(tmp_path):
-    done = whiptool("optimize", *NAH, "--target", "1.995", "0", "0", "--no-video", "--out", "run", cwd=tmp_path)
+    done = called("optimize", *NAH, "--target", "1.995", "0", "0", "--no-video", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for text in ("q_shoulder_flexion_i", "(1.995, 0.000, 0.000) m, hit", "shoulder_rotation", "in MuJoCo"):
         assert text in done.stdout
     assert "limits" not in done.stdout  # the person's arm has none
     strike = json.loads((tmp_path / "run" / "result.json").read_text())["strike"].values()
-    played = whiptool("simulate", *NAH, "--target", "1.995", "0", "0", "--strike", *map(repr, strike), "--json",
+    played = called("simulate", *NAH, "--target", "1.995", "0", "0", "--strike", *map(repr, strike), "--json",
                       "--no-video", "--out", "again", cwd=tmp_path)  # fmt: skip
     assert played.returncode == 0, played.stderr
     assert json.loads(played.stdout)["hit"]
-    done = whiptool("simulate", "--model", "nah2023", "--target", "2", "0", "0", "--export", "arm.xml", cwd=tmp_path)
+    done = called("simulate", "--model", "nah2023", "--target", "2", "0", "0", "--export", "arm.xml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml")).nv == 54
 
@@ -79,7 +79,7 @@ def test_a_strike_in_space_for_people_and_as_mjcf(tmp_path):
 def test_a_policy_and_a_comparison_in_space(tmp_path):
     few = ["--episodes", "3", "--random-episodes", "1", "--trials", "8", "--hindsight", "1"]
     ball = [*NAH, "--target", "1.7", "0.3", "0.2", "--hit-radius", "1.0"]  # soon hit
-    done = whiptool("train", *ball, *few, "--tests", "4", "--json", "--out", "policy", cwd=tmp_path)
+    done = called("train", *ball, *few, "--tests", "4", "--json", "--out", "policy", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["zone_volume"] == pytest.approx(4 / 3 * np.pi * 0.1**3)
@@ -97,7 +97,7 @@ def test_a_policy_and_a_comparison_in_space(tmp_path):
         "--workers",
         "1",
     ]
-    done = whiptool("compare", *ball, *compared, "--json", "--out", "compared", cwd=tmp_path)
+    done = called("compare", *ball, *compared, "--json", "--out", "compared", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert {row["method"] for row in json.loads(done.stdout)["rows"]} == {"cmaes", "random"}
     assert "a ball of radius 0.1 m around (1.7, 0.3, 0.2) m" in (tmp_path / "compared" / "table.md").read_text()
@@ -119,6 +119,6 @@ def test_a_policy_and_a_comparison_in_space(tmp_path):
     ],
 )
 def test_bad_input_in_space_is_one_line(words, said, tmp_path):
-    done = whiptool("optimize", *words, "--controller", "constant", cwd=tmp_path)
+    done = called("optimize", *words, "--controller", "constant", cwd=tmp_path)
     assert_one_line(done, said)
     assert not (tmp_path / "runs").exists()

@@ -2,40 +2,14 @@
 // to the target, extremes, divergence, trajectories, samples of all links, and in forward mode the derivative of all
 // that along one direction per lane.
 //
-// Compiled together with GENERATED (defined on the command line): sizes and columns as constants, then the C that CasADi
-// generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD, PRESCRIBED, EXPLICIT, each 0 or 1,
-// and FASTEST, the norm of all joint speeds [rad/s] above which a lane counts as diverged.
-#include <math.h>
-
+// Compiled behind lanes.h and together with GENERATED (defined on the command line): sizes and columns as constants, then
+// the C that CasADi generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD, PRESCRIBED,
+// EXPLICIT, each 0 or 1, and FASTEST, the norm of all joint speeds [rad/s] above which a lane counts as diverged.
 #include <cmath>
 #include <cstdint>
 #include <limits>
 
-#if SIMD
-#include <experimental/simd>
-using real = std::experimental::native_simd<double>;
-using mask = real::mask_type;
-constexpr int LANES = real::size();
-inline real select(mask m, real a, real b) {
-  where(m, b) = a;
-  return b;
-}
-inline double lane(const real& x, int l) { return x[l]; }
-inline void set_lane(real& x, int l, double value) { x[l] = value; }
-#else
-using real = double;
-using mask = bool;
-constexpr int LANES = 1;
-inline real select(mask m, real a, real b) { return m ? a : b; }
-inline bool any_of(mask m) { return m; }
-inline double lane(const real& x, int) { return x; }
-inline void set_lane(real& x, int, double value) { x = value; }
-#endif
 inline real whiptool_le(real a, real b) { return select(a <= b, real(1), real(0)); }
-#if SIMD  // the library's take lanes one by one
-inline real fmax(const real& a, const real& b) { return select(a > b, a, b); }
-inline real fmin(const real& a, const real& b) { return select(a < b, a, b); }
-#endif
 
 #define casadi_int long long int
 #define casadi_real real

@@ -17,6 +17,11 @@ from whiptool.rollout.compiler import load_library
 from whiptool.rollout.threads import cores, run_in_parts
 
 
+def driver_source() -> str:
+    """Return the driver in C++, behind the number type that it computes with."""
+    return "".join(files("whiptool.rollout").joinpath(name).read_text() for name in ("lanes.h", "driver.cpp"))
+
+
 def generate_c(system: System, *, forward: bool) -> str:
     """Return what the driver includes: sizes and columns, and the system's functions in C."""
     generator = ca.CodeGenerator("whiptool_generated.c", {"with_header": False})
@@ -85,8 +90,7 @@ class NativeEngine:
             "SIMD": int(simd),
             "FORWARD": int(forward),
         }
-        driver = files("whiptool.rollout").joinpath("driver.cpp").read_text()
-        library = load_library(generate_c(system, forward=forward), driver, defines)
+        library = load_library(generate_c(system, forward=forward), driver_source(), defines)
         return None if library is None else cls(library, system, "simd" if simd else "scalar")
 
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:

@@ -15,6 +15,7 @@ from whiptool.studies.comparison.difficulty import WIDTHS, DifficultyUnit, hits,
 from whiptool.zone import Disc
 
 
+@pytest.mark.heavy
 def test_hits_are_counted_as_the_rollout_counts_them():
     """100 strikes at 40 targets each: sampled paths miss no more than what passes within a millimetre of the edge."""
     where = scene(0.1)
@@ -57,6 +58,7 @@ def found() -> dict[float, dict]:
     return {radius: DifficultyUnit(scene=scene(radius), strikes=1000).run(None, 1) for radius in (0.1, 0.3)}
 
 
+@pytest.mark.heavy
 def test_one_strike_does_for_the_papers_zone_and_not_for_a_wider_one(found):
     """It is played again by itself; no random strike of many hits more targets."""
     where = scene(0.1)
@@ -77,6 +79,7 @@ def test_few_random_strikes_are_varied_too():
     assert unit.run(None, 1)["one_strike_hits"] >= targets_hit(where.rollout(1), drawn, where).max() / 40 > 0
 
 
+@pytest.mark.heavy
 def test_random_strikes_hit_as_often_as_other_random_strikes(found):
     """Of another seed, every one at every target."""
     where = scene(0.1)
