@@ -183,8 +183,8 @@ class _Run:
         label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
-        beyond = summary.get("beyond")
-        commanded = self.options.build_trajectory(self.model, result.strike, self.options.t_stay, self.given, beyond)
+        self.options.refuse_beyond(summary.get("beyond"))
+        commanded = self.options.build_trajectory(self.model, result.strike, self.options.t_stay, self.given)
         export_trajectory(self.options, commanded, self.controller)
         return status
 

@@ -130,12 +130,12 @@ def _play(options: SimulateOptions, model, strike) -> None:
     target.check_radius(model)
     options.check_posture(model)
     given = options.build_limits(model, controller)
+    commanded = options.build_trajectory(model, strike, options.t_stay, given)  # refused before anything is written
     rollout = options.build_rollout(model, controller)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
     limits = AllLimits(given)
     used = limits_table(limits, trajectory, strike, model.arm.joints)
-    # refused before anything is written
-    commanded = options.build_trajectory(model, strike, options.t_stay, given, used.get("beyond"))
+    options.refuse_beyond(used.get("beyond"))
     outcome = _judged(rollout, trajectory, target)
     place = np.array(target.position)
     warning = refine(
