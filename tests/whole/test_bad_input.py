@@ -97,6 +97,18 @@ SHARED = """
 --seed 1.5 | --seed
 --starts 0 | --starts
 --limits xm540 | arm, none
+--keep-free 1 | --keep-free
+--keep-free -0.1 | --keep-free
+--keep-free nan | --keep-free
+--floor nan | --floor
+--floor inf | --floor
+--clearance -0.01 | --clearance
+--clearance nan | --clearance
+--limits none --keep-free 0.1 | nothing beside --limits none
+--limits none --floor -1 | nothing beside --limits none
+--limits none --ignore-collisions | nothing beside --limits none
+--ignore-collisions --floor -1 | nothing beside --ignore-collisions
+--ignore-collisions --clearance 0.1 | nothing beside --ignore-collisions
 --rate 1 | --rate
 --rate 1e9 | --rate
 --rate nan | --rate
@@ -156,20 +168,8 @@ optimize --direction 1 0 --cone 0 | --cone
 optimize --arrival-angle nan | arrival
 optimize --least-speed 0 | --least-speed
 optimize --cone 20 | nothing without --direction
-optimize --minimise beauty | effort, peak-torque
-optimize --minimise robustness --noise 0 | not all 0
-optimize --minimise robustness --noise 0.1 -0.1 0 0 0 | 0 or more
-optimize --minimise robustness --noise 0.1 0.1 | one number, or 5
-optimize --minimise robustness --noise nan | --noise
-optimize --minimise robustness --noise 0.2 | lest a strike lasts no time
-optimize --noise 0.02 | nothing without --minimise robustness
-optimize --minimise effort --noise 0.02 | nothing without --minimise robustness
-optimize --pareto effort | --pareto
-optimize --pareto effort effort | two different criteria
-optimize --pareto effort beauty | peak-torque
-optimize --pareto effort miss --minimise speed | nothing beside --pareto
-optimize --pareto effort miss --method cmaes | nothing beside --pareto
-optimize --pareto effort miss --simulator reference | which has no derivatives
+optimize --keep-free 0.1 | 0 for an arm without limits
+optimize --clearance 0.1 | 0 for an arm without capsules
 optimize --rest 1 | nothing without --export-trajectory
 optimize --export-trajectory strike.txt | .csv
 optimize --export-trajectory strike.csv --trajectory-rate 0 | --trajectory-rate
@@ -222,6 +222,9 @@ simulate --strike 0 0 0 0 1 --least-speed -1 | --least-speed
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --rest -1 | --rest
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --trajectory-rate nan | --trajectory-rate
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --posture 1 2 3 | 2 numbers
+simulate --strike 0 0 0 0 1 --keep-free 0.1 | 0 for an arm without limits
+simulate --strike 0 0 0 0 1 --clearance 0.1 | 0 for an arm without capsules
+simulate --strike 0 0 0 0 1 --floor 0 --export-trajectory strike.csv | a strike within limits; at 0.000 s
 simulate --strike 0 0 0 0 1 --trajectory strike.csv | --trajectory: got 'strike.csv'; allowed: nothing beside --strike
 simulate --out taken | new or empty
 simulate --video 3 | command line

@@ -263,8 +263,9 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
     striker = strike_map.striker
     rollout, model = striker.rollout, striker.rollout.model
     trajectory = rollout.trajectory(strike, t_stay=striker.t_stay)
-    limits, beyond = striker.limits.members, striker.limits.explain(trajectory, model.arm.joints, strike)
-    commanded = options.build_trajectory(model, strike, striker.t_stay, limits, beyond)  # before anything is written
+    limits = striker.limits.members
+    options.refuse_beyond(striker.limits.explain(trajectory, model.arm.joints, strike))
+    commanded = options.build_trajectory(model, strike, striker.t_stay, limits)  # refused before anything is written
     objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=limits)
     outcome = objective.judge(trajectory, strike)
     place, expected = np.array(target.position), outcome.miss_distance

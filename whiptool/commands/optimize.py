@@ -206,8 +206,9 @@ class _Run:
         save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
         files += self._save_front(result, label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
-        path, beyond = self.rollout.space.path(result.strike.vector), summary.get("beyond")
-        commanded = self.options.build_trajectory(self.model, path, self.options.t_stay, self.given, beyond)
+        self.options.refuse_beyond(summary.get("beyond"))
+        path = self.rollout.space.path(result.strike.vector)
+        commanded = self.options.build_trajectory(self.model, path, self.options.t_stay, self.given)
         export_trajectory(self.options, commanded, self.controller)
         return status
 

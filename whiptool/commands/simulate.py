@@ -129,12 +129,12 @@ def _play(options: SimulateOptions, model, strike) -> None:
     options.check_posture(model)
     space, given = controller.strike_space(model.arm), options.build_limits(model, controller)
     path = space.path(strike.vector)
+    commanded = options.build_trajectory(model, path, options.t_stay, given)  # refused before anything is written
     rollout = options.build_rollout(model, controller)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
     limits = AllLimits(given, by_joints=space.kind == "joint")
     used = limits_table(limits, trajectory, strike, model.arm.joints)
-    # refused before anything is written
-    commanded = options.build_trajectory(model, path, options.t_stay, given, used.get("beyond"))
+    options.refuse_beyond(used.get("beyond"))
     outcome = _judged(rollout, trajectory, target)
     place = np.array(target.position)
     warning = refine(

@@ -60,7 +60,7 @@ class TrajectoryOptions(OptionGroup):
             raise InputError("--posture", self.posture, f"{model.arm.n} numbers, for an arm of {model.arm.n} joints")
 
     def build_trajectory(
-        self, model: Model, strike: StrikePath, t_stay: float, given: Sequence[Limits] = (), beyond: str | None = None
+        self, model: Model, strike: StrikePath, t_stay: float, given: Sequence[Limits] = ()
     ) -> JointTrajectory | None:
         """Return a strike with the way to its start and a rest before it; None: the options ask for none.
 
@@ -68,8 +68,7 @@ class TrajectoryOptions(OptionGroup):
             model: Of the arm, whose own limits the samples always keep.
             strike: What is to be struck.
             t_stay: At the end, after the strike [s].
-            given: What it has to keep besides.
-            beyond: Which of them the strike is beyond, in words; None: none.
+            given: What it has to keep besides; what the whip does is not looked at, see `refuse_beyond`.
 
         Raises:
             InputError: It is beyond a limit, or the arm touches on its way what it must not.
@@ -84,10 +83,17 @@ class TrajectoryOptions(OptionGroup):
         options = {"start": self.posture, "rate": self.trajectory_rate, "rest": self.rest, "t_stay": t_stay}
         found = JointTrajectory.of_strike(strike, model.arm.joints, limits=limits, **options)
         touches = (x.beyond_on_way(found.t, found.q) for x in given if isinstance(x, Clearance))
-        beyond = found.beyond(limits) or next((said for said in touches if said is not None), beyond)
-        if beyond is not None:
-            raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {beyond}")
+        self.refuse_beyond(found.beyond(limits) or next((said for said in touches if said is not None), None))
         return found
+
+    def refuse_beyond(self, words: str | None) -> None:
+        """Refuse to write a strike that is beyond a limit, which stands in words; None: it is within all.
+
+        Raises:
+            InputError: It is not, and the options ask for it.
+        """
+        if words is not None and self.export_trajectory is not None:
+            raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {words}")
 
     def write_trajectory(self, trajectory: JointTrajectory) -> None:
         """Write a trajectory to the file that the options name.

@@ -1,0 +1,84 @@
+"""Limits from the command line: what a strike uses of them, what is refused and why, and exports within them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from whiptool.commands import optimize, simulate
+from whiptool.models import preset, write_model
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.joint_trajectory import JointTrajectory
+
+STRIKE = ["--strike", "-1.2", "0.9", "1.2", "0.3", "0.7"]
+UR5E = [
+    "--model",
+    "ur5e",
+    "--controller",
+    "position",
+    "--target",
+    "1.2",
+    "0.2",
+    "0.1",
+    "--timestep",
+    "0.001",
+    "--no-video",
+]
+GOOD = ["-1.27", "0.83", "-2.04", "-3.1", "-0.51", "1.67", "0.25", "-0.78", "-0.07", "-1.06", "1.48", "1.74", "1.35"]
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def said(capsys) -> dict:
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_strike_above_and_through_a_floor_in_the_plane(capsys):
+    """Its clearance is as much less as the floor is higher; what goes through it is told, and not exported."""
+    assert simulate.main([*STRIKE, "--floor", "-2", "--no-video", "--json", "--out", "above"]) == 0
+    told = said(capsys)
+    assert told["beyond"] is None
+    assert simulate.main([*STRIKE, "--floor", f"{-2 + told['clearance'] + 0.05}", "--no-video", "--out", "low"]) == 0
+    lines = capsys.readouterr().out
+    assert "  clearance      -50 mm at least; the distance between arm, whip, arm and floor" in lines
+    assert "is 50 mm below the floor" in lines
+    words = [*STRIKE, "--floor", "-0.5", "--no-video", "--export-trajectory", "x.csv", "--out", "no"]
+    assert simulate.main(words) == 2
+    assert "allowed: a strike within limits; at" in capsys.readouterr().err
+    assert not Path("x.csv").exists()
+    assert not Path("no").exists()
+
+
+def test_a_search_that_no_strike_comes_through_says_why(capsys):
+    words = ["--method", "random", "--max-trials", "20", "--hit-radius", "0.01", "--no-video", "--floor", "-0.2"]
+    assert optimize.main([*words, "--out", "none"]) == 0
+    lines = capsys.readouterr().out
+    assert "refused, as was every strike tried; the best: at 0.000 s" in lines
+    assert "below the floor" in lines
+    assert "20 strikes that were beyond" in lines
+    result = json.loads(Path("none/result.json").read_text())
+    assert (result["n_refused"], result["hit"]) == (20, False)
+    assert result["clearance"] < 0
+    assert result["beyond"].endswith("below the floor")
+
+
+def test_a_strike_of_a_robot_is_exported_within_what_is_left(capsys):
+    robot = preset("ur5e")
+    write_model(replace(robot, whip=replace(robot.whip, joints="rod", node_inertia=0.0)), Path("rods.toml"))
+    words = [*UR5E, "--strike", *GOOD, "--export-trajectory", "strike.csv", "--json"]
+    assert simulate.main([*words, "--floor", "-1.5", "--out", "whole"]) == 0
+    told = said(capsys)
+    assert 0 < told["joint_usage"] < 1
+    assert told["clearance"] > 0
+    commanded = JointTrajectory.load_csv(Path("strike.csv"))
+    assert commanded.beyond(ArmLimits.of(robot.arm).joints) is None
+    free = 1.0 - float(np.abs(commanded.v).max() / np.pi) + 0.01  # a little more than is left
+    assert simulate.main([*words, "--keep-free", f"{free}", "--out", "no"]) == 2
+    assert "the velocity of" in capsys.readouterr().err
