@@ -84,6 +84,7 @@ def test_classes_are_the_same_along_an_unseen_direction():
     assert found[0]["link.length[0]"] == "pinned"
 
 
+@pytest.mark.heavy
 def test_a_mass_beside_the_inertia_is_needed_to_see_the_centre_of_mass():
     """With the masses known (from a balance), the same swings pin both centres of mass."""
     for inertia in (4e-4, 1e-6):
