@@ -374,7 +374,8 @@ class Objective:
         if self.limits.by_peaks:
             return beyond
         for i in np.flatnonzero((beyond > 0) & np.isfinite(beyond)):
-            beyond[i] = self.limits.violation(self.rollout.trajectory(strikes[i], t_stay=self.t_stay))
+            strike = self.space.strike(strikes[i])
+            beyond[i] = self.limits.violation(self.rollout.trajectory(strike, t_stay=self.t_stay))
         return beyond
 
     def _outcome(self, near: Approach, i: int, beyond: float) -> Outcome:
