@@ -268,7 +268,9 @@ def test_what_is_usual_and_what_would_never_end():
 
 
 def test_strikes_of_the_hand_that_no_joints_can_make_are_refused_trials():
-    rollout = CompiledRollout(StraightFlight.model, Controller(PositionControl(), hand=HandControl()), engine="interpreter")
+    rollout = CompiledRollout(
+        StraightFlight.model, Controller(PositionControl(), hand=HandControl()), engine="interpreter"
+    )
     objective = Objective(rollout, (1.2, -0.4))
     assert len(objective.bounds.lower) == 5
     assert objective.speeds is None

@@ -13,8 +13,8 @@ from scipy.special import ndtr, stdtr
 
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.models.parameters import number, whole
 from whiptool.models.joint_space import AnyStrike, JointSpace
+from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds, shortened
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory

@@ -57,9 +57,7 @@ def strikes_of(controller: Controller, model: Model, count: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("law", ["constant", "oiac"])
-@pytest.mark.parametrize(
-    "model", [LEMON, THREE, SMALL, preset("ur5e"), preset("panda")], ids=lambda model: model.name
-)
+@pytest.mark.parametrize("model", [LEMON, THREE, SMALL, preset("ur5e"), preset("panda")], ids=lambda model: model.name)
 def test_torques_against_pinocchios_jacobians(model, law):
     """Two derivations of one law: CasADi's chain, and NumPy with Pinocchio's Jacobians; at any state."""
     given = constant(model, 300.0, 20.0) if law == "constant" else OIAC(a=0.01, beta=0.3, C=4.0)

@@ -26,9 +26,7 @@ from whiptool.whole_files import write_whole
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulateOptions(
-    OutputOptions, TrajectoryOptions, SimulatorOptions, SpaceOptions, ModelOptions, GoalOptions
-):
+class SimulateOptions(OutputOptions, TrajectoryOptions, SimulatorOptions, SpaceOptions, ModelOptions, GoalOptions):
     """Play one strike and save its trajectory, figures and video."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("trajectory", "export", "video")

@@ -194,7 +194,9 @@ class ClosedLoop(System):
         assert tau.numel() == a
         return tau - P["null_damping"] * (v - ca.mtimes(J.T, moved))
 
-    def _torque_and_gain(self, now: Instant, weight: ca.SX, hand: tuple[ca.SX, ca.SX] | None) -> tuple[ca.SX, ca.SX | None]:
+    def _torque_and_gain(
+        self, now: Instant, weight: ca.SX, hand: tuple[ca.SX, ca.SX] | None
+    ) -> tuple[ca.SX, ca.SX | None]:
         """The arm's torques (a, 1), and how they brake the arm's speed, `-d tau / d v` (a, a)."""
         a = self.structure.n_arm
         if self.structure.held:

@@ -11,8 +11,8 @@ from whiptool.errors import InputError
 from whiptool.options.base import MANY_TARGETS, OptionGroup, whole
 
 if TYPE_CHECKING:
-    from whiptool.models.parameters import Model
     from whiptool.models.joint_space import StrikeSpace
+    from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
 
 Learner = Literal["sac", "td3", "ddpg", "ppo"]
@@ -53,7 +53,9 @@ class SearchOptions(OptionGroup):
         from whiptool.models.strike import StrikeBounds
 
         space = JointSpace(model.arm) if space is None else space
-        of = f"an arm of {model.arm.n} joints" if isinstance(space, JointSpace) else f"the hand: {' '.join(space.names)}"
+        of = (
+            f"an arm of {model.arm.n} joints" if isinstance(space, JointSpace) else f"the hand: {' '.join(space.names)}"
+        )
         numbers = space.width
         for name, given in (("--lower", self.lower), ("--upper", self.upper)):
             if given is not None and len(given) != numbers:

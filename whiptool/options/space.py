@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from whiptool.errors import InputError
-from whiptool.options.base import OptionGroup, refuse_idle
+from whiptool.options.base import refuse_idle
 from whiptool.options.controller import SimulatedControllerOptions
 
 if TYPE_CHECKING:
@@ -31,7 +31,8 @@ class SpaceOptions(SimulatedControllerOptions):
     null_damping: float = 1.0
     """In hand space, damping of what joints do that does not move the hand [N m s/rad]."""
     stiffness: float | None = None
-    """Of the hand in all directions, for --controller constant in hand space [N/m]; default: 3 Hz, critically damped."""
+    """Of the hand in all directions, for --controller constant in hand space [N/m]; default: 3 Hz, damped
+    critically."""
     damping: float | None = None
     """Likewise its damping [N s/m]."""
 
@@ -84,9 +85,7 @@ class SpaceOptions(SimulatedControllerOptions):
 
         usual = hand_impedance(self._model(), self._hand())
         gains = ((given, usual_one) for given, usual_one in ((self.stiffness, usual.K), (self.damping, usual.B)))
-        K, B = (
-            matrix if given is None else _diagonal(given, len(matrix)) for given, matrix in gains
-        )
+        K, B = (matrix if given is None else _diagonal(given, len(matrix)) for given, matrix in gains)
         return ConstantImpedance(K, B)
 
     def _model(self) -> Model:

@@ -10,9 +10,9 @@ from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
+    from whiptool.models.joint_space import StrikePath
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
-    from whiptool.models.joint_space import StrikePath
 
 _IDLE = "nothing without --export-trajectory"
 _WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}

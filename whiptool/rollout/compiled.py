@@ -16,8 +16,8 @@ from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.dynamics.structure import Structure, arm_column
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import Model, number
 from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace
+from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY
 from whiptool.rollout.batch import Batch, Engine
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung

@@ -10,8 +10,8 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import Model
 from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, checked_vectors
+from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
 from whiptool.rollout.points import Points, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory
@@ -59,7 +59,9 @@ class Rollout(ABC):
             InputError: They are of another space, a value is not finite, or a duration D is not positive.
         """
         space, joints = self.space, f"an arm of {self.model.arm.n} joints"
-        return checked_vectors(strikes, space.width, joints if isinstance(space, JointSpace) else f"the hand of {joints}")
+        return checked_vectors(
+            strikes, space.width, joints if isinstance(space, JointSpace) else f"the hand of {joints}"
+        )
 
     def one_vector(self, strike: AnyStrike | np.ndarray) -> np.ndarray:
         """Return one strike as a vector.

@@ -16,8 +16,8 @@ from whiptool.dynamics.stepping import FASTEST, LARGEST_STEP, SMALLEST_STEP, tim
 from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import Model, number
 from whiptool.models.joint_space import AnyStrike, StrikeSpace
+from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.mujoco_import import mujoco

@@ -8,8 +8,8 @@ import numpy as np
 
 from whiptool.dynamics.modes import steady_timestep
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import Model
 from whiptool.models.joint_space import AnyStrike
+from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds
 from whiptool.rollout.compiled import TIMESTEP, CompiledRollout
 from whiptool.rollout.trajectory import Trajectory
