@@ -11,8 +11,10 @@ from fake_rollout import SPEED, StraightFlight
 
 from whiptool.criteria import PeakTorque, Speed
 from whiptool.errors import InputError
+from whiptool.impedance import Controller, HandControl, PositionControl
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Arrival, Objective, SearchStopped, probability_within
+from whiptool.rollout import CompiledRollout
 from whiptool.target import Target
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 1.0, 0.3, 0.8, 1.0))
@@ -279,3 +281,23 @@ def test_hits_are_judged_and_any_hit_is_better_than_any_miss():
     assert 0 < outcomes[2].cost == outcomes[2].miss_distance < outcomes[3].cost
     assert o.best is not None
     assert o.best.number == 1
+
+
+def test_strikes_of_the_hand_that_no_joints_can_make_are_refused_trials():
+    rollout = CompiledRollout(
+        StraightFlight.model, Controller(PositionControl(), hand=HandControl()), engine="interpreter"
+    )
+    objective = Objective(rollout, (1.2, -0.4))
+    assert len(objective.bounds.lower) == 5
+    assert not objective.smooth
+    good, far, farther = [0.3, -0.3, 0.5, -0.1, 0.4], [0.3, -0.3, 2.0, 0.0, 0.4], [0.3, -0.3, 4.0, 0.0, 0.4]
+    outcomes = objective.batch(np.array([far, good, farther]))
+    assert [objective.refuses(outcome) for outcome in outcomes] == [True, False, True]
+    assert objective.penalty < outcomes[0].miss_distance < outcomes[2].miss_distance < 2 * objective.penalty
+    assert outcomes[1].miss_distance == rollout.approach(np.array(good), (1.2, -0.4)).distance[0]
+    assert objective.n_refused == 2
+    assert objective.best is not None
+    assert objective.best.number == 2
+    outcome, slope = objective.gradient(np.array(far))
+    assert objective.refuses(outcome)
+    assert not slope.any()

@@ -102,10 +102,10 @@ def test_what_the_arm_cannot_do_is_refused_in_one_line():
         space.path(np.array([*x, 3.0, 0, 0, 0.6]))
     with pytest.raises(InputError, match="passes no singular posture"):
         space.path(np.array([-0.2, 0.9, 0.3, -0.2, -0.9, 0.3, 0.6]))  # behind its base
+    near = np.array([0.0, 0.3, 0.0, -0.1, 0.0, 1.5, 0.0])  # joint4 ends at -0.07
+    short = HandSpace(PANDA, posture=near)
+    ends = short.kinematics.coordinates(np.array([near, near + 0.3 * np.eye(7)[3]]))
     with pytest.raises(InputError, match=r"within the joints' limits; joint4 would be at"):
-        near = np.array([0.0, 0.3, 0.0, -0.1, 0.0, 1.5, 0.0])  # joint4 ends at -0.07
-        short = HandSpace(PANDA, posture=near)
-        ends = short.kinematics.coordinates(np.array([near, near + 0.3 * np.eye(7)[3]]))
         short.path(np.array([*ends[0], *ends[1], 0.6]))
     assert (space.beyond(np.array([[*x, 3.0, 0, 0, 0.6], [*x, *x, 0.6]])) > 0).tolist() == [True, False]
     farther = space.beyond(np.array([[*x, 3.0, 0, 0, 0.6], [*x, 5.0, 0, 0, 0.6]]))

@@ -83,6 +83,19 @@ SHARED = """
 --control-period 0 | --control-period
 --control-period 10 | --control-period
 --control-period nan | --control-period
+--space tool | joint, hand
+--space hand --home 0.1 | posture: got
+--space hand --home nan 1 | --home
+--space hand --home 0.3 0 | not a singular
+--space hand --feedforward | --feedforward
+--space hand --null-damping -1 | --null-damping
+--space hand --controller constant --preset nah2020 | --preset
+--space hand --stiffness 100 | nothing without --controller constant
+--space hand --controller constant --damping nan | --damping
+--home 0.3 1 | nothing without --space hand
+--null-damping 2 | nothing without --space hand
+--stiffness 100 | nothing without --space hand
+--damping 100 | nothing without --space hand
 --timestep 0 | --timestep
 --timestep 1e-300 | --timestep
 --timestep 1 | --timestep
@@ -155,6 +168,14 @@ optimize --max-time nan | --max-time
 optimize --lower 0 0 0 0 1 --upper 1 1 1 1 0.5 | lower < upper
 optimize --lower 0 0 0 0 nan --upper 1 1 1 1 2 | lower < upper
 optimize --lower 0 0 | --lower
+optimize --space hand --controller hand.toml | [controller.hand] into the file
+optimize --controller magic.toml | controller.hand.magic
+train --controller hand.toml | without a table [controller.hand]
+compare --controller hand.toml | without a table [controller.hand]
+optimize --space hand --lower 0 0 | the hand: x_i y_i x_f y_f D
+simulate --space hand --strike 0.3 0 0.4 | the hand: x_i y_i x_f y_f D
+simulate --space hand --strike 0.4 0 2 0 0.5 | places that the hand reaches
+simulate --space hand --strike 0.4 0 0 0.4 -1 | a finite duration
 optimize --upper 0 0 0 0 0 0 0 | --upper
 optimize --stop-at-hit 3 | command line
 optimize --video yes | command line
@@ -612,6 +633,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "many": table.format(N=2, m="[0.1, 0.1, 0.1]"),
         "list": "whip = [1, 2]\n",
         "three": table.format(N=2, m=0.1).replace(f"[{link}]", f"[{link}, {link}, {link}]"),
+        "hand": '[controller]\nlaw = "oiac"\n[controller.hand]\n',
+        "magic": '[controller]\nlaw = "oiac"\n[controller.hand]\nmagic = 3\n',
         "looks": "radius = 0.01\nhue = [0, 20]\nsaturation = 0.5\n",
     }
     for name, text in texts.items():

@@ -58,7 +58,8 @@ class ArmMotion(NamedTuple):
     place: ca.SX = ca.SX(0, 1)
 
     def entries(self) -> list[ca.SX]:
-        """Return its a a + 8 a + 6 numbers, and those of the place, as scalars, field by field, each matrix column by column."""
+        """Return its a a + 8 a + 6 numbers, and those of the place, as scalars, field by field, each matrix column by
+        column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> ArmMotion:

@@ -21,7 +21,7 @@ from whiptool.models.strike import StrikeBounds, default_bounds, eased
 DEGREE = 12  # of the polynomials that the joints follow along the hand's path
 EXACT = 1e-4  # [m or rad] by which the hand may leave its path between the nodes of these polynomials
 TURNED = 1.0  # [rad] by which searches turn the hand from the home posture's orientation about any axis
-_D = (0.4, 1.5)  # [s], of searches
+_D, _FAST = (0.4, 1.5), 0.2  # [s], of searches; their shortest where no joint has a limit of speed
 _QUARTER = np.pi / 4
 _SAMPLES = 100  # along each axis, for the bounds
 _EASY = 0.2  # the hand's least speed per unit of the joints' there, in that at home, at least
@@ -146,7 +146,8 @@ class HandSpace:
     @cached_property
     def bounds(self) -> StrikeBounds:
         """Bounds in which strikes are searched: from the hand of the home posture as far along each axis as the arm
-        takes it with ease, either way; turns of `TURNED`; D as in joint space."""
+        takes it with ease, either way; turns of `TURNED`; D as in joint space, from 0.2 s where no joint has a limit of
+        speed."""
         d, home = self.arm.dimension, self.kinematics.coordinates(self.kinematics.posture)
         ways = np.vstack([-np.eye(self.m)[:d], np.eye(self.m)[:d]])
         distances = np.arange(1, _SAMPLES + 1) / _SAMPLES * 2 * self.arm.length
@@ -158,7 +159,8 @@ class HandSpace:
         before, ahead = np.split(steps / _SAMPLES * 2 * self.arm.length, 2)
         turns = np.full(self.m - d, TURNED)
         low, high = home - np.r_[before, turns], home + np.r_[ahead, turns]
-        return StrikeBounds((*low, *low, _D[0]), (*high, *high, _D[1]))
+        limited = isinstance(self.arm, SpatialArm) and any(np.isfinite(x.limits.velocity) for x in self.arm.links)
+        return StrikeBounds((*low, *low, _D[0] if limited else _FAST), (*high, *high, _D[1]))
 
     def strike(self, vector: Sequence[float] | np.ndarray) -> HandStrike:
         """Return the strike of a vector (2 m + 1,)."""

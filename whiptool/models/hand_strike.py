@@ -1,4 +1,4 @@
-"""A strike of the hand: it moves from x_i to x_f in D seconds along a minimum-jerk path (Eq. 1), whatever the joints."""
+"""A strike of the hand: it moves from x_i to x_f in D seconds along a minimum-jerk path (Eq. 1)."""
 
 from __future__ import annotations
 

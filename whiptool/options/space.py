@@ -31,7 +31,8 @@ class SpaceOptions(SimulatedControllerOptions):
     null_damping: float = 1.0
     """In hand space, damping of what joints do that does not move the hand [N m s/rad]."""
     stiffness: float | None = None
-    """Of the hand in all directions, for --controller constant in hand space [N/m]; default: 3 Hz, critically damped."""
+    """Of the hand in all directions, for --controller constant in hand space [N/m]; default: 3 Hz, damped
+    critically."""
     damping: float | None = None
     """Likewise its damping [N s/m]."""
 
