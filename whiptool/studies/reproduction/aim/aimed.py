@@ -152,7 +152,16 @@ class Aimed:
         }
 
 
-def aim(task: AimTask, strike_map: StrikeMap, folder: Path, store: Store, *, goals: int, replays: int = 0) -> Aimed:
+def aim(
+    task: AimTask,
+    strike_map: StrikeMap,
+    folder: Path,
+    store: Store,
+    *,
+    goals: int,
+    replays: int = 0,
+    brief: bool = False,
+) -> Aimed:
     """Return what comes of the first goals of a task; what the store has is not done again.
 
     Args:

@@ -75,10 +75,10 @@ def _in_space(aimed: Aimed, strike_map: StrikeMap) -> Section:
     about = (
         f"The map: {len(strike_map.answers):,} answers, strikes with an instant at which the tip passes a place as "
         "asked, and the derivatives of place and velocity there. Of a goal the nearest answers are corrected to first "
-        "order, and a network chooses among them: that is the one shot, no strike is rolled out. Refinement corrects it "
-        "with rollouts, candidate after candidate until one hits. A hit: tip within 5 cm, its velocity within 10 degrees of "
-        "the arrival angle as it is seen from the base, and at least 1 m/s along it, within the arm's limits. The "
-        "published figures are of a network on a Cosserat rope; goals, models and limits are not the same."
+        "order, and a network chooses among them: that is the one shot, no strike is rolled out. Refinement corrects "
+        "it with rollouts, candidate after candidate until one hits. A hit: tip within 5 cm, its velocity within 10 "
+        "degrees of the arrival angle as it is seen from the base, and at least 1 m/s along it, within the arm's "
+        "limits. The published figures are of a network on a Cosserat rope; goals, models and limits are not the same."
     )
     parts: list[Text | Table | Picture] = [Text(about), Table(figures(aimed), "Shares of goals that are hit.")]
     caption = "Where goals are missed. Height and distance are from the base; 0 degrees is upward, 90 to the left."

@@ -130,7 +130,7 @@ class MissedUnit(MapUnit):
 
     Args:
         goal: Which.
-        brief: Whether searches have a hundredth of the rollouts only, and no more than the usual candidates are refined.
+        brief: Whether searches have a hundredth of the rollouts, and only the usual candidates are refined.
     """
 
     goal: int
