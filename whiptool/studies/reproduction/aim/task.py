@@ -21,6 +21,8 @@ from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
 from whiptool.zone import Sector
 
+IN_SPACE = Plan(strikes=4096, room=2, rounds=4, goals=800, trials=16_000)
+IN_PLANE = Plan(strikes=4096, room=1, rounds=2, goals=1000, trials=8000)
 QUICK = Plan(strikes=128, room=1, rounds=1, goals=8, trials=200)
 
 
@@ -84,7 +86,7 @@ def ur5e(*, quick: bool = False) -> AimTask:
         limited=True,
         drawn=5000,
         goal_seed=1,
-        plan=QUICK if quick else Plan(),
+        plan=QUICK if quick else IN_SPACE,
     )
 
 
@@ -100,5 +102,5 @@ def hard(scene: Scene, *, quick: bool = False) -> AimTask:
         limited=False,
         drawn=scene.targets,
         goal_seed=scene.target_seed,
-        plan=QUICK if quick else Plan(),
+        plan=QUICK if quick else IN_PLANE,
     )
