@@ -164,7 +164,7 @@ class MissedUnit(MapUnit):
                 result = search(objective, method, seed=self.goal)
                 if result.status.value == "interrupted":  # `search` turns Ctrl-C into a result
                     raise KeyboardInterrupt
-                strikes = np.array([result.strike.to_vector()]) if result.strike else refined.strikes
+                strikes = np.array([result.strike.vector]) if result.strike else refined.strikes
                 found.append(Found.of(method, strikes, striker.strike(strikes, goals)))
         return {"found": [vars(x) for x in found]}
 
