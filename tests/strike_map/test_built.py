@@ -30,7 +30,7 @@ class Toy:
     striker, region = STRIKER, None
 
     def __init__(self, parts: int, trials: int) -> None:
-        self.plan, self.made = SimpleNamespace(parts=parts, trials=trials), 0
+        self.plan, self.made = SimpleNamespace(parts=parts, gate_strikes=trials), 0
 
     def part(self, before: list[Answers]) -> Answers:
         self.made += 1

@@ -29,7 +29,7 @@ def built(building: Building, folder: Path) -> StrikeMap:
             bar.set_postfix_str(f"{sum(map(len, parts))} answers", refresh=False)
             bar.update()
     answers, gate = Answers.joined(parts), load_gate(folder)
-    if gate is None and plan.trials > 0:
+    if gate is None and plan.gate_strikes > 0:
         gate = building.gate(answers, progress=True)
         save_gate(folder, gate)
     return StrikeMap(building.striker, building.region, answers, gate)

@@ -18,7 +18,7 @@ from whiptool.impedance import Controller, oiac_preset
 from whiptool.models import preset
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.candidates import Candidates
-from whiptool.strike_map.striker import Striker, Struck
+from whiptool.strike_map.striker import Landings, Striker
 from whiptool.studies.reproduction.aim import units
 from whiptool.studies.reproduction.aim.task import ur5e
 from whiptool.studies.reproduction.aim.units import (
@@ -44,11 +44,11 @@ class LineStriker:
     rollout, bounds, limits, t_stay = None, None, None, 0.3
     lower, upper, widths = np.full(2, -1.0), np.full(2, 1.0), np.full(2, 2.0)
 
-    def strike(self, strikes: np.ndarray, goals: Goals) -> Struck:
+    def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
         left = strikes - goals.positions
         distance = np.linalg.norm(left, axis=1)
         hit = distance <= goals.hit_radius
-        return Struck(left, distance, np.full(len(strikes), np.nan), np.full(len(strikes), -1.0), hit)
+        return Landings(left, distance, np.full(len(strikes), np.nan), np.full(len(strikes), -1.0), hit)
 
 
 def a_map(*places: float) -> Any:
@@ -120,7 +120,7 @@ def test_corrections_are_counted_to_the_first_hit(monkeypatch):
 
 
 def test_what_strikes_came_to_is_plain_data():
-    struck = Struck(
+    struck = Landings(
         np.zeros((2, 3)),
         np.array([0.01, np.nan]),
         np.array([0.1, np.nan]),

@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.studies.comparison import Store
 from whiptool.studies.reproduction.aim.task import AimTask
-from whiptool.studies.reproduction.aim.units import GoalsUnit, MissedUnit, ReplayUnit
+from whiptool.studies.reproduction.aim.units import ClearanceUnit, GoalsUnit, MissedUnit, ReplayUnit
 
 CHUNK = 50  # goals of a unit
 REPLAY_SEED = 0
@@ -59,6 +59,7 @@ class Aimed:
         seconds: Of one shot and of refinement, in all, (2,).
         missed: What other searches came to, by the number of the goal that refinement missed.
         replayed: What came in MuJoCo, by the number of the goal.
+        clear: Whether arm and whip keep clear of each other, and of the floor, too, by the number of the goal.
     """
 
     positions: np.ndarray
@@ -72,6 +73,7 @@ class Aimed:
     seconds: np.ndarray
     missed: dict[int, list[dict[str, Any]]] = field(default_factory=dict)
     replayed: dict[int, dict[str, Any]] = field(default_factory=dict)
+    clear: dict[int, dict[str, bool]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, results: Sequence[dict[str, Any]]) -> Aimed:
@@ -149,6 +151,11 @@ class Aimed:
                 "median_difference": float(np.median(apart)) if apart else None,
                 "largest_difference": max(apart, default=None),
             },
+            "clear": {"strikes": len(self.clear)}
+            | {
+                name: float(np.mean([x[name] for x in self.clear.values()]))
+                for name in next(iter(self.clear.values()), {})
+            },
         }
 
 
@@ -160,6 +167,7 @@ def aim(
     *,
     goals: int,
     replays: int = 0,
+    touched: int = 0,
     brief: bool = False,
 ) -> Aimed:
     """Return what comes of the first goals of a task; what the store has is not done again.
@@ -171,6 +179,7 @@ def aim(
         store: Of the results.
         goals: How many.
         replays: Strikes that are replayed in MuJoCo, drawn from those that hit.
+        touched: Of these, how many are looked at for what arm and whip touch.
         brief: Whether other searches, of what refinement misses, are short.
     """
     firsts = range(0, min(goals, task.drawn), CHUNK)
@@ -182,10 +191,13 @@ def aim(
     found = store.results(others, desc="goals that refinement missed")
     aimed.missed.update({unit.goal: found[unit.name]["found"] for unit in others})
     drawn = np.random.default_rng(REPLAY_SEED).permutation(len(aimed))
-    chosen = [int(i) for i in drawn if aimed.refined.hit[i]][:replays]
-    played = [ReplayUnit(task=task, goal=i, strike=tuple(aimed.strikes[i].tolist())) for i in chosen]
-    seen = store.results(played, desc="MuJoCo")
+    hits = [int(i) for i in drawn if aimed.refined.hit[i]]
+    strikes = {i: tuple(aimed.strikes[i].tolist()) for i in hits}
+    played = [ReplayUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:replays]]
+    looked = [ClearanceUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:touched]]
+    seen = store.results([*played, *looked], desc="MuJoCo, clearance")
     aimed.replayed.update({unit.goal: seen[unit.name] for unit in played})
+    aimed.clear.update({unit.goal: seen[unit.name] for unit in looked})
     return aimed
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.arrival_rule import ANY, ArrivalRule
+from whiptool.arrival_rule import ArrivalRule
 from whiptool.goals import Goals
 from whiptool.impedance import Controller
 from whiptool.models import Model
@@ -21,9 +21,9 @@ from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
 from whiptool.zone import Sector
 
-IN_SPACE = Plan(strikes=4096, room=2, rounds=4, goals=800, trials=16_000)
-IN_PLANE = Plan(strikes=4096, room=1, rounds=2, goals=1000, trials=8000)
-QUICK = Plan(strikes=128, room=1, rounds=1, goals=8, trials=200)
+IN_SPACE = Plan(random_strikes=4096, room=2, rounds=4, goals=800, gate_strikes=16_000)
+IN_PLANE = Plan(random_strikes=4096, room=1, rounds=2, goals=1000, gate_strikes=8000)
+QUICK = Plan(random_strikes=128, room=1, rounds=1, goals=8, gate_strikes=200)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,6 +40,8 @@ class AimTask:
         goal_seed: They are drawn with it.
         plan: Of the map.
         seed: Of the map.
+        corrected: Whether strikes are counted where a miss is followed by corrections.
+        floor: Its height [m]; None: there is none.
         t_stay: A strike is watched this long after the movement ended [s].
     """
 
@@ -53,12 +55,15 @@ class AimTask:
     goal_seed: int
     plan: Plan
     seed: int = 0
+    corrected: bool = False
+    floor: float | None = None
     t_stay: float = T_STAY
 
     def striker(self, threads: int | None = None) -> Striker:
         """Return what rolls out."""
         rollout = CompiledRollout(self.model, self.controller, timestep=self.timestep, threads=threads)
-        return Striker(rollout, limits=ArmLimits.of(self.model.arm) if self.limited else None, t_stay=self.t_stay)
+        limits = ArmLimits.of(self.model.arm, prescribed=self.controller.prescribed) if self.limited else None
+        return Striker(rollout, limits=limits, t_stay=self.t_stay)
 
     def building(self) -> Building:
         """Return the building of its map, not begun."""
@@ -73,7 +78,8 @@ def ur5e(*, quick: bool = False) -> AimTask:
     """Return the UR5e with a stick of 0.65 m and a rope of 1 m, its base 1.7 m above the ground.
 
     Goals are those of "Point It, Strike It" (2026): 1.6 to 2.3 m from the base, 0.3 to 2.5 m above the ground, within
-    30 degrees of forward, at any arrival angle, within 5 cm and 10 degrees, at 1 m/s along the direction.
+    30 degrees of forward, at any arrival angle, within 5 cm and 10 degrees, at 1 m/s along the direction. Joints keep
+    their limits of position, velocity and torque; what arm and whip touch is looked at afterwards.
     """
     base = 1.7
     sector = Sector(1.6, 2.3, 0.3 - base, 2.5 - base, math.radians(30))
@@ -82,10 +88,11 @@ def ur5e(*, quick: bool = False) -> AimTask:
         model=MODEL,
         controller=CONTROLLER,
         timestep=TIMESTEP,
-        region=GoalRegion(sector, ArrivalRule(angle=ANY, cone=math.radians(10), speed=1.0), 0.05),
+        region=GoalRegion(sector, ArrivalRule(angle=(-math.pi, math.pi), cone=math.radians(10), speed=1.0), 0.05),
         limited=True,
         drawn=5000,
         goal_seed=1,
+        floor=-base,
         plan=QUICK if quick else IN_SPACE,
     )
 
@@ -102,5 +109,6 @@ def hard(scene: Scene, *, quick: bool = False) -> AimTask:
         limited=False,
         drawn=scene.targets,
         goal_seed=scene.target_seed,
+        corrected=True,
         plan=QUICK if quick else IN_PLANE,
     )

@@ -11,6 +11,7 @@ from zlib import crc32
 import numpy as np
 
 from whiptool.goals import Goals
+from whiptool.models.clearance import Clearance
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout.reference import ReferenceRollout
@@ -18,7 +19,7 @@ from whiptool.strike_map.built import opened
 from whiptool.strike_map.candidates import SHORTLIST
 from whiptool.strike_map.refinement import refine
 from whiptool.strike_map.strike_map import TRIED, StrikeMap
-from whiptool.strike_map.striker import Striker, Struck
+from whiptool.strike_map.striker import Landings, Striker
 from whiptool.studies.comparison.learner_unit import one_torch_thread
 from whiptool.studies.reproduction.aim.task import AimTask
 from whiptool.target import Target
@@ -79,10 +80,9 @@ class GoalsUnit(MapUnit):
             refined = strike_map.refined(goals)
             times.append(time.monotonic())
             missed = [goals.rows(np.array([i])) for i in np.flatnonzero(~shot.hit)]
-            followed = {
-                "candidates": [by_candidates(strike_map, goal) for goal in missed],
-                "refinement": [by_refinement(strike_map, goal) for goal in missed],
-            }
+            followed = {"candidates": [by_candidates(strike_map, goal) for goal in missed]}
+            if self.task.corrected:
+                followed["refinement"] = [by_refinement(strike_map, goal) for goal in missed]
         return {
             "positions": goals.positions.tolist(),
             "angles": None if angles is None else angles.tolist(),
@@ -190,7 +190,7 @@ class Found:
     strike: list[float]
 
     @classmethod
-    def of(cls, name: str, strikes: np.ndarray, struck: Struck) -> Found:
+    def of(cls, name: str, strikes: np.ndarray, struck: Landings) -> Found:
         """Return it of one strike (1, m)."""
         table = {key: value[0] for key, value in plain(struck).items()}
         return cls(name, **table, strike=strikes[0].tolist())
@@ -228,6 +228,23 @@ class ReplayUnit:
         return {"hit": hit, "miss": float(near.distance[0]), "angle": angle}
 
 
+@dataclass(frozen=True, kw_only=True)
+class ClearanceUnit(ReplayUnit):
+    """What arm and whip touch in a strike."""
+
+    @property
+    def name(self) -> str:
+        """Name of the unit: which goal, and which strike."""
+        return super().name.replace("mujoco", "clearance")
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Say whether arm and whip keep clear of each other, and of the floor, too."""
+        task = self.task
+        path = task.striker(threads).rollout.trajectory(np.array(self.strike), t_stay=task.t_stay)
+        floors = {"arm": None} | ({} if task.floor is None else {"floor": task.floor})
+        return {name: Clearance(task.model, floor).violation(path) <= 0 for name, floor in floors.items()}
+
+
 class Counting(Striker):
     """Counts strikes to the first hit; a derivative counts as a strike for each of the numbers it is taken by."""
 
@@ -235,7 +252,7 @@ class Counting(Striker):
         super().__init__(striker.rollout, bounds=striker.bounds, limits=striker.limits, t_stay=striker.t_stay)
         self.count, self.hit = 0, False
 
-    def strike(self, strikes: np.ndarray, goals: Goals) -> Struck:
+    def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
         """Return what one strike comes to."""
         struck = super().strike(strikes, goals)
         self.count += not self.hit
@@ -265,7 +282,7 @@ def by_refinement(strike_map: StrikeMap, goal: Goals) -> dict[str, Any]:
     return {"trials": counting.count, "hit": counting.hit}
 
 
-def plain(struck: Struck) -> dict[str, list]:
+def plain(struck: Landings) -> dict[str, list]:
     """Return what strikes came to as plain data: hit, miss [m], angle [rad], and whether within the limits.
 
     None: it diverged, or no angle is asked for.
