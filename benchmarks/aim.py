@@ -15,7 +15,7 @@ With --folder, what is done stands there, and a run that was broken off goes on 
 unless --map names the run folder of one:
 
     python -m whiptool.map build --model ur5e-rods.toml --controller position --timestep 0.0015
-        --sector 1.6 2.3 -1.4 0.8 30 --hit-radius 0.05 --arrival-angle any --cone 10 --least-speed 1
+        --sector 1.6 2.3 -1.4 0.8 30 --hit-radius 0.05 --arrival-angle -180 180 --cone 10 --least-speed 1
         --ignore-collisions --random-strikes 4096 --room 2 --rounds 4 --goals 800 --gate-strikes 16000
 
 (`--write-model ur5e-rods.toml` writes that model, and does nothing else).

@@ -157,7 +157,7 @@ class MissedUnit(MapUnit):
                     target,
                     t_stay=striker.t_stay,
                     bounds=striker.bounds,
-                    limits=striker.limits,
+                    limits=striker.limits.members,
                     max_trials=cap // 100 if self.brief else cap,
                     stop_at_hit=True,
                 )
