@@ -166,38 +166,18 @@ def _build(args: Sequence[str]) -> int:
     options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args)
     with cli.options_named(options):
         _import_torch()
+        from whiptool.strike_map.built import built
+
         building = options.build_building()
         rollout = building.striker.rollout
         config = cli.configuration(options, "map", rollout.model, rollout.controller)
         with cli.open_folder(options, "map", config) as folder:
             start = time.monotonic()
-            strike_map = _built(building, folder.path)
+            strike_map = built(building, folder.path)
             summary = _tested(options, strike_map, time.monotonic() - start)
             folder.write_result(summary)
             print(json.dumps(summary, allow_nan=False) if options.json else _text(summary, folder.path))
     return 0
-
-
-def _built(building: Building, folder: Path) -> StrikeMap:
-    """Build what is not there yet, part by part, each written when it is made."""
-    from tqdm import tqdm
-
-    from whiptool.strike_map import Answers, StrikeMap
-    from whiptool.strike_map.store import load_gate, load_parts, save_gate, save_part
-
-    plan = building.plan
-    parts = load_parts(folder, plan.parts)
-    with tqdm(total=plan.parts, initial=len(parts), unit=" parts", desc="map", file=sys.stderr, leave=False) as bar:
-        while len(parts) < plan.parts:
-            parts.append(building.part(parts))
-            save_part(folder, len(parts) - 1, parts[-1])
-            bar.set_postfix_str(f"{sum(map(len, parts))} answers", refresh=False)
-            bar.update()
-    answers, gate = Answers.joined(parts), load_gate(folder)
-    if gate is None and plan.gate_strikes > 0:
-        gate = building.gate(answers, progress=True)
-        save_gate(folder, gate)
-    return StrikeMap(building.striker, building.region, answers, gate)
 
 
 def _tested(options: BuildOptions, strike_map: StrikeMap, seconds: float) -> dict[str, Any]:

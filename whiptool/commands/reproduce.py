@@ -7,6 +7,8 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
@@ -23,9 +25,9 @@ if TYPE_CHECKING:
     from whiptool.studies.comparison import Comparison
 
 REPORT = "report.html"
-Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "all"]
+Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "all"]
 Row = Literal["nominal", "robust", "correction", "sac", "told", "uniform", "adapt", "still", "wiggle", "chain"]
-OTHER_PAPER = "nah2023"
+OTHERS = ("nah2023", "aim")  # with a model of their own
 _OF_ANY_PAPER = {"what", "workers", "cluster", "quick", "out", "resume", "json"}  # options
 
 
@@ -37,7 +39,8 @@ class ReproduceOptions(ComparisonOptions):
 
     what: tyro.conf.Positional[Part] = "all"
     """Which of them: table4 goes with Fig. 8, hard is 1 cm everywhere, sim2real Figs. 9 and 10, adapt unknown whips
-    (hours of its own), nah2023 another paper, of an arm in space (minutes), and all is all but these two."""
+    (hours of its own), nah2023 another paper, of an arm in space (minutes), aim a UR5e that strikes points at arrival
+    angles (an hour or two), and all is all but these three."""
     whips: int = 100
     """Unknown whips of each family, in adapt."""
     whip_targets: int = 3
@@ -74,9 +77,9 @@ class ReproduceOptions(ComparisonOptions):
             except InputError as error:
                 raise error.renamed("--further-zones") from None
         usual = ReproduceOptions(**QUICK) if self.quick else None
-        if self.what == OTHER_PAPER:
+        if self.what in OTHERS:
             idle = {f.name for f in fields(self)} - _OF_ANY_PAPER
-            refuse_idle(self, dict.fromkeys(sorted(idle), "nothing with nah2023, which has its own"), usual)
+            refuse_idle(self, dict.fromkeys(sorted(idle), f"nothing with {self.what}, which has its own"), usual)
         if self.what != "adapt":
             refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows"), "nothing but with adapt"))
         further = ("further_zones", "further_methods", "further_observation")
@@ -102,8 +105,8 @@ def _main(args: Sequence[str] | None) -> int:
     from whiptool.studies.comparison.plan import OBSERVATIONS, PAPER_METHODS
 
     with cli.options_named(options):
-        if options.what == OTHER_PAPER:
-            comparison = further = _other_paper(options)
+        if options.what in OTHERS:
+            comparison = further = _other(options)
         else:
             comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
             further = options.comparison(options.further_methods, options.further_observation)
@@ -118,7 +121,7 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     from whiptool.viz.report import to_html
 
     scene = comparison.scene
-    if options.what != OTHER_PAPER:
+    if options.what not in OTHERS:
         options.warn_if_coarse(scene.model, scene.controller, options.target, scene.t_stay)
     store = Store(folder.path, workers=options.processes(), cluster=options.cluster)
     context = Context(
@@ -157,20 +160,23 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     return 0
 
 
-def _other_paper(options: ReproduceOptions) -> Comparison:
-    """A comparison that only tells the run folder what model and controller are: this paper trains no learner."""
-    from whiptool.studies.reproduction import nah2023
-
+def _other(options: ReproduceOptions) -> Comparison:
+    """A comparison that only tells the run folder what model and controller are: no learner is trained."""
+    part = _part(options.what)
     comparison = options.comparison(("directl",), ())
-    return replace(comparison, scene=replace(comparison.scene, model=nah2023.NAH2023, controller=nah2023.CONTROLLER))
+    return replace(comparison, scene=replace(comparison.scene, model=part.MODEL, controller=part.CONTROLLER))
+
+
+def _part(what: str) -> ModuleType:
+    """Return the package of a part with a model of its own."""
+    return import_module(f"whiptool.studies.reproduction.{what}")
 
 
 def _head(options: ReproduceOptions, comparison: Comparison) -> tuple[str, str, dict[str, str]]:
     """Title, subtitle and facts of the report."""
-    if options.what == OTHER_PAPER:
-        from whiptool.studies.reproduction import nah2023
-
-        return nah2023.TITLE, nah2023.SUBTITLE, nah2023.facts()
+    if options.what in OTHERS:
+        part = _part(options.what)
+        return part.TITLE, part.SUBTITLE, part.facts()
     return "A whip, a target, and six ways to learn", _SUBTITLE, _facts(options, comparison)
 
 

@@ -205,11 +205,11 @@ class ReferenceRollout(Rollout):
 
         With A the arm's columns of `M^-1`, accelerations are those without torque, and `A tau` more.
         """
-        mj, data, a, n = self._mj, self._data, len(wanted), self.model.n
+        mj, data, a, n = self._mj, self._data, len(wanted), self._mj.nv
         force = data.qfrc_passive - data.qfrc_bias + data.qfrc_applied
-        for body in np.arange(mj.nbody)[self._nodes] if self._drag.any() else ():
-            drag = data.xfrc_applied[body, :3]
-            mujoco.mj_applyFT(mj, data, drag, np.zeros(3), data.xipos[body], body, force)
+        for body in np.arange(mj.nbody)[self._nodes] if self._brakes or self._rods is not None else ():
+            pushed = data.xfrc_applied[body]
+            mujoco.mj_applyFT(mj, data, pushed[:3], pushed[3:], data.xipos[body], body, force)
         given, found = np.vstack([np.eye(a, n), force]), np.empty((a + 1, n))
         mujoco.mj_solveM(mj, data, found, given)
         return np.linalg.solve(found[:a, :a], wanted - found[a, :a])

@@ -5,6 +5,7 @@
 """
 
 from whiptool.studies.reproduction.nah2023.report import SUBTITLE, TITLE, facts, sections
-from whiptool.studies.reproduction.nah2023.units import CONTROLLER, NAH2023
+from whiptool.studies.reproduction.nah2023.units import CONTROLLER
+from whiptool.studies.reproduction.nah2023.units import NAH2023 as MODEL
 
-__all__ = ["CONTROLLER", "NAH2023", "SUBTITLE", "TITLE", "facts", "sections"]
+__all__ = ["CONTROLLER", "MODEL", "SUBTITLE", "TITLE", "facts", "sections"]

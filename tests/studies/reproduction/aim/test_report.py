@@ -1,0 +1,85 @@
+"""The report's tables and picture, of goals that are given by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from whiptool.studies.reproduction.aim.aimed import Aimed, Shots
+from whiptool.studies.reproduction.aim.pictures import misses
+from whiptool.studies.reproduction.aim.report import figures, millimetres, other_searches, percent, planar_figures
+
+
+def shots(hit: list[bool]) -> Shots:
+    count = len(hit)
+    return Shots(np.array(hit), np.full(count, 3e-5), np.full(count, 0.05), np.ones(count, bool))
+
+
+def aimed() -> Aimed:
+    """Three goals, of which one shot hits two, and refinement the same two."""
+    return Aimed(
+        positions=np.array([[1.7, 0.2, 0.1], [1.9, -0.1, 0.4], [2.2, 0.0, -0.5]]),
+        angles=np.radians([-170.0, 0.0, 95.0]),
+        one_shot=shots([True, False, True]),
+        refined=shots([True, False, True]),
+        strikes=np.zeros((3, 13)),
+        rollouts=30,
+        derivatives=3,
+        followed={"candidates": [{"trials": 4, "hit": True}], "refinement": [{"trials": 3, "hit": True}]},
+        seconds=np.array([1.0, 2.0]),
+        missed={
+            1: [{"search": "candidates", "hit": False, "miss": 0.123, "angle": None, "within": True, "strike": []}]
+        },
+        replayed={0: {"hit": True, "miss": 8e-5, "angle": 0.05}},
+    )
+
+
+def row_of(rows: list[list[str]], name: str) -> list[str]:
+    return next(row[1:] for row in rows if row[0].startswith(name))
+
+
+def test_ours_stand_beside_the_published():
+    rows = figures(aimed())
+    assert rows[0] == ["", "published", "ours"]
+    assert {len(row) for row in rows} == {3}
+    assert row_of(rows, "hit in one shot") == ["73.5 %", "66.7 %"]
+    assert row_of(rows, "hit by the best of 64") == ["92.1 %", "-"]
+    assert row_of(rows, "... of the goals that any search") == ["-", "100.0 %"]
+    assert row_of(rows, "never reached") == ["-", "1 (33.3 %)"]
+    assert row_of(rows, "median miss after") == ["-", "0.030 mm"]
+    assert row_of(rows, "refined strikes that hit in MuJoCo") == ["-", "1 of 1"]
+    assert row_of(rows, "... median difference") == ["-", "0.050 mm"]
+    assert not [row for row in figures(replace(aimed(), replayed={})) if "MuJoCo" in row[0]]
+
+
+def test_goals_that_refinement_missed_are_listed():
+    assert other_searches(aimed())[1:] == [["1", "1.90 -0.10 0.40", "0", "none", "12.3", "-"]]
+
+
+def test_the_planar_table_counts_trials():
+    rows = planar_figures(aimed())
+    assert row_of(rows, "SAC") == ["22.0 %", "25.9"]
+    assert row_of(rows, "map, then its next") == ["66.7 %", "2.00"]
+    assert row_of(rows, "map, then corrections") == ["66.7 %", "1.67"]
+
+
+def test_shares_are_all_only_where_they_are():
+    assert percent(1.0) == "100.0 %"
+    assert percent(0.9998) == "99.98 %"
+    assert percent(0.925) == "92.5 %"
+    assert millimetres(2.5e-2) == "25.0 mm"
+
+
+def test_the_picture_shows_every_goal_and_what_was_missed():
+    figure = misses(aimed())
+    assert len(figure.axes) == 4
+    for ax in figure.axes:
+        hit, missed, never = (line.get_xydata() for line in ax.lines)
+        assert (len(hit), len(missed), len(never)) == (2, 1, 1)
+        np.testing.assert_array_equal(missed, never)
+        assert missed[0, 1] == 0.4
+    assert figure.axes[2].lines[0].get_xdata()[0] == pytest.approx(-170)

@@ -1,0 +1,207 @@
+"""What came of the goals of a task: shares that are hit, how near, how long it took, and which were never reached."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from whiptool.strike_map.strike_map import StrikeMap
+from whiptool.studies.comparison import Store
+from whiptool.studies.reproduction.aim.task import AimTask
+from whiptool.studies.reproduction.aim.units import ClearanceUnit, GoalsUnit, MissedUnit, ReplayUnit
+
+CHUNK = 50  # goals of a unit
+REPLAY_SEED = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """Strikes at B goals.
+
+    Args:
+        hit: Whether each hits, (B,).
+        miss: [m], (B,); infinite if it diverged.
+        angle: To the direction [rad], (B,); NaN where there is none.
+        within: Whether it keeps the limits, (B,).
+    """
+
+    hit: np.ndarray
+    miss: np.ndarray
+    angle: np.ndarray
+    within: np.ndarray
+
+    @classmethod
+    def of(cls, tables: Sequence[dict[str, list]]) -> Shots:
+        """Join what units say."""
+        whole = {name: [x for table in tables for x in table[name]] for name in ("hit", "miss", "angle", "within")}
+        miss, angle = (np.array(whole[name], float) for name in ("miss", "angle"))  # None: NaN
+        return cls(
+            np.array(whole["hit"], bool), np.where(np.isnan(miss), np.inf, miss), angle, np.array(whole["within"])
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Aimed:
+    """What came of B goals.
+
+    Args:
+        positions: [m], (B, d).
+        angles: Of arrival [rad], (B,); NaN where none is asked for.
+        one_shot, refined: The map's own strikes, and refined ones.
+        strikes: The refined ones, (B, m).
+        rollouts, derivatives: Of refinement, in all.
+        followed: Trials and hits of the goals that are missed in one shot, by what follows a miss.
+        seconds: Of one shot and of refinement, in all, (2,).
+        missed: What other searches came to, by the number of the goal that refinement missed.
+        replayed: What came in MuJoCo, by the number of the goal.
+        clear: Whether arm and whip keep clear of each other, and of the floor, too, by the number of the goal.
+    """
+
+    positions: np.ndarray
+    angles: np.ndarray
+    one_shot: Shots
+    refined: Shots
+    strikes: np.ndarray
+    rollouts: int
+    derivatives: int
+    followed: dict[str, list[dict[str, Any]]]
+    seconds: np.ndarray
+    missed: dict[int, list[dict[str, Any]]] = field(default_factory=dict)
+    replayed: dict[int, dict[str, Any]] = field(default_factory=dict)
+    clear: dict[int, dict[str, bool]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, results: Sequence[dict[str, Any]]) -> Aimed:
+        """Join what `GoalsUnit`s came to, in order."""
+        positions = np.concatenate([np.array(r["positions"]) for r in results])
+        without = np.full(len(positions), np.nan)
+        ways = results[0]["followed"]
+        return cls(
+            positions=positions,
+            angles=without if results[0]["angles"] is None else np.concatenate([r["angles"] for r in results]),
+            one_shot=Shots.of([r["one_shot"] for r in results]),
+            refined=Shots.of([r["refined"] for r in results]),
+            strikes=np.concatenate([np.array(r["strikes"]) for r in results]),
+            rollouts=sum(r["rollouts"] for r in results),
+            derivatives=sum(r["derivatives"] for r in results),
+            followed={way: [x for r in results for x in r["followed"][way]] for way in ways},
+            seconds=np.sum([r["seconds"] for r in results], axis=0),
+        )
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def reached(self) -> np.ndarray:
+        """Whether any search has reached each goal, (B,)."""
+        reached = self.one_shot.hit | self.refined.hit
+        for goal, found in self.missed.items():
+            reached[goal] |= any(x["hit"] for x in found)
+        return reached
+
+    @property
+    def never(self) -> list[dict[str, Any]]:
+        """The goals that no search reached: where, at which angle [degrees], and the nearest hit of the place."""
+        rows = []
+        for i in np.flatnonzero(~self.reached):
+            angle = float(np.degrees(self.angles[i]))
+            rows.append({"goal": int(i), "position": self.positions[i].tolist(), "arrival_angle": angle})
+        return rows
+
+    def mean_trials(self, way: str) -> float:
+        """Return the mean number of strikes to the first hit, if what follows a miss is one of `followed`.
+
+        Args:
+            way: Which of them; goals that are never hit so count with all strikes that were tried.
+        """
+        hits = int(self.one_shot.hit.sum())
+        return (hits + sum(x["trials"] for x in self.followed[way])) / len(self)
+
+    def summary(self) -> dict[str, Any]:
+        """Return shares, medians and times; `refined` is the share of the goals that any search has reached."""
+        hit, reached = self.refined.hit, self.reached
+        played = list(self.replayed.values())
+        apart = [abs(x["miss"] - self.refined.miss[i]) for i, x in self.replayed.items() if x["miss"] is not None]
+        return {
+            "goals": len(self),
+            "one_shot": float(self.one_shot.hit.mean()),
+            "one_shot_median_miss": float(np.median(self.one_shot.miss)),
+            "one_shot_within_limits": float(self.one_shot.within.mean()),
+            "refined": float(hit.sum() / max(1, reached.sum())),
+            "refined_of_all": float(hit.mean()),
+            "median_miss": float(np.median(self.refined.miss)),
+            "p99_miss": float(np.percentile(self.refined.miss, 99, method="higher")),
+            "refined_within_limits": float(self.refined.within.mean()),
+            "rollouts_per_goal": self.rollouts / len(self),
+            "derivatives_per_goal": self.derivatives / len(self),
+            "seconds_per_goal_together": float(self.seconds[1] / len(self)),
+            "seconds_per_goal_one_shot": float(self.seconds[0] / len(self)),
+            "reached_by_others": int(reached.sum() - (self.one_shot.hit | hit).sum()),
+            "never_reached": float(1 - reached.mean()),
+            "never": self.never,
+            "mean_trials": {way: self.mean_trials(way) for way in self.followed},
+            "in_mujoco": {
+                "strikes": len(played),
+                "hits": sum(x["hit"] for x in played),
+                "median_difference": float(np.median(apart)) if apart else None,
+                "largest_difference": max(apart, default=None),
+            },
+            "clear": {"strikes": len(self.clear)}
+            | {
+                name: float(np.mean([x[name] for x in self.clear.values()]))
+                for name in next(iter(self.clear.values()), {})
+            },
+        }
+
+
+def aim(
+    task: AimTask,
+    strike_map: StrikeMap,
+    folder: Path,
+    store: Store,
+    *,
+    goals: int,
+    replays: int = 0,
+    touched: int = 0,
+    brief: bool = False,
+) -> Aimed:
+    """Return what comes of the first goals of a task; what the store has is not done again.
+
+    Args:
+        task: See there.
+        strike_map: Of the task.
+        folder: Of the map.
+        store: Of the results.
+        goals: How many.
+        replays: Strikes that are replayed in MuJoCo, drawn from those that hit.
+        touched: Of these, how many are looked at for what arm and whip touch.
+        brief: Whether other searches, of what refinement misses, are short.
+    """
+    firsts = range(0, min(goals, task.drawn), CHUNK)
+    of_map: dict[str, Any] = {"task": task, "folder": folder.resolve(), "label": map_label(strike_map)}
+    units = [GoalsUnit(**of_map, first=i, last=min(i + CHUNK, goals, task.drawn)) for i in firsts]
+    results = store.results(units, desc=f"goals of {task.name}")
+    aimed = Aimed.of([results[unit.name] for unit in units])
+    others = [MissedUnit(**of_map, goal=int(i), brief=brief) for i in np.flatnonzero(~aimed.refined.hit)]
+    found = store.results(others, desc="goals that refinement missed")
+    aimed.missed.update({unit.goal: found[unit.name]["found"] for unit in others})
+    drawn = np.random.default_rng(REPLAY_SEED).permutation(len(aimed))
+    hits = [int(i) for i in drawn if aimed.refined.hit[i]]
+    strikes = {i: tuple(aimed.strikes[i].tolist()) for i in hits}
+    played = [ReplayUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:replays]]
+    looked = [ClearanceUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:touched]]
+    seen = store.results([*played, *looked], desc="MuJoCo, clearance")
+    aimed.replayed.update({unit.goal: seen[unit.name] for unit in played})
+    aimed.clear.update({unit.goal: seen[unit.name] for unit in looked})
+    return aimed
+
+
+def map_label(strike_map: StrikeMap) -> str:
+    """Return a label of a map, another one for other answers or another gate."""
+    gate = b"" if strike_map.gate is None else strike_map.gate.mean.tobytes()
+    return f"{crc32(gate, crc32(strike_map.answers.strikes.tobytes())):08x}"

@@ -1,0 +1,6 @@
+"""Figures that others publish, and those of our own learner, beside which ours stand."""
+
+GOALS = 5700  # of "Point It, Strike It" (2026), in simulation
+ONE_SHOT = 0.735  # share of them within 5 cm and 10 degrees at the first strike
+BEST_OF_64 = 0.921  # with the best of 64 strikes that their network proposes
+SAC_FIRST_HITS, SAC_TRIALS = 0.22, 25.9  # of SAC with hindsight at the planar hard task: `whiptool.reproduce hard`

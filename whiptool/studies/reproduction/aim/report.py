@@ -1,0 +1,155 @@
+"""The report on aimed strikes: what is worked on, and what it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from whiptool.impedance import Controller, oiac_preset
+from whiptool.models import preset
+from whiptool.strike_map.built import built
+from whiptool.strike_map.strike_map import StrikeMap
+from whiptool.studies.comparison import Scene
+from whiptool.studies.comparison.learner_unit import one_torch_thread
+from whiptool.studies.comparison.zones import SPEED, fast_region
+from whiptool.studies.reproduction.aim import pictures, published
+from whiptool.studies.reproduction.aim.aimed import Aimed, aim
+from whiptool.studies.reproduction.aim.task import AimTask, hard, ur5e
+from whiptool.studies.reproduction.aim.units import SEARCHES
+from whiptool.studies.reproduction.context import Context
+from whiptool.studies.reproduction.hard import HIT_RADIUS
+from whiptool.viz.report import Picture, Section, Table, Text
+
+REPLAYS, TOUCHED = 20, 100
+
+
+def sections(context: Context) -> list[Section]:
+    """The UR5e's goals beside the published figures, where they are missed, and the planar hard task."""
+    quick, task = context.quick, ur5e(quick=context.quick)
+    goals, replays, touched = (5, 1, 2) if quick else (task.drawn, REPLAYS, TOUCHED)
+    strike_map, folder = _map(task, context)
+    aimed = aim(task, strike_map, folder, context.store, goals=goals, replays=replays, touched=touched, brief=quick)
+    return [_in_space(aimed, strike_map), _planar(context)]
+
+
+def _map(task: AimTask, context: Context) -> tuple[StrikeMap, Path]:
+    """Return the map of a task and its folder among the store's checkpoints; what is missing of it is made."""
+    folder = context.store.checkpoints / f"map-{task.name}"
+    folder.mkdir(exist_ok=True)
+    with one_torch_thread():
+        return built(task.building(), folder), folder
+
+
+def figures(aimed: Aimed) -> list[list[str]]:
+    """Return the table of shares, ours beside the published."""
+    s, played = aimed.summary(), aimed.replayed
+    rows = [
+        ["", "published", "ours"],
+        ["goals, in simulation", f"{published.GOALS:,}", f"{s['goals']:,}"],
+        ["hit in one shot", percent(published.ONE_SHOT), percent(s["one_shot"])],
+        ["hit by the best of 64 strikes", percent(published.BEST_OF_64), "-"],
+        ["hit after refinement by rollouts", "-", percent(s["refined_of_all"])],
+        ["... of the goals that any search has reached", "-", percent(s["refined"])],
+        ["never reached by any search", "-", f"{(~aimed.reached).sum()} ({percent(s['never_reached'])})"],
+        ["median miss in one shot", "-", millimetres(s["one_shot_median_miss"])],
+        ["median miss after refinement", "-", millimetres(s["median_miss"])],
+        ["... of 99 % of the goals, at most", "-", millimetres(s["p99_miss"])],
+        ["refined strikes within the arm's limits", "-", percent(s["refined_within_limits"])],
+        [
+            "rollouts, and times derivatives, a goal",
+            "-",
+            f"{s['rollouts_per_goal']:.1f}, {s['derivatives_per_goal']:.2f}",
+        ],
+    ]
+    by_candidates = [x for x in aimed.followed["candidates"] if x["hit"]]
+    of_any = (aimed.one_shot.hit.sum() + len(by_candidates)) / len(aimed)
+    rows[4] = ["hit by the best of 64 strikes", percent(published.BEST_OF_64), percent(of_any)]
+    if aimed.clear:
+        names = {
+            "arm": "strikes that arm and whip pass each other in",
+            "floor": "... and the floor, 1.7 m below the base",
+        }
+        rows += [[names[x], "-", percent(share)] for x, share in s["clear"].items() if x in names]
+    if played:
+        seen = s["in_mujoco"]
+        rows.append(["refined strikes that hit in MuJoCo, too", "-", f"{seen['hits']} of {seen['strikes']}"])
+        if seen["median_difference"] is not None:
+            rows.append(["... median difference of the miss", "-", millimetres(seen["median_difference"])])
+    return rows
+
+
+def _in_space(aimed: Aimed, strike_map: StrikeMap) -> Section:
+    about = (
+        f"The map: {len(strike_map.answers):,} answers, strikes with an instant at which the tip passes a place as "
+        "asked, and the derivatives of place and velocity there. Of a goal the nearest answers are corrected to first "
+        "order, and a network chooses among them: that is the one shot, no strike is rolled out. Refinement corrects "
+        "it with rollouts, candidate after candidate until one hits. A hit: tip within 5 cm, its velocity within 10 "
+        "degrees of the arrival angle as it is seen from the base, and at least 1 m/s along it, within the arm's "
+        "limits. The published figures are of a network on a Cosserat rope; goals, models and limits are not the same."
+    )
+    parts: list[Text | Table | Picture] = [Text(about), Table(figures(aimed), "Shares of goals that are hit.")]
+    caption = "Where goals are missed. Height and distance are from the base; 0 degrees is upward, 90 to the left."
+    parts.append(Picture(pictures.misses(aimed), caption, vector=False))
+    searches = ", then ".join(f"{name} ({cap:,} rollouts)" for name, cap in SEARCHES.items())
+    parts.append(Text(f"What refinement missed was given to all candidates of the map, then to {searches}."))
+    if aimed.missed:
+        parts.append(Table(other_searches(aimed), "Goals that refinement missed."))
+    return Section("A UR5e strikes points at arrival angles", parts)
+
+
+def other_searches(aimed: Aimed) -> list[list[str]]:
+    """Return the table of goals that refinement missed, and what other searches came to."""
+    rows = [
+        ["goal", "position [m]", "arrival angle [degrees]", "reached by", "nearest tip [cm]", "angle then [degrees]"]
+    ]
+    for goal, found in sorted(aimed.missed.items()):
+        by = next((x["search"] for x in found if x["hit"]), "none")
+        last = found[-1]
+        place = " ".join(f"{x:.2f}" for x in aimed.positions[goal])
+        miss = "-" if last["miss"] is None else f"{100 * last['miss']:.1f}"
+        angle = "-" if last["angle"] is None else f"{np.degrees(last['angle']):.1f}"
+        rows.append([f"{goal}", place, f"{np.degrees(aimed.angles[goal]):.0f}", by, miss, angle])
+    return rows
+
+
+def _planar(context: Context) -> Section:
+    quick = context.quick
+    scene = Scene(model=preset("lemon2024"), controller=Controller(oiac_preset("table4")), radii=(HIT_RADIUS,))
+    region = fast_region(scene, context.store, quick=quick)
+    task = hard(replace(scene, zone=region, targets=20 if quick else 300), quick=quick)
+    strike_map, folder = _map(task, context)
+    aimed = aim(task, strike_map, folder, context.store, goals=task.drawn, brief=quick)
+    about = (
+        f"The paper's whip in the plane: targets anywhere that the tip of random strikes reaches with {SPEED:g} m/s, "
+        f"{region.size:.2f} m^2, within {100 * HIT_RADIUS:g} cm; the targets of `reproduce hard`, where the figures of "
+        f"SAC with hindsight are from. The map: {len(strike_map.answers):,} answers. A trial is a strike; derivatives "
+        "that corrections take count as one for every number of a strike."
+    )
+    return Section("The planar hard task, from a map", [Text(about), Table(planar_figures(aimed))])
+
+
+def planar_figures(aimed: Aimed) -> list[list[str]]:
+    """Return the table of the planar hard task."""
+    s = aimed.summary()
+    return [
+        ["", "hits at the first strike", "mean trials to the first hit"],
+        ["SAC with hindsight", percent(published.SAC_FIRST_HITS), f"{published.SAC_TRIALS:g}"],
+        ["map, then its next candidate", percent(s["one_shot"]), f"{s['mean_trials']['candidates']:.2f}"],
+        ["map, then corrections of its strike", percent(s["one_shot"]), f"{s['mean_trials']['refinement']:.2f}"],
+        ["map, refined in simulation before the strike", percent(s["refined_of_all"]), "-"],
+    ]
+
+
+def percent(share: float) -> str:
+    """Return a share in percent; 100 % only where it is all."""
+    text = f"{100 * share:.1f}"
+    if share < 1 and text == "100.0":
+        text = f"{100 * share:.2f}"
+    return f"{text} %"
+
+
+def millimetres(length: float) -> str:
+    """Return a length [m] in millimetres."""
+    return f"{1e3 * length:.3f} mm" if length < 1e-3 else f"{1e3 * length:.1f} mm"
