@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from whiptool.commands import optimize, simulate
-from whiptool.models import preset, write_model
+from whiptool.commands.limits_told import limits_table
+from whiptool.limits import AllLimits
+from whiptool.models import JointLimits, Strike, preset, write_model
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.rollout.trajectory import Trajectory
 
 STRIKE = ["--strike", "-1.2", "0.9", "1.2", "0.3", "0.7"]
 UR5E = [
@@ -82,3 +85,17 @@ def test_a_strike_of_a_robot_is_exported_within_what_is_left(capsys):
     free = 1.0 - float(np.abs(commanded.v).max() / np.pi) + 0.01  # a little more than is left
     assert simulate.main([*words, "--keep-free", f"{free}", "--out", "no"]) == 2
     assert "the velocity of" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("by_joints", "used"), [(True, 4.0), (False, 0.5)])
+def test_what_is_commanded_is_judged_of_strikes_of_joints_alone(by_joints, used):
+    """A speed of 1 of 2 rad/s; commanded, 4 times the acceleration: over 1 rad in 1 s, 10/sqrt(3) rad/s2."""
+    joint = JointLimits(velocity=2.0, acceleration=10 / np.sqrt(3) / 4)
+    limits = AllLimits(ArmLimits((joint,)), by_joints=by_joints)
+    v, strike = np.array([[0.0], [-1.0]]), Strike((0.0,), (1.0,), 1.0)
+    moved = Trajectory(
+        np.array([0, 1e-3]), v, v, v, v, v, v[..., None], v[..., None], np.zeros((2, 3)), np.zeros((2, 3))
+    )
+    table = limits_table(limits, moved, strike, ("a",))
+    assert table["joint_usage"] == pytest.approx(used)
+    assert (table["beyond"] is None) == (not by_joints)

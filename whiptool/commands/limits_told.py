@@ -27,8 +27,9 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, join
             nearest = None if trajectory.diverged else each.nearest(trajectory)[0]
             table["clearance"] = None if nearest is None else nearest.clearance
             continue
-        commanded = 0.0 if each.command is None else 1 + float(each.command.violation(strike.vector[None])[0])
-        used = max(each.violation(trajectory) + 1, commanded)
+        used = each.violation(trajectory) + 1
+        if each.command is not None and each.command in limits.commands:  # not of a strike of the hand
+            used = max(used, 1 + float(each.command.violation(strike.vector[None])[0]))
         table[f"{each.judges}_usage"] = used if math.isfinite(used) else None
     return table | {"beyond": None if trajectory.diverged else limits.explain(trajectory, joints, strike)}
 
