@@ -56,9 +56,6 @@ class Clearance:
 
     judges: ClassVar[str] = "clearance"
     by_peaks: ClassVar[bool] = True  # which never convict
-    command: ClassVar[None] = None
-    positions: ClassVar[None] = None
-    of_candidates: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.floor is not None:
@@ -66,6 +63,19 @@ class Clearance:
         object.__setattr__(self, "least", number("least", self.least, low=0))
         if not self.is_of(self.model) and self.floor is None:
             raise InputError("clearance", "none", "an arm with capsules, or a floor")
+
+    @property
+    def command(self) -> None:
+        """None: a movement may be commanded at any speed."""
+
+    @property
+    def positions(self) -> None:
+        """None: joints may be anywhere where nothing touches."""
+
+    @property
+    def of_candidates(self) -> bool:
+        """Whether whole strikes have to be judged where they would be hits or the best: yes."""
+        return True
 
     @staticmethod
     def is_of(model: Model) -> bool:
