@@ -96,9 +96,13 @@ class Clearance:
         close, apart = (Scene(self.model, self.floor, of) for of in ("close", "apart"))
         return close, apart, Scene(self.model, self.floor, "whip")
 
-    @cached_property
+    @property
     def smooth(self) -> tuple[PathClearance, ...]:
         """What a search can keep beforehand: the clearance of an arm in space along its commanded path."""
+        return self._smooth
+
+    @cached_property
+    def _smooth(self) -> tuple[PathClearance, ...]:
         if not isinstance(self.model.arm, SpatialArm):
             return ()
         from whiptool.models.path_clearance import PathClearance

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
@@ -165,7 +166,7 @@ class MotorLimits:
         worst = np.max(tau / self.stall_torque + v / self.no_load_speed, axis=-1) - (1.0 - margin)
         return np.where(np.asarray(outcome.diverged) | ~np.isfinite(worst), np.inf, worst)
 
-    def explain(self, trajectory: Motion, joints: tuple[str, ...]) -> str:
+    def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
         """The worst instant in words."""
         a = trajectory.tau.shape[1]
         v, tau = trajectory.v[:, :a], trajectory.tau
