@@ -112,7 +112,6 @@ def test_a_policy_is_trained_at_arrival_angles(tmp_path: Path, capsys: pytest.Ca
 # a run that stays before its last episode, so that it can be killed however slow the machine is
 WAITS_FOR_ITS_END = """
 import sys, time
-from whiptool.arrival_rule import sample_goals  # noqa: E402
 from whiptool.commands import train  # noqa: E402
 from whiptool.rl.training import Training
 episode = Training.episode
