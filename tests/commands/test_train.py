@@ -79,23 +79,24 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
         load_policy(tmp_path)
 
 
-UPWARD = ["--target", "1", "0.3", "--arrival-angle", "60", "120", "--cone", "25", "--hit-radius", "0.1"]
+UPWARD = ["--target", "1", "0.3", "--arrival-angle", "60", "120", "--cone", "60", "--hit-radius", "0.3"]
 
 
 def test_a_policy_is_trained_at_arrival_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its result and words say what was asked; its strikes hit as an objective of each target says."""
     run = tmp_path / "run"
-    words = [*UPWARD, "--hindsight", "1", "--episodes", "5", "--random-episodes", "2", "--trials", "16", "--tests", "3"]
-    assert train.main([*words, "--json", "--out", str(run)]) == 0
-    asked = json.loads(capsys.readouterr().out)["arrival"]
-    assert asked == {
+    words = [*UPWARD, "--hindsight", "1", "--episodes", "5", "--random-episodes", "2", "--trials", "16", "--tests", "1"]
+    assert train.main([*words, "--out", str(run)]) == 0
+    said = "arriving within 60 degrees of an angle of its own, drawn from 60 to 120 degrees"
+    assert said in capsys.readouterr().out
+    assert json.loads((run / "result.json").read_text())["arrival"] == {
         "direction": None,
         "arrival_angle": pytest.approx([math.radians(60), math.radians(120)]),
-        "cone": pytest.approx(math.radians(25)),
+        "cone": pytest.approx(math.radians(60)),
         "least_speed": None,
     }
     policy = load_policy(run)
-    goals = sample_goals(policy.task.zone, policy.task.arrival, 0.1, 30, np.random.default_rng(1))
+    goals = sample_goals(policy.task.zone, policy.task.arrival, 0.3, 30, np.random.default_rng(1))
     targets = [Target.of(goals, i) for i in range(30)]
     rollout = CompiledRollout(preset("lemon2024"), train.TrainOptions().build_controller())
     hit = [Objective(rollout, target)(policy.strike(target)).hit for target in targets]
@@ -105,19 +106,12 @@ def test_a_policy_is_trained_at_arrival_angles(tmp_path: Path, capsys: pytest.Ca
     with pytest.raises(InputError, match=r"angles from 60 to 120 degrees"):
         policy.strike(Target.arriving((1.0, 0.3), 0.0))
     assert train.main(["--resume", str(run), "--cone", "20"]) == 2
-    assert "--cone: got 20.0; allowed: 25.0, as the run was begun" in capsys.readouterr().err
-    before = (run / "result.json").read_bytes()
-    assert train.main(["--resume", str(run)]) == 0  # at its end
-    said = capsys.readouterr().out
-    assert "arriving within 25 degrees of an angle of its own, drawn from 60 to 120 degrees" in said
-    again = json.loads(before)["trials_to_hit"]
-    assert json.loads((run / "result.json").read_text())["trials_to_hit"] == again
+    assert "--cone: got 20.0; allowed: 60.0, as the run was begun" in capsys.readouterr().err
 
 
 # a run that stays before its last episode, so that it can be killed however slow the machine is
 WAITS_FOR_ITS_END = """
 import sys, time
-from whiptool.arrival_rule import sample_goals  # noqa: E402
 from whiptool.commands import train  # noqa: E402
 from whiptool.rl.training import Training
 episode = Training.episode
