@@ -162,6 +162,7 @@ def test_the_speed_is_the_learned_whips_or_about_that_between_frames(prior):
     assert float(model) == pytest.approx(np.hypot(*(path[0, k + 1] - path[0, k - 1])) * 1000, rel=0.03)
 
 
+@pytest.mark.heavy
 def test_nothing_learned_nothing_seen(prior):
     assert "no strike" in words(sections([], prior, TARGET))
     unseen = step_of(1, seen=False, fault="motor 2 is hot")
@@ -184,6 +185,7 @@ def test_nothing_learned_nothing_seen(prior):
     assert "No recording was learned from." in [part.text for part in parts(off, Text)]
 
 
+@pytest.mark.heavy
 def test_a_whip_that_diverges_has_no_path(prior):
     """Steps of a strike so fast that no integrator follows."""
     far = Strike((-40.0, 40.0), (40.0, -40.0), 0.01)

@@ -241,6 +241,7 @@ def test_what_is_not_there_ends_at_its_bound_and_what_trades_is_named():
     assert blind["gravity"].kind == "pinned"
 
 
+@pytest.mark.heavy
 def test_the_simulated_pendulum_comes_back_up_to_what_it_cannot_show():
     rng = np.random.default_rng(6)
     starts = [np.array([[a, b], [c, d]]) for a, b, c, d in rng.normal(0, [1, 1, 3, 3], (6, 4))]
