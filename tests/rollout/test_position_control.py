@@ -42,7 +42,9 @@ def test_all_engines_agree(model):
         np.testing.assert_allclose(near.positions, results["simd"].positions, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", [HEAVY_STIFF, LIGHT, RODS, preset("lemon2024")], ids=["stiff", "light", "rod", "plane"])
+@pytest.mark.parametrize(
+    "model", [HEAVY_STIFF, LIGHT, RODS, preset("lemon2024")], ids=["stiff", "light", "rod", "plane"]
+)
 def test_mujoco_makes_the_same_strike_with_the_same_torques(model):
     """MuJoCo's own inertia and forces tell which torques give its joints the reference's accelerations."""
     a = model.arm.n
