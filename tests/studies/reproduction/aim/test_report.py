@@ -35,6 +35,7 @@ def aimed() -> Aimed:
             1: [{"search": "candidates", "hit": False, "miss": 0.123, "angle": None, "within": True, "strike": []}]
         },
         replayed={0: {"hit": True, "miss": 8e-5, "angle": 0.05}},
+        clear={0: {"arm": True, "floor": False}, 2: {"arm": True, "floor": True}},
     )
 
 
@@ -47,11 +48,14 @@ def test_ours_stand_beside_the_published():
     assert rows[0] == ["", "published", "ours"]
     assert {len(row) for row in rows} == {3}
     assert row_of(rows, "hit in one shot") == ["73.5 %", "66.7 %"]
-    assert row_of(rows, "hit by the best of 64") == ["92.1 %", "-"]
+    assert row_of(rows, "hit by the best of 64") == ["92.1 %", "100.0 %"]
+    assert row_of(rows, "hit after refinement") == ["-", "66.7 %"]
     assert row_of(rows, "... of the goals that any search") == ["-", "100.0 %"]
     assert row_of(rows, "never reached") == ["-", "1 (33.3 %)"]
     assert row_of(rows, "median miss after") == ["-", "0.030 mm"]
     assert row_of(rows, "refined strikes that hit in MuJoCo") == ["-", "1 of 1"]
+    assert row_of(rows, "refined strikes in which arm and whip") == ["-", "100.0 %"]
+    assert row_of(rows, "... of the floor, too") == ["-", "50.0 %"]
     assert row_of(rows, "... median difference") == ["-", "0.050 mm"]
     assert not [row for row in figures(replace(aimed(), replayed={})) if "MuJoCo" in row[0]]
 

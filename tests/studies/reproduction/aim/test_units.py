@@ -16,6 +16,7 @@ pytest.importorskip("torch")
 from whiptool.goals import Goals
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models import preset
+from whiptool.models.motor_limits import limits_preset
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.candidates import Candidates
 from whiptool.strike_map.striker import Landings, Striker
@@ -178,3 +179,5 @@ def test_what_refinement_missed_is_given_to_other_searches(monkeypatch):
         for x in found:  # what is kept is the strike that came to this
             assert striker.strike(np.array([x["strike"]]), goals).distance[0] == pytest.approx(x["miss"], abs=1e-12)
     assert tried == [8, 8]
+    limited = Counting(Striker(rollout, limits=limits_preset("xm430")))
+    assert [x.words for x in limited.limits.members] == [limits_preset("xm430").words]

@@ -249,7 +249,7 @@ class Counting(Striker):
     """Counts strikes to the first hit; a derivative counts as a strike for each of the numbers it is taken by."""
 
     def __init__(self, striker: Striker) -> None:
-        super().__init__(striker.rollout, bounds=striker.bounds, limits=striker.limits, t_stay=striker.t_stay)
+        super().__init__(striker.rollout, bounds=striker.bounds, limits=striker.limits.members, t_stay=striker.t_stay)
         self.count, self.hit = 0, False
 
     def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
