@@ -18,9 +18,10 @@ from whiptool.options import LONGEST_STAY, MODELS, WITHOUT_DERIVATIVES, Resumabl
 from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
+    from whiptool.models.joint_space import AnyStrike
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
-    from whiptool.objective import Outcome
+    from whiptool.objective import Objective, Outcome
     from whiptool.optimizers import Result
     from whiptool.rig.session import Rig, Struck
     from whiptool.runs import RunFolder
@@ -277,7 +278,6 @@ def _search(
     options: LearnOptions, make: Callable[[int], Rig], model: Model, bounds: StrikeBounds, folder: RunFolder
 ) -> int:
     """Strike until it hits, every strike written as it happens; tell people or programs."""
-    from whiptool.models.strike import named_strike
     from whiptool.objective import Objective
     from whiptool.optimizers import search
     from whiptool.optimizers.trial_log import TRIALS, TrialLog
@@ -310,7 +310,9 @@ def _search(
         "miss_distance": None if result.outcome is None else result.outcome.miss_distance,
         "miss_error": None if result.outcome is None else result.outcome.miss_error,
         "hit": None if result.outcome is None else result.outcome.hit,
-        "strike": None if result.strike is None else named_strike(result.strike, model.arm),
+        "strike": None
+        if result.strike is None
+        else dict(zip(objective.space.names, map(float, result.strike.vector), strict=True)),
     }
     folder.write_result(summary)
     print(json.dumps(summary) if options.json else "\n".join(_learned_lines(result, folder.path)))
@@ -324,6 +326,11 @@ def _measured(outcome: Outcome) -> str:
     said = "hit claimed" if outcome.hit else "no hit claimed"
     error = "" if outcome.miss_error is None else f" ± {outcome.miss_error:.4f}"
     return f"{said}, {outcome.miss_distance:.4f}{error} m"
+
+
+def _named(objective: Objective, strike: AnyStrike | None) -> dict[str, float] | None:
+    """Return a strike's numbers by their names."""
+    return None if strike is None else dict(zip(objective.space.names, map(float, strike.vector), strict=True))
 
 
 def _learned_lines(result: Result, folder: Path) -> list[str]:

@@ -13,15 +13,14 @@ from whiptool.impedance.hand import SINGULAR, HandControl, hand_space
 from whiptool.impedance.law import Law
 from whiptool.impedance.oiac import oiac_preset
 from whiptool.impedance.position import PositionControl
-from whiptool.models.hand_space import HandPath
-from whiptool.models.joint_space import JointSpace, StrikeSpace
+from whiptool.models.hand_space import HandPath, HandSpace
+from whiptool.models.joint_space import JointSpace, StrikePath
 from whiptool.models.parameters import ArmParameters, number
 from whiptool.models.spatial_arm import SpatialArm
 
 if TYPE_CHECKING:
     from whiptool.impedance.arm import Arm
     from whiptool.models.parameters import Model
-    from whiptool.models.strike import Strike
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class Controller:
         """Whether the arm's joints are exactly on the reference, and no torque is computed from errors."""
         return isinstance(self.law, PositionControl)
 
-    def strike_space(self, arm: ArmParameters | SpatialArm) -> StrikeSpace:
+    def strike_space(self, arm: ArmParameters | SpatialArm) -> JointSpace | HandSpace:
         """Return the space of the strikes that it makes an arm strike.
 
         Raises:
@@ -133,7 +132,7 @@ class Controller:
         limit = np.asarray(self.torque_limit)
         return np.clip(tau, -limit, limit)
 
-    def bind(self, arm: Arm, strike: Strike | HandPath) -> ControlLoop | HandControlLoop:
+    def bind(self, arm: Arm, strike: StrikePath) -> ControlLoop | HandControlLoop:
         """The controller at work: for one arm and one strike, in hand space its path.
 
         Raises:
@@ -149,7 +148,7 @@ class Controller:
 class ControlLoop:
     """Torques of one strike, in NumPy and Pinocchio: for the reference rollout, and for a rig."""
 
-    def __init__(self, controller: Controller, arm: Arm, strike: Strike) -> None:
+    def __init__(self, controller: Controller, arm: Arm, strike: StrikePath) -> None:
         self.controller, self.arm, self.strike = controller, arm, strike
 
     def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:

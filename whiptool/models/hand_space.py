@@ -143,8 +143,13 @@ class HandSpace:
         """Name and size of every block of `numbers`."""
         return hand_layout(self.arm.n, self.m, led=self.led)
 
-    @cached_property
+    @property
     def bounds(self) -> StrikeBounds:
+        """Bounds in which strikes are searched, about the home posture."""
+        return self._bounds
+
+    @cached_property
+    def _bounds(self) -> StrikeBounds:
         """Bounds in which strikes are searched: from the hand of the home posture as far along each axis as the arm
         takes it with ease, either way; turns of `TURNED`; D as in joint space, from 0.2 s where no joint has a limit of
         speed."""

@@ -153,12 +153,10 @@ class HandKinematics:
     def settle(self, x: np.ndarray, q: np.ndarray, multipliers: np.ndarray | None = None) -> Postures:
         """Return the postures near q (..., a) that hold the hand at coordinates (..., m)."""
         pose = self.poses(x)
-        if multipliers is None:
-            J = self.jacobian(q)
-            multipliers = np.einsum("...ji,...j->...i", np.linalg.pinv(J), q - self.posture)
+        held = self._multipliers(q) if multipliers is None else multipliers
         slopes, missed = np.empty((*q.shape, self.m)), np.full(q.shape[:-1], np.inf)
         for _ in range(AT_END):
-            q, multipliers, left, moved, slopes = self._improved(q, multipliers, *pose)
+            q, held, left, moved, slopes = self._improved(q, held, *pose)
             missed = np.where((moved < FOUND) & (left < REACHED), left, np.inf)
             if (moved < FOUND).all():
                 break
@@ -171,6 +169,10 @@ class HandKinematics:
         if self.m == 6:
             found[..., 3:, 3:] = _turning(x[..., 3:])
         return found
+
+    def _multipliers(self, q: np.ndarray) -> np.ndarray:
+        """Multipliers (..., m) that come nearest to holding postures q (..., a) away from the given one."""
+        return np.einsum("...ji,...j->...i", np.linalg.pinv(self.jacobian(q)), q - self.posture)
 
     def _improved(
         self, q: np.ndarray, multipliers: np.ndarray, places: np.ndarray, rotations: np.ndarray | None

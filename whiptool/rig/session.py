@@ -13,6 +13,7 @@ import numpy as np
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.identification.judgement import Frames, Judgement, frames_of, judge_frames, unseen_around
 from whiptool.impedance.controller import Controller
+from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.strike_recording import StrikeRecording
@@ -404,7 +405,7 @@ class RigRollout(Rollout):
             known |= {"velocity": np.array([nearest.velocity])}
         return dataclasses.replace(near, **known)
 
-    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+    def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """Return the true trajectory of a twin's strike.
 
         Raises:

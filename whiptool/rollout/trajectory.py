@@ -173,8 +173,9 @@ def complete_trajectory(
     """
     a = model.arm.n
     q_d, v_d, _ = strike.reference(t)
-    if isinstance(strike, HandPath) and not controller.prescribed:
-        K, B = _hand_gains(controller, strike, controller.strike_space(model.arm), t, q[:, :a], v[:, :a])
+    space = controller.strike_space(model.arm)
+    if isinstance(strike, HandPath) and isinstance(space, HandSpace) and not controller.prescribed:
+        K, B = _hand_gains(controller, strike, space, t, q[:, :a], v[:, :a])
     else:
         K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
     if tip is None and model.dimension == 3:

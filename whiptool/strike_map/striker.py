@@ -93,7 +93,7 @@ class Striker:
 
     def inside(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether strikes (B, m) lie in the box, (B,)."""
-        return ((strikes >= self.lower) & (strikes <= self.upper)).all(axis=1)
+        return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
     def within(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether strikes (B, m) keep the limits and do not diverge, (B,)."""

@@ -368,6 +368,8 @@ def _goals(
 
     def add(what: str, goal: float, tip: float | None, full: float | None, *, least: bool = False) -> None:
         known = [x for x in (tip, full) if x is not None]
+        if not known:
+            return  # no row that was tried says it
         met = all(x >= goal if least else x <= goal for x in known)
         said = ["" if x is None else f"{x:.3g}" for x in (tip, full)]
         rows.append([what, f"{'>=' if least else '<='} {goal:g}", *said, "yes" if met else "no"])

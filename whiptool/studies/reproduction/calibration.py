@@ -62,6 +62,10 @@ def _scores(learned: dict[str, list[dict[str, Any]]], whole: dict[str, list[dict
 def calibration(
     learned: dict[str, list[dict[str, Any]]], whole: dict[str, list[dict[str, Any]]]
 ) -> list[Text | Table | Picture]:
+    groups = {"tip seen": learned, "whole chain": whole}
+    tried = {through: by_family for through, by_family in groups.items() if any(by_family.values())}
+    if not tried:
+        return [Text("None of the ways to strike that were tried states probabilities.")]
     parts: list[Text | Table | Picture] = [
         Text(
             "The planner states the probability of a hit for every strike. Of all strikes with about the same stated "
@@ -72,8 +76,6 @@ def calibration(
         ),
         Table(_scores(learned, whole), "Scores of stated probabilities, and true misses within predicted quantiles."),
     ]
-    groups = {"tip seen": learned, "whole chain": whole}
-    tried = {through: by_family for through, by_family in groups.items() if any(by_family.values())}
     with matplotlib.rc_context(STYLE):
         figure = Figure((11, 3.5 * len(tried)), layout="constrained")
         axes = figure.subplots(len(tried), len(FAMILIES), sharey=True, sharex=True, squeeze=False)

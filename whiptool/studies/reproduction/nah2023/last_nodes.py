@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.models.strike import T_STAY, Strike
+from whiptool.models.joint_space import AnyStrike
+from whiptool.models.strike import T_STAY
 from whiptool.rollout import CompiledRollout, Trajectory
 from whiptool.rollout.interface import Rollout, Strikes, strike_vectors
 from whiptool.rollout.points import Points
@@ -24,7 +25,7 @@ class LastNodes(Rollout):
         self.model, self.engine, self.timestep = rollout.model, rollout.engine, rollout.timestep
         self.rollout, self.count, self.until = rollout, count, until
 
-    def trajectory(self, strike: Strike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+    def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """Return the whole of one strike until the fixed instant; `t_stay` says nothing here."""
         vector = strike_vectors(strike, self.model.arm.n)[0]
         return self.rollout.trajectory(vector, t_stay=self.until - float(vector[-1]))
