@@ -84,7 +84,7 @@ def test_derivatives_of_what_rollouts_take_against_differences(arm, led):
 @every_space
 def test_bounds_hold_the_home_posture_and_mostly_strikes_that_can_be_made(space):
     box, hand = space.bounds, space.kinematics.coordinates(space.kinematics.posture)
-    assert ((np.array(box.lower)[: space.m] < hand) & (hand < np.array(box.upper)[: space.m])).all()
+    assert ((np.array(box.lower)[: space.size] < hand) & (hand < np.array(box.upper)[: space.size])).all()
     assert (space.beyond(box.sample(RNG, 128)) == 0).mean() > 0.3
 
 

@@ -36,7 +36,7 @@ def test_the_hand_is_where_the_arms_frames_have_it_and_moves_as_they_do(arm, hom
         speed = np.stack([(l * np.cos(theta) * omega).sum(1), (l * np.sin(theta) * omega).sum(1)], axis=1)
     else:
         hand = arm_frames(arm, q, v)[-1]
-        place, speed = hand.origin, np.hstack([hand.velocity, hand.spin])[:, : kinematics.m]
+        place, speed = hand.origin, np.hstack([hand.velocity, hand.spin])[:, : kinematics.size]
     np.testing.assert_allclose(kinematics.coordinates(q)[:, : arm.dimension], place, atol=1e-14)
     np.testing.assert_allclose(speeds, speed, atol=1e-13)
 
@@ -49,7 +49,7 @@ def test_postures_hold_the_hand_and_change_with_it_as_differences_say(arm, home,
     assert (found.missed < 1e-9).all()
     np.testing.assert_allclose(kinematics.coordinates(found.q), x, atol=1e-9)
     h = 1e-6
-    for j, step in enumerate(h * np.eye(kinematics.m)):
+    for j, step in enumerate(h * np.eye(kinematics.size)):
         change = (kinematics.solve(x + step).q - kinematics.solve(x - step).q) / (2 * h)
         np.testing.assert_allclose(found.slopes[..., j], change, rtol=1e-5, atol=1e-6)
 

@@ -15,12 +15,12 @@ from whiptool.errors import InputError  # noqa: E402
 from whiptool.models.arm_limits import ArmLimits  # noqa: E402
 from whiptool.models.spatial_arm import JointLimits  # noqa: E402
 from whiptool.objective import Objective  # noqa: E402
-from whiptool.strike_map import Answers, Building, GoalRegion, Plan, StrikeMap  # noqa: E402
+from whiptool.strike_map import Answers, Building, GoalRegion, MapPlan, StrikeMap  # noqa: E402
 from whiptool.strike_map.store import GATE, load_gate, load_parts, part_file, save_gate, save_part  # noqa: E402
 from whiptool.target import Target  # noqa: E402
 from whiptool.zone import Disc  # noqa: E402
 
-PLAN = Plan(random_strikes=600, room=1, rounds=1, goals=24, gate_strikes=200)
+PLAN = MapPlan(random_strikes=600, room=1, rounds=1, goals=24, gate_strikes=200)
 
 
 @pytest.fixture(scope="module")
@@ -129,14 +129,14 @@ def test_targets_that_it_was_not_built_for_are_refused(building, parts):
 def test_a_region_that_no_strike_passes_is_refused():
     nowhere = GoalRegion(Disc((1.5139, 0.0), 1e-4), hit_radius=1e-5)
     with pytest.raises(InputError, match="zone"):
-        Building(striker(), nowhere, Plan(random_strikes=50), seed=0).part([])
+        Building(striker(), nowhere, MapPlan(random_strikes=50), seed=0).part([])
 
 
 @pytest.mark.parametrize("name", ["random_strikes", "room", "goals", "per_goal"])
 def test_a_plan_has_at_least_one_of_each(name):
     with pytest.raises(InputError, match=name):
-        Plan(**{name: 0})
-    assert Plan(random_strikes=2049).random_parts == 2
+        MapPlan(**{name: 0})
+    assert MapPlan(random_strikes=2049).random_parts == 2
 
 
 def test_a_strike_beyond_the_limits_costs_more_and_is_no_hit():

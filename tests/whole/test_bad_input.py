@@ -56,7 +56,8 @@ NEEDS = {
     "simulate": f"--strike {STRIKE}",
 }
 
-KNOWN_LATER = [("map-strike", "--target 1 2 3")]  # how many coordinates a target has, once the map is read
+# how many coordinates a target has is known once the map is read; a motor alone limits adapt
+ELSEWHERE = [("map-strike", "--target 1 2 3"), ("adapt", "--limits xm540")]
 
 # Of every command that has the option: what is given, and what the answer must hold
 SHARED = """
@@ -247,6 +248,20 @@ simulate --strike 0 0 0 0 1 --keep-free 0.1 | 0 for an arm without limits
 simulate --strike 0 0 0 0 1 --clearance 0.1 | 0 for an arm without capsules
 simulate --strike 0 0 0 0 1 --floor 0 --export-trajectory strike.csv | a strike within limits; at 0.000 s
 simulate --strike 0 0 0 0 1 --trajectory strike.csv | --trajectory: got 'strike.csv'; allowed: nothing beside --strike
+optimize --minimise beauty | effort, peak-torque
+optimize --minimise robustness --noise 0 | not all 0
+optimize --minimise robustness --noise 0.1 -0.1 0 0 0 | 0 or more
+optimize --minimise robustness --noise 0.1 0.1 | one number, or 5
+optimize --minimise robustness --noise nan | --noise
+optimize --minimise robustness --noise 0.2 | lest a strike lasts no time
+optimize --noise 0.02 | nothing without --minimise robustness
+optimize --minimise effort --noise 0.02 | nothing without --minimise robustness
+optimize --pareto effort | --pareto
+optimize --pareto effort effort | two different criteria
+optimize --pareto effort beauty | peak-torque
+optimize --pareto effort miss --minimise speed | nothing beside --pareto
+optimize --pareto effort miss --method cmaes | nothing beside --pareto
+optimize --pareto effort miss --simulator reference | which has no derivatives
 simulate --out taken | new or empty
 simulate --video 3 | command line
 train --method a3c | sac, td3, ddpg, ppo
@@ -265,6 +280,7 @@ train --region absent.npz --target 1 0 | --target
 map-build --region absent.npz | --region: got 'absent.npz'
 map-build --region absent.npz --zone-radius 0.3 | --zone-radius
 map-build --region absent.npz --sector 1 2 -1 1 30 | --sector
+adapt --limits xm540 | xm430
 map-build --sector 1 2 -1 1 | five numbers
 map-build --sector 2 1 -1 1 30 | farthest distance
 map-build --sector 1 2 -1 1 200 | angle to either side
@@ -590,7 +606,7 @@ def shared_lines() -> list[tuple[str, str]]:
     for command in OPTIONS:
         for given, said in lines(SHARED):
             named = {word for word in shlex.split(given) if word.startswith("--")} - {"--no-json", "--frobnicate"}
-            if named <= flags(command) and (command, given) not in KNOWN_LATER:
+            if named <= flags(command) and (command, given) not in ELSEWHERE:
                 found.append((f"{command} {NEEDS.get(command, '')} {given}", said))
     return found
 

@@ -34,7 +34,7 @@ from whiptool.options import (
 
 if TYPE_CHECKING:
     from whiptool.models.strike import Strike
-    from whiptool.strike_map import Building, Plan, StrikeMap
+    from whiptool.strike_map import Building, MapPlan, StrikeMap
     from whiptool.target import Target
 
 WORDS = {"build": "build the map of a region of goals", "strike": "strike at a goal from a map that was built"}
@@ -76,11 +76,11 @@ class BuildOptions(
         for name in ("rounds", "gate_strikes"):
             whole(flag(name), getattr(self, name), low=0, high=MANY_TARGETS)
 
-    def build_plan(self) -> Plan:
+    def build_plan(self) -> MapPlan:
         """Return how much is rolled out."""
-        from whiptool.strike_map import Plan
+        from whiptool.strike_map import MapPlan
 
-        return Plan(self.random_strikes, self.room, self.rounds, self.goals, self.gate_strikes)
+        return MapPlan(self.random_strikes, self.room, self.rounds, self.goals, self.gate_strikes)
 
     def build_building(self) -> Building:
         """Return the building, not begun."""

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.motor_limits import Motion
+from whiptool.models import motor_limits
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 
 if TYPE_CHECKING:
     from whiptool.models.path_clearance import PathClearance
-    from whiptool.models.scene import Nearest, Scene
+    from whiptool.models.scene import NearestPair, Scene
 
 SAMPLED = 1e-3  # [s] between the states that are looked at, about
 UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
@@ -109,7 +109,7 @@ class Clearance:
 
         return (PathClearance(self.model, self.floor, self.least),)
 
-    def nearest(self, trajectory: Motion, *, enough: float = math.inf) -> tuple[Nearest | None, float]:
+    def nearest(self, trajectory: motor_limits.Motion, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
         """Return where bodies come nearest over a strike, and when [s]; close links only where they overlap.
 
         Args:
@@ -124,14 +124,14 @@ class Clearance:
         found = self._nearest(trajectory.q[::stride], enough, self._scenes)
         return found, 0.0 if found is None else float(trajectory.t[::stride][found.instant])
 
-    def _nearest(self, q: np.ndarray, enough: float, scenes: Sequence[Scene]) -> Nearest | None:
+    def _nearest(self, q: np.ndarray, enough: float, scenes: Sequence[Scene]) -> NearestPair | None:
         close, *others = scenes
         overlap = close.nearest(q, enough=0.0)
         found = [overlap] if overlap is not None and overlap.clearance < 0 else []
         found += [x for x in (scene.nearest(q, enough=enough) for scene in others) if x is not None]
         return min(found, key=lambda x: x.clearance, default=None)
 
-    def violation(self, trajectory: Motion) -> float:
+    def violation(self, trajectory: motor_limits.Motion) -> float:
         """Return how far a strike comes nearer than it may, in tenths of a metre; <= 0: not."""
         if trajectory.diverged:
             return math.inf
@@ -142,10 +142,10 @@ class Clearance:
         """Return -1 for each strike, (B,), as peaks say nothing of distances; infinity where it diverged."""
         return np.where(outcome.diverged, math.inf, -1.0)
 
-    def _beyond(self, found: Nearest) -> float:
+    def _beyond(self, found: NearestPair) -> float:
         return (self.least - found.clearance) / UNIT
 
-    def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: motor_limits.Motion, joints: Sequence[str]) -> str:
         """Return in words what comes nearest to what."""
         found, at = self.nearest(trajectory)
         if found is None:
@@ -165,7 +165,7 @@ class Clearance:
             return None
         return f"at {t[found.instant]:.3f} s {self._said(found)}"
 
-    def _said(self, found: Nearest) -> str:
+    def _said(self, found: NearestPair) -> str:
         one, other = found.names
         distance = 1e3 * abs(found.clearance)
         if found.clearance < 0:

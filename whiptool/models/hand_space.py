@@ -110,7 +110,7 @@ class HandSpace:
         self.arm, self.led = arm, led
         self._last: tuple[bytes, _Found] | None = None
         home = np.zeros(arm.n) if posture is None else np.array(numbers("posture", tuple(posture), arm.n))
-        m = HandKinematics(arm, home, orientation=orientation).m
+        m = HandKinematics(arm, home, orientation=orientation).size
         if m > arm.n:
             what = "position and orientation" if orientation else "position"
             raise InputError("hand space", f"an arm of {arm.n} joints", f"{m} joints or more, for the hand's {what}")
@@ -121,9 +121,9 @@ class HandSpace:
             raise InputError("posture", given, "a posture in which the hand can move in all directions, not a singular")
 
     @property
-    def m(self) -> int:
+    def size(self) -> int:
         """Number of the hand's coordinates."""
-        return self.kinematics.m
+        return self.kinematics.size
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -136,12 +136,12 @@ class HandSpace:
     @property
     def width(self) -> int:
         """Numbers of a strike vector."""
-        return 2 * self.m + 1
+        return 2 * self.size + 1
 
     @property
     def layout(self) -> dict[str, int]:
         """Name and size of every block of `numbers`."""
-        return hand_layout(self.arm.n, self.m, led=self.led)
+        return hand_layout(self.arm.n, self.size, led=self.led)
 
     @property
     def bounds(self) -> StrikeBounds:
@@ -154,7 +154,7 @@ class HandSpace:
         takes it with ease, either way; turns of `TURNED`; D as in joint space, from 0.2 s where no joint has a limit of
         speed."""
         d, home = self.arm.dimension, self.kinematics.coordinates(self.kinematics.posture)
-        ways = np.vstack([-np.eye(self.m)[:d], np.eye(self.m)[:d]])
+        ways = np.vstack([-np.eye(self.size)[:d], np.eye(self.size)[:d]])
         distances = np.arange(1, _SAMPLES + 1) / _SAMPLES * 2 * self.arm.length
         found = self.kinematics.solve(home + distances[:, None, None] * ways)
         ease, at_home = (np.linalg.svd(self.kinematics.jacobian(q), compute_uv=False)[..., -1]
@@ -162,7 +162,7 @@ class HandSpace:
         reached = np.isfinite(found.missed) & (self._beyond_limits(found.q) <= 0) & (ease > _EASY * at_home)
         steps = np.where(reached.all(axis=0), _SAMPLES, reached.argmin(axis=0))  # the last that is reached
         before, ahead = np.split(steps / _SAMPLES * 2 * self.arm.length, 2)
-        turns = np.full(self.m - d, TURNED)
+        turns = np.full(self.size - d, TURNED)
         low, high = home - np.r_[before, turns], home + np.r_[ahead, turns]
         limited = isinstance(self.arm, SpatialArm) and any(np.isfinite(x.limits.velocity) for x in self.arm.links)
         return StrikeBounds((*low, *low, _D[0] if limited else _FAST), (*high, *high, _D[1]))
@@ -195,7 +195,7 @@ class HandSpace:
 
     def slopes(self, vectors: np.ndarray) -> np.ndarray:
         """Return the derivatives of `numbers` by the strikes' own, (B, numbers, 2 m + 1)."""
-        found, (B, width), m, a = self._solved(vectors), vectors.shape, self.m, self.arm.n
+        found, (B, width), m, a = self._solved(vectors), vectors.shape, self.size, self.arm.n
         share = _NODES[:, None, None]
         by_vector = np.zeros((B, DEGREE + 1, a, width))
         by_vector[..., :m], by_vector[..., m : 2 * m] = (1 - share) * found.slopes, share * found.slopes
@@ -223,7 +223,7 @@ class HandSpace:
         return self._last[1]
 
     def _solve(self, vectors: np.ndarray) -> _Found:
-        m, a, B = self.m, self.arm.n, len(vectors)
+        m, a, B = self.size, self.arm.n, len(vectors)
         ends = np.stack([vectors[:, :m], vectors[:, m : 2 * m]], axis=1)  # (B, 2, m)
         found = self.kinematics.solve(ends)
         q_i, q_f = found.q[:, :1], found.q[:, 1:]

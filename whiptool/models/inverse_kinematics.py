@@ -83,7 +83,7 @@ class HandKinematics:
         self.upright = self.motion(self.posture).rotation
 
     @property
-    def m(self) -> int:
+    def size(self) -> int:
         """Number of coordinates."""
         return len(self._rows)
 
@@ -154,7 +154,7 @@ class HandKinematics:
         """Return the postures near q (..., a) that hold the hand at coordinates (..., m)."""
         pose = self.poses(x)
         held = self._multipliers(q) if multipliers is None else multipliers
-        slopes, missed = np.empty((*q.shape, self.m)), np.full(q.shape[:-1], np.inf)
+        slopes, missed = np.empty((*q.shape, self.size)), np.full(q.shape[:-1], np.inf)
         for _ in range(AT_END):
             q, held, left, moved, slopes = self._improved(q, held, *pose)
             missed = np.where((moved < FOUND) & (left < REACHED), left, np.inf)
@@ -165,8 +165,8 @@ class HandKinematics:
     def spins(self, x: np.ndarray) -> np.ndarray:
         """Return the hand's velocity and angular velocity per unit of its coordinates' speeds, at x (..., m), (..., m,
         m)."""
-        found = np.broadcast_to(np.eye(self.m), (*x.shape, self.m)).copy()
-        if self.m == 6:
+        found = np.broadcast_to(np.eye(self.size), (*x.shape, self.size)).copy()
+        if self.size == 6:
             found[..., 3:, 3:] = _turning(x[..., 3:])
         return found
 
@@ -179,7 +179,7 @@ class HandKinematics:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """One of Newton's iterations: joint positions, multipliers, what was left of the pose, how far the joints
         moved, and the postures' derivatives by the pose."""
-        at, a, m = self.motion(q), len(self.posture), self.m
+        at, a, m = self.motion(q), len(self.posture), self.size
         J, left = self._rows @ at.jacobian, self._left(at, places, rotations)
         matrix = np.zeros((*q.shape[:-1], a + m, a + m))
         weighed = np.einsum("...m,mr->...r", multipliers, self._rows)

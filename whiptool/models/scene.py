@@ -40,7 +40,7 @@ class _Body:
 
 
 @dataclass(frozen=True)
-class Nearest:
+class NearestPair:
     """Where two bodies are nearest to each other.
 
     Args:
@@ -149,7 +149,7 @@ class Scene:
             ends += list(np.moveaxis(nodes[:, 1:], 1, 0))
         return np.stack(starts, axis=1), np.stack(ends, axis=1)
 
-    def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> Nearest | None:
+    def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
         """Return where two bodies come nearest over successive states q, (T, n); None: nothing is compared.
 
         States that no motion could bring nearer than the nearest so far are not looked at.
@@ -204,13 +204,13 @@ class Scene:
         of_arm = moved[:, : len(self._capsules)].max(axis=1, initial=0.0)
         return np.concatenate([[0.0], np.cumsum(of_arm + moved.max(axis=1))])
 
-    def _at(self, k: int, rotations: np.ndarray, centres: np.ndarray) -> Nearest:
+    def _at(self, k: int, rotations: np.ndarray, centres: np.ndarray) -> NearestPair:
         for i, (rotation, centre) in enumerate(zip(rotations[k], centres[k], strict=True)):
             self._data.oMg[i] = pin.SE3(rotation, centre)
         pair = pin.computeDistances(self._geometry, self._data)
         i, j = self.pairs[pair]
         names = self.bodies[i].name, "the floor" if j == len(self.bodies) else self.bodies[j].name
-        return Nearest(float(self._data.distanceResults[pair].min_distance), int(k), names)
+        return NearestPair(float(self._data.distanceResults[pair].min_distance), int(k), names)
 
 
 def _placements(starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -31,6 +31,7 @@ class CriteriaOptions(OptionGroup):
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.criteria import Robustness
+        from whiptool.models.numbers import number
 
         super().check()
         if self.pareto is not None:
@@ -39,6 +40,8 @@ class CriteriaOptions(OptionGroup):
                 raise InputError("--pareto", self.pareto, "two different criteria")
         if "robustness" not in (self.minimise, *(self.pareto or ())):
             refuse_idle(self, {"noise": "nothing without --minimise robustness or robustness in --pareto"})
+        for deviation in self.noise:
+            number("--noise", deviation)
         Robustness(self.noise)
 
     @property

@@ -20,7 +20,7 @@ _AT_ONCE = 2048  # random strikes of a part
 
 
 @dataclass(frozen=True)
-class Plan:
+class MapPlan:
     """How much is rolled out to build a map.
 
     Args:
@@ -69,7 +69,7 @@ class Building:
         seed: Of everything random.
     """
 
-    def __init__(self, striker: Striker, region: GoalRegion, plan: Plan, *, seed: int) -> None:
+    def __init__(self, striker: Striker, region: GoalRegion, plan: MapPlan, *, seed: int) -> None:
         self.striker, self.region, self.plan, self.seed = striker, region, plan, seed
 
     def part(self, before: Sequence[Answers]) -> Answers:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from whiptool.models.joint_space import JointSpace
 from whiptool.studies.reproduction.nah2023 import published, units
 from whiptool.studies.reproduction.nah2023.nearest import EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.units import (
@@ -34,7 +35,8 @@ UNITS = [
 ]
 
 
-PRETENDED = SimpleNamespace(model=units.NAH2023, timestep=units.TIMESTEP)  # rolls nothing out
+SPACE = JointSpace(units.NAH2023.arm)
+PRETENDED = SimpleNamespace(model=units.NAH2023, space=SPACE, timestep=units.TIMESTEP)  # rolls nothing out
 
 
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: type(unit).__name__)

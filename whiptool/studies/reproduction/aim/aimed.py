@@ -77,7 +77,7 @@ class Aimed:
 
     @classmethod
     def of(cls, results: Sequence[dict[str, Any]]) -> Aimed:
-        """Join what `GoalsUnit`s came to, in order."""
+        """Join what units of goals came to, in order."""
         positions = np.concatenate([np.array(r["positions"]) for r in results])
         without = np.full(len(positions), np.nan)
         ways = results[0]["followed"]

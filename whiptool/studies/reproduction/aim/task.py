@@ -14,16 +14,16 @@ from whiptool.models import Model
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import T_STAY
 from whiptool.rollout import CompiledRollout
-from whiptool.strike_map.building import Building, Plan
+from whiptool.strike_map.building import Building, MapPlan
 from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.striker import Striker
 from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
 from whiptool.zone import Sector
 
-IN_SPACE = Plan(random_strikes=4096, room=2, rounds=4, goals=800, gate_strikes=16_000)
-IN_PLANE = Plan(random_strikes=4096, room=1, rounds=2, goals=1000, gate_strikes=8000)
-QUICK = Plan(random_strikes=128, room=1, rounds=1, goals=8, gate_strikes=200)
+IN_SPACE = MapPlan(random_strikes=4096, room=2, rounds=4, goals=800, gate_strikes=16_000)
+IN_PLANE = MapPlan(random_strikes=4096, room=1, rounds=2, goals=1000, gate_strikes=8000)
+QUICK = MapPlan(random_strikes=128, room=1, rounds=1, goals=8, gate_strikes=200)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +53,7 @@ class AimTask:
     limited: bool
     drawn: int
     goal_seed: int
-    plan: Plan
+    plan: MapPlan
     seed: int = 0
     corrected: bool = False
     floor: float | None = None
