@@ -35,7 +35,7 @@ from tqdm import tqdm
 from whiptool.impedance import Controller, constant_preset
 from whiptool.models import WhipProfile, preset
 from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.strike import default_bounds, shortened
+from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, hand_path
@@ -116,7 +116,7 @@ def strikes_of(arm: str, whip: str, count: int) -> np.ndarray:
     while len(found) < count:
         some = default_bounds(described).sample(rng, 200)
         if ArmLimits.are_in(described):
-            some = shortened(some, ArmLimits.of(described).speeds)
+            some = ArmLimits.of(described).command.shortened(some)
         approach = rollout.approach(some, TARGETS[arm])
         found = np.concatenate([found, some[~approach.diverged & (approach.distance < NEAR)]])
     return found[:count]

@@ -34,7 +34,7 @@ from whiptool.impedance import Controller, PositionControl, constant_preset
 from whiptool.impedance.arm import Arm
 from whiptool.models import Model, WhipProfile, preset
 from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.strike import T_STAY, Strike, default_bounds, shortened
+from whiptool.models.strike import T_STAY, Strike, default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.mujoco_model import build_spec
@@ -70,7 +70,7 @@ def strikes_of(name: str, count: int) -> np.ndarray:
     """Random strikes, of a robot no faster than its joints are."""
     arm = preset(name).arm
     strikes = default_bounds(arm).sample(np.random.default_rng(7), count)
-    return shortened(strikes, ArmLimits.of(arm).speeds) if ArmLimits.are_in(arm) else strikes
+    return ArmLimits.of(arm).command.shortened(strikes) if ArmLimits.are_in(arm) else strikes
 
 
 class MuJoCoLoop:

@@ -14,7 +14,7 @@ from whiptool.criteria import (
     CRITERIA,
     Effort,
     Robustness,
-    Struck,
+    StrikesAtGoal,
     find_criterion,
     hit_excess,
     hit_excess_slopes,
@@ -58,15 +58,15 @@ def agree(found: np.ndarray, seen, numbers: int) -> None:
 @pytest.mark.parametrize("name", CRITERIA)
 def test_derivatives_of_measures_against_differences(name, rollout):
     criterion = find_criterion(name, LEMON_BOUNDS, noise=NOISE if name == "robustness" else (0.01,))
-    found = criterion.measure_slopes(Struck(rollout, STRIKES, GOALS, 0.3))
+    found = criterion.measure_slopes(StrikesAtGoal(rollout, STRIKES, GOALS, 0.3))
     numbers = 4 if name == "speed" else 5  # the step that holds the closest approach moves with D
-    agree(found, lambda strikes: criterion.measures(Struck(rollout, strikes, GOALS, 0.3)), numbers)
+    agree(found, lambda strikes: criterion.measures(StrikesAtGoal(rollout, strikes, GOALS, 0.3)), numbers)
 
 
 def test_derivatives_of_what_is_missing_of_a_hit_against_differences(rollout):
-    found = hit_excess_slopes(Struck(rollout, STRIKES, GOALS, 0.3))
+    found = hit_excess_slopes(StrikesAtGoal(rollout, STRIKES, GOALS, 0.3))
     assert found.shape == (24, 3, 5)
-    agree(found, lambda strikes: hit_excess(Struck(rollout, strikes, GOALS, 0.3)), 4)
+    agree(found, lambda strikes: hit_excess(StrikesAtGoal(rollout, strikes, GOALS, 0.3)), 4)
 
 
 def test_nothing_is_missing_of_hits_alone():
@@ -78,7 +78,7 @@ def test_nothing_is_missing_of_hits_alone():
         Target((0.3, 0.1), 0.9, direction=(1.0, 0.4), cone=0.5, speed=3.5),
         Target((0.3, 0.1), 0.9, speed=3.5),
     ):
-        struck = Struck(LinearRollout(), strikes, target.goals, 0.3)
+        struck = StrikesAtGoal(LinearRollout(), strikes, target.goals, 0.3)
         near = struck.near
         hits = (near.distance <= 0.9) & target.goals.arrives(near.velocity)
         assert 50 < hits.sum() < 2000
@@ -90,7 +90,7 @@ def test_noise_of_a_linear_tip_has_a_closed_form():
     strikes, target = BOUNDS.sample(np.random.default_rng(3), 50), Target((0.3, 0.1))
     for noise in (NOISE, (0.0, 0.2, 0.0, 0.1, 0.0)):
         rollout = LinearRollout()
-        struck = Struck(rollout, strikes, target.goals, 0.3)
+        struck = StrikesAtGoal(rollout, strikes, target.goals, 0.3)
         expected = struck.near.distance**2 + noise[0] ** 2 + noise[1] ** 2
         criterion, before = Robustness(noise), rollout.rolled
         np.testing.assert_allclose(criterion.values(struck) ** 2, expected, rtol=1e-12)
@@ -104,7 +104,7 @@ def test_robustness_is_the_root_mean_square_of_draws_and_nearly_that_of_the_firs
     strike, sigma = STRIKES[i : i + 1], 0.003
     goals = Target(tuple(rollout.approach(strike, (1.3, 0.0)).tip[0] + [0.001, 0.0])).goals
     near, J, _ = rollout.arrival_gradient(strike, goals.positions[0])
-    found = Robustness((sigma,) * 5).values(Struck(rollout, strike, goals, 0.3))[0]
+    found = Robustness((sigma,) * 5).values(StrikesAtGoal(rollout, strike, goals, 0.3))[0]
     first_order = np.sqrt(near.distance[0] ** 2 + sigma**2 * (J**2).sum())
     assert found == pytest.approx(first_order, rel=0.05)
     assert near.distance[0] < 0.8 * found
@@ -126,9 +126,9 @@ def test_speed_counts_along_the_direction_where_there_is_one():
     strikes = BOUNDS.sample(np.random.default_rng(3), 5)
     speed = find_criterion("speed", BOUNDS)
     velocity = strikes[:, 2:4] + [3.0, 0.0]
-    any_way = Struck(LinearRollout(), strikes, Target((0.3, 0.1)).goals, 0.3)
+    any_way = StrikesAtGoal(LinearRollout(), strikes, Target((0.3, 0.1)).goals, 0.3)
     np.testing.assert_allclose(speed.values(any_way), np.linalg.norm(velocity, axis=1))
-    upward = Struck(LinearRollout(), strikes, Target((0.3, 0.1), direction=(0, 2)).goals, 0.3)
+    upward = StrikesAtGoal(LinearRollout(), strikes, Target((0.3, 0.1), direction=(0, 2)).goals, 0.3)
     np.testing.assert_allclose(speed.values(upward), velocity[:, 1])
     np.testing.assert_allclose(speed.measures(upward)[:, 0], -velocity[:, 1])
 
@@ -151,4 +151,4 @@ def test_what_is_not_known_is_refused():
             return dataclasses.replace(super().approach(strikes, target, t_stay=t_stay), effort=None)
 
     with pytest.raises(InputError, match="torques"):
-        Effort().values(Struck(Blind(), STRIKES, GOALS, 0.3))
+        Effort().values(StrikesAtGoal(Blind(), STRIKES, GOALS, 0.3))

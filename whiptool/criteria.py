@@ -21,7 +21,7 @@ from whiptool.rollout.trajectory import Approach
 NOISE = 0.01  # [rad, s], usual standard deviation of each number of a strike
 
 
-class Struck:
+class StrikesAtGoal:
     """Strikes at a goal and what they came to, which is rolled out when it is asked for.
 
     Args:
@@ -33,7 +33,7 @@ class Struck:
 
     def __init__(self, rollout: Rollout, strikes: np.ndarray, goals: Goals, t_stay: float) -> None:
         self.rollout, self.strikes, self.goals, self.t_stay = rollout, strikes, goals, t_stay
-        self._others: dict[object, Struck] = {}
+        self._others: dict[object, StrikesAtGoal] = {}
 
     @cached_property
     def near(self) -> Approach:
@@ -45,10 +45,10 @@ class Struck:
         """The exact derivatives of those by the strikes."""
         return self.rollout.slopes(self.strikes, self.goals.positions[0], t_stay=self.t_stay)[1]
 
-    def others(self, of: object, strikes: np.ndarray) -> Struck:
+    def others(self, of: object, strikes: np.ndarray) -> StrikesAtGoal:
         """Return other strikes at the same goal that `of` asks for, the same ones at every call."""
         if of not in self._others:
-            self._others[of] = Struck(self.rollout, strikes, self.goals, self.t_stay)
+            self._others[of] = StrikesAtGoal(self.rollout, strikes, self.goals, self.t_stay)
         return self._others[of]
 
 
@@ -70,15 +70,15 @@ class Criterion(ABC):
     largest: ClassVar[bool] = False
 
     @abstractmethod
-    def values(self, struck: Struck) -> np.ndarray:
+    def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""
 
     @abstractmethod
-    def measures(self, struck: Struck) -> np.ndarray:
+    def measures(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the smooth measures of each strike, (B, k)."""
 
     @abstractmethod
-    def measure_slopes(self, struck: Struck) -> np.ndarray:
+    def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return their exact derivatives by the strike's numbers, (B, k, m)."""
 
     def measure_of(self, value: float) -> float:
@@ -100,15 +100,15 @@ class Miss(Criterion):
 
     name, words, unit = "miss", "miss distance", "m"
 
-    def values(self, struck: Struck) -> np.ndarray:
+    def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""
         return struck.near.distance
 
-    def measures(self, struck: Struck) -> np.ndarray:
+    def measures(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the smooth measures of each strike, (B, k)."""
         return struck.near.distance[:, None] ** 2
 
-    def measure_slopes(self, struck: Struck) -> np.ndarray:
+    def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return their exact derivatives by the strike's numbers, (B, k, m)."""
         return (2 * struck.near.distance[:, None] * struck.slopes.distance)[:, None]
 
@@ -125,17 +125,17 @@ class Effort(Criterion):
 
     name, words, unit = "effort", "effort", "N² m² s"
 
-    def values(self, struck: Struck) -> np.ndarray:
+    def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""
         if struck.near.effort is None:
             raise InputError("simulator", struck.rollout.engine, "one that knows the torques at every instant")
         return struck.near.effort.sum(axis=1)
 
-    def measures(self, struck: Struck) -> np.ndarray:
+    def measures(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the smooth measures of each strike, (B, k)."""
         return self.values(struck)[:, None]
 
-    def measure_slopes(self, struck: Struck) -> np.ndarray:
+    def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return their exact derivatives by the strike's numbers, (B, k, m)."""
         return struck.slopes.effort.sum(axis=1, keepdims=True)
 
@@ -145,15 +145,15 @@ class PeakTorque(Criterion):
 
     name, words, unit = "peak-torque", "largest torque", "N m"
 
-    def values(self, struck: Struck) -> np.ndarray:
+    def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""
         return struck.near.max_torque.max(axis=1)
 
-    def measures(self, struck: Struck) -> np.ndarray:
+    def measures(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the smooth measures of each strike, (B, k)."""
         return struck.near.max_torque
 
-    def measure_slopes(self, struck: Struck) -> np.ndarray:
+    def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return their exact derivatives by the strike's numbers, (B, k, m)."""
         return struck.slopes.max_torque
 
@@ -163,15 +163,15 @@ class Speed(Criterion):
 
     name, words, unit, largest = "speed", "tip speed through the target", "m/s", True
 
-    def values(self, struck: Struck) -> np.ndarray:
+    def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""
         return struck.goals.arrival_speed(struck.near.velocity)
 
-    def measures(self, struck: Struck) -> np.ndarray:
+    def measures(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the smooth measures of each strike, (B, k)."""
         return -self.values(struck)[:, None]
 
-    def measure_slopes(self, struck: Struck) -> np.ndarray:
+    def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return their exact derivatives by the strike's numbers, (B, k, m)."""
         return -struck.goals.arrival_speed_slope(struck.near.velocity, struck.slopes.velocity)[:, None]
 
@@ -200,17 +200,17 @@ class Robustness(Criterion):
         if (self.noise < 0).any() or not self.noise.any():
             raise InputError("noise", tuple(noise), "standard deviations of 0 or more, and not all 0")
 
-    def values(self, struck: Struck) -> np.ndarray:
+    def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""
         return np.sqrt(self.measures(struck)[:, 0])
 
-    def measures(self, struck: Struck) -> np.ndarray:
+    def measures(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the smooth measures of each strike, (B, k)."""
         around = self._around(struck)
         distance = np.where(around.near.diverged, np.inf, around.near.distance)
         return self._mean(distance**2, len(struck.strikes))[:, None]
 
-    def measure_slopes(self, struck: Struck) -> np.ndarray:
+    def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return their exact derivatives by the strike's numbers, (B, k, m)."""
         around = self._around(struck)
         return self._mean(2 * around.near.distance[:, None] * around.slopes.distance, len(struck.strikes))[:, None]
@@ -227,7 +227,7 @@ class Robustness(Criterion):
         """How far from a strike those lie that judge it, in each of its numbers [rad, s], (m,)."""
         return self.noise * math.sqrt(np.count_nonzero(self.noise))
 
-    def _around(self, struck: Struck) -> Struck:
+    def _around(self, struck: StrikesAtGoal) -> StrikesAtGoal:
         """Return the strikes of the cubature rule around each strike, the first strike's first."""
         some = np.diag(self.reach)[self.noise > 0]
         points = struck.strikes[:, None] + np.concatenate([some, -some])
@@ -273,7 +273,7 @@ def _robustness(bounds: StrikeBounds, noise: tuple[float, ...]) -> Robustness:
     return found
 
 
-def hit_excess(struck: Struck) -> np.ndarray:
+def hit_excess(struck: StrikesAtGoal) -> np.ndarray:
     """Return by how much strikes fall short of a hit, (B, c): of distance, direction and speed, where asked for.
 
     Each is 0 or less at a hit, and has a derivative everywhere: the squared parts of the cost in hit radii, less one,
@@ -287,7 +287,7 @@ def hit_excess(struck: Struck) -> np.ndarray:
     return np.stack(parts, axis=1)
 
 
-def hit_excess_slopes(struck: Struck) -> np.ndarray:
+def hit_excess_slopes(struck: StrikesAtGoal) -> np.ndarray:
     """Return the exact derivatives of `hit_excess` by the strikes' numbers, (B, c, m)."""
     goals, near, slopes = struck.goals, struck.near, struck.slopes
     left = goals.residuals(near.tip, near.velocity) / goals.hit_radius

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, stdtr
 
-from whiptool.criteria import Criterion, Struck
+from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.limits import AllLimits, Limits, Smooth
@@ -337,14 +337,14 @@ class Objective:
                 )
         return [trial.outcome for trial in known]
 
-    def struck(self, strike: np.ndarray | Sequence[float]) -> tuple[Outcome, Struck]:
+    def struck(self, strike: np.ndarray | Sequence[float]) -> tuple[Outcome, StrikesAtGoal]:
         """Outcome of one strike vector, a trial like any other, and what its criteria have derivatives of.
 
         Raises:
             SearchStopped: As in `__call__`.
         """
         vector = np.array(strike, float)
-        return self.trial(vector), Struck(self.rollout, vector[None], self.goals, self.t_stay)
+        return self.trial(vector), StrikesAtGoal(self.rollout, vector[None], self.goals, self.t_stay)
 
     def _roll(self, strikes: np.ndarray) -> list[Outcome]:
         """Outcomes of strikes; those that the arm cannot make are refused without a rollout."""
@@ -358,7 +358,7 @@ class Objective:
         return Outcome(distance, False, math.nan, nowhere, nowhere, nothing, nothing, False)
 
     def _rolled(self, strikes: np.ndarray) -> list[Outcome]:
-        struck = Struck(self.rollout, strikes, self.goals, self.t_stay)
+        struck = StrikesAtGoal(self.rollout, strikes, self.goals, self.t_stay)
         near = struck.near
         beyond = self.limits.violations(strikes, near, self._trajectory)
         values = [criterion.values(struck) for criterion in self.criteria]

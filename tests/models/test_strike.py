@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from whiptool.errors import InputError
 from whiptool.models import ArmLink, ArmParameters, preset
-from whiptool.models.strike import Strike, StrikeBounds, default_bounds, named_strike, shortened, strike_names
+from whiptool.models.strike import Strike, StrikeBounds, default_bounds, named_strike, strike_names
 
 
 @given(st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.floats(0.1, 2))
@@ -82,17 +82,3 @@ def test_bounds():
     for lower, upper in (([0, 0, 1], [1, 1, 0.5]), ([0, 0, 0], [1, 1, 1]), ([0, 0, 0.4], [1, 1])):
         with pytest.raises(InputError, match="bounds"):
             StrikeBounds(tuple(lower), tuple(upper))
-
-
-def test_a_shortened_strike_is_as_fast_as_it_may_be():
-    """By the largest speed of its reference, sampled; a joint that is slow enough stays as it is."""
-    strikes = np.array([[0.0, 1.0, 3.0, 1.2, 0.5], [0.5, -2.0, -2.0, 1.0, 1.5], [0.0, 0.0, 0.1, 0.2, 1.0]])
-    speeds = np.array([2.0, np.inf])
-    short = shortened(strikes, speeds)
-    np.testing.assert_array_equal(short[:, [0, 1, 3, 4]], strikes[:, [0, 1, 3, 4]])
-    for before, after in zip(strikes, short, strict=True):
-        fastest = [
-            np.abs(Strike.from_vector(x).reference(np.linspace(0, x[-1], 2001))[1][:, 0]).max() for x in (before, after)
-        ]
-        assert fastest[1] == pytest.approx(min(fastest[0], 2.0))
-        assert np.sign(after[2] - after[0]) == np.sign(before[2] - before[0])

@@ -16,6 +16,7 @@ def test_the_front_and_other_hits_are_drawn_with_units_and_the_front_fills_the_a
     ax = plot_front(Figure().subplots(), FRONT, TRIED, labels=LABELS)
     others, line = ax.lines
     np.testing.assert_array_equal(line.get_xydata(), FRONT)
+    assert line.get_drawstyle() == "steps-post"
     np.testing.assert_array_equal(others.get_xydata(), TRIED)
     assert (ax.get_xlabel(), ax.get_ylabel()) == LABELS
     assert ax.get_xlim()[0] < 1 < 4 < ax.get_xlim()[1] < 90

@@ -100,11 +100,6 @@ class ArmLimits:
         return (self.command,)
 
     @property
-    def speeds(self) -> np.ndarray:
-        """Largest speed at which searches command joints to move [rad/s or m/s], (a,)."""
-        return self.command.largest[0]
-
-    @property
     def positions(self) -> np.ndarray:
         """Lowest and highest position of each joint [rad or m], (2, a); infinite where there is no limit."""
         return np.array([joint.position for joint in self.joints]).T

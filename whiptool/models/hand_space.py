@@ -248,11 +248,7 @@ class HandSpace:
 
     def _beyond_limits(self, q: np.ndarray) -> np.ndarray:
         """How far postures (..., a) are beyond the joints' limits, in parts of half their ranges (...)."""
-        if not isinstance(self.arm, SpatialArm):
-            return np.zeros(q.shape[:-1])
-        low, high = np.array([link.limits.position for link in self.arm.links]).T
-        half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
-        return (np.maximum(low - q, q - high) / half).max(axis=-1)
+        return self._per_joint(q).max(axis=-1) if isinstance(self.arm, SpatialArm) else np.zeros(q.shape[:-1])
 
     def _refuse(self, found: _Found, vectors: np.ndarray) -> None:
         """Refuse the first strike that the arm cannot make.
@@ -276,6 +272,7 @@ class HandSpace:
         raise InputError("strike of the hand", f"({given})", rule)
 
     def _per_joint(self, q: np.ndarray) -> np.ndarray:
+        """The same of each joint of an arm in space, (..., a)."""
         assert isinstance(self.arm, SpatialArm)
         low, high = np.array([link.limits.position for link in self.arm.links]).T
         half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)

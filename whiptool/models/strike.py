@@ -144,21 +144,6 @@ def eased(t: np.ndarray, D: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return share, 30 * s**2 * (1 - s) ** 2 / D, 60 * s * (1 - s) * (1 - 2 * s) / D**2
 
 
-def shortened(strikes: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-    """Return strikes whose commanded movements are no faster than given speeds.
-
-    The end of a joint that is to move faster comes nearer to its start: along a minimum-jerk path (Eq. 1) the speed is
-    at most 15/8 of the mean.
-
-    Args:
-        strikes: Vectors, (B, 2 a + 1).
-        speeds: Of each joint [rad/s or m/s], (a,); infinite for any.
-    """
-    q_i, q_f, D = np.split(strikes, [len(speeds), 2 * len(speeds)], axis=1)
-    farthest = speeds * D / FASTEST
-    return np.hstack([q_i, np.clip(q_f, q_i - farthest, q_i + farthest), D])
-
-
 _PERSON = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow")
 _D = (0.4, 1.5)  # [s]; none is printed
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import nlopt
 import numpy as np
 
-from whiptool.criteria import Criterion, Struck, hit_excess, hit_excess_slopes
+from whiptool.criteria import Criterion, StrikesAtGoal, hit_excess, hit_excess_slopes
 from whiptool.objective import Objective
 from whiptool.optimizers.smooth_limits import keep_limits
 
@@ -75,7 +75,7 @@ class _Problem:
         )
         return self._point
 
-    def _look(self, struck: Struck) -> _Point:
+    def _look(self, struck: StrikesAtGoal) -> _Point:
         constraints, slopes = [hit_excess(struck)[0] + _INSIDE], [hit_excess_slopes(struck)[0]]
         for criterion, value in self.caps:
             bound = criterion.measure_of(value)

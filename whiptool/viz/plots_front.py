@@ -14,7 +14,7 @@ from whiptool.viz.style import COLORS, STYLE, save_figure
 
 
 def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str]) -> Axes:
-    """Draw a front as a line through its hits, over all hits that were tried.
+    """Draw a front as steps from hit to hit, over all hits that were tried: between two hits none was found.
 
     The axes show the front and a part of what lies behind it, as hits far behind would flatten it.
 
@@ -25,7 +25,8 @@ def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequen
         labels: Of the two criteria, with units.
     """
     ax.plot(*tried.T, linestyle="", marker="o", markersize=2.4, color="0.6", label="other hits", rasterized=True)
-    ax.plot(*front.T, marker="o", markersize=4.5, linewidth=1.4, color=COLORS["blue"], label="Pareto front")
+    line = {"drawstyle": "steps-post", "linewidth": 1.4, "color": COLORS["blue"]}
+    ax.plot(*front.T, marker="o", markersize=4.5, **line, label="Pareto front")
     ax.set(xlabel=labels[0], ylabel=labels[1])
     for axis, column in (("x", 0), ("y", 1)):
         low, high = front[:, column].min(), front[:, column].max()
