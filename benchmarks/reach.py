@@ -15,19 +15,19 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
 from whiptool.impedance import Controller, PositionControl
-from whiptool.models import Model, preset
+from whiptool.models import Model
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import Strike
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
+from whiptool.studies.reproduction.aim.robot import of_rods
 from whiptool.target import Target
 
 MODELS = ("ur5e", "panda")
@@ -37,12 +37,6 @@ NEAR, FAR = 0.9, 1.6  # [m] from the base
 TIMESTEP = 1.5e-3  # [s]
 LONGEST = 120.0  # [s] a target
 METHOD = "gradient"
-
-
-def of_rods(name: str) -> Model:
-    """The preset with its rope of rods."""
-    model = preset(name)
-    return replace(model, whip=replace(model.whip, joints="rod", node_inertia=0.0))
 
 
 def targets(count: int) -> np.ndarray:
