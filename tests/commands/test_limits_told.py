@@ -43,6 +43,7 @@ def said(capsys) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.heavy
 def test_a_strike_above_and_through_a_floor_in_the_plane(capsys):
     """Its clearance is as much less as the floor is higher; what goes through it is told, and not exported."""
     assert simulate.main([*STRIKE, "--floor", "-2", "--no-video", "--json", "--out", "above"]) == 0
@@ -72,6 +73,7 @@ def test_a_search_that_no_strike_comes_through_says_why(capsys):
     assert result["beyond"].endswith("below the floor")
 
 
+@pytest.mark.heavy
 def test_a_strike_of_a_robot_is_exported_within_what_is_left(capsys):
     robot = preset("ur5e")
     write_model(replace(robot, whip=replace(robot.whip, joints="rod", node_inertia=0.0)), Path("rods.toml"))

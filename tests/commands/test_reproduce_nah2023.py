@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 
 import pytest
-from processes import HANG
+from command_line import called
+
+from whiptool.studies.reproduction.nah2023 import solutions
 
 pytestmark = pytest.mark.slow
 
 
-def test_quick_form_ends_and_resumes(tmp_path):
-    """Resumed, nothing is worked out again, and the report is the same; a unit that is lost is worked out again."""
+def test_quick_form_ends_and_resumes(tmp_path, monkeypatch):
+    """Resumed, nothing is worked out again, and the report is the same; a unit that is lost is worked out again.
+
+    Of every descent the first steps: `test_solutions.py` follows them down.
+    """
+    monkeypatch.setattr(solutions, "_STEPS", 3)
 
     def run(*more: str) -> dict:
-        words = [sys.executable, "-m", "whiptool.reproduce", *more, "--json"]
-        done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=HANG, check=False)
+        done = called("reproduce", *more, "--json", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
 
-    result = run("nah2023", "--quick", "--out", "run")
+    result = run("nah2023", "--quick", "--workers", "1", "--out", "run")
     page = (tmp_path / "run" / "report.html").read_text()
     assert len(result["claims"]) == page.count("<b class=") == 6
     assert page.count("<img") == 5

@@ -183,6 +183,7 @@ def test_a_wrong_marker_does_not_pull_the_fit():
     assert robust.recordings[1].weight[20:60].max() < 0.2
 
 
+@pytest.mark.heavy
 def test_a_prior_speaks_where_the_recordings_are_silent():
     """From the handle alone the scale is flat; a prior on m pins it, and k and b with it."""
     film_ = film(LEMON, STRIKES[0], np.random.default_rng(0), markers=("tip", "handle"))
@@ -255,9 +256,9 @@ def test_the_simulated_pendulum_comes_back_up_to_what_it_cannot_show():
 
 @pytest.mark.slow
 def test_strikes_planned_on_the_identified_whip_hit_the_true_one():
-    """20 whips, k, b, m, l each within 30 %; each target is where that whip's tip went in a random strike."""
+    """10 whips, k, b, m, l each within 30 %; each target is where that whip's tip went in a random strike."""
     rng, bounds, misses = np.random.default_rng(7), default_bounds(LEMON.arm), []
-    for i in range(20):
+    for i in range(10):
         factors = dict(zip((*FREE, "whip.l"), rng.uniform(0.7, 1.3, 4), strict=True))
         true = LEMON.with_parameters({k: LEMON.parameters()[k] * x for k, x in factors.items()})
         truth = CompiledRollout(true, CONTROLLER)

@@ -50,7 +50,7 @@ CASES = {
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(x, marks=[pytest.mark.heavy] * (x not in ("joints", "free"))) for x in CASES]
+    "case", [pytest.param(x, marks=[pytest.mark.heavy] * (x != "command")) for x in CASES]
 )
 def test_derivatives_are_those_of_differences(case):
     plant, shared, own = CASES[case]

@@ -109,6 +109,7 @@ def test_joints_that_follow_the_hands_path_exactly(model):
     np.testing.assert_allclose(path.tip, other.tip, atol=5e-5)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("model", "law"), [(THREE, "position"), (THREE, "oiac"), (SMALL, "constant")])
 def test_the_interpreter_agrees_with_the_compiled_engine(model, law):
     given = {"position": PositionControl(), "oiac": OIAC(a=0.01, beta=0.3), "constant": constant(model, 200.0, 30.0)}

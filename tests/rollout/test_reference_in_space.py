@@ -137,7 +137,7 @@ def test_what_follows_from_states_is_what_the_rollout_recorded():
 def test_compiled_strikes_are_replayed_in_mujoco(name):
     model, controller = preset(name), Controller(constant_preset(name), feedforward=name == "ur5e")
     strike = Strike.from_vector(default_bounds(model.arm).sample(np.random.default_rng(1), 1)[0])
-    strike = dataclasses.replace(strike, D=1.2)
+    strike = dataclasses.replace(strike, D=0.8)
     target = np.array([1.3, 0.2, 0.3])
     expected = CompiledRollout(model, controller, timestep=2e-4).approach(strike, target).distance[0]
     seen = replay(model, controller, strike, target, t_stay=0.3, expected=expected)

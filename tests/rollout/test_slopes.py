@@ -48,7 +48,7 @@ def test_effort_is_that_of_mujoco(controller):
     np.testing.assert_allclose(near.effort[0], expected, rtol=2e-3)
 
 
-@pytest.mark.parametrize("controller", [CONSTANT, HELD], ids=["continuous", "held"])
+@pytest.mark.parametrize("controller", [CONSTANT, pytest.param(HELD, marks=pytest.mark.heavy)], ids=["continuous", "held"])
 def test_engines_agree_on_effort_and_on_derivatives(controller):
     strikes, found = np.c_[STRIKES[:2, :4], [0.4, 0.5]], []
     for rung in RUNGS:
@@ -64,7 +64,7 @@ def test_engines_agree_on_effort_and_on_derivatives(controller):
             np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", ["effort", "max_torque"])
+@pytest.mark.parametrize("name", [pytest.param("effort", marks=pytest.mark.heavy), "max_torque"])
 def test_derivatives_against_differences(name):
     """Of each joint, by the whole strike: with D the steps move, too."""
     rollout = CompiledRollout(everything(), CONSTANT, timestep=1e-3)

@@ -36,6 +36,7 @@ def parts(building: Building) -> list[Answers]:
     return found
 
 
+@pytest.mark.heavy
 def test_it_answers_goals_that_it_has_not_seen(building, parts):
     made = StrikeMap(building.striker, AIMED, Answers.joined(parts))
     goals = AIMED.draw(20, np.random.default_rng(9))

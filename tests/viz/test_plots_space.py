@@ -22,7 +22,7 @@ from whiptool.viz.report import Picture
 NAH = preset("nah2023")
 
 
-@pytest.fixture(scope="module", params=["nah2023", "ur5e", "panda"])
+@pytest.fixture(scope="module", params=["nah2023", "ur5e", pytest.param("panda", marks=pytest.mark.heavy)])
 def model(request):
     return preset(request.param)
 
@@ -141,7 +141,7 @@ def test_all_figures_of_a_run_and_a_reports_picture(model, tmp_path):
     assert {file.name for file in files} == {f"{x}.png" for x in ("strike", "distance", "tracking", "torque", "gains")}
     figure = Figure()
     plots_space.draw_views(figure, path, model, target)
-    assert Picture(figure, "strike").source().startswith("data:image/svg+xml")
+    assert Picture(figure, "strike").source.startswith("data:image/svg+xml")
 
 
 def test_a_strike_that_diverged_is_drawn():

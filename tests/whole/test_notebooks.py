@@ -6,11 +6,14 @@ import ast
 import re
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import nbformat
 import pytest
 from processes import HANG
 from repository import ROOT
+
+if TYPE_CHECKING:  # it takes seconds, in every process that collects tests
+    import nbformat
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 LONGEST_CELL = 25  # lines
@@ -20,6 +23,8 @@ each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path
 
 
 def code_cells(path: Path) -> list[nbformat.NotebookNode]:
+    import nbformat
+
     return [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
 
 
@@ -50,7 +55,8 @@ def test_there_are_notebooks():
 @pytest.mark.slow
 @each_notebook
 def test_it_runs(path, tmp_path):
-    from nbclient import NotebookClient  # seconds, in every process that collects tests
+    import nbformat
+    from nbclient import NotebookClient
 
     notebook = nbformat.read(path, 4)
     if (data := path.parent / "data").is_dir():

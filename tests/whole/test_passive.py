@@ -111,6 +111,7 @@ def test_the_known_whip_and_state_give_the_swing_back(tracks):
     assert np.mean([x.chi for x in found]) == pytest.approx(1, abs=0.2)
 
 
+@pytest.mark.heavy
 def test_derivatives_of_a_clamped_whips_readings(tracks):
     held, recordings = tracks
     plant = Plant(WHIP, clamp=HELD[held])

@@ -49,13 +49,18 @@ class ConstantImpedance:
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K and B for tracking errors `e` [rad] and `de` [rad/s] of shape (..., n): each (..., n, n)."""
-        shape = (*np.shape(e), np.shape(e)[-1])
         K, B = self._arrays
+        if np.ndim(e) == 1:  # what a rollout asks for at every stage of every step
+            return K, B
+        shape = (*np.shape(e), np.shape(e)[-1])
         return np.broadcast_to(K, shape), np.broadcast_to(B, shape)
 
     @cached_property
     def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array(self.K), np.array(self.B)
+        arrays = np.array(self.K), np.array(self.B)
+        for array in arrays:
+            array.flags.writeable = False
+        return arrays
 
     @staticmethod
     def sizes(n: int) -> dict[str, int]:

@@ -6,6 +6,7 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 from matplotlib.figure import Figure
@@ -42,8 +43,9 @@ class Picture:
     caption: str
     vector: bool = True
 
+    @cached_property
     def source(self) -> str:
-        """Return the picture as an address that holds it whole; the same for the same figure."""
+        """The picture as an address that holds it whole; the same for the same figure, which is drawn once."""
         kind, data = _image(self)
         return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 

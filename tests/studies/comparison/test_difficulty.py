@@ -29,6 +29,7 @@ def test_hits_are_counted_as_the_rollout_counts_them():
     assert found.max() > 10
 
 
+@pytest.mark.heavy
 def test_hits_along_directions_are_counted_as_the_rollout_counts_them():
     """As above, a target hit where the tip's velocity at the closest approach is within the cone, and fast.
 

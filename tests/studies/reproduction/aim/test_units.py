@@ -132,6 +132,7 @@ def test_what_strikes_came_to_is_plain_data():
     assert table == {"hit": [True, False], "miss": [0.01, None], "angle": [0.1, None], "within": [True, False]}
 
 
+@pytest.mark.heavy
 def test_a_strike_is_where_mujoco_has_it(monkeypatch):
     """A short strike of the robot, and a goal that is where its tip passes; another angle is no hit."""
     striker = TASK.striker(1)

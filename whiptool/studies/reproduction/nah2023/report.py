@@ -40,10 +40,10 @@ Results = list[dict[str, Any]]
 def sections(context: Context) -> list[Section]:
     """Evaluations, how near the tip comes, the claims on the hand's movement and on sensitivity, conventions."""
     quick = context.quick
-    cap = 45 if quick else published.CAP
+    cap = 20 if quick else published.CAP
     by_rule = [DirectUnit(target=i, nodes=published.LAST_NODES, cap=cap) for i in _TARGETS]
     by_tip = [DirectUnit(target=i, nodes=1, cap=cap) for i in _TARGETS]
-    gradient = [GradientUnit(target=i, cap=68 if quick else GRADIENT_CAP) for i in _TARGETS]
+    gradient = [GradientUnit(target=i, cap=24 if quick else GRADIENT_CAP) for i in _TARGETS]
     solutions = [_solutions(i, quick=quick) for i in _TARGETS]
     known = PublishedUnit(perturbed=4 if quick else published.PERTURBED)
     trials = [_trials(i, quick=quick) for i in _FAR]
@@ -54,7 +54,7 @@ def sections(context: Context) -> list[Section]:
     rule, tip, slopes, found = ([results[u.name] for u in some] for some in (by_rule, by_tip, gradient, solutions))
     tried, evolved = ([[results[u.name] for u in of_target] for of_target in some] for some in (trials, evolution))
     nearest = nearest_strikes(found, tried, evolved)
-    beside = [BesideUnit(target=i, strike=tuple(nearest[i]), cap=60 if quick else BesideUnit.cap) for i in _FAR]
+    beside = [BesideUnit(target=i, strike=tuple(nearest[i]), cap=24 if quick else BesideUnit.cap) for i in _FAR]
     refined = context.results(beside, "nah2023 beside the nearest")
     for unit in beside:
         nearest[unit.target] = np.array(refined[unit.name]["strike"])
@@ -74,19 +74,19 @@ def sections(context: Context) -> list[Section]:
 
 def _solutions(target: int, *, quick: bool) -> SolutionsUnit:
     if quick:
-        return SolutionsUnit(target=target, random=64, starts=2, kept=2, perturbed=2)
+        return SolutionsUnit(target=target, random=32, starts=2, kept=2, perturbed=2)
     return SolutionsUnit(target=target, starts=FAR_STARTS) if target in _FAR else SolutionsUnit(target=target)
 
 
 def _trials(target: int, *, quick: bool) -> list[TrialsUnit]:
     if quick:
-        return [TrialsUnit(target=target, seed=0, trials=1, random=64)]
+        return [TrialsUnit(target=target, seed=0, trials=1, random=32)]
     return [TrialsUnit(target=target, seed=seed) for seed in range(TRIAL_SEEDS)]
 
 
 def _evolution(target: int, *, quick: bool) -> list[EvolutionUnit]:
     if quick:
-        return [EvolutionUnit(target=target, seed=0, cap=40)]
+        return [EvolutionUnit(target=target, seed=0, cap=16)]
     return [EvolutionUnit(target=target, seed=seed) for seed in range(EVOLUTION_SEEDS)]
 
 
