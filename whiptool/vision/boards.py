@@ -1,0 +1,138 @@
+"""Calibration boards: where their corners are, and where an image shows them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.vision.calibration import find_checkerboard
+from whiptool.vision.opencv import opencv
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners of a board that an image shows.
+
+    Args:
+        ids: Which corners, (P,), as rows of the board's `points`.
+        pixels: Where they are, (P, 2).
+    """
+
+    ids: np.ndarray
+    pixels: np.ndarray
+
+
+class Board(Protocol):
+    """A flat board with corners that can be found in images."""
+
+    @property
+    def points(self) -> np.ndarray:
+        """All corners in the board's own axes (x along its rows, y down its columns, z into it) [m], (P, 3)."""
+        ...
+
+    def find(self, image: np.ndarray) -> Corners:
+        """Return the corners that an image (H, W, 3) or (H, W) of uint8 shows; none where there is no board."""
+        ...
+
+
+@dataclass(frozen=True)
+class Checkerboard:
+    """A checkerboard, which is only found whole, and by cameras that see its first row above its last.
+
+    Args:
+        corners: Inner corners along a row, and rows of them; one number odd and one even.
+        square: Side of a square [m].
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    corners: tuple[int, int]
+    square: float
+
+    def __post_init__(self) -> None:
+        if len(self.corners) != 2 or min(self.corners) < 3 or sum(self.corners) % 2 == 0:
+            raise InputError("corners", self.corners, "two numbers >= 3, one odd and one even")
+        _check_side("square", self.square)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Its inner corners, row by row [m], (P, 3)."""
+        return _grid(*self.corners, self.square)
+
+    def find(self, image: np.ndarray) -> Corners:
+        """Return all its corners, or none."""
+        try:
+            pixels = find_checkerboard(image, corners=self.corners)
+        except InputError:
+            return Corners(np.zeros(0, int), np.zeros((0, 2)))
+        return Corners(np.arange(len(pixels)), pixels)
+
+
+@dataclass(frozen=True)
+class CharucoBoard:
+    """A checkerboard with a marker in every white square, so that a part of it, however turned, tells its corners.
+
+    Args:
+        squares: Along a row, and rows of them.
+        square: Side of a square [m].
+        marker: Side of a marker [m].
+        dictionary: Of the markers, by its name in OpenCV.
+
+    Raises:
+        InputError: A number is out of range, or there is no such dictionary.
+    """
+
+    squares: tuple[int, int]
+    square: float
+    marker: float
+    dictionary: str = "DICT_4X4_50"
+
+    def __post_init__(self) -> None:
+        if len(self.squares) != 2 or min(self.squares) < 3:
+            raise InputError("squares", self.squares, "two numbers >= 3")
+        _check_side("square", self.square)
+        if not 0 < self.marker < self.square:
+            raise InputError("marker", self.marker, f"a side > 0 m and smaller than a square's, {self.square:g} m")
+        if not hasattr(opencv().aruco, self.dictionary):
+            raise InputError("dictionary", self.dictionary, "the name of one in cv2.aruco, such as DICT_4X4_50")
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Its inner corners, row by row [m], (P, 3); the first lies a square in from the board's own corner."""
+        columns, rows = self.squares
+        return _grid(columns - 1, rows - 1, self.square)
+
+    @cached_property
+    def _drawn(self) -> Any:
+        aruco = opencv().aruco
+        dictionary = aruco.getPredefinedDictionary(getattr(aruco, self.dictionary))
+        return aruco.CharucoBoard(self.squares, self.square, self.marker, dictionary)
+
+    def find(self, image: np.ndarray) -> Corners:
+        """Return the corners that the image shows."""
+        cv2 = opencv()
+        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
+        pixels, ids, _, _ = cv2.aruco.CharucoDetector(self._drawn).detectBoard(grey)
+        if ids is None or not len(ids):
+            return Corners(np.zeros(0, int), np.zeros((0, 2)))
+        return Corners(np.ravel(ids), np.reshape(pixels, (-1, 2)).astype(float))
+
+    def draw(self, pixels_per_square: int) -> np.ndarray:
+        """Return the board as an image to print, without a margin, uint8 (rows, columns)."""
+        columns, rows = self.squares
+        return self._drawn.generateImage((columns * pixels_per_square, rows * pixels_per_square))
+
+
+def _check_side(name: str, side: float) -> None:
+    if not 0 < side < np.inf:
+        raise InputError(name, side, "a side > 0 m")
+
+
+def _grid(columns: int, rows: int, side: float) -> np.ndarray:
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+    return side * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
