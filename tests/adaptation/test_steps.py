@@ -10,6 +10,7 @@ from whiptool.adaptation.planner import Plan
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.steps import Step, Steps, percent
 from whiptool.identification.judgement import Judgement
+from whiptool.models.strike import Strike
 
 PLAN = Plan((-1.0, 0.5, 2.0, 0.8, 0.8), 0.304, 0.01, 0.0, None, "a strike", 0.1)
 LOOK = Step(0, dataclasses.replace(PLAN, probability=None), Seen(None, None), None, None)
@@ -25,6 +26,7 @@ def test_an_adaptation_tells_strikes_hits_misses_and_probabilities() -> None:
         "probability of a hit as planned: 30 %, 30 %, 97 %)"
     )
     assert steps.strikes == [UNSEEN, MISSED, HIT]
+    assert HIT.strike == Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
     assert repr(Steps([LOOK])) == "Steps(no strike)"
 
 

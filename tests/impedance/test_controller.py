@@ -59,5 +59,7 @@ def test_numbers_of_a_controller_have_names_and_are_checked():
     for wrong in ({"torque_limit": 0.0}, {"torque_limit": -1.0}, {"control_period": 0.0}, {"control_period": np.inf}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             Controller(**wrong)
+    with pytest.raises(InputError, match="law: got 'oiac'"):
+        Controller("oiac")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="feedforward"):
         Controller(feedforward="yes")  # type: ignore[arg-type]

@@ -30,6 +30,12 @@ def test_the_first_hit_is_the_first_and_not_the_best(misses: tuple[float, ...], 
     assert found.n_trials == len(misses)
 
 
+def test_the_best_strike_hits_or_misses():
+    assert (result(0.3, 0.05).hit, result(0.3, 0.05).miss_distance) == (True, 0.05)
+    assert (result(0.3, 0.1).hit, result(0.3, 0.1).miss_distance) == (False, 0.1)
+    assert (result().hit, result().miss_distance) == (False, float("inf"))
+
+
 def test_numbers_of_trials_are_their_own():
     """A search that goes on has trials whose numbers do not begin at 1."""
     trace = tuple(Trial(n, (0.0,) * 5, outcome(0.1 if n < 12 else 0.05, n >= 12)) for n in (11, 12, 13))

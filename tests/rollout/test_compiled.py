@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from rich_model import CONTROLLERS, LEMON, everything
 
 from whiptool.dynamics.closed_loop import Structure

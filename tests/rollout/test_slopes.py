@@ -48,7 +48,9 @@ def test_effort_is_that_of_mujoco(controller):
     np.testing.assert_allclose(near.effort[0], expected, rtol=2e-3)
 
 
-@pytest.mark.parametrize("controller", [CONSTANT, pytest.param(HELD, marks=pytest.mark.heavy)], ids=["continuous", "held"])
+@pytest.mark.parametrize(
+    "controller", [CONSTANT, pytest.param(HELD, marks=pytest.mark.heavy)], ids=["continuous", "held"]
+)
 def test_engines_agree_on_effort_and_on_derivatives(controller):
     strikes, found = np.c_[STRIKES[:2, :4], [0.4, 0.5]], []
     for rung in RUNGS:

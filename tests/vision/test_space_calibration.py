@@ -39,7 +39,7 @@ def corners_seen(camera: SpaceCamera, pose: Pose, rng: np.random.Generator, sigm
     return Corners(ids, camera.project(points[ids]) + rng.normal(0, sigma, (len(ids), 2)))
 
 
-def views_of(poses: list[Pose], sigma: float) -> dict[str, list[Corners]]:
+def views_of(poses: list[Pose], sigma: float) -> dict[str, list[Corners | None]]:
     rng = np.random.default_rng(5)
     return {name: [corners_seen(c, pose, rng, sigma) for pose in poses] for name, c in CAMERAS.items()}
 
@@ -62,6 +62,7 @@ def test_cameras_come_back(sigma):
 def test_one_view_that_was_misread_is_told():
     views = views_of(board_poses(np.random.default_rng(4), 8), 0.1)
     worst = views["left"][3]
+    assert worst is not None
     views["left"][3] = Corners(worst.ids, worst.pixels + np.random.default_rng(0).normal(0, 4.0, worst.pixels.shape))
     found = calibrate_cameras(LENSES, views, BOARD)
     assert max(found.views["left"], key=found.views["left"].__getitem__) == 3

@@ -8,6 +8,7 @@ from whiptool.adaptation.planner import Plan
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.posterior import Learned
 from whiptool.identification.judgement import Judgement
+from whiptool.models.strike import Strike
 
 _SHOWN = 5  # strikes that the representation of a whole adaptation shows, the last ones
 
@@ -37,6 +38,11 @@ class Step:
             return "Step(first look at the whip)"
         verdict = "not seen" if self.judged is None else f"{self.judged.verdict}, {_millimetres(self)}"
         return f"Step(strike {self.number}: {verdict}; probability of a hit as planned {_planned(self)})"
+
+    @property
+    def strike(self) -> Strike:
+        """The strike that was planned."""
+        return Strike.from_vector(self.plan.strike)
 
     @property
     def hit(self) -> bool | None:

@@ -299,6 +299,7 @@ class _Run:
     def _report(self, seconds: float) -> None:
         """Eq. 21 under every convention, as a file and for people."""
         import numpy as np
+        from tqdm import tqdm
 
         from whiptool.arrival_rule import sample_goals
         from whiptool.rl.policy import CONVENTIONS, trials_to_hit
@@ -309,7 +310,15 @@ class _Run:
         print(f"striking at {self.options.tests} targets with the trained policy ...", file=sys.stderr)
         result: dict[str, Any] = {}
         for convention in CONVENTIONS:
-            trials, hit = trials_to_hit(self.training.learner, self.tests, goals, cap=600, convention=convention)
+            with tqdm(total=self.options.tests, desc=convention, unit=" targets", leave=False) as bar:
+                trials, hit = trials_to_hit(
+                    self.training.learner,
+                    self.tests,
+                    goals,
+                    cap=600,
+                    convention=convention,
+                    on_trial=lambda ended, bar=bar: bar.update(ended - bar.n),
+                )
             result[convention] = {
                 "mean_trials": float(trials.mean()),
                 "median_trials": float(np.median(trials)),

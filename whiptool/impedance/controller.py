@@ -39,8 +39,8 @@ class Controller:
         hand: The law is one of the hand's errors, and strikes are the hand's; None: of the joints.
 
     Raises:
-        InputError: A number is not positive, `feedforward` is neither true nor false, or an option is set that
-            position control has no use for.
+        InputError: `law` is none, a number is not positive, `feedforward` is neither true nor false, or an option is
+            set that position control has no use for.
     """
 
     law: Law = field(default_factory=lambda: oiac_preset("table4"))
@@ -51,6 +51,8 @@ class Controller:
     hand: HandControl | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.law, Law):
+            raise InputError("law", self.law, "a law: OIAC(), ConstantImpedance() or PositionControl()")
         if not isinstance(self.feedforward, bool):
             raise InputError("feedforward", self.feedforward, "true or false")
         if self.compensated is not None:

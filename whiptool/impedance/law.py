@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 
+@runtime_checkable
 class Law(Protocol):
     """From tracking errors to stiffness and damping: `tau = K e + B de` (Eq. 2). A frozen dataclass of numbers."""
 

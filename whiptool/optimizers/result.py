@@ -57,6 +57,16 @@ class Result:
         return f"Result({self.method}: {self.status.value}, {self.n_trials} trials, {best})"
 
     @property
+    def hit(self) -> bool:
+        """Whether the best strike hits."""
+        return self.outcome is not None and self.outcome.hit
+
+    @property
+    def miss_distance(self) -> float:
+        """Miss distance of the best strike [m]; infinite if there was no trial."""
+        return float("inf") if self.outcome is None else self.outcome.miss_distance
+
+    @property
     def first_hit(self) -> int | None:
         """Number of the first trial that hit, from 1; a batch may hold trials after it."""
         return next((trial.number for trial in self.trace if trial.outcome.hit), None)

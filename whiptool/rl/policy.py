@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
@@ -57,7 +57,13 @@ class Policy:
 
 
 def trials_to_hit(
-    learner: Learner, task: StrikeTask, targets: np.ndarray | Goals, *, cap: int, convention: str = "mean-first"
+    learner: Learner,
+    task: StrikeTask,
+    targets: np.ndarray | Goals,
+    *,
+    cap: int,
+    convention: str = "mean-first",
+    on_trial: Callable[[int], object] = lambda ended: None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Strike at each target, seeing after every miss what the observation shows, until it is hit.
 
@@ -67,6 +73,7 @@ def trials_to_hit(
         targets: Goals, or places (B, d) [m] if the task draws no directions.
         cap: Strikes at most at each target.
         convention: One of `CONVENTIONS`.
+        on_trial: Called after every trial with the number of targets that need no further one.
 
     Returns:
         Trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).
@@ -86,6 +93,7 @@ def trials_to_hit(
         step = task.step(actions)
         trials[left[step.hit]], hit[left[step.hit]] = number, True
         left, obs = left[~step.hit], step.obs[~step.hit]
+        on_trial(len(hit) - len(left) if number < cap else len(hit))
         if not len(left):
             break
         task.keep(~step.hit)

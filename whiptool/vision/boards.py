@@ -59,7 +59,7 @@ class Checkerboard:
             raise InputError("corners", self.corners, "two numbers >= 3, one odd and one even")
         _check_side("square", self.square)
 
-    @cached_property
+    @property
     def points(self) -> np.ndarray:
         """Its inner corners, row by row [m], (P, 3)."""
         return _grid(*self.corners, self.square)
@@ -101,7 +101,7 @@ class CharucoBoard:
         if not hasattr(opencv().aruco, self.dictionary):
             raise InputError("dictionary", self.dictionary, "the name of one in cv2.aruco, such as DICT_4X4_50")
 
-    @cached_property
+    @property
     def points(self) -> np.ndarray:
         """Its inner corners, row by row [m], (P, 3); the first lies a square in from the board's own corner."""
         columns, rows = self.squares

@@ -6,6 +6,7 @@ x forward, y to the left, z up, in metres. `camera_model.CameraSettings` is the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,7 +124,7 @@ def distort(flat: np.ndarray, distortion: tuple[float, ...]) -> np.ndarray:
     return np.stack([u, v], axis=-1)
 
 
-def looking_at(position: np.ndarray, point: np.ndarray) -> np.ndarray:
+def looking_at(position: Sequence[float] | np.ndarray, point: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return the rotation (3, 3) from the world's axes to those of a camera that looks upright at a point.
 
     Args:

@@ -50,7 +50,7 @@ def triangulate(cameras: Sequence[SpaceCamera], pixels: np.ndarray) -> Triangula
         raise InputError("pixels", f"shape {pixels.shape}", f"shape ({len(cameras)}, ..., 2), one row per camera")
     shape = pixels.shape[1:-1]
     flat = pixels.reshape(len(cameras), -1, 2)
-    seen = np.isfinite(flat).all(axis=-1)  # (C, P)
+    seen = np.asarray(np.isfinite(flat).all(axis=-1))  # (C, P)
     straight = np.stack(
         [c.undistorted(np.where(s[:, None], p, 0.0)) for c, p, s in zip(cameras, flat, seen, strict=True)]
     )
