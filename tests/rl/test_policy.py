@@ -31,13 +31,22 @@ def test_trials_until_the_first_hit(convention, means, trials, hit):
     task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)  # type: ignore[arg-type]
     targets = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin(0.9)]])
     learner = Scripted(task, [-0.3, 0.5, 0.2, -0.8])
-    found, reached = trials_to_hit(learner, task, targets, cap=4, convention=convention)  # type: ignore[arg-type]
+    ended: list[int] = []
+    found, reached = trials_to_hit(
+        learner,  # type: ignore[arg-type]
+        task,
+        targets,
+        cap=4,
+        convention=convention,
+        on_trial=ended.append,
+    )
     assert found.tolist() == trials
     assert reached.tolist() == hit
     assert [deterministic for deterministic, _ in learner.asked] == means
     np.testing.assert_allclose(learner.asked[0][1], task.normalise(task.first_look(targets)), rtol=1e-6)
     left = [len(obs) for _, obs in learner.asked]
     assert left == {"mean-first": [3, 2, 2, 1], "samples": [3, 3, 2, 2], "mean": [3, 2, 2, 2]}[convention]
+    assert ended == [*(3 - n for n in left[1:]), 3]
     last = learner.asked[-1][1]
     centre = np.array([0.8, 0.2])
     np.testing.assert_allclose(last[-1, 4:], targets[2] - centre, rtol=1e-5)  # it sees the target that is left
