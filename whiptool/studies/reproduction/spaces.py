@@ -1,7 +1,7 @@
 """Joint space beside hand space: trials to hit with a UR5e and a Panda, whose strikes are told in different ways.
 
-`python -m whiptool.reproduce spaces`. The paper's Sect. 4.2 names end-effector space as the next step; nothing published
-stands beside these figures.
+`python -m whiptool.reproduce spaces`. The paper's Sect. 4.2 names end-effector space as the next step; nothing that is
+published stands beside these figures.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from whiptool.viz.report import Section, Table, Text
 
 __all__ = ["CONTROLLER", "MODEL", "SUBTITLE", "TITLE", "SpaceStudy", "SpaceUnit", "facts", "sections"]
 
-TITLE = "Where a strike is told: by the joints, or by the hand"
+TITLE = "What a strike is told by: the joints, the hand's place, or its pose"
 SUBTITLE = "Trials to hit the same targets with a UR5e and a Panda, by four searches, in joint space and in hand space."
 ROBOTS, METHODS = ("ur5e", "panda"), ("directl", "cmaes", "gradient", "sac")
-SPACES: dict[str, HandControl | None] = {"joint": None, "hand": HandControl()}
+SPACES = {"joint": None, "hand": HandControl(), "pose": HandControl(orientation=True)}
 RADIUS, NEAR, FAR = 0.05, 0.9, 1.6  # [m]
 TARGETS, CAP, TARGET_SEED = 10, 600, 1  # targets, trials at each, seed
 QUICK_TARGETS, QUICK_CAP = 1, 80
@@ -202,10 +202,10 @@ def sections(context: Context) -> list[Section]:
     about = (
         "The same targets, searched until the tip comes within "
         f"{100 * RADIUS:g} cm, or for {study.cap} trials. In joint space a strike says where the joints begin and end, "
-        "in hand space where the hand does, on a straight line between; the duration is the last number of both. Each "
-        "search has the space's usual bounds. Trials are those to the first hit, median (mean), all of them where there "
-        "was none; a strike that is refused is a trial, and one with its derivatives is one. Refused: the share of "
-        f"trials that the arm cannot make or that go beyond its limits. Of {study.targets} targets "
+        "in hand space where the hand does, on a straight line between, and in that of poses how it is turned, too; the "
+        "duration is the last number of all. Each search has the space's usual bounds. Trials are those to the first "
+        "hit, median (mean), all of them where there was none; a strike that is refused is a trial, and one with its "
+        f"derivatives is one. Refused: the share of trials that the arm cannot make or that go beyond its limits. Of {study.targets} targets "
         f"{numbers['hit_in_all_spaces_by_all_robots']} are hit in all spaces by both robots."
     )
     caption = "In brackets how many numbers a strike has, of the UR5e and of the Panda."
