@@ -21,7 +21,7 @@ from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import StrikeBounds, default_bounds
 
 EXACT = 1e-4  # [m or rad] by which the hand may leave its path between the nodes of these polynomials
-TURNED = 1.0  # [rad] by which searches turn the hand from the home posture's orientation about any axis
+TURNED = 0.25  # [rad] by which searches turn the hand from the home posture's orientation about any axis
 _D, _FAST = (0.4, 1.5), 0.2  # [s], of searches; their shortest where no joint has a limit of speed
 _QUARTER = np.pi / 4
 _SAMPLES = 100  # along each axis, for the bounds

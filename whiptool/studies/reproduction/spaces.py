@@ -200,12 +200,12 @@ def sections(context: Context) -> list[Section]:
     study = SpaceStudy.of(context.store, quick=context.quick)
     numbers = study.summary()
     about = (
-        f"The same targets, searched until the tip comes within {100 * RADIUS:g} cm, or for {study.cap} trials. In joint "
-        "space a strike says where the joints begin and end; in hand space where the hand does, on a straight line "
-        "between; in that of poses also how it is turned. The duration is the last number of all. Each search has the "
-        "space's usual bounds. Trials are those to the first hit, median (mean), all of them where there was none; a "
-        "strike that is refused is a trial, and one with its derivatives is one. Refused: the share of trials that the "
-        f"arm cannot make or that go beyond its limits. Of {study.targets} targets "
+        f"The same targets, searched until the tip comes within {100 * RADIUS:g} cm, or for {study.cap} trials. In "
+        "joint space a strike says where the joints begin and end; in hand space where the hand does, on a straight "
+        "line between; in that of poses also how it is turned. The duration is the last number of all. Each search "
+        "has the space's usual bounds. Trials are those to the first hit, median (mean), all of them where there was "
+        "none; a strike that is refused is a trial, and one with its derivatives is one. Refused: the share of trials "
+        f"that the arm cannot make or that go beyond its limits. Of {study.targets} targets "
         f"{numbers['hit_in_all_spaces_by_all_robots']} are hit in all spaces by both robots."
     )
     caption = "In brackets how many numbers a strike has, of the UR5e and of the Panda."
