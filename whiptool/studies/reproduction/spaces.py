@@ -29,10 +29,10 @@ from whiptool.viz.report import Section, Table, Text
 
 __all__ = ["CONTROLLER", "MODEL", "SUBTITLE", "TITLE", "SpaceStudy", "SpaceUnit", "facts", "sections"]
 
-TITLE = "What a strike is told by: the joints, the hand's place, or its pose"
+TITLE = "What a strike is told by: the joints, or the hand"
 SUBTITLE = "Trials to hit the same targets with a UR5e and a Panda, by four searches, in joint space and in hand space."
 ROBOTS, METHODS = ("ur5e", "panda"), ("directl", "cmaes", "gradient", "sac")
-SPACES = {"joint": None, "hand": HandControl(), "pose": HandControl(orientation=True)}
+SPACES = {"joint": None, "hand": HandControl()}
 RADIUS, NEAR, FAR = 0.05, 0.9, 1.6  # [m]
 TARGETS, CAP, TARGET_SEED = 10, 600, 1  # targets, trials at each, seed
 QUICK_TARGETS, QUICK_CAP = 1, 80
@@ -202,11 +202,11 @@ def sections(context: Context) -> list[Section]:
     about = (
         f"The same targets, searched until the tip comes within {100 * RADIUS:g} cm, or for {study.cap} trials. In "
         "joint space a strike says where the joints begin and end; in hand space where the hand does, on a straight "
-        "line between; in that of poses also how it is turned. The duration is the last number of all. Each search "
-        "has the space's usual bounds. Trials are those to the first hit, median (mean), all of them where there was "
-        "none; a strike that is refused is a trial, and one with its derivatives is one. Refused: the share of trials "
-        f"that the arm cannot make or that go beyond its limits. Of {study.targets} targets "
-        f"{numbers['hit_in_all_spaces_by_all_robots']} are hit in all spaces by both robots."
+        "line between; the duration is the last number of both. Each search has the space's usual bounds. Trials are "
+        "those to the first hit, median (mean), all of them where there was none; a strike that is refused is a "
+        "trial, and one with its derivatives is one. Refused: the share of trials that the arm cannot make or that go "
+        f"beyond its limits. Of {study.targets} targets {numbers['hit_in_all_spaces_by_all_robots']} are hit in both "
+        "spaces by both robots."
     )
     caption = "In brackets how many numbers a strike has, of the UR5e and of the Panda."
     return [Section("Trials to hit in joint space and in hand space", [Text(about), Table(study.table(), caption)])]
