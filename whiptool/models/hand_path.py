@@ -7,8 +7,8 @@ from numpy.polynomial import chebyshev
 
 from whiptool.models.hand_strike import HandStrike
 from whiptool.models.hand_way import HandWay
-from whiptool.models.inverse_kinematics import HandMotion, HandPose
-from whiptool.models.rotations import rotation_left
+from whiptool.models.inverse_kinematics import HandKinematics, HandMotion, HandPose
+from whiptool.models.rotations import quaternion_of, rotation_left
 from whiptool.models.strike import eased
 
 DEGREE = 12  # of the polynomials
@@ -61,3 +61,16 @@ class HandPath:
         left = wanted.place - hand.position
         turn = np.zeros_like(left) if wanted.rotation is None else rotation_left(wanted.rotation, hand.rotation)
         return np.concatenate([left, turn], axis=-1) @ self.way.kinematics.rows.T, motion - speed
+
+
+def hand_poses(kinematics: HandKinematics, q: np.ndarray) -> np.ndarray:
+    """Return where postures (T, a) that follow each other hold the hand, in the base's axes, (T, 7).
+
+    Place x, y, z [m], then the unit quaternion x, y, z, w, whose sign is the one nearer to the quaternion before. A
+    strike plane stands upright: y is 0.
+    """
+    at = kinematics.motion(q)
+    quaternions = quaternion_of(at.rotation)
+    flips = np.vecdot(quaternions[1:], quaternions[:-1]) < 0
+    signs = np.where(np.r_[False, np.cumsum(flips) % 2 == 1], -1.0, 1.0)
+    return np.hstack([at.position, signs[:, None] * quaternions])
