@@ -6,7 +6,7 @@ along the hand's straight path; the arm's limits are kept. A refused strike is a
 derivatives. Each target is searched by each method until the tip comes within 5 cm, or 600 trials are used up; bounds
 are the usual ones. It is the study of `python -m whiptool.reproduce spaces`.
 
-    python benchmarks/spaces.py [--quick] [--json] [--folder FOLDER]
+    python benchmarks/spaces.py [--quick] [--json] [--targets N] [--folder FOLDER]
 
 With --folder, what is found stands there, and a run that was broken off goes on where it was.
 """
@@ -19,7 +19,7 @@ import tempfile
 from pathlib import Path
 
 from whiptool.studies.comparison import Store
-from whiptool.studies.reproduction.spaces import SpaceStudy
+from whiptool.studies.reproduction.spaces import CAP, QUICK_CAP, QUICK_TARGETS, TARGETS, SpaceStudy
 
 
 def main() -> None:
@@ -27,12 +27,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one target, few trials")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    parser.add_argument("--targets", type=int, help=f"how many; default: {TARGETS}, with --quick {QUICK_TARGETS}")
     parser.add_argument("--folder", type=Path, help="of what is found, to go on from")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as passing:
         folder = arguments.folder or Path(passing)
         folder.mkdir(parents=True, exist_ok=True)
-        study = SpaceStudy.of(Store(folder), quick=arguments.quick)
+        count = arguments.targets or (QUICK_TARGETS if arguments.quick else TARGETS)
+        study = SpaceStudy.of(Store(folder), count, QUICK_CAP if arguments.quick else CAP)
     if arguments.json:
         print(json.dumps(study.summary()))
         return

@@ -112,9 +112,9 @@ class SpaceStudy:
     found: Mapping[str, Mapping[str, Any]]
 
     @classmethod
-    def of(cls, store: Store, *, quick: bool = False) -> SpaceStudy:
-        """Return the study whose results a store has; what is missing is searched for."""
-        count, cap = (QUICK_TARGETS, QUICK_CAP) if quick else (TARGETS, CAP)
+    def of(cls, store: Store, count: int = TARGETS, cap: int = CAP) -> SpaceStudy:
+        """Return the study of so many targets, and trials at each, whose results a store has; what is missing is
+        searched for."""
         each = product(range(count), ROBOTS, METHODS, SPACES)  # target after target: a part of it is a smaller study
         units = [SpaceUnit(robot=r, space=s, method=m, target=i, cap=cap) for i, r, m, s in each]
         return cls(count, cap, store.results(units, desc="spaces"))
@@ -197,7 +197,8 @@ def sections(context: Context) -> list[Section]:
         import torch  # noqa: F401
     except ImportError:
         raise InputError("spaces", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]") from None
-    study = SpaceStudy.of(context.store, quick=context.quick)
+    size = (QUICK_TARGETS, QUICK_CAP) if context.quick else (TARGETS, CAP)
+    study = SpaceStudy.of(context.store, *size)
     numbers = study.summary()
     about = (
         f"The same targets, searched until the tip comes within {100 * RADIUS:g} cm, or for {study.cap} trials. In "
