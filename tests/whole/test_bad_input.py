@@ -398,6 +398,7 @@ reproduce fig5 fig6 | command line
 reproduce fig5 --whips 3 | --whips
 reproduce aim --targets 10 | nothing with aim
 reproduce nah2023 --seeds 2 | nothing with nah2023
+reproduce spaces --targets 10 | nothing with spaces
 reproduce adapt --whips 0 | --whips
 reproduce adapt --whip-targets 0 | --whip-targets
 reproduce adapt --rows magic | --rows
