@@ -6,19 +6,20 @@ velocity and torque are kept. Each target is searched until the tip comes within
 again at a quarter of the step, and is a hit if it is within 1 mm there; within the limits, if it is so there. One
 target after another, each on all cores.
 
-    python benchmarks/reach.py [--quick] [--json] [--out FILE.jsonl]
+    python benchmarks/reach.py [--quick] [--json] [--folder FOLDER]
 
-With --out, what is found stands in that file, a line a target, and a run that was broken off goes on where it was.
+With --folder, what is found stands there, and a run that was broken off goes on where it was.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import Model
@@ -27,26 +28,18 @@ from whiptool.models.strike import Strike
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
+from whiptool.studies.comparison import Store
 from whiptool.studies.reproduction.aim.robot import of_rods
+from whiptool.studies.reproduction.spaces import targets
 from whiptool.target import Target
 
 MODELS = ("ur5e", "panda")
 RADIUS = 1e-3  # [m]
 SEARCHED = 0.9 * RADIUS  # what the step changes is left free
-NEAR, FAR = 0.9, 1.6  # [m] from the base
 TIMESTEP = 1.5e-3  # [s]
 LONGEST = 120.0  # [s] a target
 METHOD = "gradient"
-
-
-def targets(count: int) -> np.ndarray:
-    """Random targets (count, 3) [m], uniform in the half shell before the robot and above the ground."""
-    rng, found = np.random.default_rng(1), []
-    while len(found) < count:
-        point = rng.uniform((0, -FAR, 0), FAR)
-        if NEAR <= np.linalg.norm(point) <= FAR:
-            found.append(point)
-    return np.array(found)
+_WARM: set[str] = set()  # models that have searched before
 
 
 def reached(model: Model, target: np.ndarray, seed: int) -> dict:
@@ -80,6 +73,27 @@ def warm_up(model: Model) -> None:
     search(Objective(rollout, Target((1.0, 0.0, 0.5), SEARCHED), limits=limits, max_trials=70), METHOD, seed=0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReachUnit:
+    """The search of one target by one robot."""
+
+    model: str
+    target: int
+
+    @property
+    def name(self) -> str:
+        """Name of the unit."""
+        return f"reach-{self.model}-target{self.target}"
+
+    def run(self, folder: Path | None, threads: int | None) -> dict:
+        """Search, when all that the search needs is compiled and imported."""
+        model = of_rods(self.model)
+        if self.model not in _WARM:
+            warm_up(model)
+            _WARM.add(self.model)
+        return reached(model, targets(self.target + 1)[-1], seed=self.target)
+
+
 def report_of(rows: list[dict]) -> dict:
     """Shares and medians over targets."""
     change = [abs(row["miss_at_finer_step"] - row["miss"]) for row in rows if row["hit"]]
@@ -104,24 +118,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="5 targets a robot")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
-    parser.add_argument("--out", type=Path, help="file of what is found, a line a target, to go on from")
+    parser.add_argument("--folder", type=Path, help="of what is found, to go on from")
     arguments = parser.parse_args()
-    points = targets(5 if arguments.quick else 100)
-    known = arguments.out.read_text().splitlines() if arguments.out and arguments.out.exists() else []
-    done = {(row["model"], row["target"]): row for row in map(json.loads, known)}
-    report = {}
-    for name in MODELS:
-        model, rows = of_rods(name), []
-        if any((name, i) not in done for i in range(len(points))):
-            warm_up(model)
-        for i, point in enumerate(tqdm(points, desc=name, leave=False)):
-            if (name, i) not in done:
-                done[name, i] = {"model": name, "target": i, **reached(model, point, seed=i)}
-                if arguments.out:
-                    with arguments.out.open("a") as file:
-                        file.write(json.dumps(done[name, i]) + "\n")
-            rows.append(done[name, i])
-        report[name] = report_of(rows)
+    count = 5 if arguments.quick else 100
+    units = {name: [ReachUnit(model=name, target=i) for i in range(count)] for name in MODELS}
+    with tempfile.TemporaryDirectory() as passing:
+        folder = arguments.folder or Path(passing)
+        folder.mkdir(parents=True, exist_ok=True)
+        store, report = Store(folder), {}
+        for name, of_model in units.items():
+            found = store.results(of_model, desc=name)
+            report[name] = report_of([found[unit.name] for unit in of_model])
     if arguments.json:
         print(json.dumps({"radius": RADIUS, "timestep": TIMESTEP, "method": METHOD, **report}))
         return

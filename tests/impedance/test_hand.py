@@ -17,7 +17,7 @@ LEMON = preset("lemon2024")
 
 
 def test_its_controller_reads_back_from_a_file(tmp_path):
-    for hand in (HandControl(), HandControl(posture=(0.4, 1.2), null_damping=0.5)):
+    for hand in (HandControl(orientation=True), HandControl(posture=(0.4, 1.2), null_damping=0.5)):
         for law in (OIAC(a=0.01), PositionControl()):
             write_controller(Controller(law, hand=hand), tmp_path / "c.toml")
             assert read_controller(tmp_path / "c.toml") == Controller(law, hand=hand)
@@ -33,6 +33,7 @@ def test_a_controller_of_the_joints_has_the_table_that_it_had():
         ({"magic": 1}, "controller.hand.magic"),
         (3, "controller.hand: got 3"),
         ({"null_damping": -1}, "controller.hand.null_damping"),
+        ({"orientation": 1}, "controller.hand.orientation"),
         ({"posture": [0.1, "a"]}, r"controller.hand.posture\[1\]"),
         ({"posture": 3}, "controller.hand.posture"),
     ],
@@ -56,16 +57,22 @@ def test_the_space_of_strikes_follows_from_the_controller():
     assert "null_damping" not in Controller(PositionControl(), hand=HandControl()).parameters()
 
 
-@pytest.mark.parametrize("name", ["lemon2024", "ur5e"])
-def test_usual_gains_give_the_hand_its_frequency_where_it_is_the_heaviest(name):
+@pytest.mark.parametrize(("name", "pose"), [("lemon2024", False), ("ur5e", False), ("ur5e", True), ("panda", True)])
+def test_usual_gains_give_the_hand_its_frequency_where_it_is_the_heaviest(name, pose):
     """Generalised eigenvalues of the joints' stiffness and inertia, the whip's mass fixed to the hand."""
-    model = preset(name)
-    law = hand_impedance(model, frequency=2.0)
-    kinematics = Controller(hand=HandControl()).strike_space(model.arm).kinematics
+    model, hand = preset(name), HandControl(orientation=pose)
+    law = hand_impedance(model, hand, frequency=2.0)
+    kinematics = Controller(hand=hand).strike_space(model.arm).kinematics
     q, K = kinematics.posture, np.array(law.K)
     J, arm = kinematics.jacobian(q), Arm(model)
-    inertia = arm.inertia(q) + model.whip.mass * J.T @ J
+    moving = J[: model.dimension]
+    inertia = arm.inertia(q) + model.whip.mass * moving.T @ moving
     squares = eigvalsh(J.T @ K @ J, inertia)
     lowest = squares[squares > 1e-6 * squares.max()][0]
     assert np.sqrt(lowest) / (2 * np.pi) == pytest.approx(2.0, rel=1e-6)
     np.testing.assert_allclose(np.array(law.B), 2 * K / (2 * np.pi * 2.0), rtol=1e-12)  # critical
+    if pose:  # turns are the harder to move by what the hand feels of their inertia
+        felt = np.linalg.inv(J @ np.linalg.solve(arm.inertia(q), J.T))
+        felt[:3, :3] += model.whip.mass * np.eye(3)
+        heaviest = [np.linalg.eigvalsh(felt[i : i + 3, i : i + 3])[-1] for i in (0, 3)]
+        assert K[5, 5] / K[0, 0] == pytest.approx(heaviest[1] / heaviest[0], rel=1e-9)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 
 from whiptool.errors import InputError
-from whiptool.models import preset
+from whiptool.models import ArmLink, ArmParameters, preset
 from whiptool.models.hand_space import DEGREE, EXACT, HandSpace, home_posture
 from whiptool.models.hand_strike import HandStrike
+from whiptool.models.joint_space import JointSpace
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.strike import Strike
 
 LEMON, UR5E, PANDA = (preset(name).arm for name in ("lemon2024", "ur5e", "panda"))
 SPACES = {name: HandSpace(preset(name).arm) for name in ("lemon2024", "ur5e", "panda")}
+SPACES |= {f"{name}-pose": HandSpace(preset(name).arm, orientation=True) for name in ("ur5e", "panda")}
+THREE = ArmParameters((ArmLink(0.4, 0.2),) * 3)
 RNG = np.random.default_rng(5)
 
 
@@ -29,7 +33,22 @@ every_space = pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
 def test_names_and_widths():
     assert SPACES["lemon2024"].names == ("x_i", "y_i", "x_f", "y_f", "D")
     assert SPACES["panda"].names == ("x_i", "y_i", "z_i", "x_f", "y_f", "z_f", "D")
-    assert SPACES["panda"].width == 7
+    turns = ("turn_x_i", "turn_y_i", "turn_z_i")
+    assert SPACES["panda-pose"].names[:6] == ("x_i", "y_i", "z_i", *turns)
+    assert HandSpace(THREE, posture=(0.3, 0.9, 0.7), orientation=True).names == (
+        "x_i",
+        "y_i",
+        "turn_i",
+        "x_f",
+        "y_f",
+        "turn_f",
+        "D",
+    )
+    assert [(space.kind, space.width) for space in SPACES.values()] == [
+        *(("hand", 5), ("hand", 7), ("hand", 7)),
+        *(("pose", 13), ("pose", 13)),
+    ]
+    assert [JointSpace(arm).width for arm in (LEMON, UR5E, PANDA)] == [5, 13, 15]
     assert HandSpace(UR5E, led=True).layout == {"q_i": 6, "path": 6 * (DEGREE + 1), "D": 1}
 
 
@@ -38,10 +57,12 @@ def test_the_hand_goes_from_start_to_end_along_a_straight_line_at_least_jerk(spa
     for vector in possible(space, 4):
         path, strike = space.path(vector), space.strike(vector)
         t = np.linspace(-0.1, strike.D + 0.1, 60)
-        of_hand = Strike(strike.x_i, strike.x_f, strike.D).reference(t)  # Eq. 1, of coordinates instead of joints
-        hand = path.hand(t)
-        np.testing.assert_allclose(hand[0], of_hand[0], atol=1e-14)
-        np.testing.assert_allclose(hand[1], of_hand[1], atol=1e-12)
+        d = space.arm.dimension
+        of_hand = Strike(strike.x_i[:d], strike.x_f[:d], strike.D).reference(t)  # Eq. 1, of places instead of joints
+        pose, speed = path.hand(t)
+        seen = [0, 2] if d == 2 else [0, 1, 2]
+        np.testing.assert_allclose(pose.place[:, seen], of_hand[0], atol=1e-14)
+        np.testing.assert_allclose(speed[:, :d], of_hand[1], atol=1e-12)
         q, v, _ = path.reference(t)
         if space.arm.dimension == 2:
             theta = np.cumsum(q, axis=1)
@@ -52,6 +73,12 @@ def test_the_hand_goes_from_start_to_end_along_a_straight_line_at_least_jerk(spa
         frame = arm_frames(space.arm, q, v)[-1]
         np.testing.assert_allclose(frame.origin, of_hand[0], atol=EXACT)
         np.testing.assert_allclose(frame.velocity, of_hand[1], atol=50 * EXACT)
+        if space.kind == "pose":
+            home = arm_frames(space.arm, space.kinematics.posture)[-1].rotation
+            ends = Rotation.from_rotvec([strike.x_i[3:], strike.x_f[3:]]) * Rotation.from_matrix(home)
+            share = Strike((0.0,), (1.0,), strike.D).reference(t)[0].ravel()
+            np.testing.assert_allclose(frame.rotation, Slerp([0, 1], ends)(share).as_matrix(), atol=EXACT)
+            np.testing.assert_allclose(frame.spin, speed[:, 3:], atol=50 * EXACT)
 
 
 @every_space
@@ -70,9 +97,12 @@ def test_speeds_and_accelerations_are_the_slopes_of_the_joints_way(space):
 
 
 @pytest.mark.parametrize("led", [False, True])
-@pytest.mark.parametrize("arm", [LEMON, PANDA], ids=["plane", "panda"])
-def test_derivatives_of_what_rollouts_take_against_differences(arm, led):
-    space, h = HandSpace(arm, led=led), 1e-6
+@pytest.mark.parametrize(
+    ("arm", "pose"), [(LEMON, False), (PANDA, False), (THREE, True), (PANDA, True)], ids=lambda x: str(x)[:16]
+)
+def test_derivatives_of_what_rollouts_take_against_differences(arm, pose, led):
+    posture = (0.3, 0.9, 0.7) if arm is THREE else None
+    space, h = HandSpace(arm, posture=posture, orientation=pose, led=led), 1e-6
     strikes = possible(space, 3)
     slopes = space.slopes(strikes)
     assert slopes.shape == (3, sum(space.layout.values()), space.width)
@@ -115,6 +145,7 @@ def test_what_the_arm_cannot_do_is_refused_in_one_line():
 def test_arms_without_such_a_space_and_home_postures_without_ease_are_refused():
     with pytest.raises(InputError, match="3 joints or more"):
         HandSpace(LEMON, orientation=True)
+    assert HandSpace(THREE, posture=(0.3, 0.9, 0.7), orientation=True).size == 3  # a joint for each coordinate
     with pytest.raises(InputError, match="not a singular"):
         HandSpace(LEMON, posture=(0.3, 0.0))
     with pytest.raises(InputError, match="posture"):

@@ -8,8 +8,14 @@ import re
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
+from whiptool.impedance.arm import Arm
+from whiptool.models import preset
+from whiptool.models.hand_path import hand_poses
+from whiptool.models.hand_space import HandSpace
+from whiptool.models.inverse_kinematics import HandKinematics
 from whiptool.models.joint_trajectory import JointTrajectory, lead_in_time
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import Strike
@@ -129,3 +135,79 @@ def test_bad_arguments_are_named():
     flat = np.zeros((3, 2))
     with pytest.raises(InputError, match="increasing from 0"):
         JointTrajectory(JOINTS, np.array([0.0, 1.0, 1.0]), flat, flat, flat)
+
+
+def of_hand(name: str, *, orientation: bool = False) -> tuple[JointTrajectory, HandSpace, np.ndarray]:
+    """A strike of the hand near a model's home posture, as a trajectory from a posture nearby."""
+    arm = preset(name).arm
+    space = HandSpace(arm, orientation=orientation)
+    home = space.kinematics.coordinates(space.kinematics.posture)
+    by = np.array([-0.06, 0.05, 0.04, 0.2, -0.1, 0.15] if orientation else [-0.06, 0.05, 0.04])[: space.size]
+    vector = np.array([*(home + by), *(home - by), 0.6])
+    start = space.kinematics.posture + 0.1
+    found = JointTrajectory.of_strike(space.path(vector), arm.joints, start=start, rate=100, rest=0.2)
+    return found, space, vector
+
+
+@pytest.mark.parametrize(("name", "orientation"), [("lemon2024", False), ("panda", False), ("ur5e", True)])
+def test_a_strike_of_the_hand_holds_the_hands_poses(name, orientation):
+    """Where Pinocchio has the hand in each of the postures, and where the strike's numbers have it at the ends."""
+    found, space, vector = of_hand(name, orientation=orientation)
+    arm = Arm(preset(name))
+    at = [arm.hand(q) for q in found.q]
+    np.testing.assert_allclose(found.hand[:, :3], [x.position for x in at], atol=1e-12)
+    rotations = Rotation.from_quat(found.hand[:, 3:])
+    np.testing.assert_allclose(rotations.as_matrix(), [x.rotation for x in at], atol=1e-12)
+    begins, seen = np.searchsorted(found.t, found.strike_begins), [0, 2] if space.arm.dimension == 2 else [0, 1, 2]
+    for k, part in ((begins, slice(0, space.size)), (-1, slice(space.size, 2 * space.size))):
+        coordinates = vector[part]
+        np.testing.assert_allclose(found.hand[k, seen], coordinates[: len(seen)], atol=1e-7)
+        if orientation:
+            turned = Rotation.from_rotvec(coordinates[3:]).as_matrix() @ space.kinematics.upright
+            np.testing.assert_allclose(rotations[k].as_matrix(), turned, atol=1e-7)
+
+
+def test_quaternions_of_a_turning_hand_do_not_jump():
+    arm = preset("panda").arm
+    q = np.zeros((200, 7))
+    q[:, 6] = np.linspace(0, 9.0, 200)  # one and a half turns
+    poses = hand_poses(HandKinematics(arm, q[0], orientation=True), q)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(poses[:, 3:], axis=0), axis=1), 9.0 / 199 / 2, rtol=1e-3)
+
+
+def test_poses_are_read_back_from_csv_to_the_last_digit(tmp_path):
+    found = of_hand("ur5e", orientation=True)[0]
+    found.save_csv(tmp_path / "strike.csv")
+    read = JointTrajectory.load_csv(tmp_path / "strike.csv")
+    header = (tmp_path / "strike.csv").read_text().splitlines()[0].split(",")
+    assert header[-7:] == ["hand_x", "hand_y", "hand_z", "hand_qx", "hand_qy", "hand_qz", "hand_qw"]
+    for name in ("t", "q", "v", "a", "hand"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(found, name))
+    damaged = (tmp_path / "strike.csv").read_text().replace("hand_qw", "hand_w")
+    (tmp_path / "strike.csv").write_text(damaged)
+    with pytest.raises(InputError, match="the columns time"):
+        JointTrajectory.load_csv(tmp_path / "strike.csv")
+
+
+def test_a_hands_poses_have_the_fields_of_ros(tmp_path):
+    found = of_hand("ur5e", orientation=True)[0]
+    found.save_hand(tmp_path / "hand.yaml")
+    message = yaml.safe_load((tmp_path / "hand.yaml").read_text())
+    assert message["joint_names"] == ["hand"]
+    read = [
+        [*(p["transforms"][0]["translation"][x] for x in "xyz"), *(p["transforms"][0]["rotation"][x] for x in "xyzw")]
+        for p in message["points"]
+    ]
+    np.testing.assert_array_equal(read, found.hand)
+    seconds = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in message["points"]]
+    np.testing.assert_allclose(seconds, found.t, atol=1e-9)
+    found.save_goal(tmp_path / "strike.yaml")
+    assert set(yaml.safe_load((tmp_path / "strike.yaml").read_text())) == {"trajectory"}
+
+
+def test_poses_of_no_unit_quaternion_are_refused():
+    flat = np.zeros((3, 2))
+    with pytest.raises(InputError, match="unit quaternions"):
+        JointTrajectory(JOINTS, np.arange(3.0), flat, flat, flat, np.zeros((3, 7)))
+    with pytest.raises(InputError, match=r"trajectory's hand: got .*\(3, 7\)"):
+        JointTrajectory(JOINTS, np.arange(3.0), flat, flat, flat, np.ones((3, 6)))

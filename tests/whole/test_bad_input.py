@@ -84,7 +84,12 @@ SHARED = """
 --control-period 0 | --control-period
 --control-period 10 | --control-period
 --control-period nan | --control-period
---space tool | joint, hand
+--space tool | joint, hand, pose
+--space pose | 3 joints or more, for the hand's position and orientation
+--space hand --turn-stiffness 3 | nothing without --space pose
+--space hand --turn-damping 3 | nothing without --space pose
+--space pose --controller constant --turn-damping -1 | --turn-damping
+--turn-stiffness 3 | nothing without --space hand
 --space hand --home 0.1 | posture: got
 --space hand --home nan 1 | --home
 --space hand --home 0.3 0 | not a singular
@@ -174,6 +179,8 @@ optimize --controller magic.toml | controller.hand.magic
 train --controller hand.toml | without a table [controller.hand]
 compare --controller hand.toml | without a table [controller.hand]
 optimize --space hand --lower 0 0 | the hand: x_i y_i x_f y_f D
+simulate --model ur5e --space pose --turn-stiffness 9 --controller position | nothing without --controller constant
+simulate --model ur5e --space pose --controller position --strike 0 0 0 1 | x_i y_i z_i turn_x_i turn_y_i turn_z_i x_f
 simulate --space hand --strike 0.3 0 0.4 | the hand: x_i y_i x_f y_f D
 simulate --space hand --strike 0.4 0 2 0 0.5 | places that the hand reaches
 simulate --space hand --strike 0.4 0 0 0.4 -1 | a finite duration
@@ -391,6 +398,7 @@ reproduce fig5 fig6 | command line
 reproduce fig5 --whips 3 | --whips
 reproduce aim --targets 10 | nothing with aim
 reproduce nah2023 --seeds 2 | nothing with nah2023
+reproduce spaces --targets 10 | nothing with spaces
 reproduce adapt --whips 0 | --whips
 reproduce adapt --whip-targets 0 | --whip-targets
 reproduce adapt --rows magic | --rows

@@ -452,9 +452,9 @@ def export_trajectory(options: TrajectoryOptions, commanded: JointTrajectory | N
     """
     if commanded is None:
         return
-    options.write_trajectory(commanded)
+    files = options.write_trajectory(commanded)
     follows = "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
-    print(f"wrote {options.export_trajectory}{follows}", file=sys.stderr)
+    print(f"wrote {' and '.join(map(str, files))}{follows}", file=sys.stderr)
 
 
 def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float, video: bool) -> list[str]:

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from whiptool.studies.comparison import Comparison
 
 REPORT = "report.html"
-Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "all"]
+Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "spaces", "all"]
 Row = Literal["nominal", "robust", "correction", "sac", "told", "uniform", "adapt", "still", "wiggle", "chain"]
-OTHERS = ("nah2023", "aim")  # with a model of their own
+OTHERS = ("nah2023", "aim", "spaces")  # with a model of their own
 _OF_ANY_PAPER = {"what", "workers", "cluster", "quick", "out", "resume", "json"}  # options
 
 
@@ -40,7 +40,7 @@ class ReproduceOptions(ComparisonOptions):
     what: tyro.conf.Positional[Part] = "all"
     """Which of them: table4 goes with Fig. 8, hard is 1 cm everywhere, sim2real Figs. 9 and 10, adapt unknown whips
     (hours of its own), nah2023 another paper, of an arm in space (minutes), aim a UR5e that strikes points at arrival
-    angles (an hour or two), and all is all but these three."""
+    angles (an hour or two), spaces joint space beside hand space (an hour), and all is all but these four."""
     whips: int = 100
     """Unknown whips of each family, in adapt."""
     whip_targets: int = 3

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -12,9 +13,10 @@ from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, S
 from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.dynamics.rods import RodFrame, bend, torque_of
-from whiptool.dynamics.serial_arm import ArmMotion, Body, LedMotion, SerialArm, solve
+from whiptool.dynamics.serial_arm import ArmMotion, ArmPosture, Body, LedMotion, SerialArm, solve
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
+from whiptool.dynamics.turns import rotation_left, turned_by
 from whiptool.impedance.hand import SINGULAR
 from whiptool.impedance.law import LAWS
 
@@ -28,6 +30,16 @@ _LINK = {  # quantities of a link: what they are called in a whip
     "friction_velocity": "friction_velocity", "inertia": "node_inertia",
 }  # fmt: skip
 _HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS), "rod": ()}
+_TURNS = {2: [[0, -1, 0]], 3: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}  # of the orientation's coordinates: their axes
+
+
+class HandNow(NamedTuple):
+    """Where the hand is (3, 1), its rotation column by column (9, 1) or nothing, and its motion per unit of the joints'
+    speeds (6, a), angular first."""
+
+    place: ca.SX
+    turned: ca.SX
+    jacobian: ca.SX
 
 
 class ClosedLoop(System):
@@ -156,19 +168,18 @@ class ClosedLoop(System):
             half_twice, once, q = half_twice * x + once, once * x + q, q * x + coefficient
         return q, 2 * once * speed, 8 * half_twice * speed**2 + 2 * once * growth
 
-    def torque(self, t: ca.SX, q: ca.SX, v: ca.SX, weight: ca.SX, hand: tuple[ca.SX, ca.SX] | None = None) -> ca.SX:
+    def torque(self, t: ca.SX, q: ca.SX, v: ca.SX, weight: ca.SX, hand: HandNow | None = None) -> ca.SX:
         """The controller's torques (n_arm, 1) for the arm's `q` and `v` (n_arm, 1); Eq. 2.
 
         Args:
             t, q, v: Time [s] and state of the arm.
             weight: Torques that hold the arm's weight there (n_arm, 1); Eq. 3.
-            hand: Where the hand is (3, 1), and its motion per unit of the joints' speeds (6, n_arm), for a law of its
-                errors.
+            hand: Where the hand is, for a law of its errors.
         """
         law = {name.removeprefix("law."): x for name, x in self.parameters.items() if name.startswith("law.")}
         expression, P = LAWS[self.structure.law].expression, self.parameters
         if hand is not None:
-            tau = self._hand_torque(t, v, *hand, lambda e, de: expression(law, e, de)) + weight
+            tau = self._hand_torque(t, v, hand, lambda e, de: expression(law, e, de)) + weight
         else:
             q_d, v_d, a_d = self.reference(t)
             tau = expression(law, q_d - q, v_d - v) + weight
@@ -179,24 +190,26 @@ class ClosedLoop(System):
             tau = ca.fmin(ca.fmax(tau, -limit), limit)
         return tau
 
-    def _hand_torque(
-        self, t: ca.SX, v: ca.SX, place: ca.SX, jacobian: ca.SX, force: Callable[[ca.SX, ca.SX], ca.SX]
-    ) -> ca.SX:
+    def _hand_torque(self, t: ca.SX, v: ca.SX, hand: HandNow, force: Callable[[ca.SX, ca.SX], ca.SX]) -> ca.SX:
         """Torques (n_arm, 1) of a law of the hand's errors, and of what brakes joints that do not move the hand."""
-        P, seen, (a, m) = self.parameters, list(self.coordinates), (self.structure.n_arm, self.structure.hand)
+        P, seen, m = self.parameters, list(self.coordinates), self.structure.hand
         s = ca.fmax(ca.fmin(t / P["D"], 1), 0)
+        ease = 10 * s**3 - 15 * s**4 + 6 * s**5  # Eq. 1
+        speed = (30 * s**2 - 60 * s**3 + 30 * s**4) / P["D"]
         span = P["x_f"] - P["x_i"]
-        x_d = P["x_i"] + span * (10 * s**3 - 15 * s**4 + 6 * s**5)  # Eq. 1
-        v_d = span * (30 * s**2 - 60 * s**3 + 30 * s**4) / P["D"]
-        J = jacobian[3:, :][seen, :]
-        tau = ca.mtimes(J.T, force(x_d - place[seen], v_d - ca.mtimes(J, v)))
+        e, v_d, J = P["x_i"] + span * ease - hand.place[seen], span * speed, hand.jacobian[3:, :][seen, :]
+        if "turns" in P:
+            about = ca.SX(ca.DM(_TURNS[self.dimension]))
+            wanted = ca.mtimes(turned_by(P["turns"], ease), ca.reshape(P["R_i"], 3, 3).T)
+            e = ca.vertcat(e, ca.mtimes(about, rotation_left(wanted, ca.reshape(hand.turned, 3, 3))))
+            v_d = ca.vertcat(v_d, ca.mtimes(about, P["turns"]) * speed)
+            J = ca.vertcat(J, ca.mtimes(about, hand.jacobian[:3, :]))
+        tau = ca.mtimes(J.T, force(e, v_d - ca.mtimes(J, v)))
         moved = solve(ca.mtimes(J, J.T) + SINGULAR**2 * ca.SX.eye(m), ca.mtimes(J, v))
-        assert tau.numel() == a
+        assert tau.numel() == self.structure.n_arm
         return tau - P["null_damping"] * (v - ca.mtimes(J.T, moved))
 
-    def _torque_and_gain(
-        self, now: Instant, weight: ca.SX, hand: tuple[ca.SX, ca.SX] | None
-    ) -> tuple[ca.SX, ca.SX | None]:
+    def _torque_and_gain(self, now: Instant, weight: ca.SX, hand: HandNow | None) -> tuple[ca.SX, ca.SX | None]:
         """The arm's torques (a, 1), and how they brake the arm's speed, `-d tau / d v` (a, a)."""
         a = self.structure.n_arm
         if self.structure.held:
@@ -204,6 +217,12 @@ class ClosedLoop(System):
         va, held = ca.SX.sym("va", a), ca.SX.sym("weight", a)
         tau = self.torque(now.t, now.q, va, held, hand)
         return tuple(ca.substitute([tau, -ca.jacobian(tau, va)], [va, held], [now.v, weight]))  # type: ignore[return-value]
+
+    def _hand_of(self, posture: ArmPosture) -> HandNow:
+        """Where the hand is in a posture, as far as the law is one of it."""
+        oriented = self.structure.hand > self.dimension
+        turned = ca.vec(posture.hand_turned.matrix) if oriented else ca.SX(0, 1)
+        return HandNow(posture.hand, turned, posture.jacobian)
 
     # -----------------------------------------------------------------------------------------------------------------
     # What drives the whip
@@ -218,7 +237,8 @@ class ClosedLoop(System):
         else:
             motion = arm.motion(q, v, gravity, [] if self.held else self._compensated[0])
             if self.structure.hand and not self.held:
-                motion = motion._replace(place=posture.hand)
+                at = self._hand_of(posture)
+                motion = motion._replace(place=at.place, turned=at.turned)
             first = motion.drift + ca.mtimes(motion.jacobian, before)
         moves = ca.mtimes(motion.jacobian, v)
         turned = posture.hand_turned if len(self.hinges) == 1 else posture.hand_turned.settled
@@ -236,7 +256,7 @@ class ClosedLoop(System):
             return self._led(now, motion, carried)
         a, P = self.n_drive, self.parameters
         weight = motion.weight + motion.jacobian[5, :].T * (self._compensated[1] * P["gravity"])
-        hand = (motion.place, motion.jacobian) if self.structure.hand else None
+        hand = HandNow(motion.place, motion.turned, motion.jacobian) if self.structure.hand else None
         tau, gain = self._torque_and_gain(now, weight, hand)
         friction = self._friction
         braked = GAMMA * now.h * friction
@@ -274,7 +294,7 @@ class ClosedLoop(System):
         weights = [*bodies, self._at_hand(load)]
         posture = self.arm.posture(x[:a])
         weight = self.arm.weight(posture, weights, self.parameters["gravity"])
-        hand = (posture.hand, posture.jacobian) if self.structure.hand else None
+        hand = self._hand_of(posture) if self.structure.hand else None
         tau = self.torque(t, x[:a], x[n : n + a], weight, hand)
         return ca.Function("control", [x, t, self.p], [tau], ["x", "t", "p"], ["tau"], {"cse": True})
 

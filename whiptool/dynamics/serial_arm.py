@@ -47,7 +47,8 @@ class ArmMotion(NamedTuple):
 
     Its joints' inertia (a, a) [kg m^2], the torques that its motion without acceleration needs (a, 1) [N m]; the hand's
     motion per unit of the joints' speeds (6, a) and its acceleration without theirs (6, 1), both angular first; the
-    torques that hold its weight (a, 1); and, for a law of the hand's errors, where the hand is (3, 1), else nothing.
+    torques that hold its weight (a, 1); and, for a law of the hand's errors, where the hand is (3, 1) and, as far as
+    that matters, its rotation column by column (9, 1), else nothing.
     """
 
     inertia: ca.SX
@@ -56,9 +57,10 @@ class ArmMotion(NamedTuple):
     drift: ca.SX
     weight: ca.SX
     place: ca.SX = ca.SX(0, 1)
+    turned: ca.SX = ca.SX(0, 1)
 
     def entries(self) -> list[ca.SX]:
-        """Return its a a + 8 a + 6 numbers, and those of the place, as scalars, field by field, each matrix column by
+        """Return its a a + 8 a + 6 numbers, and those of the hand, as scalars, field by field, each matrix column by
         column."""
         return [x for part in self for x in scalars(part)]
 

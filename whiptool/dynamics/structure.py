@@ -145,7 +145,10 @@ class Structure:
     @property
     def strike_layout(self) -> dict[str, int]:
         """Name and size of every block of a strike's numbers, in order; the first is `q_i`."""
-        return hand_layout(self.n_arm, self.hand, led=self.prescribed) if self.hand else joint_layout(self.n_arm)
+        if not self.hand:
+            return joint_layout(self.n_arm)
+        orientation = self.hand > self.dimension
+        return hand_layout(self.n_arm, self.dimension, orientation=orientation, led=self.prescribed)
 
     @property
     def layout(self) -> dict[str, int]:

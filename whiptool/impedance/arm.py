@@ -7,8 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # built outside site-packages
 
+from whiptool.models.inverse_kinematics import HandMotion
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
+
+_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def pinocchio_chain(
@@ -51,13 +54,16 @@ def pinocchio_arm(arm: SpatialArm, gravity: float) -> pin.Model:
         inertia = pin.Inertia(link.mass, np.array(link.com), link.inertia_matrix)
         model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
         _add_frame(model, f"com{i + 1}", parent, np.array(link.com))
-    _add_frame(model, "end", parent, np.array(arm.hand_position))
+    _add_frame(model, "end", parent, np.array(arm.hand_position), np.array(arm.hand_rotation))
     model.armature = arm.per_link("armature")
     return model
 
 
-def _add_frame(model: pin.Model, name: str, joint: int, position: np.ndarray) -> None:
-    model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), position), pin.FrameType.OP_FRAME))
+def _add_frame(
+    model: pin.Model, name: str, joint: int, position: np.ndarray, rotation: np.ndarray | None = None
+) -> None:
+    placement = pin.SE3(np.eye(3) if rotation is None else rotation, position)
+    model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
 
 
 class Arm:
@@ -76,6 +82,7 @@ class Arm:
             links = (arm.per_link(name) for name in ("length", "mass", "com", "inertia"))
             self._model = pinocchio_chain(*links, gravity=model.gravity)
         self._data = self._model.createData()
+        self._axes = np.eye(3) if model.dimension == 3 else _UPRIGHT  # of Pinocchio's in ours
         self._friction = arm.per_link("friction")
         self._frames = [self._model.getFrameId(f"com{i + 1}") for i in range(arm.n)] + [self._model.getFrameId("end")]
         self._gravity = model.gravity
@@ -94,15 +101,14 @@ class Arm:
         jacobians = (pin.getFrameJacobian(self._model, self._data, frame, world) for frame in self._frames)
         return np.array([jacobian.reshape(6, -1)[: self._dimension] for jacobian in jacobians])  # (6,) for one joint
 
-    def hand(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the hand is, (2,) or in space (3,) [m], and its Jacobian (2, n) or (3, n) [m/rad]."""
-        d = self._dimension
+    def hand(self, q: np.ndarray) -> HandMotion:
+        """Return where a posture (n,) holds the hand, in space; a strike plane lies there upright."""
         pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
         pin.updateFramePlacements(self._model, self._data)
-        jacobian = pin.getFrameJacobian(
-            self._model, self._data, self._frames[-1], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
-        return self._data.oMf[self._frames[-1]].translation[:d].copy(), jacobian.reshape(6, -1)[:d]
+        end, world, A = self._frames[-1], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, self._axes
+        pose = self._data.oMf[end]
+        jacobian = pin.getFrameJacobian(self._model, self._data, end, world).reshape(2, 3, -1)
+        return HandMotion(A @ pose.translation, A @ pose.rotation @ A.T, (A @ jacobian).reshape(6, -1))
 
     def gravity_compensation(self, q: np.ndarray, masses: Sequence[float] | None = None) -> np.ndarray:
         """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3).

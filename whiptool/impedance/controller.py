@@ -13,7 +13,8 @@ from whiptool.impedance.hand import SINGULAR, HandControl, hand_space
 from whiptool.impedance.law import Law
 from whiptool.impedance.oiac import oiac_preset
 from whiptool.impedance.position import PositionControl
-from whiptool.models.hand_space import HandPath, HandSpace
+from whiptool.models.hand_path import HandPath
+from whiptool.models.hand_space import HandSpace
 from whiptool.models.joint_space import JointSpace, StrikePath
 from whiptool.models.parameters import ArmParameters, number
 from whiptool.models.spatial_arm import SpatialArm
@@ -174,9 +175,9 @@ class HandControlLoop:
 
     def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Joint torques [N m], shape (n,), at time t [s] for measured `q` [rad] and `v` [rad/s] of shape (n,)."""
-        place, J = self.arm.hand(q)
-        x_d, v_d = self.path.hand(t)
-        e, de = x_d - place, v_d - J @ v
+        hand = self.arm.hand(q)
+        J = self.path.way.kinematics.rows @ hand.jacobian
+        e, de = self.path.errors(t, hand, J @ v)
         K, B = self.controller.law.gains(e, de)
         tau = J.T @ (K @ e + B @ de) + self.arm.gravity_compensation(q, self.controller.compensated)  # Eqs. 2, 3
         _, s, moving = np.linalg.svd(J, full_matrices=False)  # the hand is moved along these rows

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from whiptool.errors import InputError
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.numbers import number
@@ -25,26 +26,31 @@ SINGULAR = 0.02  # [m/rad] below which a direction of the hand counts as one in 
 class HandControl:
     """Control of the hand instead of the joints.
 
-    With J the hand's Jacobian and a law's `F = K e + B de` (Eq. 2) of the hand's errors [m, m/s], the joints' torques
-    are `J^T F` and gravity compensation, and what joints do that does not move the hand is braked by `null_damping`:
-    `-b (1 - J^+ J) v`. Beside position control the joints follow the hand's path exactly.
+    With J the hand's Jacobian and a law's `F = K e + B de` (Eq. 2) of the hand's errors [m, m/s], with orientation also
+    of how far it is turned from its path [rad, rad/s] (see `rotation_left`), the joints' torques are `J^T F` and
+    gravity compensation, and what joints do that does not move the hand is braked by `null_damping`: `-b (1 - J^+ J)
+    v`. Beside position control the joints follow the hand's path exactly.
 
     Args:
         posture: Home posture of the arm [rad or m], near which it holds the hand; default: see `home_posture`.
         null_damping: b [N m s/rad], of every joint; where a law gives torques.
+        orientation: Strikes hold the hand's orientation, too.
 
     Raises:
-        InputError: A number is not finite, or negative.
+        InputError: A number is not finite, or negative, or `orientation` is neither true nor false.
     """
 
     posture: tuple[float, ...] | None = None
     null_damping: float = 1.0
+    orientation: bool = False
 
     def __post_init__(self) -> None:
         if self.posture is not None:
             angles = tuple(number(f"posture[{i}]", x) for i, x in enumerate(self.posture))
             object.__setattr__(self, "posture", angles)
         object.__setattr__(self, "null_damping", number("null_damping", self.null_damping, low=0))
+        if not isinstance(self.orientation, bool):
+            raise InputError("orientation", self.orientation, "true or false")
 
 
 @lru_cache(maxsize=32)
@@ -59,14 +65,15 @@ def hand_space(arm: ArmParameters | SpatialArm, hand: HandControl, *, led: bool)
     Raises:
         InputError: The arm has no such space.
     """
-    return HandSpace(arm, posture=hand.posture, led=led)
+    return HandSpace(arm, posture=hand.posture, orientation=hand.orientation, led=led)
 
 
 def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: float = 3.0) -> ConstantImpedance:
-    """Return the stiffness and damping, alike in all directions, of a hand that nobody has measured [N/m, N s/m].
+    """Return the stiffness and damping of a hand that nobody has measured [N/m, N s/m], alike in all directions.
 
     In the home posture they give the arm and the whip's mass in its hand a natural frequency, and damp it critically,
-    along the direction in which they are the heaviest.
+    in the motion in which they are the heaviest. With orientation those of turns [N m/rad, N m s/rad] are alike about
+    all axes, and as much heavier or lighter as the hand is when it turns.
 
     Args:
         model: Arm and whip.
@@ -75,11 +82,16 @@ def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: 
     """
     from whiptool.impedance.arm import Arm
 
-    kinematics = hand_space(model.arm, hand or HandControl(), led=False).kinematics
+    kinematics, d = hand_space(model.arm, hand or HandControl(), led=False).kinematics, model.dimension
     q = kinematics.posture
     J = kinematics.jacobian(q)
-    mobility = J @ np.linalg.solve(Arm(model).inertia(q), J.T)  # the inverse of the mass that the hand feels
-    mass = 1 / np.linalg.eigvalsh(mobility)[0] + model.whip.mass
+    inertia = np.linalg.inv(J @ np.linalg.solve(Arm(model).inertia(q), J.T))  # that the hand feels
+    inertia[:d, :d] += model.whip.mass * np.eye(d)
+    scale = np.ones(len(J))  # [m] of turns, whose inertia is so brought to that of places
+    if len(J) > d:
+        heaviest, hardest = (np.linalg.eigvalsh(inertia[part, part])[-1] for part in (slice(d), slice(d, None)))
+        scale[d:] = math.sqrt(hardest / heaviest)
+    mass = np.linalg.eigvalsh(inertia / np.outer(scale, scale))[-1] * np.diag(scale**2)
     omega = 2 * math.pi * frequency
-    K, B = mass * omega**2 * np.eye(len(J)), 2 * mass * omega * np.eye(len(J))
+    K, B = mass * omega**2, 2 * mass * omega
     return ConstantImpedance(tuple(map(tuple, K.tolist())), tuple(map(tuple, B.tolist())))

@@ -5,85 +5,65 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from whiptool.errors import InputError
+from whiptool.models.hand_path import DEGREE, NODES, TO_POWERS, TO_SERIES, HandPath
 from whiptool.models.hand_strike import HandStrike
+from whiptool.models.hand_way import HandWay
 from whiptool.models.inverse_kinematics import HandKinematics
 from whiptool.models.numbers import numbers
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
-from whiptool.models.strike import StrikeBounds, default_bounds, eased
+from whiptool.models.strike import StrikeBounds, default_bounds
 
-DEGREE = 12  # of the polynomials that the joints follow along the hand's path
 EXACT = 1e-4  # [m or rad] by which the hand may leave its path between the nodes of these polynomials
-TURNED = 1.0  # [rad] by which searches turn the hand from the home posture's orientation about any axis
+TURNED = 0.25  # [rad] by which searches turn the hand from the home posture's orientation about any axis
 _D, _FAST = (0.4, 1.5), 0.2  # [s], of searches; their shortest where no joint has a limit of speed
 _QUARTER = np.pi / 4
 _SAMPLES = 100  # along each axis, for the bounds
 _EASY = 0.2  # the hand's least speed per unit of the joints' there, in that at home, at least
 
-_NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # of Chebyshev and Lobatto, shares of the path
-_BETWEEN = (_NODES[1:] + _NODES[:-1]) / 2
-_TO_SERIES = np.linalg.inv(chebyshev.chebvander(2 * _NODES - 1, DEGREE))  # of values at the nodes
-_TO_POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, DEGREE - i)) for i, row in enumerate(np.eye(DEGREE + 1))]).T
-_AT_BETWEEN = chebyshev.chebvander(2 * _BETWEEN - 1, DEGREE) @ _TO_SERIES
+_BETWEEN = (NODES[1:] + NODES[:-1]) / 2
+_AT_BETWEEN = chebyshev.chebvander(2 * _BETWEEN - 1, DEGREE) @ TO_SERIES
 
 
-def hand_layout(a: int, m: int, *, led: bool) -> dict[str, int]:
+def hand_layout(a: int, dimension: int, *, orientation: bool, led: bool) -> dict[str, int]:
     """Return name and size of every block of the numbers that rollouts take of a strike of the hand, in order.
+
+    The hand's places at the start and at the end are `x_i` and `x_f`; its rotation at the start, row by row, is `R_i`,
+    and `turns` is the rotation vector from there to the end's, both in space.
 
     Args:
         a: Joints of the arm.
-        m: Coordinates of the hand.
+        dimension: 2 in the plane, 3 in space.
+        orientation: Whether strikes hold the hand's orientation.
         led: Whether the joints follow the hand's path exactly.
     """
-    return {"q_i": a, "path": a * (DEGREE + 1), "D": 1} if led else {"q_i": a, "x_i": m, "x_f": m, "D": 1}
-
-
-class HandPath:
-    """A strike of the hand for its arm: the joints' path that holds the hand on its own.
-
-    Args:
-        strike: Of the hand.
-        nodes: Joint positions (DEGREE + 1, a) where the hand is at the nodes of its path.
-    """
-
-    def __init__(self, strike: HandStrike, nodes: np.ndarray) -> None:
-        self.strike, self.D, self.q_i = strike, strike.D, tuple(map(float, nodes[0]))
-        self._series = [_TO_SERIES @ nodes]
-        for _ in range(2):
-            self._series.append(2 * chebyshev.chebder(self._series[-1], axis=0))  # by the share of the path
-
-    def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Desired positions, velocities and accelerations of the joints at times t [s], each (*t.shape, a)."""
-        s, ds, dds = (np.asarray(x, float)[..., None] for x in eased(np.asarray(t, float), self.D))
-        q, by_s, twice = (np.moveaxis(chebyshev.chebval(2 * s[..., 0] - 1, c), 0, -1) for c in self._series)
-        return q, by_s * ds, twice * ds**2 + by_s * dds
-
-    def hand(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Desired coordinates of the hand and their speeds at times t [s], each (*t.shape, m); Eq. 1."""
-        s, ds, _ = (np.asarray(x, float)[..., None] for x in eased(np.asarray(t, float), self.D))
-        start, span = np.array(self.strike.x_i), np.subtract(self.strike.x_f, self.strike.x_i)
-        return start + s * span, ds * span
+    if led:
+        return {"q_i": a, "path": a * (DEGREE + 1), "D": 1}
+    turned = {"R_i": 9, "turns": 3} if orientation else {}
+    return {"q_i": a, "x_i": dimension, "x_f": dimension, **turned, "D": 1}
 
 
 class _Found(NamedTuple):
-    """Of B strikes: joint positions at the nodes (B, K, a), their derivatives by the hand's coordinates (B, K, a, m),
-    and how far each is from what the arm can do, by reach, by its way, by its joints (B,); 0: not at all."""
+    """Of B strikes: the hand's ways, joint positions at the nodes (B, K, a), their derivatives by the hand's motion
+    there (B, K, a, m), and how far each is from what the arm can do, by reach, by its way, by its joints (B,); 0: not
+    at all."""
 
+    way: HandWay
     nodes: np.ndarray
     slopes: np.ndarray
     reach: np.ndarray
-    way: np.ndarray
+    on_way: np.ndarray
     limits: np.ndarray
 
 
 class HandSpace:
-    """Strikes of an arm's hand: vectors `[x_i, x_f, D]` of 2 m + 1 numbers.
+    """Strikes of an arm's hand: vectors `[x_i, x_f, D]` of 2 m + 1 numbers, places and, on request, orientations.
 
     Of all postures that hold the hand somewhere, the arm takes that nearest to its home posture.
 
@@ -96,8 +76,6 @@ class HandSpace:
     Raises:
         InputError: The posture is of another arm, or the arm has no joints for the hand's coordinates.
     """
-
-    kind: ClassVar[str] = "hand"
 
     def __init__(
         self,
@@ -121,6 +99,11 @@ class HandSpace:
             raise InputError("posture", given, "a posture in which the hand can move in all directions, not a singular")
 
     @property
+    def kind(self) -> str:
+        """`hand`, or with its orientation `pose`."""
+        return "pose" if self.kinematics.orientation else "hand"
+
+    @property
     def size(self) -> int:
         """Number of the hand's coordinates."""
         return self.kinematics.size
@@ -141,7 +124,8 @@ class HandSpace:
     @property
     def layout(self) -> dict[str, int]:
         """Name and size of every block of `numbers`."""
-        return hand_layout(self.arm.n, self.size, led=self.led)
+        orientation = self.kinematics.orientation
+        return hand_layout(self.arm.n, self.arm.dimension, orientation=orientation, led=self.led)
 
     @property
     def bounds(self) -> StrikeBounds:
@@ -179,7 +163,7 @@ class HandSpace:
         """
         found = self._solved(vector[None])
         self._refuse(found, vector[None])
-        return HandPath(self.strike(vector), found.nodes[0])
+        return HandPath(self.strike(vector), found.nodes[0], HandWay(self.kinematics, self._ends(vector)))
 
     def numbers(self, vectors: np.ndarray) -> np.ndarray:
         """Return what rollouts take of strikes (B, 2 m + 1), as `layout` has it.
@@ -187,33 +171,42 @@ class HandSpace:
         Raises:
             InputError: As in `path`.
         """
-        found = self._solved(vectors)
+        found, B, (m, d) = self._solved(vectors), len(vectors), (self.size, self.arm.dimension)
         self._refuse(found, vectors)
-        if not self.led:
-            return np.hstack([found.nodes[:, 0], vectors])
-        return np.hstack([found.nodes[:, 0], self._coefficients(found.nodes), vectors[:, -1:]])
+        if self.led:
+            return np.hstack([found.nodes[:, 0], self._coefficients(found.nodes), vectors[:, -1:]])
+        blocks = [found.nodes[:, 0], vectors[:, :d], vectors[:, m : m + d]]
+        if found.way.start.rotation is not None:
+            blocks += [found.way.start.rotation.reshape(B, 9), found.way.turns]
+        return np.hstack([*blocks, vectors[:, -1:]])
 
     def slopes(self, vectors: np.ndarray) -> np.ndarray:
         """Return the derivatives of `numbers` by the strikes' own, (B, numbers, 2 m + 1)."""
-        found, (B, width), m, a = self._solved(vectors), vectors.shape, self.size, self.arm.n
-        share = _NODES[:, None, None]
-        by_vector = np.zeros((B, DEGREE + 1, a, width))
-        by_vector[..., :m], by_vector[..., m : 2 * m] = (1 - share) * found.slopes, share * found.slopes
-        start = by_vector[:, 0]
-        if not self.led:
-            return np.concatenate([start, np.broadcast_to(np.eye(width), (B, width, width))], axis=1)
-        flat = by_vector.transpose(0, 3, 1, 2).reshape(B * width, DEGREE + 1, a)
-        coefficients = self._coefficients(flat).reshape(B, width, -1).transpose(0, 2, 1)
-        return np.concatenate([start, coefficients, np.broadcast_to(np.eye(width)[-1:], (B, 1, width))], axis=1)
+        found, (B, width), (m, d) = self._solved(vectors), vectors.shape, (self.size, self.arm.dimension)
+        by_vector = np.zeros((B, DEGREE + 1, self.arm.n, width))
+        by_vector[..., : 2 * m] = found.slopes @ found.way.slopes(NODES)
+        blocks, identity = [by_vector[:, 0]], np.broadcast_to(np.eye(width), (B, width, width))
+        if self.led:
+            flat = by_vector.transpose(0, 3, 1, 2).reshape(B * width, DEGREE + 1, self.arm.n)
+            blocks.append(self._coefficients(flat).reshape(B, width, -1).transpose(0, 2, 1))
+        else:
+            blocks += [identity[:, :d], identity[:, m : m + d]]
+        if not self.led and m > d:
+            turned = np.zeros((B, 12, width))
+            of_orientation = np.r_[d:m, m + d : 2 * m]
+            turned[:, :9, of_orientation] = found.way.start_slopes().reshape(B, 9, -1)
+            turned[:, 9:, of_orientation] = found.way.turn_slopes()[1]
+            blocks.append(turned)
+        return np.concatenate([*blocks, identity[:, -1:]], axis=1)
 
     def beyond(self, vectors: np.ndarray) -> np.ndarray:
         """Return how far strikes (B, 2 m + 1) are from what the arm can do, (B,); 0: it can."""
         found = self._solved(vectors)
-        return found.reach + found.way + found.limits
+        return found.reach + found.on_way + found.limits
 
     def _coefficients(self, nodes: np.ndarray) -> np.ndarray:
         """Coefficients of powers of 2 s - 1, s the share of the path, of values at the nodes (B, K, a): (B, K a)."""
-        return (_TO_POWERS @ _TO_SERIES @ nodes).reshape(len(nodes), -1)
+        return (TO_POWERS @ TO_SERIES @ nodes).reshape(len(nodes), -1)
 
     def _solved(self, vectors: np.ndarray) -> _Found:
         """Solve for the joints' paths; those of the vectors that were asked for last are kept."""
@@ -222,29 +215,28 @@ class HandSpace:
             self._last = key, self._solve(vectors)
         return self._last[1]
 
+    def _ends(self, vectors: np.ndarray) -> np.ndarray:
+        """The hand's coordinates at the start and the end of strikes (..., 2 m + 1), (..., 2, m)."""
+        return vectors[..., :-1].reshape(*vectors.shape[:-1], 2, self.size)
+
     def _solve(self, vectors: np.ndarray) -> _Found:
-        m, a, B = self.size, self.arm.n, len(vectors)
-        ends = np.stack([vectors[:, :m], vectors[:, m : 2 * m]], axis=1)  # (B, 2, m)
-        found = self.kinematics.solve(ends)
+        ends = self._ends(vectors)
+        found, way = self.kinematics.solve(ends), HandWay(self.kinematics, ends)
         q_i, q_f = found.q[:, :1], found.q[:, 1:]
-        share = _NODES[:, None]
-        on_way = ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
-        inner = self.kinematics.settle(on_way[:, 1:-1], q_i + share[1:-1] * (q_f - q_i))
+        share = NODES[1:-1]
+        inner = self.kinematics.settle(way.at(share), q_i + share[:, None] * (q_f - q_i))
         nodes = np.concatenate([q_i, inner.q, q_f], axis=1)
         slopes = np.concatenate([found.slopes[:, :1], inner.slopes, found.slopes[:, 1:]], axis=1)
         home = self.kinematics.coordinates(self.kinematics.posture)
         away = np.abs(ends - home).max(axis=2) / self.arm.length
         reach = np.where(np.isfinite(found.missed), 0.0, 1 + away).max(axis=1)
-        off = np.abs(self.kinematics.coordinates(_AT_BETWEEN @ nodes) - self._between(ends)).max(axis=(1, 2))
+        between = self.kinematics.motion(_AT_BETWEEN @ nodes)
+        off = np.abs(self.kinematics.left(between, way.at(_BETWEEN))).max(axis=(1, 2))
         lost = ~(np.isfinite(inner.missed).all(axis=1) & (off <= EXACT))
-        way = np.where(lost & (reach == 0), 1 + np.minimum(off, 1.0), 0.0)
-        limits = np.where(reach + way == 0, np.maximum(self._beyond_limits(nodes).max(axis=1), 0.0), 0.0)
-        assert nodes.shape == (B, DEGREE + 1, a)
-        return _Found(nodes, slopes, reach, way, limits)
-
-    def _between(self, ends: np.ndarray) -> np.ndarray:
-        """Coordinates (B, K - 1, m) between the nodes of the path."""
-        return ends[:, :1] + _BETWEEN[:, None] * (ends[:, 1:] - ends[:, :1])
+        on_way = np.where(lost & (reach == 0), 1 + np.minimum(off, 1.0), 0.0)
+        limits = np.where(reach + on_way == 0, np.maximum(self._beyond_limits(nodes).max(axis=1), 0.0), 0.0)
+        assert nodes.shape == (len(vectors), DEGREE + 1, self.arm.n)
+        return _Found(way, nodes, slopes, reach, on_way, limits)
 
     def _beyond_limits(self, q: np.ndarray) -> np.ndarray:
         """How far postures (..., a) are beyond the joints' limits, in parts of half their ranges (...)."""
@@ -256,14 +248,14 @@ class HandSpace:
         Raises:
             InputError: There is one.
         """
-        refused = np.flatnonzero(found.reach + found.way + found.limits > 0)
+        refused = np.flatnonzero(found.reach + found.on_way + found.limits > 0)
         if not len(refused):
             return
         i = int(refused[0])
         given = ", ".join(f"{x:.4g}" for x in vectors[i])
         if found.reach[i] > 0:
             rule = "places that the hand reaches, on the straight line from where the home posture holds it"
-        elif found.way[i] > 0:
+        elif found.on_way[i] > 0:
             rule = "a straight way of the hand within its reach, that passes no singular posture"
         else:
             worst = np.unravel_index(self._per_joint(found.nodes[i]).argmax(), found.nodes[i].shape)

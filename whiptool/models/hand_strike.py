@@ -33,7 +33,7 @@ class HandStrike:
         for name in ("x_i", "x_f"):
             values = tuple(float(x) for x in getattr(self, name))
             if not values or not all(map(math.isfinite, values)):
-                raise InputError(name, values, "finite coordinates of the hand in m")
+                raise InputError(name, values, "finite coordinates of the hand in m, turns in rad")
             object.__setattr__(self, name, values)
         if len(self.x_i) != len(self.x_f):
             raise InputError("x_f", self.x_f, f"{len(self.x_i)} coordinates, as many as x_i")

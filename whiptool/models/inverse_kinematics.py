@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from whiptool.models.parameters import ArmParameters
+from whiptool.models.rotations import rotation_of, rotation_vector, turning
 from whiptool.models.spatial_arm import SpatialArm, SpatialLink, in_space
 
 STEPS = 8  # of the way from the given posture's pose
@@ -32,9 +33,16 @@ class HandMotion(NamedTuple):
     jacobian: np.ndarray
 
 
+class HandPose(NamedTuple):
+    """Where the hand is to be: place (..., 3) [m] and rotation (..., 3, 3), None where it may be any."""
+
+    place: np.ndarray
+    rotation: np.ndarray | None
+
+
 class Postures(NamedTuple):
-    """Postures that were looked for: joint positions (..., a), their derivatives by the hand's pose (..., a, m), and
-    how far the hand is from there [m or rad] (...,); infinite where no posture was found."""
+    """Postures that were looked for: joint positions (..., a), their derivatives by the hand's motion, its velocity and
+    angular velocity (..., a, m), and how far it is from there [m or rad] (...,); infinite where none was found."""
 
     q: np.ndarray
     slopes: np.ndarray
@@ -68,6 +76,10 @@ class HandKinematics:
         arm: In the plane or in space.
         posture: The given posture [rad or m], (a,).
         orientation: Whether the coordinates hold the hand's orientation.
+
+    Attributes:
+        rows: Of the hand's velocity and angular velocity in space (6,), those of its coordinates, (m, 6).
+        upright: The hand's rotation in the given posture, (3, 3).
     """
 
     def __init__(self, arm: ArmParameters | SpatialArm, posture: np.ndarray, *, orientation: bool = False) -> None:
@@ -79,13 +91,13 @@ class HandKinematics:
             rows = np.array([[1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, -1, 0]], float)
         else:
             rows = np.eye(6)
-        self._rows = rows if orientation else rows[: arm.dimension]
+        self.rows = rows if orientation else rows[: arm.dimension]
         self.upright = self.motion(self.posture).rotation
 
     @property
     def size(self) -> int:
         """Number of coordinates."""
-        return len(self._rows)
+        return len(self.rows)
 
     def motion(self, q: np.ndarray) -> HandMotion:
         """Return where postures (..., a) hold the hand."""
@@ -117,28 +129,28 @@ class HandKinematics:
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Return the hand's velocity, and angular velocity, per unit of the joints' speeds (..., m, a)."""
-        return self._rows @ self.motion(q).jacobian
+        return self.rows @ self.motion(q).jacobian
 
-    def _left(self, at: HandMotion, places: np.ndarray, rotations: np.ndarray | None) -> np.ndarray:
-        """How far the hand is from poses (..., m): the displacement and the rotation vector that are left."""
-        left = places - at.position
-        if rotations is not None:
-            turn = rotation_vector(rotations @ np.swapaxes(at.rotation, -1, -2))
+    def left(self, at: HandMotion, pose: HandPose) -> np.ndarray:
+        """Return how far the hand is from poses (..., m): the displacement and the rotation vector that are left."""
+        left = pose.place - at.position
+        if pose.rotation is not None:
+            turn = rotation_vector(pose.rotation @ np.swapaxes(at.rotation, -1, -2))
             left = np.concatenate([left, turn], axis=-1)
         else:
             left = np.concatenate([left, np.zeros_like(left)], axis=-1)
-        return left @ self._rows.T
+        return left @ self.rows.T
 
-    def poses(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return places (..., 3) and rotations (..., 3, 3), None without orientation, of coordinates (..., m)."""
+    def poses(self, x: np.ndarray) -> HandPose:
+        """Return where coordinates (..., m) have the hand; any rotation without orientation."""
         d = self.dimension
         places = x[..., :3] if d == 3 else np.stack([x[..., 0], np.zeros_like(x[..., 0]), x[..., 1]], axis=-1)
         if not self.orientation:
-            return places, None
+            return HandPose(places, None)
         turned = x[..., 3:]
         if d == 2:
             turned = np.stack([np.zeros_like(x[..., 2]), -x[..., 2], np.zeros_like(x[..., 2])], axis=-1)
-        return places, rotation_of(turned) @ self.upright
+        return HandPose(places, rotation_of(turned) @ self.upright)
 
     def solve(self, x: np.ndarray) -> Postures:
         """Return the postures that hold the hand at coordinates (..., m)."""
@@ -147,27 +159,26 @@ class HandKinematics:
         for share in np.arange(1, STEPS) / STEPS:
             pose = self.poses(start + share * (x - start))
             for _ in range(NEWTON):
-                q, multipliers, *_ = self._improved(q, multipliers, *pose)
-        return self.settle(x, q, multipliers)
+                q, multipliers, *_ = self._improved(q, multipliers, pose)
+        return self.settle(self.poses(x), q, multipliers)
 
-    def settle(self, x: np.ndarray, q: np.ndarray, multipliers: np.ndarray | None = None) -> Postures:
-        """Return the postures near q (..., a) that hold the hand at coordinates (..., m)."""
-        pose = self.poses(x)
+    def settle(self, pose: HandPose, q: np.ndarray, multipliers: np.ndarray | None = None) -> Postures:
+        """Return the postures near q (..., a) that hold the hand at poses."""
         held = self._multipliers(q) if multipliers is None else multipliers
         slopes, missed = np.empty((*q.shape, self.size)), np.full(q.shape[:-1], np.inf)
         for _ in range(AT_END):
-            q, held, left, moved, slopes = self._improved(q, held, *pose)
+            q, held, left, moved, slopes = self._improved(q, held, pose)
             missed = np.where((moved < FOUND) & (left < REACHED), left, np.inf)
             if (moved < FOUND).all():
                 break
-        return Postures(q, slopes @ self.spins(x), missed)
+        return Postures(q, slopes, missed)
 
     def spins(self, x: np.ndarray) -> np.ndarray:
         """Return the hand's velocity and angular velocity per unit of its coordinates' speeds, at x (..., m), (..., m,
         m)."""
         found = np.broadcast_to(np.eye(self.size), (*x.shape, self.size)).copy()
         if self.size == 6:
-            found[..., 3:, 3:] = _turning(x[..., 3:])
+            found[..., 3:, 3:] = turning(x[..., 3:])
         return found
 
     def _multipliers(self, q: np.ndarray) -> np.ndarray:
@@ -175,14 +186,14 @@ class HandKinematics:
         return np.einsum("...ji,...j->...i", np.linalg.pinv(self.jacobian(q)), q - self.posture)
 
     def _improved(
-        self, q: np.ndarray, multipliers: np.ndarray, places: np.ndarray, rotations: np.ndarray | None
+        self, q: np.ndarray, multipliers: np.ndarray, pose: HandPose
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """One of Newton's iterations: joint positions, multipliers, what was left of the pose, how far the joints
-        moved, and the postures' derivatives by the pose."""
+        moved, and the postures' derivatives by the hand's motion."""
         at, a, m = self.motion(q), len(self.posture), self.size
-        J, left = self._rows @ at.jacobian, self._left(at, places, rotations)
+        J, left = self.rows @ at.jacobian, self.left(at, pose)
         matrix = np.zeros((*q.shape[:-1], a + m, a + m))
-        weighed = np.einsum("...m,mr->...r", multipliers, self._rows)
+        weighed = np.einsum("...m,mr->...r", multipliers, self.rows)
         matrix[..., :a, :a] = np.eye(a) - self._curvature(at.jacobian, weighed)
         matrix[..., :a, a:], matrix[..., a:, :a] = -np.swapaxes(J, -1, -2), J
         matrix[..., a:, a:] = _DAMPING * np.eye(m)
@@ -219,28 +230,3 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross products of vectors (..., 3); `np.cross` is slower."""
     x, y, z = (a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in ((1, 2), (2, 0), (0, 1)))
     return np.stack([x, y, z], axis=-1)
-
-
-def rotation_vector(R: np.ndarray) -> np.ndarray:
-    """Return the rotation vectors (..., 3) [rad] of rotations (..., 3, 3), no longer than pi."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:-2], 3)
-
-
-def rotation_of(vector: np.ndarray) -> np.ndarray:
-    """Return the rotations (..., 3, 3) of rotation vectors (..., 3) [rad]."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix().reshape(*vector.shape[:-1], 3, 3)
-
-
-def _turning(vector: np.ndarray) -> np.ndarray:
-    """Return the angular velocities per unit of a rotation vector's speeds (..., 3, 3): the left Jacobian of SO(3)."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    K = np.cross(np.eye(3), vector[..., None, :])  # K x = vector cross x
-    small = angle < 1e-4
-    safe = np.where(small, 1.0, angle)
-    first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
-    second = np.where(small, 1 / 6, (safe - np.sin(safe)) / safe**3)
-    return np.eye(3) + first * K + second * K @ K

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -35,13 +35,12 @@ class StrikePath(Protocol):
 
 
 class StrikeSpace(Protocol):
-    """What strikes are told by: the joints (`JointSpace`) or the hand (`HandSpace`).
+    """What strikes are told by: the joints (`JointSpace`) or the hand (`HandSpace`)."""
 
-    Args:
-        kind: `joint` or `hand`.
-    """
-
-    kind: ClassVar[str]
+    @property
+    def kind(self) -> str:
+        """`joint`, `hand`, or `pose`: the hand's place, and with its orientation."""
+        ...
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,10 +90,13 @@ class JointSpace:
         arm: Of a joints.
     """
 
-    kind: ClassVar[str] = "joint"
-
     def __init__(self, arm: ArmParameters | SpatialArm) -> None:
         self.arm = arm
+
+    @property
+    def kind(self) -> str:
+        """`joint`."""
+        return "joint"
 
     @property
     def names(self) -> tuple[str, ...]:

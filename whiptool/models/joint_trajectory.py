@@ -1,4 +1,7 @@
-"""Joint trajectories for robots: a strike with a way to its start and a rest before it, as CSV or as a ROS 2 goal."""
+"""Joint trajectories for robots: a strike with a way to its start and a rest before it, as CSV or as a ROS 2 goal.
+
+Of a strike of the hand they hold the hand's poses, too.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.command_limits import LARGEST_ACCELERATION, LARGEST_JERK
+from whiptool.models.hand_path import HandPath, hand_poses
 from whiptool.models.joint_space import StrikePath
 from whiptool.models.numbers import number, numbers
 from whiptool.models.spatial_arm import JointLimits
@@ -24,6 +29,8 @@ REST = 3.0  # [s] in which the whip comes to hang still
 GENTLE = 0.2  # share of the joints' limits that the way to the start uses
 SPEED, ACCELERATION = 1.0, 2.0  # [rad/s or m/s], [rad/s2 or m/s2] of the way to the start at most
 _QUANTITIES = ("position", "velocity", "acceleration")
+_POSE = tuple(f"hand_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))  # columns
+_UNIT = 1e-6  # by which the length of a quaternion may differ from 1
 _ROUNDING = 1e-9  # by which a sample may be beyond a limit
 
 
@@ -35,9 +42,11 @@ class JointTrajectory:
         joints: Names.
         t: Times [s], (T,), from 0, increasing.
         q, v, a: Positions [rad or m], velocities and accelerations, (T, n) each.
+        hand: Where that holds the hand, see `hand_poses`, (T, 7); None: not told.
 
     Raises:
-        InputError: Shapes do not match, a value is not finite, or times do not increase from 0.
+        InputError: Shapes do not match, a value is not finite, a quaternion is not of unit length, or times do not
+            increase from 0.
     """
 
     joints: tuple[str, ...]
@@ -45,13 +54,17 @@ class JointTrajectory:
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    hand: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        shape = (len(self.t), len(self.joints))
-        for name in ("q", "v", "a"):
+        T, n = len(self.t), len(self.joints)
+        shapes = {"q": (T, n), "v": (T, n), "a": (T, n)} | ({} if self.hand is None else {"hand": (T, len(_POSE))})
+        for name, shape in shapes.items():
             values = getattr(self, name)
             if values.shape != shape or not np.isfinite(values).all():
                 raise InputError(f"trajectory's {name}", values.shape, f"finite numbers of the shape {shape}")
+        if self.hand is not None and (np.abs(np.linalg.norm(self.hand[:, 3:], axis=1) - 1) > _UNIT).any():
+            raise InputError("trajectory's quaternions", "one of another length", "unit quaternions of the hand")
         if len(self.t) < 2 or self.t[0] != 0 or not (np.diff(self.t) > 0).all():
             raise InputError("trajectory's times", self.t[:3].tolist(), "two instants or more, increasing from 0")
 
@@ -95,7 +108,8 @@ class JointTrajectory:
         parts.append(strike.reference(_instants(strike.D, step)))
         parts.append(strike.reference(np.full(_samples(number("t_stay", t_stay, low=0), step) + 1, np.inf)))
         q, v, a = (np.concatenate(x) for x in zip(*parts, strict=True))
-        return cls(tuple(joints), np.arange(len(q)) * step, q, v, a)
+        hand = hand_poses(strike.way.kinematics, q) if isinstance(strike, HandPath) else None
+        return cls(tuple(joints), np.arange(len(q)) * step, q, v, a, hand)
 
     @property
     def strike_begins(self) -> float:
@@ -139,11 +153,13 @@ class JointTrajectory:
         return said
 
     def save_csv(self, path: Path) -> None:
-        """Write a CSV file at full precision: `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`."""
+        """Write a CSV file at full precision: `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`,
+        and, where they are told, the hand's poses, `hand_x` to `hand_qw`."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_header(self.joints))
-        for row in np.column_stack([self.t, self.q, self.v, self.a]).tolist():
+        poses = np.empty((len(self.t), 0)) if self.hand is None else self.hand
+        writer.writerow(_header(self.joints) + list(_POSE[: poses.shape[1]]))
+        for row in np.column_stack([self.t, self.q, self.v, self.a, poses]).tolist():
             writer.writerow(map(repr, row))
         write_whole(path, text.getvalue())
 
@@ -160,23 +176,34 @@ class JointTrajectory:
         except (OSError, ValueError, UnicodeDecodeError) as error:
             raise InputError("trajectory", str(path), f"a CSV file of numbers with a header ({error})"[:200]) from None
         names = [name.removeprefix("position_") for name in header if name.startswith("position_")]
-        if header != _header(names) or values.ndim != 2 or values.shape[1] != len(header):
+        with_hand = header[-len(_POSE) :] == list(_POSE)
+        if header != _header(names) + list(_POSE) * with_hand or values.ndim != 2 or values.shape[1] != len(header):
             raise InputError(
                 "trajectory", str(path), "the columns time, position_JOINT ..., velocity_..., acceleration_..."
             )
-        q, v, a = np.split(values[:, 1:], 3, axis=1)
-        return cls(tuple(names), values[:, 0], q, v, a)
+        q, v, a = np.split(values[:, 1 : 1 + 3 * len(names)], 3, axis=1)
+        return cls(tuple(names), values[:, 0], q, v, a, values[:, -len(_POSE) :] if with_hand else None)
 
     def save_goal(self, path: Path) -> None:
         """Write the goal of a ROS 2 `FollowJointTrajectory` action as YAML, with the fields of `trajectory_msgs`."""
-        import yaml
-
         points = [
             {"positions": q, "velocities": v, "accelerations": a, "time_from_start": _duration(t)}
             for t, q, v, a in zip(self.t, self.q.tolist(), self.v.tolist(), self.a.tolist(), strict=True)
         ]
-        goal = {"trajectory": {"joint_names": list(self.joints), "points": points}}
-        write_whole(path, yaml.safe_dump(goal, sort_keys=False, default_flow_style=None, width=10_000))
+        _write_yaml({"trajectory": {"joint_names": list(self.joints), "points": points}}, path)
+
+    def save_hand(self, path: Path) -> None:
+        """Write the hand's poses as YAML, with the fields of a ROS 2 message `trajectory_msgs/MultiDOFJointTrajectory`.
+
+        They are no part of the goal of `save_goal`: there such a trajectory is one of floating joints.
+        """
+        assert self.hand is not None
+        points = []
+        for t, pose in zip(self.t, self.hand.tolist(), strict=True):
+            transform = {"translation": dict(zip("xyz", pose[:3], strict=True)),
+                         "rotation": dict(zip("xyzw", pose[3:], strict=True))}  # fmt: skip
+            points.append({"transforms": [transform], "time_from_start": _duration(t)})
+        _write_yaml({"joint_names": ["hand"], "points": points}, path)
 
 
 def lead_in_time(start: np.ndarray, end: np.ndarray, limits: Sequence[JointLimits] = ()) -> float:
@@ -209,6 +236,12 @@ def _instants(duration: float, step: float) -> np.ndarray:
 
 def _header(joints: Sequence[str]) -> list[str]:
     return ["time", *(f"{quantity}_{joint}" for quantity in _QUANTITIES for joint in joints)]
+
+
+def _write_yaml(content: dict[str, Any], path: Path) -> None:
+    import yaml
+
+    write_whole(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=10_000))
 
 
 def _duration(t: float) -> dict[str, int]:

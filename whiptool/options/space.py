@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+import numpy as np
+
 from whiptool.errors import InputError
 from whiptool.options.base import refuse_idle
 from whiptool.options.controller import SimulatedControllerOptions
@@ -14,7 +16,8 @@ if TYPE_CHECKING:
     from whiptool.impedance.hand import HandControl
     from whiptool.models.parameters import Model
 
-Space = Literal["joint", "hand"]
+_GAINS = ("stiffness", "damping", "turn_stiffness", "turn_damping")
+Space = Literal["joint", "hand", "pose"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +27,9 @@ class SpaceOptions(SimulatedControllerOptions):
     takes_hand: ClassVar[bool] = True
 
     space: Space = "joint"
-    """What a strike is told by: where the joints begin and end, or where the hand does. In hand space the law is one of
-    the hand's errors [m, m/s], and with --controller position the joints follow the hand's path exactly."""
+    """What a strike is told by: where the joints begin and end, or where the hand does; pose: and how it is turned, of
+    an arm with joints for it. In hand space the law is one of the hand's errors [m, m/s; rad, rad/s], and with
+    --controller position the joints follow the hand's path exactly."""
     home: tuple[float, ...] | None = None
     """Home posture in hand space, near which the arm holds its hand [rad]; default: one in which it moves easily."""
     null_damping: float = 1.0
@@ -35,15 +39,20 @@ class SpaceOptions(SimulatedControllerOptions):
     critically."""
     damping: float | None = None
     """Likewise its damping [N s/m]."""
+    turn_stiffness: float | None = None
+    """Of the hand about all axes, with --space pose [N m/rad]; default: likewise."""
+    turn_damping: float | None = None
+    """Likewise its damping [N m s/rad]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.parameters import number
 
-        names = ("home", "null_damping", "stiffness", "damping")
         if self.space == "joint":
-            refuse_idle(self, dict.fromkeys(names, "nothing without --space hand"))
-        for name in ("null_damping", "stiffness", "damping"):
+            refuse_idle(self, dict.fromkeys(("home", "null_damping", *_GAINS), "nothing without --space hand"))
+        if self.space == "hand":
+            refuse_idle(self, dict.fromkeys(_GAINS[2:], "nothing without --space pose"))
+        for name in ("null_damping", *_GAINS):
             if getattr(self, name) is not None:
                 number("--" + name.replace("_", "-"), getattr(self, name), low=0)
         super().check()
@@ -68,29 +77,34 @@ class SpaceOptions(SimulatedControllerOptions):
         from whiptool.impedance.hand import HandControl
 
         try:
-            return HandControl(posture=self.home, null_damping=self.null_damping)
+            return HandControl(self.home, self.null_damping, orientation=self.space == "pose")
         except InputError as error:
             raise error.renamed("--home" if "posture" in error.name else "--null-damping") from None
 
     def _named_law(self):
         if self.space == "joint" or self.law_or_file != "constant":
-            for name in ("stiffness", "damping"):
+            for name in _GAINS:
                 if getattr(self, name) is not None:
-                    raise InputError("--" + name, getattr(self, name), "nothing without --controller constant")
+                    rule = "nothing without --controller constant"
+                    raise InputError("--" + name.replace("_", "-"), getattr(self, name), rule)
             return super()._named_law()
         if self.preset is not None:
-            raise InputError("--preset", self.preset, "nothing beside --space hand; give --stiffness and --damping")
+            raise InputError(
+                "--preset", self.preset, f"nothing beside --space {self.space}; give --stiffness and --damping"
+            )
         from whiptool.impedance import ConstantImpedance
         from whiptool.impedance.hand import hand_impedance
 
-        usual = hand_impedance(self._model(), self._hand())
-        gains = ((given, usual_one) for given, usual_one in ((self.stiffness, usual.K), (self.damping, usual.B)))
-        K, B = (matrix if given is None else _diagonal(given, len(matrix)) for given, matrix in gains)
-        return ConstantImpedance(K, B)
+        model = self._model()
+        usual, d = hand_impedance(model, self._hand()), model.dimension
+        K, B = np.diag(usual.K).copy(), np.diag(usual.B).copy()
+        for gains, of_place, of_turn in (
+            (K, self.stiffness, self.turn_stiffness),
+            (B, self.damping, self.turn_damping),
+        ):
+            gains[:d] = gains[:d] if of_place is None else of_place
+            gains[d:] = gains[d:] if of_turn is None else of_turn
+        return ConstantImpedance(*(tuple(map(tuple, np.diag(gains).tolist())) for gains in (K, B)))
 
     def _model(self) -> Model:
         return self.build_model()  # type: ignore[attr-defined]  # every command with a space has a model
-
-
-def _diagonal(value: float, m: int) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(value if i == j else 0.0 for j in range(m)) for i in range(m))

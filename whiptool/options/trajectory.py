@@ -28,7 +28,8 @@ class TrajectoryOptions(OptionGroup):
 
     export_trajectory: Path | None = None
     """Write the strike's joint positions, velocities and accelerations for a robot: as FILE.csv, or as the goal of a
-    ROS 2 FollowJointTrajectory action, FILE.yaml."""
+    ROS 2 FollowJointTrajectory action, FILE.yaml. Of a strike of the hand also the hand's poses, in further columns, or
+    as FILE-hand.yaml."""
     trajectory_rate: float = 500.0
     """Samples a second of that file."""
     posture: tuple[float, ...] | None = None
@@ -95,16 +96,22 @@ class TrajectoryOptions(OptionGroup):
         if words is not None and self.export_trajectory is not None:
             raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {words}")
 
-    def write_trajectory(self, trajectory: JointTrajectory) -> None:
-        """Write a trajectory to the file that the options name.
+    def write_trajectory(self, trajectory: JointTrajectory) -> list[Path]:
+        """Write a trajectory to the file that the options name, and the hand's poses that are no part of that beside
+        it; return the files.
 
         Raises:
-            InputError: The file cannot be written.
+            InputError: A file cannot be written.
         """
         path = self.export_trajectory
         assert path is not None
+        writers = {path: _WRITERS[path.suffix]}
+        if trajectory.hand is not None and path.suffix != ".csv":
+            writers[path.with_stem(f"{path.stem}-hand")] = "save_hand"
         try:
-            getattr(trajectory, _WRITERS[path.suffix])(path)
+            for file, writer in writers.items():
+                getattr(trajectory, writer)(file)
+            return list(writers)
         except OSError as error:
             rule = f"a file that can be written ({error.strerror})"
             raise InputError("--export-trajectory", str(path), rule) from None

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from whiptool.models.hand_space import HandPath, HandSpace
+from whiptool.models.hand_path import HandPath
+from whiptool.models.hand_space import HandSpace
 from whiptool.models.kinematics import chain_motion, joint_points
 from whiptool.models.parameters import Model
 from whiptool.rollout.closest import closest_on_segments
@@ -197,7 +198,8 @@ def _hand_gains(
     controller: Controller, path: HandPath, space: HandSpace, t: np.ndarray, q: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stiffness and damping (T, a, a) that an arm's joints (T, a) feel of a law of the hand's errors."""
-    J, (x_d, v_d) = space.kinematics.jacobian(q), path.hand(t)
-    K, B = controller.law.gains(x_d - space.kinematics.coordinates(q), v_d - np.einsum("tmj,tj->tm", J, v))
+    hand = space.kinematics.motion(q)
+    J = space.kinematics.rows @ hand.jacobian
+    K, B = controller.law.gains(*path.errors(t, hand, np.einsum("tmj,tj->tm", J, v)))
     back = np.swapaxes(J, 1, 2)
     return back @ K @ J, back @ B @ J

@@ -1,14 +1,14 @@
 """The paper's figures and tables, one function each: from a context to the sections of a report.
 
-A further one is added to `PARTS`, and, if it does not take hours of its own, to `ALL`. `nah2023` is another paper, and
-`aim` another task, each with a model of its own.
+A further one is added to `PARTS`, and, if it does not take hours of its own, to `ALL`. `nah2023` is another paper,
+`aim` and `spaces` are other tasks, each with models of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from whiptool.studies.reproduction import adapt, aim, fig5, fig6, fig7, hard, nah2023, sim2real, table4
+from whiptool.studies.reproduction import adapt, aim, fig5, fig6, fig7, hard, nah2023, sim2real, spaces, table4
 from whiptool.studies.reproduction.context import Context
 from whiptool.viz.report import Section
 
@@ -24,5 +24,6 @@ PARTS: dict[str, Callable[[Context], list[Section]]] = {
     "adapt": adapt.sections,
     "nah2023": nah2023.sections,
     "aim": aim.sections,
+    "spaces": spaces.sections,
 }
 ALL = ("fig5", "fig6", "fig7", "table4", "hard", "sim2real")
