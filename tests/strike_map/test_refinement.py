@@ -66,7 +66,7 @@ def test_where_derivatives_are_useless_exact_ones_are_taken():
 def test_no_strike_comes_out_worse_and_finished_ones_are_left_alone():
     striker = CurvedStriker(3.0)
     first = starts(striker, 30, 0.4)
-    before = striker.strike(striker.admissible(first), goals(30)).cost
+    before = striker.land(striker.admissible(first), goals(30)).cost
     found = refine(striker, goals(30), first)  # type: ignore[arg-type]
     assert (found.struck.cost <= before + 1e-15).all()
     again = refine(striker, goals(30), found.strikes)  # type: ignore[arg-type]
