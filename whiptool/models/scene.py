@@ -149,25 +149,35 @@ class Scene:
             )
             starts += list(np.moveaxis(nodes[:, :-1], 1, 0))
             ends += list(np.moveaxis(nodes[:, 1:], 1, 0))
-        return np.stack(starts, axis=1), np.stack(ends, axis=1)
+        none = np.empty((len(q), 0, 3))
+        return (np.stack(starts, axis=1), np.stack(ends, axis=1)) if starts else (none, none)
 
     def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
         """Return where two bodies come nearest over successive states q, (T, n); None: nothing is compared.
-
-        States that no motion could bring nearer than the nearest so far are not looked at.
 
         Args:
             q: Joint positions, (T, n), of an arm alone (T, a).
             enough: Clearance from which it does not matter how large it is [m]: then that of some state is returned.
         """
+        return self.nearest_of(*self.segments(q), enough=enough)
+
+    def nearest_of(self, starts: np.ndarray, ends: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
+        """Return the same of bodies whose ends are known.
+
+        States that no motion could bring nearer than the nearest so far are not looked at.
+
+        Args:
+            starts, ends: Of the bodies [m], (T, bodies, 3) each; others may follow, as a whip's do on an arm's.
+            enough: See `nearest`.
+        """
         if not self.pairs:
             return None
-        starts, ends = self.segments(q)
+        starts, ends = starts[:, : len(self.bodies)], ends[:, : len(self.bodies)]
         placed = _placements(starts, ends)
         travel = self._travel(starts, ends)
-        first = (self._at(k, placed) for k in np.linspace(0, len(q) - 1, min(len(q), 16)).astype(int))
+        first = (self._at(k, placed) for k in np.linspace(0, len(placed) - 1, min(len(placed), 16)).astype(int))
         best, k = min(first, key=lambda x: x.clearance), 0
-        while k < len(q):
+        while k < len(placed):
             here = self._at(k, placed)
             best = min(best, here, key=lambda x: x.clearance)
             spare = here.clearance - min(best.clearance, enough)
