@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from planar_map import POINTS, random_strikes, striker
 from short_strikes import ShortStrikes
 
+pytest.importorskip("torch")
+
+from whiptool.strike_map import Building, MapPlan
 from whiptool.strike_map.harvest import Harvest
 from whiptool.strike_map.refinement import refine
 
@@ -35,6 +39,16 @@ def test_answers_are_of_strikes_that_keep_them():
     assert len(found) > 30
     assert found.strikes[:, -1].max() <= LONGEST - short.t_stay + 1e-3
     assert free.strikes[:, -1].max() > LONGEST
+
+
+def test_a_gate_is_trained_without_judging_whole_strikes():
+    limit = ShortStrikes(LONGEST)
+    building = Building(striker(limit), POINTS, MapPlan(gate_strikes=60, per_goal=6), seed=0)
+    rng = np.random.default_rng(0)
+    answers = Harvest(striker(), POINTS, rng).pick(random_strikes(building.striker, 300), room=1)
+    gate = building.gate(answers)
+    assert limit.judged == 0
+    assert np.isfinite(gate.odds(np.zeros((1, len(gate.mean)))))
 
 
 def test_refinement_goes_its_way_and_is_judged_at_its_end():
