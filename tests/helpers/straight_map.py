@@ -39,7 +39,11 @@ class CurvedStriker:
         away = (strikes - self.centre) @ self.linear.T
         return away + self.curvature * away**2
 
-    def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
+    def judged(self, strikes: np.ndarray, landings: Landings) -> Landings:
+        """The landings: nothing is judged of whole strikes."""
+        return landings
+
+    def land(self, strikes: np.ndarray, goals: Goals) -> Landings:
         """What the strikes come to."""
         self.rolled += len(strikes)
         left = self.residuals(strikes)

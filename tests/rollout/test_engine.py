@@ -270,6 +270,11 @@ def test_tip_paths_and_their_derivatives(name):
         np.testing.assert_allclose(samples[inside], exact, atol=2e-4)
     _, plain, _ = rollout.tip_path(strikes, t_stay=0.3, rate=60.0)
     np.testing.assert_allclose(plain, path, atol=1e-9)
+    alone = rollout.approach(strikes, np.zeros(2), t_stay=0.3)
+    near, again = rollout.peaks_and_path(strikes, t_stay=0.3, rate=60.0)
+    np.testing.assert_array_equal(again, plain)
+    for field in dataclasses.fields(alone):
+        np.testing.assert_array_equal(getattr(near, field.name), getattr(alone, field.name))
     for k, (parameter, size) in enumerate(zip(names, (1e-6, 1e-6, 1e-6, 1e-8), strict=True)):
         sides = []
         for sign in (1, -1):

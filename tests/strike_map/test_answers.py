@@ -38,7 +38,7 @@ def test_derivatives_by_the_strike_against_differences_at_the_same_instant(made)
         moved = [strikes.copy() for _ in range(2)]
         for sign, some in zip((1, -1), moved, strict=True):
             some[:, j] += sign * STEP
-        (up, up_velocity), (down, down_velocity) = (paths_of(one, some) for some in moved)
+        (_, up, up_velocity), (_, down, down_velocity) = (paths_of(one, some) for some in moved)
         by_tip = (up - down)[which, when] / (2 * STEP)
         by_velocity = (up_velocity - down_velocity)[which, when] / (2 * STEP)
         scale = np.abs(by_tip).max()
@@ -48,8 +48,9 @@ def test_derivatives_by_the_strike_against_differences_at_the_same_instant(made)
 
 def test_the_last_column_is_the_motion_along_the_path(made):
     one, strikes, which, when, found = made
-    paths, velocities = paths_of(one, strikes)
+    kept, paths, velocities = paths_of(one, strikes)
     ahead, behind = (velocities[which, when + step] for step in (1, -1))
+    np.testing.assert_array_equal(kept, np.arange(len(strikes)))
     np.testing.assert_allclose(found.tip_slopes[:, :, -1], velocities[which, when])
     acceleration = (ahead - behind) * RATE / 2  # of velocities, over twice as far as the answers' own differences
     error = np.abs(found.velocity_slopes[:, :, -1] - acceleration)

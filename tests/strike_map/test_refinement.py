@@ -8,6 +8,7 @@ from straight_map import CurvedStriker
 
 from whiptool.goals import Goals
 from whiptool.strike_map.refinement import TOLERANCE, refine
+from whiptool.strike_map.striker import Landings
 
 
 def goals(count: int) -> Goals:
@@ -66,13 +67,59 @@ def test_where_derivatives_are_useless_exact_ones_are_taken():
 def test_no_strike_comes_out_worse_and_finished_ones_are_left_alone():
     striker = CurvedStriker(3.0)
     first = starts(striker, 30, 0.4)
-    before = striker.strike(striker.admissible(first), goals(30)).cost
+    before = striker.land(striker.admissible(first), goals(30)).cost
     found = refine(striker, goals(30), first)  # type: ignore[arg-type]
     assert (found.struck.cost <= before + 1e-15).all()
     again = refine(striker, goals(30), found.strikes)  # type: ignore[arg-type]
     done = found.struck.cost <= TOLERANCE
     assert done.sum() >= 5
     np.testing.assert_array_equal(again.strikes[done], found.strikes[done])
+
+
+class SlowStriker(CurvedStriker):
+    """Strikes whose tips pass a point, along a direction and at a speed that are linear in them."""
+
+    velocity = np.array([0.8, 0.6])
+
+    def tips(self, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (B, 2) and velocities (B, 2)."""
+        away = (strikes - self.centre) @ self.linear.T
+        return away[:, :2], (1 + away[:, 2:]) * self.velocity
+
+    def land(self, strikes: np.ndarray, goals: Goals) -> Landings:
+        tips, velocities = self.tips(strikes)
+        distance, nothing = np.linalg.norm(tips, axis=1), np.zeros(len(strikes))
+        hit = (distance <= goals.hit_radius) & goals.arrives(velocities)
+        return Landings(goals.residuals(tips, velocities), distance, nothing, nothing, hit)
+
+    def derivatives(self, strikes: np.ndarray, goals: Goals) -> np.ndarray:
+        by_tip = np.broadcast_to(self.linear[:2], (len(strikes), 2, 5))
+        by_velocity = np.broadcast_to(self.velocity[:, None] * self.linear[2], (len(strikes), 2, 5))
+        return goals.residual_slopes(self.tips(strikes)[1], by_tip, by_velocity)
+
+
+def test_a_strike_that_misses_by_a_hair_of_speed_is_refined():
+    """What is missing costs less than the tolerance, and the strike is no hit all the same."""
+    striker = SlowStriker(0.0)
+    asked = Goals(np.zeros((1, 2)), 0.05, speed=1.0)
+    short = np.linalg.lstsq(striker.linear, np.array([0.0, 0.0, -1e-3]), rcond=None)[0]
+    first = (striker.centre + short)[None]
+    before = striker.land(first, asked)
+    assert 0 < before.cost[0] < TOLERANCE
+    assert not before.hit[0]
+    found = refine(striker, asked, first)  # type: ignore[arg-type]
+    assert found.struck.hit[0]
+
+
+def test_a_hit_is_better_than_what_costs_less_and_is_none():
+    """A limit may be missed by less than what a hit leaves."""
+    nothing = np.zeros(2)
+    hit, none = (
+        Landings(np.full((2, 3), left), nothing, nothing, nothing, np.array([is_hit, False]))
+        for left, is_hit in ((1e-3, True), (1e-6, False))
+    )
+    np.testing.assert_array_equal(hit.beats(none), [True, False])
+    np.testing.assert_array_equal(none.beats(hit), [False, True])
 
 
 def test_of_two_refinements_the_better_of_each_row_is_kept():

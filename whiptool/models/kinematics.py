@@ -109,9 +109,22 @@ def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tu
     v = np.zeros_like(q) if v is None else v
     frames = arm_frames(model.arm, q[..., :a], v[..., :a])
     points, velocities = (np.stack([getattr(f, part) for f in frames], axis=-2) for part in ("origin", "velocity"))
-    move = _rods if model.whip.joints == "rod" else _universal
-    nodes, speeds = move(frames[-1], model.whip.per_node("l"), q[..., a:], v[..., a:])
+    nodes, speeds = whip_motion(model, frames[-1], q[..., a:], v[..., a:])
     return np.concatenate([points, nodes], axis=-2), np.concatenate([velocities, speeds], axis=-2)
+
+
+def whip_motion(
+    model: Model, hand: MovingFrame, q: np.ndarray, v: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions [m] and velocities [m/s] of the nodes of a whip in space behind its hand, (..., N, 3) each.
+
+    Args:
+        model: With the whip.
+        hand: The hand's frame.
+        q, v: Positions and speeds of the whip's joints, as in `chain_motion` behind the arm's; v's default: at rest.
+    """
+    move = _rods if model.whip.joints == "rod" else _universal
+    return move(hand, model.whip.per_node("l"), q, np.zeros_like(q) if v is None else v)
 
 
 def universal_frames(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> list[MovingFrame]:

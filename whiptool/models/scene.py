@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 
 from whiptool.models.capsules import Capsule
-from whiptool.models.kinematics import arm_frames, joint_points
+from whiptool.models.kinematics import arm_frames, joint_points, whip_motion
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 
@@ -80,18 +80,18 @@ class Scene:
         if self.of == "whip":
             lengths = self.model.whip.per_node("l")
             self.bodies += [_Body(f"the whip's node {i + 1}", _WHIP, 0.0, float(l), i) for i, l in enumerate(lengths)]
-        self._geometry = pin.GeometryModel()
+        self._flyers, self._geometry = pin.Model(), pin.GeometryModel()  # every body flies freely, the floor rests
         for i, body in enumerate(self.bodies):
-            self._add(f"{i}", coal.Capsule(body.radius, body.length))
-        self._add("floor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), self.floor or 0.0))
+            joint = self._flyers.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"{i}")
+            self._add(f"{i}", joint, coal.Capsule(body.radius, body.length))
+        self._add("floor", 0, coal.Halfspace(np.array([0.0, 0.0, 1.0]), self.floor or 0.0))
         self.pairs = list(self._pairs())
         for i, j in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(i, j))
-        self._data = self._geometry.createData()
-        self._data.oMg[len(self.bodies)] = pin.SE3.Identity()
+        self._flown, self._data = self._flyers.createData(), self._geometry.createData()
 
-    def _add(self, name: str, shape: coal.CollisionGeometry) -> None:
-        self._geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), shape))
+    def _add(self, name: str, joint: int, shape: coal.CollisionGeometry) -> None:
+        self._geometry.addGeometryObject(pin.GeometryObject(name, joint, pin.SE3.Identity(), shape))
 
     def _capsules_of_arm(self) -> list[tuple[str, int, Capsule]]:
         """Name, link and capsule of all that the arm consists of."""
@@ -142,31 +142,43 @@ class Scene:
         for _, link, capsule in self._capsules:
             for found, end in ((starts, capsule.start), (ends, capsule.end)):
                 fixed = np.broadcast_to(np.array(end), (len(q), 3))
-                found.append(fixed if link == _BASE else frames[link].carried(end).origin)
+                found.append(fixed if link == _BASE else frames[link].origin + frames[link].rotation @ np.array(end))
         if self.of == "whip":
-            nodes = joint_points(self.model, q)[:, a:]
+            nodes = np.concatenate(
+                [frames[-1].origin[:, None], whip_motion(self.model, frames[-1], q[:, a:])[0]], axis=1
+            )
             starts += list(np.moveaxis(nodes[:, :-1], 1, 0))
             ends += list(np.moveaxis(nodes[:, 1:], 1, 0))
-        return np.stack(starts, axis=1), np.stack(ends, axis=1)
+        none = np.empty((len(q), 0, 3))
+        return (np.stack(starts, axis=1), np.stack(ends, axis=1)) if starts else (none, none)
 
     def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
         """Return where two bodies come nearest over successive states q, (T, n); None: nothing is compared.
-
-        States that no motion could bring nearer than the nearest so far are not looked at.
 
         Args:
             q: Joint positions, (T, n), of an arm alone (T, a).
             enough: Clearance from which it does not matter how large it is [m]: then that of some state is returned.
         """
+        return self.nearest_of(*self.segments(q), enough=enough)
+
+    def nearest_of(self, starts: np.ndarray, ends: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
+        """Return the same of bodies whose ends are known.
+
+        States that no motion could bring nearer than the nearest so far are not looked at.
+
+        Args:
+            starts, ends: Of the bodies [m], (T, bodies, 3) each; others may follow, as a whip's do on an arm's.
+            enough: See `nearest`.
+        """
         if not self.pairs:
             return None
-        starts, ends = self.segments(q)
+        starts, ends = starts[:, : len(self.bodies)], ends[:, : len(self.bodies)]
         placed = _placements(starts, ends)
         travel = self._travel(starts, ends)
-        first = (self._at(k, *placed) for k in np.linspace(0, len(q) - 1, min(len(q), 16)).astype(int))
+        first = (self._at(k, placed) for k in np.linspace(0, len(placed) - 1, min(len(placed), 16)).astype(int))
         best, k = min(first, key=lambda x: x.clearance), 0
-        while k < len(q):
-            here = self._at(k, *placed)
+        while k < len(placed):
+            here = self._at(k, placed)
             best = min(best, here, key=lambda x: x.clearance)
             spare = here.clearance - min(best.clearance, enough)
             k = max(k + 1, int(np.searchsorted(travel, travel[k] + spare)))
@@ -188,7 +200,7 @@ class Scene:
         distances, points = np.empty((len(q), len(self.pairs))), np.empty((len(q), len(self.pairs), 2, 3))
         normals = np.empty((len(q), len(self.pairs), 3))
         for k in range(len(q)):
-            self._at(k, *placed)
+            self._at(k, placed)
             for p, found in enumerate(self._data.distanceResults):
                 distances[k, p], normals[k, p] = found.min_distance, found.normal
                 points[k, p] = found.getNearestPoint1(), found.getNearestPoint2()
@@ -204,22 +216,21 @@ class Scene:
         of_arm = moved[:, : len(self._capsules)].max(axis=1, initial=0.0)
         return np.concatenate([[0.0], np.cumsum(of_arm + moved.max(axis=1))])
 
-    def _at(self, k: int, rotations: np.ndarray, centres: np.ndarray) -> NearestPair:
-        for i, (rotation, centre) in enumerate(zip(rotations[k], centres[k], strict=True)):
-            self._data.oMg[i] = pin.SE3(rotation, centre)
-        pair = pin.computeDistances(self._geometry, self._data)
+    def _at(self, k: int, placed: np.ndarray) -> NearestPair:
+        pair = pin.computeDistances(self._flyers, self._flown, self._geometry, self._data, placed[k])
         i, j = self.pairs[pair]
         names = self.bodies[i].name, "the floor" if j == len(self.bodies) else self.bodies[j].name
         return NearestPair(float(self._data.distanceResults[pair].min_distance), int(k), names)
 
 
-def _placements(starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations (..., 3, 3) that take the z axis along segments, either way, and the segments' middles (..., 3)."""
+def _placements(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return where bodies are as Pinocchio's free flyers have it, (T, 7 bodies): each one's middle and quaternion.
+
+    The quaternion (its real part last) takes the z axis along the segment, either way.
+    """
     along = ends - starts
     length = np.linalg.norm(along, axis=-1, keepdims=True)
     d = np.where(length > 0, along / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 1.0]))
     x, y, z = np.moveaxis(np.where(d[..., 2:] < 0, -d, d), -1, 0)
-    a = 1 / (1 + z)
-    rows = [[1 - a * x * x, -a * x * y, x], [-a * x * y, 1 - a * y * y, y], [-x, -y, z]]
-    rotation = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    return rotation, (starts + ends) / 2
+    turn = np.stack([-y, x, np.zeros_like(z), 1 + z], axis=-1) / np.sqrt(2 * (1 + z))[..., None]
+    return np.concatenate([(starts + ends) / 2, turn], axis=-1).reshape(len(starts), -1)

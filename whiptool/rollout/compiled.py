@@ -242,6 +242,32 @@ class CompiledRollout(Rollout):
             Times (S,) [s]; positions (B, S, d) [m], d the model's dimension, NaN after a strike's end; derivatives
             (B, S, d, m).
         """
+        times, paths, slopes, _ = self._tip_path(strikes, t_stay, rate, names, models, controllers)
+        return times, paths, slopes
+
+    def peaks_and_path(self, strikes: Strikes, *, t_stay: float = T_STAY, rate: float) -> tuple[Approach, np.ndarray]:
+        """Return what strikes do at most, and their tips' paths, of one rollout each.
+
+        Args:
+            strikes, t_stay: As in `approach`.
+            rate: As in `tip_path`.
+
+        Returns:
+            The closest approaches to the base; positions (B, S, d) [m], as those of `tip_path`.
+        """
+        _, paths, _, out = self._tip_path(strikes, t_stay, rate)
+        return _approach(out, self.model.arm.n, self.model.dimension), paths
+
+    def _tip_path(
+        self,
+        strikes: Strikes,
+        t_stay: float,
+        rate: float,
+        names: Sequence[str] = (),
+        models: Sequence[Model] | None = None,
+        controllers: Sequence[Controller] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `tip_path` does, and what the engine says of each strike, (B, width)."""
         strikes = self.vectors(strikes)
         number("rate", rate, low=0, strict=True)
         if names and (models or controllers):
@@ -250,6 +276,7 @@ class CompiledRollout(Rollout):
         B, m, d = len(strikes), len(names), self.model.dimension
         engine = self._engine(forward=m > 0)
         paths, slopes = np.empty((B, S, d)), np.empty((B, S, d, m))
+        out = np.empty((B, outcome_columns(self.model.arm.n, d).width))
         at_once = max(1, _AT_ONCE // max(m, 1))
         for first in range(0, B, at_once):
             part = slice(first, first + at_once)
@@ -261,13 +288,14 @@ class CompiledRollout(Rollout):
                     strikes[part], targets, t_stay, models and models[part], controllers and controllers[part]
                 )
             batch.rate, batch.samples = rate, S
-            path = engine(batch, threads=self._threads).path
-            assert path is not None
-            both = path.reshape(len(targets), max(m, 1), S, -1)
+            rolled = engine(batch, threads=self._threads)
+            assert rolled.path is not None
+            out[part] = rolled.out.reshape(len(targets), max(m, 1), -1)[:, 0]
+            both = rolled.path.reshape(len(targets), max(m, 1), S, -1)
             paths[part] = both[:, 0, :, :d]
             if m:
                 slopes[part] = both[..., d:].transpose(0, 2, 3, 1)
-        return np.arange(S) / rate, paths, slopes
+        return np.arange(S) / rate, paths, slopes, out
 
     def chain_paths(
         self, strikes: Strikes, *, t_stay: float = T_STAY, names: Sequence[str], stride: int = 1

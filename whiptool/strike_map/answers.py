@@ -100,9 +100,15 @@ class Answers:
         return some[np.argsort(left[some], kind="stable")]
 
 
-def paths_of(striker: Striker, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return tips [m] and velocities [m/s] along the paths of strikes, (B, S, d) each; NaN before and after."""
-    paths = striker.rollout.tip_path(strikes, t_stay=striker.t_stay, rate=RATE)[1]
+def paths_of(striker: Striker, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return how the tips of strikes move, as far as they keep the limits that peaks tell of.
+
+    Returns:
+        Which strikes, their numbers (b,); along their paths tips [m] and velocities [m/s], (b, S, d) each, NaN before
+        and after.
+    """
+    within, paths = striker.paths(strikes, rate=RATE)
+    kept, paths = np.flatnonzero(within), paths[within]
     velocities = np.full_like(paths, np.nan)
     velocities[:, 1:-1] = (paths[:, 2:] - paths[:, :-2]) * RATE / 2
-    return paths, velocities
+    return kept, paths, velocities

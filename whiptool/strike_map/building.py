@@ -101,7 +101,11 @@ class Building:
         return harvest.pick(refined.strikes[refined.struck.hit], room=room)
 
     def gate(self, answers: Answers, *, progress: bool = False) -> Gate:
-        """Return a gate that was trained on what candidates for random goals came to."""
+        """Return a gate that was trained on what candidates for random goals came to.
+
+        Limits of whole strikes, which take longer to judge than a strike to roll out, are left aside: the answers keep
+        them, and so do nearly all of their corrections.
+        """
         rng = np.random.default_rng([self.seed, self.plan.parts])
         strike_map = StrikeMap(self.striker, self.region, answers)
         goals = self.region.draw(-(-self.plan.gate_strikes // self.plan.per_goal), rng)
@@ -113,5 +117,5 @@ class Building:
             seen.append(features(self.striker, strike_map.front, goal, some))
             strikes.append(some.strikes)
         each = np.repeat(np.arange(len(strikes)), [len(x) for x in strikes])
-        hit = self.striker.strike(np.concatenate(strikes), goals.rows(each)).hit
+        hit = self.striker.land(np.concatenate(strikes), goals.rows(each)).hit
         return Gate.trained(np.concatenate(seen), hit, seed=self.seed, progress=progress)

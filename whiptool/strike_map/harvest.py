@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import TypeAlias
 
 import numpy as np
@@ -47,13 +48,12 @@ class Harvest:
             strikes: To look at; what is beyond the limits is left out.
             room: Answers that a cell may hold.
         """
-        admitted = strikes[self.striker.within(strikes)]
-        if not len(admitted):
+        if not len(strikes):
             return Answers.none(strikes.shape[1], self.region.zone.dimension)
         kept, which, when = [], [], []
-        for strike, cells in zip(admitted, self._passed(admitted), strict=True):
+        for strike, cells in self._passed(strikes):
             free = {cell: at for cell, at in cells.items() if self._taken[cell] < room}
-            if len(free) >= _WORTH:
+            if len(free) >= _WORTH and self.striker.keeps(strike):
                 self._taken.update(free.keys())
                 which += [len(kept)] * len(free)
                 when += sorted(free.values())
@@ -62,9 +62,13 @@ class Harvest:
         found = Answers.of_strikes(self.striker, np.reshape(kept, shape), np.array(which, int), np.array(when, int))
         return self.front.answers(found, -self.front.angles(found.tips))
 
-    def _passed(self, strikes: np.ndarray) -> list[dict[Cell, int]]:
-        """Return the cells that the tips of strikes pass as goals ask for it, with the last sample in each."""
-        paths, velocities = paths_of(self.striker, strikes)
+    def _passed(self, strikes: np.ndarray) -> Iterator[tuple[np.ndarray, dict[Cell, int]]]:
+        """Yield strikes whose peaks are within the limits, and the cells that their tips pass as goals ask for it.
+
+        With each cell stands the last sample in it.
+        """
+        within, paths, velocities = paths_of(self.striker, strikes)
+        strikes = strikes[within]
         which, when = np.nonzero(np.isfinite(velocities).all(axis=2))
         tips, velocities = paths[which, when], velocities[which, when]
         angles = -self.front.angles(tips)
@@ -76,7 +80,7 @@ class Harvest:
         passed: list[dict[Cell, int]] = [{} for _ in strikes]
         for strike, at, cell in zip(which[arrives], when[arrives], cells, strict=True):
             passed[strike][tuple(cell)] = int(at)
-        return passed
+        return zip(strikes, passed, strict=True)
 
     def _in_zone(self, tips: np.ndarray) -> np.ndarray:
         """Return whether places that were turned to the front lie in the zone where they are turned back, (K,)."""

@@ -36,13 +36,13 @@ class Refined:
     derivatives: int
 
     def improved(self, rows: np.ndarray, others: Refined) -> Refined:
-        """Return the same with others in those of some rows in which they cost less."""
-        less = others.struck.cost < self.struck.cost[rows]
+        """Return the same with others in those of some rows in which they are better."""
+        better = others.struck.beats(self.struck.take(rows))
         strikes = self.strikes.copy()
-        strikes[rows[less]] = others.strikes[less]
+        strikes[rows[better]] = others.strikes[better]
         return Refined(
             strikes,
-            self.struck.with_rows(rows[less], others.struck.take(less)),
+            self.struck.with_rows(rows[better], others.struck.take(better)),
             self.rollouts + others.rollouts,
             self.derivatives + others.derivatives,
         )
@@ -51,10 +51,11 @@ class Refined:
 def refine(
     striker: Striker, goals: Goals, strikes: np.ndarray, slopes: np.ndarray | None = None, *, steps: int = STEPS
 ) -> Refined:
-    """Correct strikes until their costs are below `TOLERANCE`, or they get no better.
+    """Correct strikes until they hit and their costs are below `TOLERANCE`, or they get no better.
 
     Steps are damped (Levenberg 1944, Marquardt 1963), with derivatives that each rollout mends (Broyden 1965): one
-    rollout a step. Where steps stall, exact derivatives are taken, which cost some dozens.
+    rollout a step. Where steps stall, exact derivatives are taken, which cost some dozens. Limits that are judged on
+    whole strikes have no derivatives here: what was found is judged by them at the end.
 
     Args:
         striker: Rolls out.
@@ -71,7 +72,8 @@ def refine(
         state.step(rows)
         stalled = state.unfinished() & (state.stalled >= _STALLED)
         state.take_derivatives(np.flatnonzero(stalled))
-    return Refined(state.strikes, state.struck, state.rollouts, int(state.taken.sum()))
+    struck = striker.judged(state.strikes, state.struck)
+    return Refined(state.strikes, struck, state.rollouts, int(state.taken.sum()))
 
 
 class _Refinement:
@@ -81,7 +83,7 @@ class _Refinement:
         B, m = strikes.shape
         self.striker, self.goals = striker, goals
         self.strikes = striker.admissible(strikes)
-        self.struck = striker.strike(self.strikes, goals)
+        self.struck = striker.land(self.strikes, goals)
         self.rollouts, self.taken = B, np.zeros(B, int)
         self.damping, self.stalled = np.full(B, _DAMPING), np.zeros(B, int)
         self.slopes = np.zeros((B, self.struck.residuals.shape[1], m)) if slopes is None else slopes.copy()
@@ -91,7 +93,8 @@ class _Refinement:
     def unfinished(self) -> np.ndarray:
         """Whether each strike is still to be corrected, (B,)."""
         given_up = (self.stalled >= _STALLED) & (self.taken >= _DERIVATIVES)
-        return (self.struck.cost > TOLERANCE) & np.isfinite(self.struck.cost) & ~given_up
+        left = (self.struck.cost > TOLERANCE) | ~self.struck.hit
+        return left & np.isfinite(self.struck.cost) & ~given_up
 
     def step(self, rows: np.ndarray) -> None:
         """Correct some strikes once, and keep those that come out better."""
@@ -100,10 +103,10 @@ class _Refinement:
         damping = self.damping[rows]
         change = correct(before.residuals, self.slopes[rows], room, striker.widths, damping=damping).change
         new = striker.admissible(old + change)
-        after = striker.strike(new, self.goals.rows(rows))
+        after = striker.land(new, self.goals.rows(rows))
         self.rollouts += len(rows)
         self._mend(rows, new - old, after.residuals - before.residuals)
-        better = after.cost < before.cost
+        better = after.beats(before)
         self.strikes[rows[better]] = new[better]
         self.struck = self.struck.with_rows(rows[better], after.take(better))
         self.damping[rows] = np.where(better, np.maximum(damping / 4, _LEAST), damping * 8)

@@ -40,6 +40,10 @@ class Landings:
         cost = np.linalg.norm(self.residuals, axis=1) + np.maximum(self.beyond, 0.0)
         return np.where(np.isfinite(cost), cost, np.inf)
 
+    def beats(self, others: Landings) -> np.ndarray:
+        """Return whether each hits where the other does not, or costs less where both or neither hit, (B,)."""
+        return np.where(self.hit == others.hit, self.cost < others.cost, self.hit)
+
     def take(self, which: np.ndarray) -> Landings:
         """Return some of them."""
         return Landings(*(getattr(self, f.name)[which] for f in fields(self)))
@@ -95,27 +99,49 @@ class Striker:
         """Return whether strikes (B, m) lie in the box, (B,)."""
         return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
-    def within(self, strikes: np.ndarray) -> np.ndarray:
-        """Return whether strikes (B, m) keep the limits and do not diverge, (B,)."""
-        anywhere = np.zeros(self.rollout.model.dimension)
-        near = self.rollout.approach(strikes, anywhere, t_stay=self.t_stay)
-        return self._beyond(strikes, near) <= 0
+    def paths(self, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return whether strikes (B, m) keep the limits that peaks tell of, (B,), and their tips' paths [m].
+
+        Args:
+            strikes: Vectors.
+            rate: Samples a second [1/s].
+
+        Returns:
+            The second as `tip_path` has it, (B, S, d).
+        """
+        near, paths = self.rollout.peaks_and_path(strikes, t_stay=self.t_stay, rate=rate)
+        return self._beyond(strikes, near) <= 0, paths
+
+    def keeps(self, strike: np.ndarray) -> bool:
+        """Return whether a strike (m,), whose peaks are within the limits, keeps those of whole strikes, too."""
+        return not self.limits.of_candidates or self.limits.violation(self._trajectory(strike)) <= 0
 
     def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
         """Return what strikes (B, m) come to, each at its goal.
 
-        Limits that are judged on whole strikes are judged on those that would be hits.
+        Limits that are judged on whole strikes, as distances are, are judged on those that would be hits.
         """
+        return self.judged(strikes, self.land(strikes, goals))
+
+    def land(self, strikes: np.ndarray, goals: Goals) -> Landings:
+        """Return what strikes (B, m) come to, each at its goal, by the limits alone that peaks tell of."""
         near = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         beyond = self._beyond(strikes, near)
         hit = (near.distance <= goals.hit_radius) & goals.arrives(near.velocity) & (beyond <= 0)
-        if self.limits.of_candidates:
-            for i in np.flatnonzero(hit):
-                beyond[i] = self.limits.violation(self._trajectory(strikes[i]))
-            hit &= beyond <= 0
         return Landings(
             goals.residuals(near.tip, near.velocity), near.distance, goals.angle(near.velocity), beyond, hit
         )
+
+    def judged(self, strikes: np.ndarray, landings: Landings) -> Landings:
+        """Return landings of strikes (B, m) whose hits keep the limits of whole strikes, too."""
+        rows = np.flatnonzero(landings.hit)
+        if not self.limits.of_candidates or not len(rows):
+            return landings
+        beyond, hit = landings.beyond.copy(), landings.hit.copy()
+        paths = self.rollout.trajectories(strikes[rows], t_stay=self.t_stay)
+        beyond[rows] = [self.limits.violation(path) for path in paths]
+        hit[rows] = beyond[rows] <= 0
+        return replace(landings, beyond=beyond, hit=hit)
 
     def derivatives(self, strikes: np.ndarray, goals: Goals) -> np.ndarray:
         """Return the exact derivatives of the residuals by the strikes' numbers, (B, r, m)."""

@@ -26,15 +26,18 @@ def aimed() -> Aimed:
         angles=np.radians([-170.0, 0.0, 95.0]),
         one_shot=shots([True, False, True]),
         refined=shots([True, False, True]),
+        one_shot_by_joints=np.array([True, True, True]),
         strikes=np.zeros((3, 13)),
         rollouts=30,
         derivatives=3,
         followed={"candidates": [{"trials": 4, "hit": True}], "refinement": [{"trials": 3, "hit": True}]},
         seconds=np.array([1.0, 2.0]),
+        processor_seconds=np.array([1.5, 3.0]),
         missed={
             1: [{"search": "candidates", "hit": False, "miss": 0.123, "angle": None, "within": True, "strike": []}]
         },
         replayed={0: {"hit": True, "miss": 8e-5, "angle": 0.05}},
+        oracle={0: {"hit": True, "miss": 0.012, "angle": np.radians(3)}, 2: {"hit": False, "miss": 0.06, "angle": 0.5}},
         clear={0: {"arm": True, "floor": False}, 2: {"arm": True, "floor": True}},
     )
 
@@ -56,7 +59,12 @@ def test_ours_stand_beside_the_published():
     assert row_of(rows, "refined strikes that hit in MuJoCo") == ["-", "1 of 1"]
     assert row_of(rows, "refined strikes in which arm and whip") == ["-", "100.0 %"]
     assert row_of(rows, "... of the floor, too") == ["-", "50.0 %"]
-    assert row_of(rows, "... median difference") == ["-", "0.050 mm"]
+    assert row_of(rows, "... difference of the miss") == ["-", "0.050 mm, 0.050 mm"]
+    assert row_of(rows, "... if collisions") == ["-", "100.0 %"]
+    assert row_of(rows, "refined strikes that hit with a Cosserat rod") == ["-", "1 of 2"]
+    after = rows[[row[0] for row in rows].index("refined strikes that hit with a Cosserat rod, too") :]
+    assert row_of(after, "... miss there") == ["-", "36.0 mm, 60.0 mm"]
+    assert row_of(after, "... angle there") == ["-", "15.8, 28.6"]
     assert not [row for row in figures(replace(aimed(), replayed={})) if "MuJoCo" in row[0]]
 
 

@@ -16,6 +16,7 @@ pytest.importorskip("torch")
 from whiptool.goals import Goals
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models import preset
+from whiptool.models.clearance import Clearance
 from whiptool.models.motor_limits import limits_preset
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.candidates import Candidates
@@ -45,7 +46,13 @@ class LineStriker:
     rollout, bounds, limits, t_stay = None, None, None, 0.3
     lower, upper, widths = np.full(2, -1.0), np.full(2, 1.0), np.full(2, 2.0)
 
+    def judged(self, strikes: np.ndarray, landings: Landings) -> Landings:
+        return landings
+
     def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
+        return self.land(strikes, goals)
+
+    def land(self, strikes: np.ndarray, goals: Goals) -> Landings:
         left = strikes - goals.positions
         distance = np.linalg.norm(left, axis=1)
         hit = distance <= goals.hit_radius
@@ -85,6 +92,17 @@ def test_candidates_are_struck_one_after_the_other():
     assert by_candidates(a_map(0.0, 0.9, 0.35, 0.3), GOAL) == {"trials": 3, "hit": True}
     assert by_candidates(a_map(0.35), GOAL) == {"trials": 1, "hit": True}
     assert by_candidates(a_map(0.0, 0.9), GOAL) == {"trials": 2, "hit": False}
+    assert by_candidates(a_map(*[0.0] * 19, 0.3, 0.35), GOAL) == {"trials": 20, "hit": True}  # more than at once
+
+
+def test_a_hit_keeps_all_limits_unless_collisions_are_left_aside():
+    clear, free = ur5e(), ur5e(clear=False)
+    assert clear.name != free.name  # results of one are none of the other
+    assert [x.judges for x in clear.striker(1).limits.members] == ["joint", "clearance"]
+    assert [x.judges for x in free.striker(1).limits.members] == ["joint"]
+    of_floor = clear.striker(1).limits.members[1]
+    assert isinstance(of_floor, Clearance)
+    assert of_floor.floor == -1.7
 
 
 class CountedLine(LineStriker):
@@ -107,7 +125,8 @@ def test_corrections_are_counted_to_the_first_hit(monkeypatch):
             return strikes
 
     monkeypatch.setattr(units, "Counting", Counted)
-    monkeypatch.setattr(units.Striker, "strike", lambda self, strikes, goals: self.inner.strike(strikes, goals))
+    monkeypatch.setattr(units.Striker, "land", lambda self, strikes, goals: self.inner.land(strikes, goals))
+    monkeypatch.setattr(units.Striker, "judged", lambda self, strikes, landings: landings)
     monkeypatch.setattr(
         units.Striker, "derivatives", lambda self, strikes, goals: self.inner.derivatives(strikes, goals)
     )

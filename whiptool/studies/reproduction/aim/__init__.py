@@ -29,7 +29,8 @@ def facts() -> dict[str, str]:
         f"(position control), steps of {1e3 * TIMESTEP:g} ms",
         "goals": "1.6 to 2.3 m from the base, 1.4 m below it to 0.8 m above, up to 30 degrees to either side; arrival "
         "angles from the full turn; within 5 cm and 10 degrees, at 1 m/s or more along the direction",
-        "limits": "of the arm: position, velocity, torque",
+        "limits": "of the joints: position, velocity, acceleration, jerk, torque and its change, as far as the arm's "
+        "maker tells them; arm, whip and floor keep clear of each other",
     }
 
 

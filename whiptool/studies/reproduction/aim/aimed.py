@@ -9,13 +9,16 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
+from scipy.stats import binomtest
 
 from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.studies.comparison import Store
+from whiptool.studies.reproduction.aim.oracle import OracleUnit
 from whiptool.studies.reproduction.aim.task import AimTask
 from whiptool.studies.reproduction.aim.units import ClearanceUnit, GoalsUnit, MissedUnit, ReplayUnit
 
 CHUNK = 50  # goals of a unit
+TOGETHER = 5  # strikes of a unit of the Cosserat oracle
 REPLAY_SEED = 0
 
 
@@ -53,12 +56,14 @@ class Aimed:
         positions: [m], (B, d).
         angles: Of arrival [rad], (B,); NaN where none is asked for.
         one_shot, refined: The map's own strikes, and refined ones.
+        one_shot_by_joints: Which of the map's own strikes would hit if the limits of joints were all, (B,).
         strikes: The refined ones, (B, m).
         rollouts, derivatives: Of refinement, in all.
         followed: Trials and hits of the goals that are missed in one shot, by what follows a miss.
-        seconds: Of one shot and of refinement, in all, (2,).
+        seconds, processor_seconds: Of one shot and of refinement, in all, (2,).
         missed: What other searches came to, by the number of the goal that refinement missed.
         replayed: What came in MuJoCo, by the number of the goal.
+        oracle: What came with a Cosserat rod, by the number of the goal.
         clear: Whether arm and whip keep clear of each other, and of the floor, too, by the number of the goal.
     """
 
@@ -66,13 +71,16 @@ class Aimed:
     angles: np.ndarray
     one_shot: Shots
     refined: Shots
+    one_shot_by_joints: np.ndarray
     strikes: np.ndarray
     rollouts: int
     derivatives: int
     followed: dict[str, list[dict[str, Any]]]
     seconds: np.ndarray
+    processor_seconds: np.ndarray
     missed: dict[int, list[dict[str, Any]]] = field(default_factory=dict)
     replayed: dict[int, dict[str, Any]] = field(default_factory=dict)
+    oracle: dict[int, dict[str, Any]] = field(default_factory=dict)
     clear: dict[int, dict[str, bool]] = field(default_factory=dict)
 
     @classmethod
@@ -86,11 +94,13 @@ class Aimed:
             angles=without if results[0]["angles"] is None else np.concatenate([r["angles"] for r in results]),
             one_shot=Shots.of([r["one_shot"] for r in results]),
             refined=Shots.of([r["refined"] for r in results]),
+            one_shot_by_joints=np.concatenate([np.array(r["one_shot_by_joints"], bool) for r in results]),
             strikes=np.concatenate([np.array(r["strikes"]) for r in results]),
             rollouts=sum(r["rollouts"] for r in results),
             derivatives=sum(r["derivatives"] for r in results),
             followed={way: [x for r in results for x in r["followed"][way]] for way in ways},
             seconds=np.sum([r["seconds"] for r in results], axis=0),
+            processor_seconds=np.sum([r["processor_seconds"] for r in results], axis=0),
         )
 
     def __len__(self) -> int:
@@ -113,6 +123,24 @@ class Aimed:
             rows.append({"goal": int(i), "position": self.positions[i].tolist(), "arrival_angle": angle})
         return rows
 
+    def _elsewhere(self, played: dict[int, dict[str, Any]]) -> dict[str, Any]:
+        """Return what refined strikes came to in another simulator: hits, and of some figures median and largest.
+
+        They are the miss [m], the angle [rad] and by how much the miss differs [m], of strikes that did not diverge
+        there; None where there are none.
+        """
+        ended = {i: x for i, x in played.items() if x["miss"] is not None}
+        of = {
+            "miss": [x["miss"] for x in ended.values()],
+            "angle": [x["angle"] for x in ended.values() if x["angle"] is not None],
+            "difference": [abs(x["miss"] - self.refined.miss[i]) for i, x in ended.items()],
+        }
+        table: dict[str, Any] = {"strikes": len(played), "hits": sum(x["hit"] for x in played.values())}
+        for name, values in of.items():
+            table[f"median_{name}"] = float(np.median(values)) if values else None
+            table[f"largest_{name}"] = max(values, default=None)
+        return table
+
     def mean_trials(self, way: str) -> float:
         """Return the mean number of strikes to the first hit, if what follows a miss is one of `followed`.
 
@@ -125,14 +153,15 @@ class Aimed:
     def summary(self) -> dict[str, Any]:
         """Return shares, medians and times; `refined` is the share of the goals that any search has reached."""
         hit, reached = self.refined.hit, self.reached
-        played = list(self.replayed.values())
-        apart = [abs(x["miss"] - self.refined.miss[i]) for i, x in self.replayed.items() if x["miss"] is not None]
         return {
             "goals": len(self),
             "one_shot": float(self.one_shot.hit.mean()),
+            "one_shot_interval": interval(self.one_shot.hit.sum(), len(self)),
+            "one_shot_by_joints": float(self.one_shot_by_joints.mean()),
             "one_shot_median_miss": float(np.median(self.one_shot.miss)),
             "one_shot_within_limits": float(self.one_shot.within.mean()),
             "refined": float(hit.sum() / max(1, reached.sum())),
+            "refined_interval": interval(hit.sum(), max(1, reached.sum())),
             "refined_of_all": float(hit.mean()),
             "median_miss": float(np.median(self.refined.miss)),
             "p99_miss": float(np.percentile(self.refined.miss, 99, method="higher")),
@@ -141,16 +170,13 @@ class Aimed:
             "derivatives_per_goal": self.derivatives / len(self),
             "seconds_per_goal_together": float(self.seconds[1] / len(self)),
             "seconds_per_goal_one_shot": float(self.seconds[0] / len(self)),
+            "processor_seconds_per_goal_together": float(self.processor_seconds[1] / len(self)),
             "reached_by_others": int(reached.sum() - (self.one_shot.hit | hit).sum()),
             "never_reached": float(1 - reached.mean()),
             "never": self.never,
             "mean_trials": {way: self.mean_trials(way) for way in self.followed},
-            "in_mujoco": {
-                "strikes": len(played),
-                "hits": sum(x["hit"] for x in played),
-                "median_difference": float(np.median(apart)) if apart else None,
-                "largest_difference": max(apart, default=None),
-            },
+            "in_mujoco": self._elsewhere(self.replayed),
+            "in_cosserat": self._elsewhere(self.oracle),
             "clear": {"strikes": len(self.clear)}
             | {
                 name: float(np.mean([x[name] for x in self.clear.values()]))
@@ -167,6 +193,7 @@ def aim(
     *,
     goals: int,
     replays: int = 0,
+    oracle: int = 0,
     touched: int = 0,
     brief: bool = False,
 ) -> Aimed:
@@ -179,7 +206,8 @@ def aim(
         store: Of the results.
         goals: How many.
         replays: Strikes that are replayed in MuJoCo, drawn from those that hit.
-        touched: Of these, how many are looked at for what arm and whip touch.
+        oracle: Of the same, how many are played with a Cosserat rod.
+        touched: How many are looked at for what arm and whip touch, where that is none of the task's limits.
         brief: Whether other searches, of what refinement misses, are short.
     """
     firsts = range(0, min(goals, task.drawn), CHUNK)
@@ -194,11 +222,24 @@ def aim(
     hits = [int(i) for i in drawn if aimed.refined.hit[i]]
     strikes = {i: tuple(aimed.strikes[i].tolist()) for i in hits}
     played = [ReplayUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:replays]]
-    looked = [ClearanceUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:touched]]
-    seen = store.results([*played, *looked], desc="MuJoCo, clearance")
+    looked = [ClearanceUnit(task=task, goal=i, strike=strikes[i]) for i in ([] if task.clear else hits[:touched])]
+    swung = [
+        OracleUnit(task=task, goals=some, strikes=tuple(strikes[i] for i in some))
+        for some in (tuple(hits[first : min(first + TOGETHER, oracle)]) for first in range(0, oracle, TOGETHER))
+        if some
+    ]
+    seen = store.results([*played, *looked, *swung], desc="other simulators")
     aimed.replayed.update({unit.goal: seen[unit.name] for unit in played})
+    for unit in swung:
+        aimed.oracle.update(zip(unit.goals, seen[unit.name]["played"], strict=True))
     aimed.clear.update({unit.goal: seen[unit.name] for unit in looked})
     return aimed
+
+
+def interval(count: int, of: int) -> list[float]:
+    """Return the 95 % interval of a share that was counted (Wilson 1927)."""
+    found = binomtest(int(count), int(of)).proportion_ci(method="wilson")
+    return [float(found.low), float(found.high)]
 
 
 def map_label(strike_map: StrikeMap) -> str:

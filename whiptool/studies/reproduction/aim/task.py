@@ -10,8 +10,10 @@ import numpy as np
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.goals import Goals
 from whiptool.impedance import Controller
+from whiptool.limits import Limits
 from whiptool.models import Model
 from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.clearance import Clearance
 from whiptool.models.strike import T_STAY
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.building import Building, MapPlan
@@ -21,7 +23,7 @@ from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
 from whiptool.zone import Sector
 
-IN_SPACE = MapPlan(random_strikes=4096, room=2, rounds=4, goals=800, gate_strikes=16_000)
+IN_SPACE = MapPlan(random_strikes=4096, room=2, rounds=1, goals=800, gate_strikes=16_000)
 IN_PLANE = MapPlan(random_strikes=4096, room=1, rounds=2, goals=1000, gate_strikes=8000)
 QUICK = MapPlan(random_strikes=128, room=1, rounds=1, goals=8, gate_strikes=200)
 
@@ -36,6 +38,7 @@ class AimTask:
         timestep: [s]
         region: Of the goals.
         limited: Whether strikes have to keep the arm's limits.
+        clear: Whether arm, whip and floor have to keep clear of each other.
         drawn: Goals that are drawn; all together, so that the first of them are the same however many are struck at.
         goal_seed: They are drawn with it.
         plan: Of the map.
@@ -56,13 +59,18 @@ class AimTask:
     plan: MapPlan
     seed: int = 0
     corrected: bool = False
+    clear: bool = False
     floor: float | None = None
     t_stay: float = T_STAY
 
     def striker(self, threads: int | None = None) -> Striker:
         """Return what rolls out."""
         rollout = CompiledRollout(self.model, self.controller, timestep=self.timestep, threads=threads)
-        limits = ArmLimits.of(self.model.arm, prescribed=self.controller.prescribed) if self.limited else None
+        limits: list[Limits] = []
+        if self.limited:
+            limits.append(ArmLimits.of(self.model.arm, prescribed=self.controller.prescribed))
+        if self.clear:
+            limits.append(Clearance(self.model, self.floor))
         return Striker(rollout, limits=limits, t_stay=self.t_stay)
 
     def building(self) -> Building:
@@ -74,22 +82,28 @@ class AimTask:
         return self.region.draw(self.drawn, np.random.default_rng(self.goal_seed))
 
 
-def ur5e(*, quick: bool = False) -> AimTask:
+def ur5e(*, quick: bool = False, clear: bool = True) -> AimTask:
     """Return the UR5e with a stick of 0.65 m and a rope of 1 m, its base 1.7 m above the ground.
 
     Goals are those of "Point It, Strike It" (2026): 1.6 to 2.3 m from the base, 0.3 to 2.5 m above the ground, within
     30 degrees of forward, at any arrival angle, within 5 cm and 10 degrees, at 1 m/s along the direction. Joints keep
-    their limits of position, velocity and torque; what arm and whip touch is looked at afterwards.
+    all their limits.
+
+    Args:
+        quick: Whether a small map is built.
+        clear: Whether arm, whip and ground have to keep clear of each other, the fall of the whip after the hit
+            included; otherwise what they touch is looked at afterwards.
     """
     base = 1.7
     sector = Sector(1.6, 2.3, 0.3 - base, 2.5 - base, math.radians(30))
     return AimTask(
-        name="ur5e",
+        name="ur5e-clear" if clear else "ur5e",
         model=MODEL,
         controller=CONTROLLER,
         timestep=TIMESTEP,
         region=GoalRegion(sector, ArrivalRule(angle=(-math.pi, math.pi), cone=math.radians(10), speed=1.0), 0.05),
         limited=True,
+        clear=clear,
         drawn=5000,
         goal_seed=1,
         floor=-base,

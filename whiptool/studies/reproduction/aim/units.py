@@ -25,6 +25,7 @@ from whiptool.studies.reproduction.aim.task import AimTask
 from whiptool.target import Target
 
 SEARCHES = {"gradient": 3000, "cmaes": 10_000}  # what goals are given to that refinement missed, with its rollouts
+_TOGETHER = 8  # candidates that are struck at once
 MUJOCO_STEP = 5e-4  # [s], of fourth order
 
 
@@ -74,11 +75,13 @@ class GoalsUnit(MapUnit):
         strike_map = self.opened(threads)
         with one_torch_thread():
             strike_map.striker.strike(strike_map.strikes(goals.rows(np.arange(1))), goals.rows(np.arange(1)))  # warm
-            times = [time.monotonic()]
-            shot = strike_map.striker.strike(strike_map.strikes(goals), goals)
-            times.append(time.monotonic())
+            times = [_clocks()]
+            strikes = strike_map.strikes(goals)
+            landed = strike_map.striker.land(strikes, goals)
+            shot = strike_map.striker.judged(strikes, landed)
+            times.append(_clocks())
             refined = strike_map.refined(goals)
-            times.append(time.monotonic())
+            times.append(_clocks())
             missed = [goals.rows(np.array([i])) for i in np.flatnonzero(~shot.hit)]
             followed = {"candidates": [by_candidates(strike_map, goal) for goal in missed]}
             if self.task.corrected:
@@ -87,12 +90,14 @@ class GoalsUnit(MapUnit):
             "positions": goals.positions.tolist(),
             "angles": None if angles is None else angles.tolist(),
             "one_shot": plain(shot),
+            "one_shot_by_joints": landed.hit.tolist(),
             "refined": plain(refined.struck),
             "strikes": refined.strikes.tolist(),
             "rollouts": refined.rollouts,
             "derivatives": refined.derivatives,
             "followed": followed,
-            "seconds": np.diff(times).tolist(),
+            "seconds": np.diff(times, axis=0)[:, 0].tolist(),
+            "processor_seconds": np.diff(times, axis=0)[:, 1].tolist(),
         }
 
 
@@ -112,16 +117,17 @@ class AloneUnit(MapUnit):
         return self.named(f"alone{self.count}")
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Time each of them [s]."""
-        goals, seconds = self.task.goals(), []
+        """Time each of them [s], by the clock and of processors."""
+        goals, times = self.task.goals(), []
         strike_map = self.opened(threads)
         with one_torch_thread():
             strike_map.refined(goals.rows(np.array([0])))  # what is only done once
             for i in range(self.count):
-                start = time.monotonic()
+                start = _clocks()
                 strike_map.refined(goals.rows(np.array([i])))
-                seconds.append(time.monotonic() - start)
-        return {"seconds": seconds}
+                times.append(_clocks() - start)
+        seconds, processors = np.transpose(times).tolist()
+        return {"seconds": seconds, "processor_seconds": processors}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,12 +258,12 @@ class Counting(Striker):
         super().__init__(striker.rollout, bounds=striker.bounds, limits=striker.limits.members, t_stay=striker.t_stay)
         self.count, self.hit = 0, False
 
-    def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
+    def land(self, strikes: np.ndarray, goals: Goals) -> Landings:
         """Return what one strike comes to."""
-        struck = super().strike(strikes, goals)
+        landed = super().land(strikes, goals)
         self.count += not self.hit
-        self.hit = self.hit or bool(struck.hit[0])
-        return struck
+        self.hit = self.hit or bool(self.judged(strikes, landed).hit[0])
+        return landed
 
     def derivatives(self, strikes: np.ndarray, goals: Goals) -> np.ndarray:
         """Return the exact derivatives of the residuals of one strike."""
@@ -265,11 +271,20 @@ class Counting(Striker):
         return super().derivatives(strikes, goals)
 
 
+def _clocks() -> np.ndarray:
+    """Return the time by the clock and of this process's processors [s], (2,)."""
+    return np.array([time.monotonic(), time.process_time()])
+
+
 def by_candidates(strike_map: StrikeMap, goal: Goals) -> dict[str, Any]:
     """Return how many strikes the first hit of one goal takes if each miss is followed by the next candidate."""
     strikes = strike_map.candidates(goal).strikes
-    hit = strike_map.striker.strike(strikes, goal.rows(np.zeros(len(strikes), int))).hit
-    return {"trials": int(hit.argmax()) + 1 if hit.any() else len(hit), "hit": bool(hit.any())}
+    for first in range(0, len(strikes), _TOGETHER):
+        some = strikes[first : first + _TOGETHER]
+        hit = strike_map.striker.strike(some, goal.rows(np.zeros(len(some), int))).hit
+        if hit.any():
+            return {"trials": first + int(hit.argmax()) + 1, "hit": True}
+    return {"trials": len(strikes), "hit": False}
 
 
 def by_refinement(strike_map: StrikeMap, goal: Goals) -> dict[str, Any]:
