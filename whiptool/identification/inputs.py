@@ -12,7 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.plant import LUMPED, Identifiable, Plant
-from whiptool.identification.predict import NEUTRAL
+from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_from_table
