@@ -15,8 +15,8 @@ from whiptool.adaptation.materials import NUMBERS, Stock, stock_of_model
 from whiptool.adaptation.model_error import NONE, ModelError
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
-from whiptool.identification.plant import Plant
 from whiptool.identification.placement import NEUTRAL
+from whiptool.identification.plant import Plant
 from whiptool.identification.variables import Prior, Variable, variable
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.parameters import Model, number

@@ -23,7 +23,7 @@ PER_NODE = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffne
 _ONE = ("drag_ratio", "hinge_mass")  # numbers of a whip, likewise
 _ARM = {"mass": 1, "com": 3, "inertia": 6, "position": 3, "friction": 1, "armature": 1}  # numbers of a link in space
 Matrix = tuple[tuple[float, ...], ...]
-HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS), "rod": ()}  # axes, of each kind of joint
+HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS), "rod": ()}  # axes, by kind of joint
 
 
 @dataclass(frozen=True)

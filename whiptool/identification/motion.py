@@ -220,7 +220,8 @@ class JointMotion(MeasuredJoints):
         a, (B0, B1, B2) = self._arm.n, self._bases
         joints = c.reshape(-1, a)
         theta, omega, alpha = ((B @ joints).cumsum(axis=1).T[..., None] for B in self._bases)  # (a, I, 1)
-        along = self._arm.per_link("length")[:, None, None] * np.concatenate([np.sin(theta), -np.cos(theta)], axis=2)  # (a, I, 2)
+        lengths = self._arm.per_link("length")[:, None, None]
+        along = lengths * np.concatenate([np.sin(theta), -np.cos(theta)], axis=2)  # (a, I, 2)
         across = np.stack([-along[..., 1], along[..., 0]], axis=2)  # turned by a right angle
         velocity, acceleration = (across * omega).sum(axis=0), (across * alpha - along * omega**2).sum(axis=0)
         turning = np.hstack([theta[-1], omega[-1], alpha[-1]])

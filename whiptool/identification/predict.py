@@ -177,8 +177,9 @@ class Predictor:
         which = range(len(shots)) if which is None else which
         drives: list[Drive] = [self.drives[i] for i in which]
         structure, width = drives[0].structure, self._read[0].width
-        angles = 2 * structure.n  # behind the links' ends, in the plane
-        columns = [width * i + c for i in self._links for c in range(width)] if width > 1 else [angles + i for i in self._links]
+        columns = [width * i + c for i in self._links for c in range(width)]
+        if width == 1:  # angles stand behind the links' ends, of pendulums in the plane
+            columns = [2 * structure.n + i for i in self._links]
         D = [max(len(s.dp), 1) if derivatives else 1 for s in shots]
         lanes = np.repeat(np.arange(len(shots)), D)
         steps = np.array([d.steps for d in drives])[lanes]

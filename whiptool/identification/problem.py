@@ -9,8 +9,8 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording
-from whiptool.identification.plant import Identifiable
 from whiptool.identification.placement import NUISANCE
+from whiptool.identification.plant import Identifiable
 from whiptool.identification.predict import Predictor, Recording
 from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import TOLERANCE, Block, Loss, Solution, huber, solve

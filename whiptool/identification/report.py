@@ -141,8 +141,8 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
 
 
 _SIMILARITY = (
-    "recording", "", *(f"rho {axis}" for axis in "xyz"), "rho mean", "NRMSE [%]", "largest [mm]", "delay [ms]", "Fréchet [mm]",
-    "hit point [mm]", "hit time [ms]", "hit speed [m/s]",
+    "recording", "", *(f"rho {axis}" for axis in "xyz"), "rho mean", "NRMSE [%]", "largest [mm]", "delay [ms]",
+    "Fréchet [mm]", "hit point [mm]", "hit time [ms]", "hit speed [m/s]",
 )  # fmt: skip
 _RHO = (
     "rho is the similarity of Eq. 23 (Wang, Xiong, Tolu and Gorb 2024), divided by the number of samples, which the "

@@ -211,7 +211,8 @@ class StrikeRecording:
         """Write an NPZ file, without pickle.
 
         Its keys are the names of the fields, with those that are None left out, and `format`, the number of this
-        layout (1). `markers` and `joint_names` are arrays of strings, `strike` the vector `[q_i, q_f, D]`, `controller` a JSON text.
+        layout (1). `markers` and `joint_names` are arrays of strings, `strike` the vector
+        `[q_i, q_f, D]`, `controller` a JSON text.
 
         Raises:
             InputError: It cannot be written.
