@@ -9,9 +9,16 @@ import numpy as np
 import pytest
 import robot_lab
 
+from whiptool.adaptation.loop import Adaptation, Options
+from whiptool.adaptation.planner import Effort
+from whiptool.adaptation.prior import default_prior
+from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import identify
+from whiptool.impedance import Controller, PositionControl
 from whiptool.models import Model, WhipParameters, preset, read_model, write_model
-from whiptool.models.strike import Strike
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.target import Target
 
 pytestmark = pytest.mark.slow
 
@@ -104,3 +111,43 @@ def test_a_log_of_another_robots_joints_is_refused(lab, tmp_path, capsys):
     said = capsys.readouterr().err
     assert "joints: got" in said
     assert "knee" in said
+
+
+LITTLE = Effort(pool=32, polished=2, steps=4, whips=4, population=4, rounds=0)
+AROUND = np.array([*STRIKES[0].q_i, *STRIKES[0].q_f])
+BOUNDS = StrikeBounds((*(AROUND - 0.3), 0.5), (*(AROUND + 0.3), 0.6))
+GOAL = Target((1.0, 0.2, 0.6))
+
+
+def adaptation(folder) -> Adaptation:
+    """The adaptation of another whip on the same robot, as a new process has it."""
+    model = guess(folder)
+    belief = default_prior(model, Controller(PositionControl()), whip="uniform")
+    command = ArmLimits.of(model.arm, prescribed=True).command
+    effort = {"starts": 1, "first": LITTLE, "later": LITTLE}
+    options = Options(max_strikes=1, bounds=BOUNDS, admissible=command.shortened, t_stay=0.15, **effort)
+    return Adaptation(belief, RobotPort(model, GOAL, rest=0.1, t_stay=0.15), GOAL, options, folder)
+
+
+def test_an_adaptation_waits_for_the_robot_and_goes_on_from_its_files(tmp_path):
+    """Look, and strike: every wait ends the process; what is learned is the whip, by the robot's own joints."""
+    waits = 0
+    for seed in range(3):
+        try:
+            steps = adaptation(tmp_path).run()
+            break
+        except AwaitsRecording as asked:
+            waits += 1
+            robot_lab.run(TRUTH, asked.trajectory, asked.recording.parent, "recorded", seed=seed)
+    assert waits == 2
+    assert [step.number for step in steps] == [0, 1]
+    learned = steps[-1].learned
+    assert learned is not None
+    assert not learned.refused
+    assert max(learned.rmse.values()) < 2 * robot_lab.MARKER  # the command alone would leave the robot's lag
+    values, errors = learned.belief.values(), learned.belief.errors()
+    assert values["whip.l"] == pytest.approx(TRUE["whip.l"], rel=4 * errors["whip.l"])
+    ratio = values["whip.k"] / values["whip.m"] / (TRUE["whip.k"] / WHIP.per_node("m")[0])
+    assert ratio == pytest.approx(1.0, abs=0.1)
+    assert steps[-1].judged is not None
+    assert steps[-1].judged.miss == pytest.approx(steps[-1].outcome.seen_miss, abs=0.01)
