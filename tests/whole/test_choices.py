@@ -18,7 +18,7 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
     from whiptool.adaptation.twins import FAMILIES
     from whiptool.criteria import CRITERIA
     from whiptool.identification.drives import DRIVES
-    from whiptool.identification.predict import NEUTRAL
+    from whiptool.identification.placement import NEUTRAL
     from whiptool.impedance import CONSTANT_PRESETS, OIAC_PRESETS
     from whiptool.models.motor_limits import LIMITS
     from whiptool.rig.dynamixel.control_table import BAUD_RATES

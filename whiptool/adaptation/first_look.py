@@ -29,10 +29,10 @@ def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY) 
         Half the logarithm of the determinant of prior over posterior covariance [nat], (B,); largest speed of the tip
         between two frames [m/s], (B,).
     """
-    recordings = []
+    recordings, d = [], belief.plant.model.dimension
     for vector in strikes:
         t = np.arange(int((vector[-1] + t_stay) * FPS) + 1) / FPS
-        nothing = np.zeros((len(t), 1, 2))
+        nothing = np.zeros((len(t), 1, d))
         recordings.append(StrikeRecording(t, nothing, ("tip",), np.array(NOISE), strike=Strike.from_vector(vector)))
     predictor = Predictor(recordings, belief.plant, drive="command", shared=belief.names, timestep=5e-4)
     own = [np.zeros(0)] * len(recordings)
@@ -43,7 +43,7 @@ def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY) 
     for i, p in enumerate(predictor(belief.at(), nuisance, own, derivatives=True)):
         J = p.by_shared * units / NOISE @ root  # by the whitened numbers
         told[i] = np.linalg.slogdet(np.eye(J.shape[1]) + J.T @ J)[1] / 2 if np.isfinite(J).all() else -np.inf
-        fastest[i] = np.hypot(*np.diff(p.value.reshape(-1, 2), axis=0).T).max() * FPS
+        fastest[i] = np.linalg.norm(np.diff(p.value.reshape(-1, d), axis=0), axis=1).max() * FPS
     return told, np.where(np.isfinite(fastest), fastest, np.inf)
 
 

@@ -62,7 +62,7 @@ def judge(
 
 
 def _believed(belief: Belief, recording: StrikeRecording, seed: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Paths of the tip with whips drawn from a belief, by the recording's clock: times (T,) [s], (S, T, 2) [m].
+    """Paths of the tip with whips drawn from a belief, by the recording's clock: times (T,) [s], (S, T, d) [m].
 
     Those that diverge are left out.
     """

@@ -49,6 +49,7 @@ class Options:
         seed: Seed of candidate strikes, sampled whips and starting points.
         t_stay: A strike is watched so long after the movement ended [s].
         bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.Demands`.
+        admissible: See `whiptool.adaptation.planner.Demands`.
         check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
             None if it is.
         first, later: Planning effort before any recording has been learned from, and after.
@@ -66,6 +67,7 @@ class Options:
     limits: MotorLimits | None = None
     speed: float = 0.0
     check: Callable[[Strike, Model], str | None] | None = None
+    admissible: Callable[[np.ndarray], np.ndarray] = lambda strikes: strikes
     first: Effort = FIRST
     later: Effort = NEXT
 
@@ -80,7 +82,7 @@ class Options:
         """What is asked of a strike, where whip and arm are believed to be these."""
         check = self.check
         asked = None if check is None else lambda strike: check(strike, believed)
-        return Demands(self.bounds, self.limits, self.speed, asked, self.t_stay)
+        return Demands(self.bounds, self.limits, self.speed, asked, self.t_stay, self.admissible)
 
 
 @dataclass
@@ -185,6 +187,8 @@ class Adaptation:
     def _expected_sag(self, steps: Steps) -> Sag | None:
         controller = self.prior.plant.controller
         assert controller is not None
+        if controller.prescribed:
+            return None
         return expected_sag(controller.law, [*self.recordings, *(step.outcome.recording for step in steps)])
 
     def _sought(self, belief: Belief, rng: np.random.Generator, past: list, effort: Effort, sag: Sag | None) -> Plan:

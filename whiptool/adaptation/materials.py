@@ -136,11 +136,12 @@ class Stock:
 
     def owned(self, model: Model) -> Model:
         """The model of somebody who knows nothing else of the whip: its arm, with the uniform whip in the middle."""
-        return dataclasses.replace(model, whip=uniform_whip(self.numbers, model.whip.N), name=self.name)
+        return dataclasses.replace(model, whip=uniform_whip(self.numbers, model.whip), name=self.name)
 
 
-def uniform_whip(numbers: Mapping[str, float], N: int) -> WhipParameters:
-    """N equal nodes with the `NUMBERS` of a whip."""
+def uniform_whip(numbers: Mapping[str, float], like: WhipParameters) -> WhipParameters:
+    """Equal nodes with the `NUMBERS` of a whip, as many as another one has and joined as they are."""
+    N = like.N
     l = numbers["length"] / N
     return WhipParameters(
         N=N,
@@ -150,6 +151,8 @@ def uniform_whip(numbers: Mapping[str, float], N: int) -> WhipParameters:
         b=numbers["bending_damping"] / l,
         drag=numbers["drag"] * l,
         dry_friction=numbers["dry_friction"],
+        joints=like.joints,
+        node_inertia=float(like.per_node("node_inertia").mean()),
     )
 
 

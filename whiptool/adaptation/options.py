@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
@@ -14,11 +14,14 @@ from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation
+    from whiptool.impedance import Controller
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
 UNFELT = 0.01  # part of a motor's line that is left for the drag and dry friction that a check leaves out
 FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
+ROBOT = "robot"  # a port
+OF_RIGS = ("camera", "rate", "friction", "latency", "approach_speed", "settle", "yes", "limits")
 LONGEST, THICKEST = 10.0, 0.2  # [m], of a whip
 
 
@@ -26,6 +29,12 @@ LONGEST, THICKEST = 10.0, 0.2  # [m], of a whip
 class AdaptOptions(ResumableOptions, ArmOptions):
     """Strike, film, identify again and plan again, until an unknown whip hits."""
 
+    in_space: ClassVar[bool] = True
+
+    port: str = "twin"
+    """Serial device such as /dev/ttyUSB0; twin: the emulator behind the same protocol; robot: a lab's own
+    position-controlled robot, which takes each strike as a trajectory from the run folder, and whose recording, put
+    there as recorded.csv, is read with --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
     """With the twin: points (the tip with the error of tracked images), twin or d435-infrared (rendered and tracked
     images), d435-color (the same in colour), tip (60 frames a second, 5 mm noise, no servos); with a real arm:
@@ -47,7 +56,7 @@ class AdaptOptions(ResumableOptions, ArmOptions):
     """TOML file of lines such as "profile.length" = {value = 0.9, error = 0.05}, laid over the wide default: what it
     does not name stays as it is."""
     known: tuple[str, ...] = ()
-    """Recordings (.npz) of earlier strikes with the same whip."""
+    """Recordings of earlier strikes with the same whip, with the tip and the strike's command."""
     limits: Literal["xm430"] | None = None
     """Plan within a motor's limits; default: xm430, but none for --camera tip, which has no motors."""
     still: bool = True
@@ -63,12 +72,15 @@ class AdaptOptions(ResumableOptions, ArmOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.models.files import find_model
         from whiptool.models.parameters import number
 
         super().check()
+        if self.port != ROBOT and find_model(self.model).dimension == 3:
+            raise InputError("--model", self.model, "a model in the plane, but with --port robot")
         if self.port == "twin" and self.camera not in CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(CAMERAS) + " with --port twin")
-        if self.port != "twin" and self.camera != "realsense" and not self.camera.endswith(".db3"):
+        if self.port not in ("twin", ROBOT) and self.camera != "realsense" and not self.camera.endswith(".db3"):
             raise InputError("--camera", self.camera, "realsense or a .db3 recording, with a real arm")
         self._refuse_idle()
         if self.wiggle and not self.still:
@@ -89,7 +101,17 @@ class AdaptOptions(ResumableOptions, ArmOptions):
                 idle |= dict.fromkeys(("rate", "friction", "latency"), "nothing with --camera tip, which has no servos")
         else:
             idle["family"] = "nothing, unless --port twin is given"
+        if self.port == ROBOT:
+            idle |= dict.fromkeys(OF_RIGS, "nothing with --port robot, which somebody else commands and records")
         refuse_idle(self, idle)
+
+    def build_controller(self) -> Controller:
+        """The controller that the options describe; a robot's is position control."""
+        if self.port != ROBOT:
+            return super().build_controller()
+        from whiptool.impedance import Controller, PositionControl
+
+        return Controller(PositionControl())
 
 
 def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
@@ -105,17 +127,20 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.adaptation.loop import Adaptation, Options
     from whiptool.adaptation.planner import FIRST, NEXT
     from whiptool.adaptation.prior import read_belief
+    from whiptool.models.arm_limits import ArmLimits
     from whiptool.models.motor_limits import limits_preset
     from whiptool.models.strike import StrikeBounds, default_bounds
-    from whiptool.recording.strike_recording import StrikeRecording
+    from whiptool.recording.readers import read_recording
     from whiptool.rig.emulator.motor import HARDWARE, Motor
 
-    tip = options.port == "twin" and options.camera == "tip"
-    stock, target = _stock(options), options.build_target()
+    tip = (options.port == "twin" and options.camera == "tip") or options.port == ROBOT  # no motors of ours
+    stock = _stock(options)
     model = options.build_model() if stock is None else stock.owned(options.build_model())
+    target = options.build_target(model)
     controller = _controller(options, model)
     target.check_reach(model)
     limits = options.limits or (None if tip else "xm430")
+    robot = ArmLimits.of(model.arm, prescribed=True) if ArmLimits.are_in(model.arm) else None
     usual = default_bounds(model.arm)
     slow = StrikeBounds((*usual.lower[:-1], SLOW), usual.upper)
     loop = Options(
@@ -127,12 +152,13 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         speed=options.least_speed,
         bounds=usual if limits is None else slow,
         check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
+        admissible=(lambda strikes: strikes) if robot is None else robot.command.shortened,
         first=FIRST if limits is None else replace(FIRST, pool=1024),
         later=NEXT if limits is None else replace(NEXT, pool=512),
         still=options.still,
         wiggle=options.wiggle,
     )
-    known = [StrikeRecording.load(path) for path in options.known]
+    known = [read_recording(path).ordered(model.arm.joints) for path in options.known]
     motor = None if tip else HARDWARE if options.friction else Motor()
     prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor, stock=stock)
     port = _port(options, model, controller, stock)
@@ -174,7 +200,7 @@ def _stock(options: AdaptOptions):
 def _controller(options: AdaptOptions, model):
     """The controller; a rig's holds the torque for a cycle, and compensates the weights that its owner knows of."""
     controller = options.build_controller()
-    if options.camera == "tip":
+    if options.camera == "tip" or options.port == ROBOT:
         return controller
     return replace(controller, control_period=1 / options.rate).reckoning_with(model)
 
@@ -195,11 +221,14 @@ def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str 
 def _port(options: AdaptOptions, model, controller, stock):
     """The port: a twin at the tip, a twin of the whole rig, or the rig."""
     from whiptool.adaptation.ports import RigPort, TipPort
+    from whiptool.adaptation.robot_port import RobotPort
     from whiptool.adaptation.twins import draw_twin
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.session import TwinRig
 
-    target = options.build_target().position
+    target = options.build_target(model).position
+    if options.port == ROBOT:
+        return RobotPort(model, options.build_target(model), t_stay=options.t_stay)
     if options.port != "twin":
         rig = hardware_rig(options, model, controller, loop_options(options))
         return RigPort(lambda number: rig, target)

@@ -109,6 +109,7 @@ class Demands:
             forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins anew; the
             first search's best is taken where all are forbidden.
         t_stay: A strike is watched so long after the movement ended [s].
+        admissible: Brings strikes (B, 2 a + 1) within what the joints may be commanded; default: anything.
     """
 
     bounds: StrikeBounds | None = None
@@ -116,6 +117,7 @@ class Demands:
     speed: float = 0.0
     check: Callable[[Strike], str | None] | None = None
     t_stay: float = T_STAY
+    admissible: Callable[[np.ndarray], np.ndarray] = lambda strikes: strikes
 
 
 @dataclass(frozen=True)
@@ -218,7 +220,7 @@ class _Search:
         assert plant.controller is not None
         self.target, self.limits, self.speed, self.t_stay = target, demands.limits, demands.speed, demands.t_stay
         self.margin = MARGINS[0]
-        self.box = (demands.bounds or default_bounds(plant.model.arm)).box
+        self.box, self._admissible = (demands.bounds or default_bounds(plant.model.arm)).box, demands.admissible
         self.rollout = CompiledRollout(
             plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief), sag=sag
         )
@@ -230,12 +232,12 @@ class _Search:
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Strikes, what each is worth over the whips, and how many candidates there were."""
         lower, upper = self.box
-        candidates = rng.uniform(lower, upper, (effort.pool, len(lower)))
+        candidates = self.within(rng.uniform(lower, upper, (effort.pool, len(lower))))
         if len(past):
             known = np.array(past, float)
             around = np.repeat(known, 8, axis=0)
             around = around + 0.05 * (upper - lower) * rng.standard_normal(around.shape)
-            candidates = np.vstack([np.clip(np.vstack([known, around]), lower, upper), candidates])
+            candidates = np.vstack([self.within(np.vstack([known, around])), candidates])
         best = candidates[np.argsort(self.rank(self.mean(candidates)))[: effort.polished]]
         tried = np.vstack([best, self.polish(best, effort.steps)])
         if self.limits is not None or self.speed:  # what is allowed is a thin part of the box
@@ -249,7 +251,7 @@ class _Search:
             if self.sure(top):
                 break
             draws = centre + spread * (upper - lower) * rng.standard_normal((effort.population, len(lower)))
-            draws = np.clip(draws, lower, upper)
+            draws = self.within(draws)
             values = self.score(draws, whips)
             found.append((draws, values))
             elite = draws[np.argsort(-values)[: max(2, effort.population // 4)]]
@@ -259,6 +261,10 @@ class _Search:
             else:
                 spread = 0.6 * spread
         return np.vstack([x for x, _ in found]), np.concatenate([x for _, x in found]), len(candidates)
+
+    def within(self, strikes: np.ndarray) -> np.ndarray:
+        """Strikes within the box, and within what the joints may be commanded."""
+        return self._admissible(np.clip(strikes, *self.box))
 
     def mean(self, strikes: np.ndarray) -> Approach:
         """On the belief's mean."""
@@ -292,7 +298,7 @@ class _Search:
             move = -near.distance[:, None] * g / np.maximum((g**2).sum(axis=1, keepdims=True), 1e-6)
             length = np.linalg.norm(move, axis=1, keepdims=True)
             move = np.nan_to_num(move * np.minimum(1.0, 0.1 / np.maximum(length, 1e-9)))
-            x = np.clip(x + move * width, lower, upper)
+            x = self.within(x + move * width)
         return best
 
     def squeeze(self, strikes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -304,7 +310,7 @@ class _Search:
                 break
             parents = kept[rng.integers(len(kept), size=_SQUEEZE.children)]
             children = parents + spread * (upper - lower) * rng.standard_normal(parents.shape)
-            children = np.clip(children, lower, upper)
+            children = self.within(children)
             kept, rank = np.vstack([kept, children]), np.r_[rank, self.rank(self.mean(children))]
             order = np.argsort(rank)[: _SQUEEZE.kept]
             kept, rank, spread = kept[order], rank[order], spread * _SQUEEZE.shrink

@@ -58,13 +58,14 @@ def seen_of(
     Raises:
         InputError: The recording has no marker `tip`.
     """
-    points = recording.marker("tip")[:, :2]
+    d = len(target)
+    points = recording.marker("tip")[:, :d]
     seen = np.isfinite(points).all(axis=1)
     if seen.sum() < _JOINED or fault:
         return Seen(recording, None, true_miss, fault)
     t, points = recording.t_points[seen, recording.markers.index("tip")], points[seen]
     fine = np.linspace(t[0], t[-1], 20 * len(t))
-    distance = np.linalg.norm(PchipInterpolator(t, points)(fine) - np.array(target)[:2], axis=1)
+    distance = np.linalg.norm(PchipInterpolator(t, points)(fine) - np.array(target), axis=1)
     before = np.clip(np.searchsorted(t, fine) - 1, 0, len(t) - 2)
     shown = t[before + 1] - t[before] <= _GAP * np.median(np.diff(recording.t))
     return Seen(recording, float(distance[shown].min()), true_miss, fault)

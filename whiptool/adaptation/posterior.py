@@ -14,6 +14,7 @@ from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.fit import Fit, Options, fit
+from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.recording.strike_recording import StrikeRecording
@@ -64,7 +65,7 @@ class Inconsistent:
 
 _INCONSISTENT = Inconsistent()
 _HORIZONS = (0.5, 0.75)  # of a recording's frames, before all of them
-_POSE = ("rotation", "shift_x", "shift_y")
+_POSE = {2: ("rotation", "shift_x", "shift_y"), 3: PLACED[3][1:]}  # by dimension
 _LEAST = 6  # frames
 _OF_MEDIAN = math.sqrt(math.pi / 2)  # its standard error over that of the mean
 _SHARPEST = 1e8  # information over the prior's, at most: rounding errors spoil the covariance beyond
@@ -135,7 +136,7 @@ def update(
     found = None
     while used:
         options = Options(
-            drive="command",
+            drive=driven_by(prior.plant, used),
             prior=prior.as_prior(),
             timestep=timestep,
             max_iterations=25,
@@ -159,6 +160,16 @@ def update(
     return Learned(belief, rmse, refused, time.perf_counter() - began, redundancy)
 
 
+def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
+    """Return what drives the whip in a fit: the command; of a position-controlled robot in space its measured joints.
+
+    Where a robot lags behind its command, a log of its joints says what its hand really did.
+    """
+    logged = all(recording.joints_q is not None for recording in recordings)
+    robot = plant.controller is not None and plant.controller.prescribed and plant.model.dimension == 3
+    return "joints" if robot and logged else "command"
+
+
 def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[StrikeRecording | None, str]:
     """The frames of the tip up to shortly after its closest approach to the target, or None and the reason.
 
@@ -175,11 +186,13 @@ def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[St
     if "tip" not in recording.markers or recording.strike is None:
         raise InputError("recording", recording.source or "a recording", "one of the tip, with its strike's command")
     i = recording.markers.index("tip")
-    seen, t, points = recording.seen[:, i], recording.t, recording.points[:, i, :2]
+    seen, t, points = recording.seen[:, i], recording.t, recording.points[:, i]
     end = recording.strike.D + recording.t_stay
     within = t <= end
     if recording.target is not None and not _at_rest(recording) and (seen & within).any():
-        distance = np.where(seen & within, np.hypot(*(points - np.array(recording.target[:2])).T), np.inf)
+        d = len(recording.target)
+        away = np.linalg.norm(points[:, :d] - np.array(recording.target), axis=1)
+        distance = np.where(seen & within, away, np.inf)
         within &= t <= max(t[int(distance.argmin())], -math.inf if contact is None else contact) + AFTER
     lost = 1 - float(np.mean(seen[recording.t <= end])) if (recording.t <= end).any() else 1.0
     if lost > 1 - SHARE_SEEN or (seen & within).sum() < _LEAST:
@@ -226,7 +239,7 @@ def _best(
             return found[-1]
     samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
     early = [_until(r, _HORIZONS[0]) for r in recordings]
-    predictor = Predictor(early, prior.plant, drive="command", shared=_of_plant(prior), timestep=options.timestep)
+    predictor = Predictor(early, prior.plant, drive=options.drive, shared=_of_plant(prior), timestep=options.timestep)
     scores = [_score(predictor, plant) for plant in samples]
     for i in np.argsort(scores)[: starts - 1]:
         found.append(_grown(recordings, samples[i], prior.names, options))
@@ -294,8 +307,8 @@ def _of_plant(belief: Belief) -> tuple[str, ...]:
 
 def _score(predictor: Predictor, plant: Plant) -> float:
     """Mean distance between recorded and predicted tip [m]."""
-    own = [np.zeros(0)] * len(predictor.recordings)
-    r = [p.value - y for p, y in zip(predictor(plant, {}, own, derivatives=False), predictor.measured, strict=True)]
+    found = predictor(plant, {}, predictor.start, derivatives=False)
+    r = [p.value - y for p, y in zip(found, predictor.measured, strict=True)]
     mean = float(np.mean(np.abs(np.concatenate(r))))
     return mean if np.isfinite(mean) else np.inf
 
@@ -322,17 +335,22 @@ def _plausible(prior: Belief, found: Fit) -> bool:
 
 def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> str:
     """What would explain a recording that no whip explains."""
-    said = f"no whip that is believed possible moves like this ({100 * rmse:.1f} cm RMSE)"
-    posed = _fit([bad], prior.at(), prior.names, dataclasses.replace(options, per_recording=_POSE))
+    said, d = (
+        f"no whip that is believed possible moves like this ({100 * rmse:.1f} cm RMSE)",
+        prior.plant.model.dimension,
+    )
+    posed = _fit([bad], prior.at(), prior.names, dataclasses.replace(options, per_recording=_POSE[d]))
     if posed is None:
         return said
     own = posed.recordings[0].own
-    if posed.recordings[0].rmse > TOO_FAR / 2 or abs(own["rotation"]) > np.pi / 4 or not _plausible(prior, posed):
+    turns, shift = ([own[x] for x in _POSE[d] if x.startswith(kind)] for kind in ("rotation", "shift"))
+    turned = float(np.linalg.norm(turns))
+    if posed.recordings[0].rmse > TOO_FAR / 2 or turned > np.pi / 4 or not _plausible(prior, posed):
         return said + ": is the marker that was tracked the tip?"
-    if max(abs(own["rotation"]), np.hypot(own["shift_x"], own["shift_y"])) < _INCONSISTENT.unmoved:
+    if max(turned, float(np.linalg.norm(shift))) < _INCONSISTENT.unmoved:
         return said + "; alone it would fit: a whip other than that of the other recordings?"
-    turned, x, y = np.degrees(own["rotation"]), own["shift_x"], own["shift_y"]
-    return said + f", unless the camera was turned by {turned:+.1f} deg and moved by ({x:+.3f}, {y:+.3f}) m"
+    by, to = (", ".join(x) for x in ([f"{np.degrees(t):+.1f}" for t in turns], [f"{s:+.3f}" for s in shift]))
+    return said + f", unless the camera was turned by {by} deg and moved by ({to}) m"
 
 
 def _redundancy(found: Fit) -> float:

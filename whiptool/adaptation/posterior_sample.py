@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from whiptool.adaptation.posterior import TIMESTEP, Learned, usable
+from whiptool.adaptation.posterior import TIMESTEP, Learned, driven_by, usable
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
@@ -124,7 +124,7 @@ def log_posterior(
     if not used:
         raise InputError("recordings", "none that is used", "one or more")
     of_plant = tuple(name for name in prior.names if name != "delay")
-    predictor = Predictor(used, prior.plant, drive="command", shared=of_plant, timestep=TIMESTEP)
+    predictor = Predictor(used, prior.plant, drive=driven_by(prior.plant, used), shared=of_plant, timestep=TIMESTEP)
     lower, upper = (np.array([getattr(v, end) for v in prior.variables]) for end in ("lower", "upper"))
     whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
 

@@ -15,8 +15,8 @@ from whiptool.adaptation.materials import NUMBERS, Stock, stock_of_model
 from whiptool.adaptation.model_error import NONE, ModelError
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
+from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Plant
-from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.variables import Prior, Variable, variable
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.parameters import Model, number
@@ -180,9 +180,9 @@ def default_prior(
         raise InputError("whip", whip, ", ".join(WHIPS))
     if stock is not None:
         model = stock.owned(model)
-    entries: dict[str, tuple[float | None, float]] = {
-        f"arm.friction[{i}]": (_SPREAD.arm_friction, _SPREAD.arm_friction) for i in range(model.arm.n)
-    }
+    entries: dict[str, tuple[float | None, float]] = {}
+    if not controller.prescribed:  # else the joints are where they are told, whatever the arm weighs
+        entries = {f"arm.friction[{i}]": (_SPREAD.arm_friction, _SPREAD.arm_friction) for i in range(model.arm.n)}
     if motor is not None:
         model = driven(model, motor)
         friction = [link.friction for link in model.arm.links]
@@ -194,7 +194,8 @@ def default_prior(
     if stock is None:
         stock = stock_of_model(model)
         model = stock.owned(model)  # with drag and friction, where it has none
-    entries |= {f"arm.mass[{i}]": (None, _SPREAD.arm_mass) for i in range(model.arm.n)}
+    if not controller.prescribed:
+        entries |= {f"arm.mass[{i}]": (None, _SPREAD.arm_mass) for i in range(model.arm.n)}
     if isinstance(controller.law, OIAC):
         entries["law.a"] = (None, _SPREAD.gain)
     return _joined(_profile(Plant(model, controller, profile_of(model, "")), stock), entries)
@@ -216,7 +217,9 @@ def _profile(plant: Plant, stock: Stock) -> Belief:
     profile = plant.profile
     assert profile is not None
     half = profile.linear_density * profile.length / plant.model.whip.N / 2  # what point masses have beyond half a hat
-    entries |= {"profile.rest_curvature": (None, _SPREAD.rest_curvature), "profile.tip_mass": (half, half)}
+    entries |= {"profile.tip_mass": (half, half)}
+    if plant.model.dimension == 2:  # in space a bend has a direction, too
+        entries |= {"profile.rest_curvature": (None, _SPREAD.rest_curvature)}
     belief = _belief(plant, entries)
     covariance = np.array(belief.covariance)
     # a number that has no logarithm moves by its size times what its logarithm would

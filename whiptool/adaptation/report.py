@@ -180,7 +180,7 @@ class _Path:
     """Return the tip's path that the posterior mean after a strike predicts for that strike."""
 
     t: np.ndarray
-    points: np.ndarray  # (S, 2) [m]
+    points: np.ndarray  # (S, d) [m]
     nearest: float  # [s]
     speed: str  # [m/s]
 
@@ -207,13 +207,13 @@ def _filmed_speed(recording: StrikeRecording, target: Target) -> str:
     """Of the tip between the frames on both sides of its closest approach [m/s]."""
     if "tip" not in recording.markers:
         return _NONE
-    points = recording.marker("tip")[:, :2]
+    points = recording.marker("tip")[:, : len(target.position)]
     seen = np.flatnonzero(np.isfinite(points).all(axis=1))
     if len(seen) < 3:
         return _NONE
-    k = int(np.clip(np.hypot(*(points[seen] - target.position).T).argmin(), 1, len(seen) - 2))
+    k = int(np.clip(np.linalg.norm(points[seen] - target.position, axis=1).argmin(), 1, len(seen) - 2))
     a, b = seen[k - 1], seen[k + 1]
-    return f"about {np.hypot(*(points[b] - points[a])) / (recording.t[b] - recording.t[a]):.1f}"
+    return f"about {np.linalg.norm(points[b] - points[a]) / (recording.t[b] - recording.t[a]):.1f}"
 
 
 def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Section:
@@ -236,8 +236,8 @@ def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> S
         "Truth: known to a twin only, and not used. Tip speed: of the learned whip at its closest approach; “about”: "
         "between the frames around it. Model error: how far the tip may be from where the learned whip has it."
     )
-    (x, y), r = target.position, target.hit_radius
-    said = f"Target at ({x:g}, {y:g}) m, hit radius {100 * r:g} cm. "
+    place, r = ", ".join(f"{x:g}" for x in target.position), target.hit_radius
+    said = f"Target at ({place}) m, hit radius {100 * r:g} cm. "
     strikes = [step for step in steps if step.number]
     hit = next((step for step in strikes if step.hit), None)
     said += f"First hit: strike {hit.number}." if hit else f"No hit in {len(strikes)} strikes."
@@ -260,11 +260,13 @@ def _plane(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Pic
         if i + columns >= len(chosen):
             ax.tick_params(labelbottom=True)
             ax.set_xlabel("x, forward [m]")
+    in_space = len(target.position) == 3
+    seen = "seen from the side" if in_space else "in the strike plane"
     for ax in grid[:, 0]:
-        ax.set_ylabel("y, up [m]")
+        ax.set_ylabel("z, up [m]" if in_space else "y, up [m]")
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
     caption = (
-        f"The tip in the strike plane, as recorded and as the whip that is believed in after the strike has it; solid "
+        f"The tip {seen}, as recorded and as the whip that is believed in after the strike has it; solid "
         f"until {AFTER:g} s after its closest approach to the target. Recordings are cut so long after the camera's "
         "closest frame or the planned contact, whichever is later."
     )
@@ -274,10 +276,11 @@ def _plane(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Pic
 
 
 def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
+    side = [0, len(target.position) - 1]  # forward and upward
     points, used, notes = np.zeros((0, 2)), np.zeros(0, bool), []
     recording = step.outcome.recording
     if recording is not None and "tip" in recording.markers:
-        points = recording.marker("tip")[:, :2]
+        points = recording.marker("tip")[:, side]
         used = np.zeros(len(points), bool)
         if _used(step):
             cut, _ = usable(recording, step.plan.contact)
@@ -291,12 +294,12 @@ def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
     ax.plot(*points[used].T, color=COLORS["blue"], markersize=4.5, label="recorded tip, learned from", **dots)
     ax.plot(*points[~used].T, color="0.65", markersize=3, label="recorded tip, not learned from", **dots)
     late, line = path.t > path.nearest + AFTER, {"color": COLORS["vermilion"], "zorder": 3}
-    ax.plot(*path.points[~late].T, linewidth=1.2, label="tip of the believed whip", **line)
-    ax.plot(*path.points[late].T, linewidth=0.8, linestyle=":", **line)
-    nearest = path.points[np.abs(path.t - path.nearest).argmin()]
+    ax.plot(*path.points[~late][:, side].T, linewidth=1.2, label="tip of the believed whip", **line)
+    ax.plot(*path.points[late][:, side].T, linewidth=0.8, linestyle=":", **line)
+    nearest = path.points[np.abs(path.t - path.nearest).argmin(), side]
     edge = {"markeredgecolor": "white", "markersize": 5}
     ax.plot(*nearest, "o", color=COLORS["vermilion"], zorder=5, label="its closest approach", **edge)
-    place, r = (target.position[0], target.position[1]), target.hit_radius
+    place, r = (target.position[0], target.position[-1]), target.hit_radius
     ax.add_patch(Circle(place, r, facecolor="#F8E1B0", edgecolor=COLORS["orange"], linewidth=1.6, zorder=1))
     ring = {"color": "#F8E1B0", "markeredgecolor": COLORS["orange"], "markersize": 9}
     ax.plot([], [], "o", label=f"target, hit radius {r:g} m", **ring)

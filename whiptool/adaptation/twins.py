@@ -93,7 +93,7 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     numbers, name = stock.draw(rng), f"{family}-{seed}"
     if family == "kin":
         arm = _with_friction(model, rng.uniform(0.0, 0.01, model.arm.n))
-        whip = uniform_whip(numbers, model.whip.N)
+        whip = uniform_whip(numbers, model.whip)
         if own is not None:
             whip = dataclasses.replace(whip, drag=own.drag, dry_friction=own.dry_friction)
         kin = Model(whip, arm, model.gravity, name)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from whiptool.adaptation.options import AdaptOptions, prepare
+from whiptool.adaptation.robot_port import AwaitsRecording
 from whiptool.commands import cli
 from whiptool.whole_files import write_whole
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from whiptool.adaptation.steps import Step
 
 REPORT = "report.html"
+AWAITS = 3  # exit status
 _ABOUT = (
     "Learn an unknown whip, strike by strike, until it hits. "
     "Example: python -m whiptool.adapt --target 1.2 0.1 --port twin --camera points --family strange --seed 3"
@@ -25,7 +27,8 @@ _ABOUT = (
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0 after a hit, 1 without one, 2 for bad input, 130 when interrupted."""
+    """The command line; the exit status is 0 after a hit, 1 without one, 2 for bad input, 3 where a robot of somebody
+    else's is to strike next, 130 when interrupted."""
     return cli.run(lambda: _main(args))
 
 
@@ -40,12 +43,23 @@ def _adapt(options: AdaptOptions) -> int:
     with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
         steps: list[Step] = []
-        adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
+        try:
+            adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
+        except AwaitsRecording as waits:
+            return _ask(waits, folder.path, as_json=options.json)
         summary = _summary(steps)
         write_whole(folder.path / REPORT, _page(adaptation, steps, options))
         folder.write_result(summary)
         print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
         return 0 if summary["hit"] else 1
+
+
+def _ask(waits: AwaitsRecording, folder: Path, *, as_json: bool) -> int:
+    """Say which strike somebody else's robot is to strike next, and how the run goes on."""
+    told = {"awaits": str(waits.recording), "trajectory": str(waits.trajectory)}
+    words = f"{waits} (and recorded.toml beside it); then: python -m whiptool.adapt --resume {folder}"
+    print(json.dumps(told) if as_json else words)
+    return AWAITS
 
 
 def _tell(steps: list[Step], step: Step, prior: Belief) -> None:
@@ -63,7 +77,7 @@ def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> s
     from whiptool.runs import code_version
     from whiptool.viz.report import to_html
 
-    x, y = adaptation.target.position[:2]
+    place = ", ".join(f"{x:g}" for x in adaptation.target.position)
     facts = {
         "code": f"whiptool {code_version()}",
         "believed": f"{options.model}, {options.controller_label()}; prior: {options.prior or options.whip}"
@@ -72,7 +86,7 @@ def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> s
         if options.port == "twin"
         else options.port,
         "camera": options.camera,
-        "target": f"({x:g}, {y:g}) m, hit radius {adaptation.target.hit_radius:g} m",
+        "target": f"({place}) m, hit radius {adaptation.target.hit_radius:g} m",
     }
     subtitle = "Strike, film, identify, plan again: what each strike taught of the whip."
     return to_html("An unknown whip", subtitle, facts, sections(steps, adaptation.prior, adaptation.target))

@@ -117,7 +117,7 @@ class _Run:
 
     def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
         """Read or track all recordings, and find their plane; the controller that they hold."""
-        from whiptool.identification.gather import gather, may_be_filmed
+        from whiptool.identification.gather import gather, is_film, may_be_filmed
         from whiptool.identification.inputs import common_controller, read_marker
         from whiptool.recording.strike_plane import check_one_plane, fit_plane
 
@@ -127,10 +127,13 @@ class _Run:
                 "--tip", self.options.tip, "nothing: no recording is a film, in which the tip is looked for"
             )
         handle = self.options.drive == "handle"
+        if self.model.dimension == 3 and (films := [x for x in (*names, *held_out) if is_film(x)]):
+            rule = "motion capture, of a model in space: a camera sees its strikes in one plane only"
+            raise InputError("recording", films[0], rule)
         found = [gather(name, tip=tip, handle=handle) for name in (*names, *held_out)]
         recordings = [recording for recording, _ in found]
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
-        self.plane = fit_plane(recordings)
+        self.plane = fit_plane(recordings) if self.model.dimension == 2 else None
         if self.plane is not None:
             check_one_plane(recordings, self.plane)
             recordings = [self.plane.project(recording) for recording in recordings]
@@ -139,7 +142,8 @@ class _Run:
 
     def _check_fit(self) -> None:
         """Refuse what the fit would refuse, before it begins."""
-        from whiptool.identification.predict import NEUTRAL, Predictor
+        from whiptool.identification.placement import NEUTRAL
+        from whiptool.identification.predict import Predictor
         from whiptool.identification.variables import variables_of
 
         nodes = self.options.nodes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import tyro
 
@@ -13,7 +13,9 @@ from whiptool.options.controller import CONTROLLERS
 from whiptool.options.scene import MODELS
 
 Drive = Literal["command", "joints", "handle", "passive", "free"]
-Own = Literal["delay", "scale", "rotation", "shift_x", "shift_y", "start"]
+Own = Literal[
+    "delay", "scale", "rotation", "shift_x", "shift_y", "start", "rotation_x", "rotation_y", "rotation_z", "shift_z"
+]
 
 OF_WHIPS = ("per_recording", "nodes", "profile", "prior", "tip")  # options that speak of whips and cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
@@ -22,6 +24,8 @@ REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings" 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Fit a whip's parameters to recorded strikes."""
+
+    in_space: ClassVar[bool] = True
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
     """Tracks (CSV, DeepLabCut, NPZ, MAT, C3D, LeRobot folders) or videos (files, ROS bags), which are tracked first."""

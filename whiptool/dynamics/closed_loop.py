@@ -14,7 +14,7 @@ from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.dynamics.rods import RodFrame, bend, torque_of
 from whiptool.dynamics.serial_arm import ArmMotion, ArmPosture, Body, LedMotion, SerialArm, solve
-from whiptool.dynamics.structure import Structure
+from whiptool.dynamics.structure import HINGES, Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 from whiptool.dynamics.turns import rotation_left, turned_by
 from whiptool.impedance.hand import SINGULAR
@@ -29,7 +29,6 @@ _LINK = {  # quantities of a link: what they are called in a whip
     "dry_friction": "dry_friction", "drag": "drag", "cubic_stiffness": "cubic_stiffness", "drag_ratio": "drag_ratio",
     "friction_velocity": "friction_velocity", "inertia": "node_inertia",
 }  # fmt: skip
-_HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS), "rod": ()}
 _TURNS = {2: [[0, -1, 0]], 3: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}  # of the orientation's coordinates: their axes
 
 
@@ -57,7 +56,7 @@ class ClosedLoop(System):
         assert self.prescribed or not self.explicit
         self.n_inputs = structure.n_arm if self.held or self.prescribed else 0
         self.dimension = structure.dimension
-        self.hinges = _HINGES[structure.joints]
+        self.hinges = HINGES[structure.joints]
         self.parameters = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
         self.p = ca.vertcat(*self.parameters.values())
         self.link_columns = {

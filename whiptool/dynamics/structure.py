@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.columns import Columns
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.law import LAWS
@@ -22,6 +23,7 @@ PER_NODE = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffne
 _ONE = ("drag_ratio", "hinge_mass")  # numbers of a whip, likewise
 _ARM = {"mass": 1, "com": 3, "inertia": 6, "position": 3, "friction": 1, "armature": 1}  # numbers of a link in space
 Matrix = tuple[tuple[float, ...], ...]
+HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS), "rod": ()}  # axes, by kind of joint
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class ArmShape:
         """The shape of a model's arm, with the terms of parameters named in `free`."""
         arm = model.arm
         assert isinstance(arm, SpatialArm)
-        used = {name: x != 0 for name, x in _numbers_of(arm).items()}
+        used = {name: x != 0 for name, x in arm_numbers(arm).items()}
         for quantity, i in (arm_column(name) for name in free if name in model.parameters() and name[:4] == "arm."):
             used[quantity][i] = True
         return cls(
@@ -68,8 +70,8 @@ def arm_column(name: str) -> tuple[str, int]:
     return quantity, _ARM.get(quantity, 3) * int(index or 0) + (parts.index(part) if part else 0)
 
 
-def _numbers_of(arm: SpatialArm) -> dict[str, np.ndarray]:
-    """Numbers of an arm in space by quantity, each flat."""
+def arm_numbers(arm: SpatialArm) -> dict[str, np.ndarray]:
+    """Return the numbers of an arm in space by quantity, each flat."""
     return {name: np.ravel(arm.per_link(name)) for name in _ARM} | {"hand_position": np.array(arm.hand_position)}
 
 
@@ -195,7 +197,7 @@ class Structure:
         """
         values: dict[str, Any] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
         if isinstance(model.arm, SpatialArm):
-            values |= {f"arm.{name}": numbers for name, numbers in _numbers_of(model.arm).items()}
+            values |= {f"arm.{name}": numbers for name, numbers in arm_numbers(model.arm).items()}
         else:
             values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
         per_node = ("l", "m", "k", "b", "node_inertia", *PER_NODE)

@@ -9,14 +9,19 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, SpatialFrame
+from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, SpatialFrame, Turned
 from whiptool.dynamics.chain import Scalar
 from whiptool.dynamics.columns import Columns
 from whiptool.dynamics.records import Nothing
+from whiptool.dynamics.rods import RodFrame
+from whiptool.dynamics.structure import HINGES
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 
 BASE = 7  # numbers that describe the base at one instant, in the order of `Base`
-_OPTIONAL = ("stiffness", "rest_angle", "dry_friction", "drag", "cubic_stiffness", "drag_ratio")
+SPATIAL_BASE = 21  # in space: its axes (9, column by column), and four vectors, see `SpatialSwing`
+_OPTIONAL = (
+    "stiffness", "rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness", "drag_ratio", "inertia",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -44,12 +49,24 @@ class SwingStructure:
         moving: The base moves; its motion is the input.
         point_masses: Every link is a point mass at its far end: com is the length, and there is no inertia.
         optional: Which of `_OPTIONAL` there are.
+        joints: Of the links: a `hinge` in the plane; in space `universal` or `rod`.
     """
 
     n: int
     moving: bool
     point_masses: bool
     optional: tuple[str, ...] = ()
+    joints: str = "hinge"
+
+    @property
+    def coordinates(self) -> int:
+        """Number of all links' coordinates."""
+        return self.n * (len(HINGES[self.joints]) or 3)
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return 2 if self.joints == "hinge" else 3
 
     @property
     def layout(self) -> dict[str, int]:
@@ -68,9 +85,11 @@ class SwingStructure:
         return sum(self.layout.values())
 
     @classmethod
-    def of(cls, *, n: int, moving: bool, point_masses: bool, used: Sequence[str]) -> SwingStructure:
+    def of(
+        cls, *, n: int, moving: bool, point_masses: bool, used: Sequence[str], joints: str = "hinge"
+    ) -> SwingStructure:
         """With the terms of these quantities."""
-        return cls(n, moving, point_masses, tuple(name for name in _OPTIONAL if name in used))
+        return cls(n, moving, point_masses, tuple(name for name in _OPTIONAL if name in used), joints)
 
     def pack(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """The parameter vector (n_parameters,) of quantities by name, each (n,) or one number."""
@@ -89,9 +108,12 @@ class Swing(System):
     n_drive = 0
 
     def __init__(self, structure: SwingStructure) -> None:
+        if structure.dimension == 3 and not structure.moving:
+            raise NotImplementedError("a whip in space hangs from a hand whose motion is given")
         self.structure = structure
-        self.n_links = structure.n
-        self.n_inputs = BASE if structure.moving else 0
+        self.n_links, self.dimension = structure.n, structure.dimension
+        self.hinges = HINGES[structure.joints]
+        self.n_inputs = (BASE if self.dimension == 2 else SPATIAL_BASE) if structure.moving else 0
         P = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
         self.p = ca.vertcat(*P.values())
         self.gravity = P["gravity"]
@@ -121,7 +143,30 @@ class Swing(System):
         return Reaction(ca.SX(0, 1), acceleration, ca.SX(0, 1))
 
 
+class SpatialSwing(Swing):
+    """A whip in space on a hand whose motion is given.
+
+    The input is the hand at an instant: its axes (9,), column by column, angular velocity, velocity, angular
+    acceleration and acceleration of the point that joint 1 hangs from, three numbers each, in the world's axes.
+    """
+
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
+        """Return the hand's frame; places are counted from the hand.
+
+        In the second stage of a step the angular acceleration is that at the step's end for both stages: the
+        integrator's share of the first joint's damping takes it up, to the second order in the step.
+        """
+        frame = SpatialFrame(Turned(ca.reshape(u[:9], 3, 3), ca.SX(0)), u[9:12], u[12:15], ca.SX.zeros(3))
+        whole = frame if self.hinges else RodFrame.at_hand(frame, u[15:18])
+        return Hand(whole, ca.SX(0, 3), ca.SX(0, 1), Nothing())
+
+    def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
+        """Return the hand's acceleration, whatever it carries; gravity is part of it."""
+        linear = now.u[18:21] + ca.vertcat(0, 0, self.gravity)
+        return Reaction(ca.SX(0, 1), SpatialAcceleration(now.u[15:18], linear), ca.SX(0, 1))
+
+
 @lru_cache(maxsize=32)
 def swing(structure: SwingStructure) -> Swing:
     """The system of a structure, derived once per process."""
-    return Swing(structure)
+    return Swing(structure) if structure.dimension == 2 else SpatialSwing(structure)

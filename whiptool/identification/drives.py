@@ -17,7 +17,7 @@ from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
 from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
-from whiptool.identification.motion import HandleMotion, JointMotion, Motion, StillMotion
+from whiptool.identification.motion import HandleMotion, JointMotion, Motion, SpatialJointMotion, StillMotion
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Identifiable, Plant, Quantities
 from whiptool.impedance.controller import Controller
@@ -25,6 +25,7 @@ from whiptool.models.parameters import ArmParameters, Model
 from whiptool.recording.strike_recording import StrikeRecording
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
+BEFORE = 0.05  # [s] before a robot's command from which its log is followed: it and the whip are at rest until then
 MARGIN = 0.1  # [s] that a path goes on after the last reading, so that a delay can be found
 _RELEASE = 0.1  # [s] through which a released whip's marker moves along a parabola
 DRIVES = ("command", "joints", "handle", "passive", "free")
@@ -50,9 +51,9 @@ class Shot:
     Args:
         p, dp: Parameters and their changes, (P,), (D, P).
         x0, dx0: Start and its changes, (2 n,), (D, 2 n).
-        u: The base at steps + 2 instants, (I, 7); None if it does not move.
-        moving: Its changes along some directions, (some, I, 7), the first of which is number `first`.
-        place, dplace: Where the base is, (I, 2), (D, I, 2).
+        u: The base at steps + 2 instants, (I, 7), in space (I, 21); None if it does not move.
+        moving: Its changes along some directions, (some, I, ...), the first of which is number `first`.
+        place, dplace: Where the base is, (I, d), (D, I, d).
     """
 
     p: np.ndarray
@@ -159,9 +160,10 @@ class CommandDrive(Drive):
 
     def link_of(self, marker: str) -> int | None:
         arm = self._arm
-        known = {"shoulder": ORIGIN, "handle": arm.n - 1, "tip": self.structure.n - 1}
+        assert isinstance(self.structure, Structure)
+        known = {"shoulder": ORIGIN, "handle": arm.n - 1, "tip": arm.n + self.structure.n_whip - 1}
         known |= {joint: i - 1 for i, joint in enumerate(arm.joints) if i}
-        node = _node(marker, self.structure.n - arm.n)
+        node = _node(marker, self.structure.n_whip)
         return known.get(marker, None if node is None else arm.n + node)
 
 
@@ -172,7 +174,8 @@ class SwingDrive(Drive):
         "length": "whip.l", "mass": "whip.m", "stiffness": "whip.k", "damping": "whip.b", "gravity": "gravity",
         "rest_angle": "whip.rest_angle", "dry_friction": "whip.dry_friction", "drag": "whip.drag",
         "cubic_stiffness": "whip.cubic_stiffness", "drag_ratio": "whip.drag_ratio",
-        "friction_velocity": "whip.friction_velocity",
+        "friction_velocity": "whip.friction_velocity", "rest_angle_x": "whip.rest_angle_x",
+        "inertia": "whip.node_inertia",
     }  # fmt: skip
 
     def __init__(
@@ -195,14 +198,19 @@ class SwingDrive(Drive):
                     "a number of the whip, where the base's motion is prescribed",
                     "drive by command",
                 )
-        terms = ("rest_angle", "dry_friction", "drag", "cubic_stiffness")
+        if plant.model.dimension == 3:
+            _check_in_space(kind, unknown=unknown, rods=whip.joints == "rod")
+        terms = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness")
         used = {name for name in terms if whip.per_node(name).any()} | {"stiffness"}
         used |= {name for name in terms if any(name in f for f in free)}
         used |= {"drag_ratio"} if whip.drag_ratio != 1 or "whip.drag_ratio" in free else set()
         used |= {"dry_friction"} if "whip.friction_velocity" in free else set()
         if plant.profile is not None:
             used |= {name for name, f in (("rest_angle", "rest_curvature"), ("drag", "drag")) if f"profile.{f}" in free}
-        self.structure = SwingStructure.of(n=whip.N, moving=True, point_masses=True, used=tuple(used))
+        used |= {"inertia"} if whip.per_node("node_inertia").any() or "whip.node_inertia" in free else set()
+        self.structure = SwingStructure.of(
+            n=whip.N, moving=True, point_masses=True, used=tuple(used), joints=whip.joints
+        )
         make = {"joints": self._measured_joints, "handle": self._tracked_handle, "passive": self._still}[kind]
         # a whip that hangs at rest hangs from a hand at rest: the tip would keep any speed that its base begins with
         self.motion: Motion = make(recording, plant, h, {"knots": knots, "at_rest": not unknown})
@@ -210,7 +218,7 @@ class SwingDrive(Drive):
         if kind == "passive":
             self.unknowns["start"] = released(recording, plant, _hand(recording))
         elif unknown:
-            self.unknowns["start"] = np.zeros(2 * whip.N)
+            self.unknowns["start"] = np.zeros(2 * self.structure.coordinates)
 
     def _measured_joints(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
         if recording.joints_t is None or recording.joints_q is None:
@@ -220,10 +228,13 @@ class SwingDrive(Drive):
                 "one with measured joints",
                 "or drive by command or handle",
             )
-        self.start = float(recording.joints_t[0])
-        instants = self._instants(recording, h)
-        assert isinstance(plant.model.arm, ArmParameters)  # a plant is in the plane
-        return JointMotion(recording.joints_t, recording.joints_q, plant.model.arm, instants, **options)
+        arm, t = plant.model.arm, recording.joints_t
+        self.start = float(t[0])
+        if isinstance(arm, ArmParameters):
+            return JointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
+        if options["at_rest"]:  # a robot's log holds its way to the start, too
+            self.start = max(self.start, -BEFORE)
+        return SpatialJointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
         if "handle" not in recording.markers:
@@ -265,7 +276,8 @@ class SwingDrive(Drive):
 
     def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
         assert isinstance(plant, Plant)
-        n, m, a, p = self.structure.n, len(packed.dp), self._arm.n, packed.p
+        assert isinstance(self.structure, SwingStructure)
+        n, m, a, p = self.structure.coordinates, len(packed.dp), self._arm.n, packed.p
         k = len(self.motion.start)
         moved = self.motion.at(unknowns[:k])
         dp = np.vstack([packed.dp, np.zeros((len(unknowns), len(p)))])
@@ -273,8 +285,9 @@ class SwingDrive(Drive):
         assert packed.hanging is not None
         assert packed.turning is not None
         q_i, inputs = moved.q_i.copy(), moved.inputs.copy()
-        q_i[0] += plant.clamp or 0.0
-        inputs[:, 0] += plant.clamp or 0.0
+        if plant.clamp is not None:
+            q_i[0] += plant.clamp
+            inputs[:, 0] += plant.clamp
         q = start_posture(plant.held, q_i[None])
         x0[:n] = q[0, a:]
         S, hanging, d_hanging = packed.hanging
@@ -285,7 +298,7 @@ class SwingDrive(Drive):
         dx0[: m + k, :n] = start_derivative(plant.held, S, *both, changes)[:, a:]
         if len(unknowns) > k:
             x0, dx0[m + k :] = x0 + unknowns[k:], np.eye(2 * n)
-        dplace = np.zeros((len(dp), self.steps + 2, 2))
+        dplace = np.zeros((len(dp), *moved.place.shape))
         dplace[m : m + k] = moved.d_place
         d_inputs, first = moved.d_inputs, m
         if packed.turning.any():
@@ -296,6 +309,18 @@ class SwingDrive(Drive):
     def link_of(self, marker: str) -> int | None:
         known = {"handle": AT_BASE, "tip": self.structure.n - 1}
         return known.get(marker, _node(marker, self.structure.n))
+
+
+def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
+    """Refuse what is not identified in space yet.
+
+    Raises:
+        InputError: The hand is not that of measured joints, or a whip of rods begins in an unknown state.
+    """
+    if kind != "joints":
+        raise InputError("drive", kind, "joints or command, for a model in space", "record the arm's joints")
+    if unknown and rods:
+        raise InputError("free per recording", "start", "nothing of that kind, for a whip of rods", "let it hang still")
 
 
 class FreeDrive(Drive):
@@ -438,6 +463,7 @@ def make_drive(
         return FreeDrive(recording, plant, free=free, h=h, unknown=unknown_start)
     if not isinstance(recording, StrikeRecording) or not isinstance(plant, Plant):
         raise InputError("drive", kind, "strike recordings of an arm and whip")
+    recording = recording.ordered(plant.model.arm.joints)
     if kind == "command":
         return CommandDrive(recording, plant, free=free, h=h, unknown=unknown_start)
     return SwingDrive(recording, plant, kind=kind, free=free, h=h, unknown=unknown_start, knots=knots)

@@ -10,8 +10,9 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.identification.classes import classify
 from whiptool.identification.inputs import common_controller, full_name
+from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Identifiable, Plant
-from whiptool.identification.predict import NEUTRAL, Recording
+from whiptool.identification.predict import Recording
 from whiptool.identification.problem import Options, Problem
 from whiptool.identification.results import Fit, RecordingFit, Run, judge_starts
 from whiptool.identification.solver import Solution, Status

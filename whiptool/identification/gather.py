@@ -55,6 +55,12 @@ def may_be_filmed(path: str) -> bool:
     return READERS[find_format(path)].video is not None
 
 
+def is_film(path: str) -> bool:
+    """Whether a recording is of a form that holds images and no tracks."""
+    form = READERS[find_format(path)]
+    return form.tracks is None
+
+
 def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> StrikeRecording:
     """The tip's track through a video, as a recording.
 

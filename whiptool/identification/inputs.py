@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import LUMPED, Identifiable, Plant
-from whiptool.identification.predict import NEUTRAL
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_from_table
 from whiptool.models.parameters import Model, number
-from whiptool.models.profile import WhipProfile
+from whiptool.models.profile import WhipProfile, lumped_from
 from whiptool.models.tables import read_toml
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
@@ -81,7 +81,7 @@ def full_name(name: str, plant: Identifiable) -> str:
 
 
 def profile_of(model: Model, name: str) -> WhipProfile:
-    """The profile that a model's file gives, or the uniform one of a whip with one number for all nodes.
+    """The profile that a model's file gives, or the uniform one of a whip with one number for all nodes, or lumped.
 
     Args:
         model: As it was read.
@@ -94,6 +94,8 @@ def profile_of(model: Model, name: str) -> WhipProfile:
         profile = read_toml(Path(name)).get("whip", {}).get("profile")
         if profile is not None:
             return WhipProfile(**profile)
+    if (lumped := lumped_from(model.whip)) is not None:
+        return lumped
     whip: dict[str, float] = {}
     for key in ("l", "m", "k", "b", "rest_angle", "drag"):
         value = getattr(model.whip, key)

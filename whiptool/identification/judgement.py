@@ -31,13 +31,13 @@ class Nearest:
 
     Args:
         time: [s]
-        place: (x, y) [m]
+        place: (x, y), in space (x, y, z) [m]
         velocity: [m/s]
     """
 
     time: float
-    place: tuple[float, float]
-    velocity: tuple[float, float]
+    place: tuple[float, ...]
+    velocity: tuple[float, ...]
 
     @property
     def speed(self) -> float:
@@ -77,7 +77,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Frames:
-    """Those of a film that show the tip: times (F,) [s], places (F, 2) [m] and their standard errors (F,) [m]."""
+    """Those of a film that show the tip: times (F,) [s], places (F, d) [m] and their standard errors (F,) [m]."""
 
     t: np.ndarray
     points: np.ndarray
@@ -94,12 +94,13 @@ def frames_of(recording: StrikeRecording, target: Target, until: float | None = 
     """
     i = recording.markers.index("tip")
     seen = recording.seen[:, i]
-    nearest = np.linalg.norm(recording.points[:, i, :2] - target.position, axis=1)
+    d = len(target.position)
+    nearest = np.linalg.norm(recording.points[:, i, :d] - target.position, axis=1)
     end = math.inf if until is None or not seen.any() else max(until, float(recording.t[np.nanargmin(nearest)]))
     seen &= recording.t <= end
     if seen.sum() < _SEEN:
         return None
-    return Frames(recording.t_points[seen, i], recording.points[seen, i, :2], recording.sigma[seen, i])
+    return Frames(recording.t_points[seen, i], recording.points[seen, i, :d], recording.sigma[seen, i])
 
 
 def unseen_around(frames: Frames, time: float) -> tuple[float, float] | None:
@@ -121,7 +122,7 @@ def judge_frames(frames: Frames, target: Target) -> Judgement:
 def weigh(
     t: np.ndarray, paths: np.ndarray, frames: Frames, target: Target, sizes: np.ndarray, paces: np.ndarray
 ) -> Judgement:
-    """Judge a miss by the paths (S, T, 2) [m] that are expected at times t (T,) [s], and by frames.
+    """Judge a miss by the paths (S, T, d) [m] that are expected at times t (T,) [s], and by frames.
 
     Args:
         t, paths: See above.
@@ -129,8 +130,9 @@ def weigh(
         target: Point and hit radius.
         sizes, paces: Of a discrepancy, the ones that are tried [m], [s].
     """
-    at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(2)] for path in paths])  # (S, 2, F)
-    residuals = (frames.points.T - at_frames).transpose(2, 0, 1).reshape(len(frames.t), -1)  # (F, 2 S)
+    d = paths.shape[2]
+    at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(d)] for path in paths])  # (S, d, F)
+    residuals = (frames.points.T - at_frames).transpose(2, 0, 1).reshape(len(frames.t), -1)  # (F, d S)
     samples = np.arange(len(paths))
     evidence, distances, errors, segments = [], [], [], []
     for size in sizes:
@@ -139,9 +141,9 @@ def weigh(
             K = size**2 * _matern(frames.t[:, None] - frames.t, pace) + np.diag(frames.noise**2)
             factor = cho_factor(K, lower=True)
             solved = cho_solve(factor, residuals)
-            fit = (residuals * solved).sum(axis=0).reshape(-1, 2).sum(axis=1)  # (S,)
-            evidence.append(-fit / 2 - 2 * np.log(np.diag(factor[0])).sum())
-            moved = paths + (across @ solved).reshape(len(t), -1, 2).transpose(1, 0, 2)
+            fit = (residuals * solved).sum(axis=0).reshape(-1, d).sum(axis=1)  # (S,)
+            evidence.append(-fit / 2 - d * np.log(np.diag(factor[0])).sum())
+            moved = paths + (across @ solved).reshape(len(t), -1, d).transpose(1, 0, 2)
             told = solve_triangular(factor[0], across.T, lower=True)
             error = np.sqrt(np.maximum(size**2 - (told**2).sum(axis=0), 1e-12))  # (T,)
             nearest = closest_on_segments(moved, np.array(target.position))
@@ -160,12 +162,10 @@ def weigh(
 
 
 def _nearest(t: np.ndarray, i: int, share: float, start: np.ndarray, end: np.ndarray) -> Nearest:
-    """The point at a share of the way from a path's i-th point (2,) to the next (2,)."""
+    """The point at a share of the way from a path's i-th point (d,) to the next (d,)."""
     step, dt = end - start, t[i + 1] - t[i]
     place, velocity = start + share * step, step / dt
-    return Nearest(
-        float(t[i] + share * dt), (float(place[0]), float(place[1])), (float(velocity[0]), float(velocity[1]))
-    )
+    return Nearest(float(t[i] + share * dt), tuple(place.tolist()), tuple(velocity.tolist()))
 
 
 def _matern(lag: np.ndarray, pace: float) -> np.ndarray:

@@ -9,9 +9,10 @@ from typing import Protocol
 import numpy as np
 from scipy.interpolate import BSpline
 
+from whiptool.dynamics.hand_motion import hand_motion
 from whiptool.dynamics.swing import BASE
 from whiptool.errors import InputError
-from whiptool.models.parameters import ArmParameters
+from whiptool.models.parameters import ArmParameters, SpatialArm
 
 DEGREE = 5  # accelerations are then twice differentiable
 SHORTEST = 0.02  # [s] between knots
@@ -68,8 +69,8 @@ class Moved:
     """A base motion at I instants, and its derivatives by its C coefficients.
 
     Args:
-        inputs, d_inputs: As a swing takes them, (I, 7), (C, I, 7).
-        place, d_place: Of the base [m], (I, 2), (C, I, 2).
+        inputs, d_inputs: As a swing takes them, (I, 7), (C, I, 7); in space (I, 21), (C, I, 21).
+        place, d_place: Of the base [m], (I, d), (C, I, d).
         q_i, d_q_i: The arm's joints at the first instant [rad], (a,), (C, a).
     """
 
@@ -165,15 +166,18 @@ class HandleMotion:
         return Moved(inputs, self._d_inputs, p, self._d_place, *self._still)
 
 
-class JointMotion:
-    """The base is the hand of an arm whose joints were measured; it turns with the last link.
+class MeasuredJoints:
+    """A spline through the measured joints of an arm, whose coefficients are known as well as its log is.
 
     Args:
         t, q: Joint log: (S,) [s], (S, a) [rad].
-        arm: Its lengths matter only.
+        arm: With a joints.
         instants: Times at which the base is wanted [s], (I,).
         knots: Spacing of the spline's knots [s]; default: two samples of the log.
         at_rest: Whether the arm is at rest at the first instant.
+
+    Attributes:
+        start, rows, mean: As of a `Motion`; joint i's coefficient j is entry j a + i.
 
     Raises:
         InputError: The log has another number of joints than the arm, or too few samples.
@@ -183,7 +187,7 @@ class JointMotion:
         self,
         t: np.ndarray,
         q: np.ndarray,
-        arm: ArmParameters,
+        arm: ArmParameters | SpatialArm,
         instants: np.ndarray,
         *,
         knots: float | None = None,
@@ -205,14 +209,19 @@ class JointMotion:
         log = np.kron(spline.basis(t[inside]) / sigma[:, None], np.eye(arm.n))
         self.rows = np.asarray(np.linalg.qr(np.vstack([log, spline.penalty]), mode="r"))
         self.mean = self.rows @ self.start
-        self._length, self._bases = arm.per_link("length"), tuple(spline.basis(instants, i) for i in range(3))
+        self._arm, self._bases = arm, tuple(spline.basis(instants, i) for i in range(3))
+
+
+class JointMotion(MeasuredJoints):
+    """The base is the hand of a planar arm whose joints were measured; it turns with the last link."""
 
     def at(self, c: np.ndarray) -> Moved:
         """The motion with coefficients c (C,)."""
-        a, (B0, B1, B2) = len(self._length), self._bases
+        a, (B0, B1, B2) = self._arm.n, self._bases
         joints = c.reshape(-1, a)
         theta, omega, alpha = ((B @ joints).cumsum(axis=1).T[..., None] for B in self._bases)  # (a, I, 1)
-        along = self._length[:, None, None] * np.concatenate([np.sin(theta), -np.cos(theta)], axis=2)  # (a, I, 2)
+        lengths = self._arm.per_link("length")[:, None, None]
+        along = lengths * np.concatenate([np.sin(theta), -np.cos(theta)], axis=2)  # (a, I, 2)
         across = np.stack([-along[..., 1], along[..., 0]], axis=2)  # turned by a right angle
         velocity, acceleration = (across * omega).sum(axis=0), (across * alpha - along * omega**2).sum(axis=0)
         turning = np.hstack([theta[-1], omega[-1], alpha[-1]])
@@ -234,3 +243,21 @@ class JointMotion:
             d_q_i[i::a, i] = B0[0]
         inputs = np.hstack([turning, velocity, acceleration])
         return Moved(inputs, d_inputs, along.sum(axis=0), d_place, B0[0] @ joints, d_q_i)
+
+
+class SpatialJointMotion(MeasuredJoints):
+    """The base is the hand of an arm in space whose joints were measured."""
+
+    def at(self, c: np.ndarray) -> Moved:
+        """The motion with coefficients c (C,)."""
+        assert isinstance(self._arm, SpatialArm)
+        a, B = self._arm.n, np.stack(self._bases)  # (3, I, size)
+        joints = c.reshape(-1, a)
+        found = hand_motion(self._arm, *(basis @ joints for basis in self._bases))
+        changes = np.empty((B.shape[2], a, *found.by_joints.shape[:2]))  # (size, a, I, 24)
+        for i in range(a):
+            changes[:, i] = np.einsum("kis,iok->sio", B, found.by_joints[..., i], optimize=True)
+        changes = changes.reshape(len(c), *changes.shape[2:])
+        d_q_i, width = np.kron(B[0, :1].T, np.eye(a)), found.inputs.shape[1]
+        d_inputs = np.ascontiguousarray(changes[..., :width])
+        return Moved(found.inputs, d_inputs, found.place, changes[..., width:], B[0, 0] @ joints, d_q_i)

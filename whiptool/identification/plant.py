@@ -11,10 +11,13 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
+from whiptool.dynamics.structure import arm_numbers
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.profile import WhipProfile, lump
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.whip import UNIVERSAL_ONLY, WhipParameters
 
 PROFILE = tuple(f.name for f in dataclasses.fields(WhipProfile))
 LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
@@ -63,12 +66,18 @@ class Plant:
     clamp: float | None = None
 
     def __post_init__(self) -> None:
-        if self.model.dimension == 3:
-            raise InputError("model", self.model.name, "a model in the plane, to be identified")
+        if self.model.dimension == 3 and self.clamp is not None:
+            raise InputError("clamp", self.clamp, "none, in space")
         if self.profile is not None:
-            kept = {name: getattr(self.model.whip, name) for name in _BESIDE_PROFILE}
-            whip = dataclasses.replace(self.profile.lump(self.model.whip.N), **kept)
+            whip = self._lumped(self.profile, self.model.whip.N)
             object.__setattr__(self, "model", dataclasses.replace(self.model, whip=whip))
+
+    def _lumped(self, profile: WhipProfile, N: int) -> WhipParameters:
+        """Return the profile's whip with N nodes, and what of the model's whip no profile says."""
+        whip = self.model.whip
+        kept = {name: getattr(whip, name) for name in _BESIDE_PROFILE}
+        kept |= {name: whip.per_node(name).sum() / N for name in UNIVERSAL_ONLY if whip.joints == "universal"}
+        return dataclasses.replace(profile.lump(N, joints=whip.joints), **kept)
 
     @property
     def held(self) -> Model:
@@ -96,7 +105,8 @@ class Plant:
         named = self.model.parameters()
         if self.profile is not None:
             named = {k: v for k, v in named.items() if not k.startswith("whip.") or _quantity(k) in _BESIDE_PROFILE}
-            named |= {f"profile.{name}": float(getattr(self.profile, name)) for name in PROFILE}
+            of_profile = [x for x in PROFILE if self.model.dimension == 2 or x != "rest_curvature"]
+            named |= {f"profile.{name}": float(getattr(self.profile, name)) for name in of_profile}
         named |= {} if self.clamp is None else {"clamp": self.clamp}
         return named | ({} if self.controller is None else self.controller.parameters())
 
@@ -139,14 +149,15 @@ class Plant:
         """
         whip = self.model.whip
         if self.profile is not None:
-            whip = dataclasses.replace(self.profile.lump(N), **{x: getattr(whip, x) for x in _BESIDE_PROFILE})
+            whip = self._lumped(self.profile, N)
         else:
-            numbers = {name: getattr(whip, name) for name in _OF_WHIP}
+            numbers = {name: getattr(whip, name) for name in (*_OF_WHIP, *UNIVERSAL_ONLY)}
             per_node = [name for name, value in numbers.items() if isinstance(value, tuple)]
             if per_node:
                 raise InputError(f"whip.{per_node[0]}", "a value per node", "one number for all", "or give a profile")
             finer = N / whip.N
             powers = {"l": -1, "m": -1, "k": 1, "b": 1, "rest_angle": -1, "drag": -1, "cubic_stiffness": 3}
+            powers |= dict.fromkeys(UNIVERSAL_ONLY, -1)
             scaled = {name: numbers[name] * finer**power for name, power in powers.items()}
             whip = dataclasses.replace(whip, N=N, **scaled)
         return Plant(dataclasses.replace(self.model, whip=whip), self.controller, self.profile, self.clamp)
@@ -154,8 +165,11 @@ class Plant:
     def quantities(self) -> Quantities:
         """Numbers of arm, whip, gravity and law by block."""
         model, blocks = self.held, {}
-        blocks |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
-        for name in _OF_WHIP:
+        if isinstance(model.arm, SpatialArm):
+            blocks |= {f"arm.{name}": numbers for name, numbers in arm_numbers(model.arm).items()}
+        else:
+            blocks |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
+        for name in (*_OF_WHIP, *UNIVERSAL_ONLY):
             single = name in ("hinge_mass", "friction_velocity", "drag_ratio")
             blocks[f"whip.{name}"] = np.array([getattr(model.whip, name)]) if single else model.whip.per_node(name)
         blocks["gravity"] = np.array([model.gravity])

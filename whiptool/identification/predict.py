@@ -7,19 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.dynamics.swing import BASE
 from whiptool.errors import InputError
 from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive
 from whiptool.identification.pendulum import AngleRecording
-from whiptool.identification.plant import Identifiable, slopes
+from whiptool.identification.placement import NEUTRAL, NUISANCE, PLACED, by_placement, carried, placed
+from whiptool.identification.plant import Identifiable, Plant, slopes
 from whiptool.identification.sampling import Readings
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.batch import Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
 
-CAMERA = ("scale", "rotation", "shift_x", "shift_y")  # measured = scale R(rotation) position + shift
-NUISANCE = ("delay", *CAMERA)
-NEUTRAL = {"delay": 0.0, "scale": 1.0, "rotation": 0.0, "shift_x": 0.0, "shift_y": 0.0}
 TIMESTEP = {"command": 2.5e-4, "joints": 1e-3, "handle": 1e-3, "passive": 1e-3, "free": 1e-3}  # [s]
 _INTERVAL = 1e-3  # [s] between samples of a path
 
@@ -72,13 +69,14 @@ class Predictor:
             raise InputError("recordings", "none", "one or more")
         self.recordings, self.kind = list(recordings), drive
         self.shared, self.own = tuple(shared), tuple(own)
-        known = [*plant.values(), *NUISANCE]
+        nuisance = ("delay", *PLACED[plant.model.dimension if isinstance(plant, Plant) else 2])
+        known = [*plant.values(), *nuisance]
         for name in self.shared:
             if name not in known:
                 raise InputError("free parameter", name, "one of " + ", ".join(known))
         for name in self.own:
-            if name not in (*NUISANCE, "start"):
-                raise InputError("free per recording", name, "one of " + ", ".join((*NUISANCE, "start")))
+            if name not in (*nuisance, "start"):
+                raise InputError("free per recording", name, "one of " + ", ".join((*nuisance, "start")))
         named = [*self.shared, *self.own]
         if len(set(named)) < len(named):
             raise InputError("free parameters", named, "different names, each shared or per recording")
@@ -163,14 +161,13 @@ class Predictor:
         self, i: int, plant: Identifiable, nuisance: dict[str, float], own: np.ndarray
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Predicted path of every measured marker of recording i, in the recording's own clock and frame: times (S,)
-        [s], positions by marker, (S, 2) [m] (or the angles by link, (S, 1) [rad])."""
+        [s], positions by marker, (S, d) [m] (or the angles by link, (S, 1) [rad])."""
         d, read = self.drives[i], self._read[i]
         k = sum(len(x) for x in d.unknowns.values())
         y, _ = self._roll([d.shot(plant, d.pack(plant, []), own[:k])], derivatives=False, which=[i])[0]
         given = NEUTRAL | nuisance | dict(zip(self._own_nuisance, own[k:], strict=True))
         t = d.start + self.h * self.stride * np.arange(len(y)) + given["delay"]
-        if read.width == 2:
-            y = given["scale"] * y @ _turn(given["rotation"]).T + [given["shift_x"], given["shift_y"]]
+        y = placed(y, given) if read.width > 1 else y
         return t, {name: y[:, j] for j, name in enumerate(read.names)}
 
     def _roll(
@@ -180,8 +177,9 @@ class Predictor:
         which = range(len(shots)) if which is None else which
         drives: list[Drive] = [self.drives[i] for i in which]
         structure, width = drives[0].structure, self._read[0].width
-        n = structure.n
-        columns = [2 * i + c for i in self._links for c in range(2)] if width == 2 else [2 * n + i for i in self._links]
+        columns = [width * i + c for i in self._links for c in range(width)]
+        if width == 1:  # angles stand behind the links' ends, of pendulums in the plane
+            columns = [2 * structure.n + i for i in self._links]
         D = [max(len(s.dp), 1) if derivatives else 1 for s in shots]
         lanes = np.repeat(np.arange(len(shots)), D)
         steps = np.array([d.steps for d in drives])[lanes]
@@ -189,7 +187,7 @@ class Predictor:
         batch = Batch(
             p=np.array([s.p for s in shots])[lanes],
             x0=np.array([s.x0 for s in shots])[lanes],
-            target=np.zeros((len(lanes), 2)),
+            target=np.zeros((len(lanes), max(width, 2))),
             h=h,
             h_last=h,
             steps=steps,
@@ -207,7 +205,7 @@ class Predictor:
             batch.u_row = np.cumsum([0, *(len(s.u) for s in shots[:-1])])[lanes]  # type: ignore[arg-type]
             if derivatives:
                 moving = [s.moving for s in shots if s.moving is not None]
-                batch.du = np.concatenate([x.reshape(-1, BASE) for x in moving])
+                batch.du = np.concatenate([x.reshape(-1, x.shape[-1]) for x in moving])
                 batch.du_row, row = np.full(len(lanes), -1), 0
                 for s, x, first in zip(shots, moving, np.cumsum([0, *D]), strict=False):
                     each = np.arange(len(x))
@@ -269,23 +267,9 @@ class _Reading:
         dx = grid.value(dpath, self.which) if len(dpath) else np.zeros((0, *x.shape))
         if self.width == 1:
             return x.ravel(), dx.reshape(len(dx), x.size), {}
-        R, s = _turn(given["rotation"]), given["scale"]
-        turned = x @ R.T
-        ones = np.ones(len(x))
-        by = {
-            "delay": -s * grid.velocity(path, self.which) @ R.T,
-            "scale": turned,
-            "rotation": s * np.stack([-turned[:, 1], turned[:, 0]], axis=1),
-            "shift_x": np.stack([ones, 0 * ones], axis=1),
-            "shift_y": np.stack([0 * ones, ones], axis=1),
-        }
-        value = s * turned + [given["shift_x"], given["shift_y"]]
-        return value.ravel(), (s * dx @ R.T).reshape(len(dx), x.size), {name: d.ravel() for name, d in by.items()}
-
-
-def _turn(angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
+        by = by_placement(x, given) | {"delay": -carried(grid.velocity(path, self.which), given)}
+        changed = carried(dx, given).reshape(len(dx), x.size)
+        return placed(x, given).ravel(), changed, {name: d.ravel() for name, d in by.items()}
 
 
 def _readings(recording: Recording, drive: Drive) -> _Reading:
@@ -299,6 +283,9 @@ def _readings(recording: Recording, drive: Drive) -> _Reading:
     known = {name: link for name, link in links.items() if link is not None}
     if not set(known) - {"shoulder", "handle"}:
         raise InputError("markers", recording.markers, "tip or nodes of the whip among them")
-    which = [recording.markers.index(name) for name in known]
-    points, t, sigma = recording.points[:, which, :2], recording.t_points[:, which], recording.sigma[:, which]
+    which, d = [recording.markers.index(name) for name in known], drive.structure.dimension
+    if recording.points.shape[2] < d:
+        rule = "places in space (_x, _y, _z; z up), for a model in space"
+        raise InputError(f"{recording.source}: points", "in a plane", rule, "record motion capture")
+    points, t, sigma = recording.points[:, which, :d], recording.t_points[:, which], recording.sigma[:, which]
     return _Reading(list(known), list(known.values()), t, points, sigma, recording.exposure)

@@ -9,8 +9,9 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording
+from whiptool.identification.placement import NUISANCE
 from whiptool.identification.plant import Identifiable
-from whiptool.identification.predict import NUISANCE, Predictor, Recording
+from whiptool.identification.predict import Predictor, Recording
 from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import TOLERANCE, Block, Loss, Solution, huber, solve
 from whiptool.identification.uncertainty import Uncertainty, assess
@@ -19,7 +20,8 @@ from whiptool.models.parameters import number, whole
 
 HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Huber 1981)
 # usual size of a recording's own unknowns around their first guess: a wide prior that leaves none undetermined
-_OWN = {"delay": 0.1, "scale": 0.3, "rotation": 0.5, "shift_x": 1.0, "shift_y": 1.0}
+_OWN = {"delay": 0.1, "scale": 0.3, "rotation": 0.5} | {f"rotation_{x}": 0.5 for x in "xyz"}
+_OWN |= {f"shift_{x}": 1.0 for x in "xyz"}
 _START = (1.0, 30.0)  # [rad], [rad/s]
 _GROWING = (0.1, 0.4)  # shares of a passive swing whose readings its first state is sought in, one after the other
 
@@ -31,8 +33,8 @@ class Options:
     Args:
         drive: What drives the whip: `command`, `joints`, `handle`, `passive` (nothing: it is held still and was
             released), `free` (of a pendulum's angles).
-        per_recording: Nuisance that each recording has its own value of: of `delay`, `scale`, `rotation`, `shift_x`,
-            `shift_y`; `start`, the state at the start (always, in a passive or free swing).
+        per_recording: Nuisance that each recording has its own value of: of `NUISANCE`, see
+            `whiptool.identification.placement`; `start`, the state at the start (always, in a passive or free swing).
         bounds: Of free numbers, by name.
         prior: On shared free numbers.
         loss: Where Huber's loss turns linear, in standard errors; None: least squares.

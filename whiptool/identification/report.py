@@ -141,8 +141,8 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
 
 
 _SIMILARITY = (
-    "recording", "", "rho x", "rho y", "rho mean", "NRMSE [%]", "largest [mm]", "delay [ms]", "Fréchet [mm]",
-    "hit point [mm]", "hit time [ms]", "hit speed [m/s]",
+    "recording", "", *(f"rho {axis}" for axis in "xyz"), "rho mean", "NRMSE [%]", "largest [mm]", "delay [ms]",
+    "Fréchet [mm]", "hit point [mm]", "hit time [ms]", "hit speed [m/s]",
 )  # fmt: skip
 _RHO = (
     "rho is the similarity of Eq. 23 (Wang, Xiong, Tolu and Gorb 2024), divided by the number of samples, which the "
@@ -154,13 +154,17 @@ _RHO = (
 
 def _similarities(alike: Sequence[tuple[StrikeRecording, str, Similarity]]) -> Table:
     rows: list[list[str]] = [list(_SIMILARITY)]
+    in_plane = all(len(s.rho) == 2 for _, _, s in alike)
     for r, kind, s in alike:
         hit = ["", "", ""]
         if s.hit_point is not None and s.hit_time is not None and s.hit_speed is not None:
             hit = [f"{1e3 * s.hit_point:.2f}", f"{1e3 * s.hit_time:+.2f}", f"{s.hit_speed:+.3f}"]
-        numbers = [f"{x:.4f}" for x in (*s.rho[:2], s.rho_mean)]
+        numbers = [*(f"{x:.4f}" for x in s.rho), *[""] * (3 - len(s.rho)), f"{s.rho_mean:.4f}"]
         errors = [f"{100 * s.nrmse:.2f}", f"{1e3 * s.largest:.2f}", f"{1e3 * s.delay:+.2f}", f"{1e3 * s.frechet:.2f}"]
         rows.append([_name(r), kind, *numbers, *errors, *hit])
+    if in_plane:
+        z = _SIMILARITY.index("rho z")
+        rows = [row[:z] + row[z + 1 :] for row in rows]
     return Table(rows, "Similarity of the modelled to the measured tip.")
 
 
@@ -172,9 +176,10 @@ def _nodes(nodes: Sequence[tuple[int, float, float]], chosen: int) -> Section:
 
 def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Picture:
     t, measured, _, name = tip_paths(recording, found)
-    path = found.path[name]
-    figure = Figure(figsize=(10, 4.2), layout="constrained")
-    axes = figure.subplot_mosaic([["plane", "x"], ["plane", "y"]], width_ratios=[1, 1.25])
+    path, axes_of = found.path[name], "xyz"[: measured.shape[1]]
+    side = [0, len(axes_of) - 1]  # forward and upward
+    figure = Figure(figsize=(10, 0.4 + 1.9 * len(axes_of)), layout="constrained")
+    axes = figure.subplot_mosaic([["plane", axis] for axis in axes_of], width_ratios=[1, 1.25])
     shown = (found.t >= t[0] - 0.02) & (found.t <= t[-1] + 0.02)
     dots = {
         "linestyle": "",
@@ -185,21 +190,24 @@ def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Pict
         "zorder": 2,
     }
     line = {"color": COLORS["blue"], "linewidth": 1.4, "zorder": 3}
-    axes["plane"].plot(*path[shown].T, label="modelled", **line)
-    axes["plane"].plot(*measured.T, label="measured", **dots)
+    axes["plane"].plot(*path[shown][:, side].T, label="modelled", **line)
+    axes["plane"].plot(*measured[:, side].T, label="measured", **dots)
     if recording.target is not None:
-        axes["plane"].plot(*recording.target[:2], "x", color=COLORS["black"], markersize=9, label="target")
-    axes["plane"].set(xlabel="x [m]", ylabel="y [m]", title=f"{_name(recording)}: {name}, {kind}")
+        where = [recording.target[i] for i in side]
+        axes["plane"].plot(*where, "x", color=COLORS["black"], markersize=9, label="target")
+    up = axes_of[-1]
+    axes["plane"].set(xlabel="x [m]", ylabel=f"{up} [m]", title=f"{_name(recording)}: {name}, {kind}")
     axes["plane"].set_aspect("equal", adjustable="datalim")
     figure.legend(*axes["plane"].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    for i, axis in enumerate("xy"):
+    for i, axis in enumerate(axes_of):
         axes[axis].plot(found.t[shown], path[shown, i], **line)
         axes[axis].plot(t, measured[:, i], **dots)
         axes[axis].set(ylabel=f"{axis} [m]")
-    axes["x"].tick_params(labelbottom=False)
-    axes["y"].set(xlabel="time from the command's start [s]")
+        axes[axis].tick_params(labelbottom=axis == up)
+    axes[up].set(xlabel="time from the command's start [s]")
+    seen = "in the strike plane" if up == "y" else "seen from the side"
     caption = (
-        f"{_name(recording)}, {kind}: {name} in the strike plane and over time. RMS {1e3 * found.rmse:.3g} mm per "
+        f"{_name(recording)}, {kind}: {name} {seen} and over time. RMS {1e3 * found.rmse:.3g} mm per "
         "coordinate. Points are means over an exposure, the line is the path itself."
     )
     return Picture(figure, caption)
@@ -215,7 +223,8 @@ def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Pi
         t, measured, predicted, name = tip_paths(recording, found)
         sigma = np.interp(t, *_stated(recording, name))
         ax.fill_between(t, -2e3 * sigma, 2e3 * sigma, color="0.88", linewidth=0, label="±2 stated errors")
-        for i, (axis, color, mark) in enumerate((("x", "blue", "o"), ("y", "vermilion", "s"))):
+        axes_of = (("x", "blue", "o"), ("y", "vermilion", "s"), ("z", "black", "^"))[: measured.shape[1]]
+        for i, (axis, color, mark) in enumerate(axes_of):
             ax.plot(
                 t,
                 1e3 * (predicted - measured)[:, i],

@@ -80,11 +80,11 @@ def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
 
 
 def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Times [s], (T,), measured and predicted places [m], (T, 2), of the tip, or of the last marker, and its name."""
+    """Times [s], (T,), measured and predicted places [m], (T, d), of the tip, or of the last marker, and its name."""
     which = found.markers.index("tip") if "tip" in found.markers else len(found.markers) - 1
     mine = found.channels[:, 1] == which
     frames = np.unique(found.channels[mine, 0])
-    measured, predicted = np.full((2, len(frames), 2), np.nan)
+    measured, predicted = np.full((2, len(frames), found.path[found.markers[which]].shape[1]), np.nan)
     at = np.searchsorted(frames, found.channels[mine, 0]), found.channels[mine, 2]
     measured[at] = found.measured[mine]
     predicted[at] = (found.measured + found.residuals)[mine]

@@ -7,7 +7,7 @@ _UNITS = {
     "whip": {
         "l": "m", "m": "kg", "k": "N m/rad", "b": "N m s/rad", "rest_angle": "rad", "dry_friction": "N m",
         "friction_velocity": "rad/s", "drag": "N s^2/m^2", "hinge_mass": "kg",
-        "cubic_stiffness": "N m/rad^3",
+        "cubic_stiffness": "N m/rad^3", "rest_angle_x": "rad", "node_inertia": "kg m^2",
     },
     "arm": _LINK,
     "link": {**_LINK, "dry_friction": "N m", "drag": "N s^2/m^2"},
@@ -19,6 +19,7 @@ _UNITS = {
     "": {
         "gravity": "m/s^2", "friction_velocity": "rad/s",
         "torque_limit": "N m", "delay": "s", "clamp": "rad", "rotation": "rad", "shift_x": "m", "shift_y": "m",
+        "rotation_x": "rad", "rotation_y": "rad", "rotation_z": "rad", "shift_z": "m",
     },
 }  # fmt: skip
 

@@ -13,14 +13,18 @@ _FACTOR = 1e3  # a positive number is sought within this factor of its first val
 # usual size of what may be zero or of either sign, in its own unit
 _ZERO_OR_MORE = {
     "drag": 1e-3, "drag_ratio": 1.0, "dry_friction": 1e-3,
-    "cubic_stiffness": 1.0, "hinge_mass": 1e-2, "tip_mass": 1e-2, "friction": 1e-2, "bending_damping": 1e-3,
+    "cubic_stiffness": 1.0, "hinge_mass": 1e-2, "node_inertia": 1e-6, "tip_mass": 1e-2, "friction": 1e-2,
+    "bending_damping": 1e-3,
 }  # fmt: skip
 _ANY_SIGN = {
-    "rest_angle": 0.1, "rest_curvature": 0.1, "delay": 0.01, "rotation": 0.01, "shift_x": 0.01, "shift_y": 0.01,
-    "clamp": 0.1,
+    "rest_angle": 0.1, "rest_angle_x": 0.1, "rest_curvature": 0.1, "delay": 0.01, "clamp": 0.1,
+    "rotation": 0.01, "rotation_x": 0.01, "rotation_y": 0.01, "rotation_z": 0.01,
+    "shift_x": 0.01, "shift_y": 0.01, "shift_z": 0.01,
     "K": 1.0, "B": 0.1,
 }  # fmt: skip
-_ARBITRARY_ZERO = ("delay", "rotation", "shift_x", "shift_y", "clamp")  # whose smallness says nothing
+_ARBITRARY_ZERO = (  # whose smallness says nothing
+    "delay", "rotation", "rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", "shift_z", "clamp",
+)  # fmt: skip
 _ROOM = 10.0  # a number that may be zero is seen up to so many times its usual size: its interval still says something
 _AT_BOUND = 1e-6  # of z, within which a fit ended at a bound
 _OFF_BOUND = 0.05  # of the usual size, or of a bounded range: how far from a bound a fit starts

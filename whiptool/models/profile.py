@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -89,6 +90,22 @@ class WhipProfile:
             joints=joints,
             node_inertia=node_inertia,
         )
+
+
+def lumped_from(whip: WhipParameters) -> WhipProfile | None:
+    """Return the uniform profile, without drag and straight, that a whip is lumped from; None if from no such one."""
+    if whip.N < 3 or whip.per_node("drag").any() or whip.rest_angles.any():
+        return None
+    l, middle = whip.length / whip.N, 1  # the first joint between two whole links
+    k, b = (float(whip.per_node(name)[middle]) for name in ("k", "b"))
+    if not k > 0:
+        return None
+    profile = WhipProfile(
+        length=whip.length, linear_density=whip.mass / whip.length, bending_stiffness=k * l, bending_damping=b * l
+    )
+    again = profile.lump(whip.N)
+    same = all(np.allclose(again.per_node(x), whip.per_node(x), rtol=1e-9, atol=0) for x in ("l", "m", "k", "b"))
+    return profile if same and math.isclose(again.hinge_mass, whip.hinge_mass, rel_tol=1e-9) else None
 
 
 def lump(

@@ -56,7 +56,9 @@ def read_npz(path: Path | str, build: Callable[..., R], keys: Sequence[str], *, 
         for key in TEXTS:
             if key in values:
                 values[key] = str(values[key])
-        values["markers"] = tuple(str(name) for name in np.atleast_1d(values["markers"]).ravel())
+        for key in ("markers", "joint_names"):
+            if key in values:
+                values[key] = tuple(str(name) for name in np.atleast_1d(values[key]).ravel())
         if "strike" in values:
             values["strike"] = Strike.from_vector(values["strike"])
         if "controller" in values:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,8 @@ class StrikeRecording:
     Args:
         t: Frame times [s], (T,), strictly increasing; 0 is the command's start by the recording's own clock.
         points: Marker positions [m], (T, M, 2) or (T, M, 3), NaN where missing (one NaN coordinate makes the whole
-            point missing); in the strike plane x is forward, y up, the origin at the shoulder.
+            point missing); in the strike plane x is forward, y up, the origin at the shoulder; of an arm in space they
+            are in the axes of its base: x forward, y to the left, z up.
         markers: M different names: `tip`, `handle`, `node1` .. `nodeN`, `shoulder`, `elbow`, or free ones.
         sigma: Standard error of each point, per coordinate [m], (T, M) or what broadcasts to it; default: 1 mm.
         t_points: Middle of each point's exposure [s], (T, M) or what broadcasts to it (a rolling shutter reads rows at
@@ -47,6 +48,7 @@ class StrikeRecording:
         camera: Name of the camera settings, for people.
         source: Where the recording came from.
         sha256: Of the source's bytes.
+        joint_names: Of the columns of `joints_q`, (a,); empty: they are in the arm's order.
 
     Raises:
         InputError: Shapes do not fit, times do not increase, nothing was seen, or the units cannot be right.
@@ -67,6 +69,7 @@ class StrikeRecording:
     camera: str = ""
     source: str = ""
     sha256: str = ""
+    joint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -126,6 +129,11 @@ class StrikeRecording:
                 )
             put("joints_t", joints_t)
             put("joints_q", joints_q)
+        names = tuple(map(str, self.joint_names))
+        width = 0 if self.joints_q is None else self.joints_q.shape[1]
+        if names and (len(names) != width or len(set(names)) < len(names)):
+            raise InputError("joint_names", names, f"{width} different names, one for each column of joints_q, or none")
+        put("joint_names", names)
 
     @property
     def seen(self) -> np.ndarray:
@@ -138,7 +146,7 @@ class StrikeRecording:
         could tell; None where it was not measured, or not from the start."""
         if self.joints_t is None or self.joints_q is None or self.strike is None or self.joints_t[0] > AT_REST:
             return None
-        begun = self.joints_q[self.joints_t <= max(self.joints_t[0], 0.0) + AT_REST]
+        begun = self.joints_q[np.abs(self.joints_t - max(self.joints_t[0], 0.0)) <= AT_REST]
         if begun.shape[1] != len(self.strike.q_i):
             return None
         off = np.median(begun, axis=0) - self.strike.q_i
@@ -161,6 +169,21 @@ class StrikeRecording:
             "span": [float(self.t[0]), float(self.t[-1])],
             "markers": {name: int(n) for name, n in zip(self.markers, self.seen.sum(axis=0))},
         }
+
+    def ordered(self, joints: Sequence[str]) -> StrikeRecording:
+        """The same recording with its joint log in the order of an arm's joints; as it is where that has no names.
+
+        Raises:
+            InputError: The log is of other joints.
+        """
+        if not self.joint_names or self.joint_names == tuple(joints):
+            return self
+        assert self.joints_q is not None
+        if set(self.joint_names) != set(joints):
+            rule = "those of the arm: " + ", ".join(joints)
+            raise InputError(f"{self.source}: joints", ", ".join(self.joint_names), rule, "say joint_columns")
+        order = [self.joint_names.index(name) for name in joints]
+        return dataclasses.replace(self, joints_q=self.joints_q[:, order], joint_names=tuple(joints))
 
     def marker(self, name: str) -> np.ndarray:
         """Positions of one marker [m], (T, d), NaN where missing.
@@ -188,7 +211,8 @@ class StrikeRecording:
         """Write an NPZ file, without pickle.
 
         Its keys are the names of the fields, with those that are None left out, and `format`, the number of this
-        layout (1). `markers` is an array of strings, `strike` the vector `[q_i, q_f, D]`, `controller` a JSON text.
+        layout (1). `markers` and `joint_names` are arrays of strings, `strike` the vector
+        `[q_i, q_f, D]`, `controller` a JSON text.
 
         Raises:
             InputError: It cannot be written.
@@ -196,6 +220,7 @@ class StrikeRecording:
         arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         arrays["strike"] = None if self.strike is None else self.strike.vector
         arrays["controller"] = None if self.controller is None else json.dumps(self.controller)
+        arrays["joint_names"] = self.joint_names or None
         arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
         try:
             write_npz(Path(path), {"format": np.int64(FORMAT), **arrays})

@@ -26,7 +26,8 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: f
     """Return what arm and whip do while servos follow a joint trajectory, at every step of MuJoCo.
 
     Each joint has a servo of MuJoCo's law, kp (u - q) - kv v, critically damped for its inertia at the start, to which
-    that of its geared motor is added: without it a light wrist cannot be held stiffly against the whip. Between the
+    that of its geared motor is added: without it a light wrist cannot be held stiffly against the whip. As robots do,
+    they add the torque that weight and centrifugal forces ask for, so that the arm does not sag. Between the
     trajectory's samples servos follow the quintic through their positions, velocities and accelerations; the set point
     u is as far ahead of it as such servos lag behind. The whip hangs still at the beginning.
 
@@ -54,7 +55,8 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: f
         if acting._address != own:  # the callback is one per process: leave other simulations alone
             return
         at = min(data.time, end)
-        data.ctrl[:] = path(at) + 2 / omega * path(at, 1) + path(at, 2) / omega**2
+        wanted = path(at) + 2 / omega * path(at, 1) + path(at, 2) / omega**2
+        data.ctrl[:] = wanted + acting.qfrc_bias[:a] / mj.actuator_gainprm[:, 0]
         if rollout.has_forces:
             rollout.apply_forces(data)
 

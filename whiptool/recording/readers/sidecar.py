@@ -8,8 +8,10 @@ Common to all formats:
     target = [1.2, 0.1]              # [m]
     t_stay = 0.3                     # [s]
     start = 1.25                     # when the command started by the file's own clock [s]; subtracted from its times
-    joints = "NAME.joints.csv"       # measured joints: columns t [s], then one per joint [rad]
+    joints = "NAME.joints.csv"       # measured joints: columns t [s], then one per joint [rad], see `joint_log`
+    joint_columns = ["actual_q_0", "actual_q_1"]   # which of its columns are the arm's joints, in the arm's order
     joint_units = "rad"              # or "deg"
+    joints_start = 1.25              # when the command started by that file's clock [s]; default: start
 
     [strike]                         # what was commanded
     q_i = [-1.36, 0.47]              # [rad]
@@ -33,9 +35,13 @@ from whiptool.errors import InputError
 from whiptool.models.strike import Strike
 from whiptool.models.tables import read_toml
 from whiptool.recording.readers import plane
+from whiptool.recording.readers.joint_log import read_joint_log
 from whiptool.recording.readers.table import read_columns
 
-COMMON = ("camera", "exposure", "target", "t_stay", "start", "joints", "joint_units", "strike", "controller")
+COMMON = (
+    "camera", "exposure", "target", "t_stay", "start", "joints", "joint_columns", "joint_units", "joints_start",
+    "strike", "controller",
+)  # fmt: skip
 SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
 PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic")  # of readers whose files hold pixels
 CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
@@ -167,11 +173,15 @@ class Sidecar:
                 raise self.refuse("controller", "a table")
             fields["controller"] = dict(controller)
         if (file := self.file("joints")) is not None:
-            _, log = read_columns(file)
-            if log.shape[1] < 2:
-                raise InputError(str(file), "one column", "t [s] and one column per joint [rad]")
-            fields |= {"joints_t": log[:, 0] - self.start, "joints_q": self.radians(log[:, 1:])}
+            t, q, names = read_joint_log(file, self._joint_columns())
+            start = self.number("joints_start", self.start)
+            fields |= {"joints_t": t - start, "joints_q": self.radians(q), "joint_names": names}
         return fields
+
+    def _joint_columns(self) -> list[str] | None:
+        """Names of the joint log's columns in the arm's order; None if the key is not there."""
+        columns = self.names("joint_columns")
+        return None if columns is None else list(columns.values())
 
     @property
     def start(self) -> float:

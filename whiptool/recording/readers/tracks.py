@@ -21,6 +21,7 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.joint_log import POSITION
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.readers.table import read_columns
 from whiptool.recording.strike_recording import StrikeRecording
@@ -120,7 +121,8 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
             files.append(path.with_suffix(".joints.csv"))
             table["joints"] = files[-1].name
             angles = recording.joints_q
-            names = ["t", *(f"q_{i + 1}" for i in range(angles.shape[1]))]
+            named = [POSITION + name for name in recording.joint_names]
+            names = ["t", *(named or [f"q_{i + 1}" for i in range(angles.shape[1])])]
             _write_columns(files[-1], names, np.column_stack([recording.joints_t, angles]))
         if recording.strike is not None:
             s = recording.strike

@@ -1,0 +1,68 @@
+"""A lab's own robot as a port: what it is told, what is read of it, and what is asked of a strike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from recordings import write_rows
+
+from whiptool.adaptation.options import AdaptOptions
+from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
+from whiptool.commands import adapt
+from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models.strike import Strike
+from whiptool.target import Target
+
+UR5E = preset("ur5e")
+STRIKE = Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1.6, -0.4, 0.2), 0.6)
+
+
+def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_path):
+    port = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), rest=0.5, t_stay=0.2)
+    with pytest.raises(AwaitsRecording, match=r"run .*trajectory\.csv, .* into .*recorded\.csv") as waits:
+        port.strike(STRIKE, 1, tmp_path)
+    told = JointTrajectory.load_csv(waits.value.trajectory)
+    assert told.strike_begins == pytest.approx(0.5)
+    np.testing.assert_allclose(told.q[[0, -1]], [STRIKE.q_i, STRIKE.q_f], atol=1e-15)
+    assert (tmp_path / "trajectory.yaml").exists()
+    t = np.arange(0.0, 0.8, 0.02)
+    tip = [[s, 1.0 + 0.1 * s, 0.2 + 0.3, 0.6] for s in t.tolist()]
+    write_rows(waits.value.recording, [["t", "tip_x", "tip_y", "tip_z"], *tip])
+    names = ["wrist_3", *UR5E.arm.joints[:-1]]
+    log = [["time", *(f"position_{x}" for x in names)], *([s, 9.0, 1.0, 2.0, 3.0, 4.0, 5.0] for s in t.tolist())]
+    write_rows(tmp_path / "log.csv", log)
+    (tmp_path / "recorded.toml").write_text('joints = "log.csv"\n')
+    seen = port.strike(STRIKE, 1, tmp_path)
+    assert seen.seen_miss == pytest.approx(0.3)
+    assert seen.recording is not None
+    assert seen.recording.joints_q is not None
+    np.testing.assert_array_equal(seen.recording.joints_q[0], [1.0, 2.0, 3.0, 4.0, 5.0, 9.0])
+    assert (seen.recording.strike, seen.recording.t_stay) == (STRIKE, 0.2)
+
+
+def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
+    """It begins with a look at the whip as it hangs, which costs no plan; asked again, it asks for the same."""
+    out = tmp_path / "run"
+    args = ["--model", "ur5e", "--port", "robot", "--target", "1.0", "0.2", "0.6", "--out", str(out)]
+    assert adapt.main(args) == adapt.AWAITS == 3
+    first = (out / "strike-0000" / "trajectory.csv").read_bytes()
+    assert "recorded.csv" in capsys.readouterr().out
+    assert adapt.main(["--resume", str(out), "--json"]) == adapt.AWAITS
+    assert '"awaits": ' in capsys.readouterr().out
+    assert (out / "strike-0000" / "trajectory.csv").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"model": "ur5e", "target": (1.0, 0.2, 0.6)}, "--model: got 'ur5e'; allowed: a model in the plane, but with"),
+        ({"port": "robot", "latency": 0.002}, "--latency.*nothing with --port robot"),
+        ({"port": "robot", "camera": "twin"}, "--camera.*nothing with --port robot"),
+        ({"port": "robot", "family": "kin"}, "--family.*nothing, unless --port twin"),
+    ],
+)
+def test_options_that_a_robot_does_not_have_are_refused(options, said):
+    with pytest.raises(InputError, match=said):
+        AdaptOptions(**options).check()

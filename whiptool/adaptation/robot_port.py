@@ -1,0 +1,71 @@
+"""A lab's own robot as a port: strikes go out as joint trajectories, recordings come back as files.
+
+The adaptation waits by ending: begun again with its run folder, it reads what the lab has put there.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from whiptool.adaptation.ports import Seen, seen_of
+from whiptool.errors import WhiptoolError
+from whiptool.models.arm_limits import limits_of
+from whiptool.models.joint_trajectory import RATE, REST, JointTrajectory
+from whiptool.models.parameters import Model
+from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.readers import read_recording
+from whiptool.target import Target
+
+TRAJECTORY, RECORDED = "trajectory", "recorded.csv"  # the first as .csv and as .yaml
+
+
+class AwaitsRecording(WhiptoolError):
+    """A strike is to be struck by somebody else's robot.
+
+    Args:
+        trajectory: What the robot is to run.
+        recording: Where its recording is looked for.
+    """
+
+    def __init__(self, trajectory: Path, recording: Path) -> None:
+        self.trajectory, self.recording = trajectory, recording
+        super().__init__(f"run {trajectory}, and put what was recorded into {recording}")
+
+
+class RobotPort:
+    """A position-controlled robot that somebody else commands and records.
+
+    Args:
+        model: Of its arm.
+        target: For the miss distance.
+        rate: Samples a second of the trajectory [1/s].
+        rest: Before the strike, in which the whip comes to hang still [s].
+        t_stay: The strike is watched so long after the movement ended [s].
+    """
+
+    def __init__(
+        self, model: Model, target: Target, *, rate: float = RATE, rest: float = REST, t_stay: float = T_STAY
+    ) -> None:
+        self.model, self.target, self.rate, self.rest, self.t_stay = model, target, rate, rest, t_stay
+
+    def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
+        """Return what was recorded of a strike; see `Port.strike`.
+
+        Raises:
+            AwaitsRecording: It was not recorded yet; its trajectory lies in the folder.
+            InputError: The recording cannot be read.
+        """
+        assert folder is not None
+        file = folder / RECORDED
+        if not file.exists():
+            raise AwaitsRecording(self._told(strike, folder), file)
+        recording = read_recording(file, strike=strike, t_stay=self.t_stay, target=list(self.target.position))
+        return seen_of(recording.ordered(self.model.arm.joints), self.target.position)
+
+    def _told(self, strike: Strike, folder: Path) -> Path:
+        """Write a strike's trajectory, and return its file."""
+        arm, options = self.model.arm, {"rate": self.rate, "rest": self.rest, "t_stay": self.t_stay}
+        told = JointTrajectory.of_strike(strike, arm.joints, limits=limits_of(arm), **options)
+        told.save_goal(folder / f"{TRAJECTORY}.yaml")
+        told.save_csv(folder / f"{TRAJECTORY}.csv")
+        return folder / f"{TRAJECTORY}.csv"

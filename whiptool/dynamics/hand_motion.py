@@ -1,0 +1,60 @@
+"""How the hand of an arm in space moves while its joints do, with exact derivatives by the joints' motion."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from whiptool.dynamics.serial_arm import SerialArm
+from whiptool.dynamics.swing import SPATIAL_BASE
+from whiptool.models.spatial_arm import SpatialArm
+
+_PLACE = 3
+
+
+class HandMotion(NamedTuple):
+    """The hand at I instants, as `whiptool.dynamics.swing.SpatialSwing` takes it, and where it is.
+
+    Args:
+        inputs: (I, 21).
+        place: [m], (I, 3).
+        by_joints: Derivatives of both, inputs first, by positions, speeds and accelerations of the a joints,
+            (I, 24, 3, a).
+    """
+
+    inputs: np.ndarray
+    place: np.ndarray
+    by_joints: np.ndarray
+
+
+def hand_motion(arm: SpatialArm, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> HandMotion:
+    """Return how the hand moves where the joints' positions, speeds and accelerations are these, (I, joints) each."""
+    found, slopes = _of_joints(arm)(q.T, v.T, a.T)
+    values = found.full().T
+    by_joints = slopes.full().reshape(SPATIAL_BASE + _PLACE, len(q), 3, arm.n).swapaxes(0, 1)
+    return HandMotion(values[:, :SPATIAL_BASE], values[:, SPATIAL_BASE:], by_joints)
+
+
+@lru_cache(maxsize=8)
+def _of_joints(arm: SpatialArm) -> ca.Function:
+    """Return the hand's numbers (24, 1) and their derivatives (24, 3 joints) as a function of one instant's joints."""
+    bare = SerialArm(
+        kinds=tuple(link.kind for link in arm.links),
+        axes=tuple(link.axis for link in arm.links),
+        positions=[ca.SX(ca.DM(link.position)) for link in arm.links],
+        rotations=tuple(link.rotation for link in arm.links),
+        hand_position=ca.SX(ca.DM(arm.hand_position)),
+        hand_rotation=arm.hand_rotation,
+        armatures=ca.SX.zeros(arm.n),
+        bodies=[],
+    )
+    q, v, a = (ca.SX.sym(name, arm.n) for name in "qva")
+    posture, led = bare.posture(q), bare.led(q, v, a, 0.0)
+    moves = ca.mtimes(led.jacobian, v)
+    axes = ca.vec(posture.hand_turned.matrix)
+    found = ca.densify(ca.vertcat(axes, moves, led.acceleration, posture.hand))
+    slopes = ca.densify(ca.jacobian(found, ca.vertcat(q, v, a)))
+    return ca.Function("hand_motion", [q, v, a], [found, slopes], {"cse": True})

@@ -1,0 +1,52 @@
+"""Where recorded places stand to the model's: a camera, or motion capture, that is scaled, turned and moved.
+
+    measured = scale R position + shift
+
+R is in the plane a turn by `rotation`, in space `R = Rz Ry Rx` of turns about the axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from whiptool.models.kinematics import rotation_about
+
+PLACED = {
+    2: ("scale", "rotation", "shift_x", "shift_y"),
+    3: ("scale", "rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", "shift_z"),
+}  # by dimension
+NUISANCE = ("delay", *dict.fromkeys((*PLACED[2], *PLACED[3])))
+NEUTRAL = {name: float(name == "scale") for name in NUISANCE}
+
+
+def placed(x: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
+    """Return places x (..., d) as they are measured, for values of `PLACED[d]`."""
+    d = x.shape[-1]
+    shift = [given[f"shift_{axis}"] for axis in "xyz"[:d]]
+    return given["scale"] * x @ _turned(given, d)[0].T + shift
+
+
+def carried(dx: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
+    """Return how measured places change where the places do by dx (..., d)."""
+    return given["scale"] * dx @ _turned(given, dx.shape[-1])[0].T
+
+
+def by_placement(x: np.ndarray, given: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Return how measured places change by each of `PLACED[d]`, for places x (K, d): (K, d) each."""
+    d = x.shape[-1]
+    R, slopes = _turned(given, d)
+    found = {"scale": x @ R.T}
+    found |= {name: given["scale"] * x @ dR.T for name, dR in slopes.items()}
+    return found | {f"shift_{axis}": np.broadcast_to(np.eye(d)[i], x.shape) for i, axis in enumerate("xyz"[:d])}
+
+
+def _turned(given: Mapping[str, float], d: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return R (d, d), and its derivative by each turn."""
+    if d == 2:
+        c, s = np.cos(given["rotation"]), np.sin(given["rotation"])
+        return np.array([[c, -s], [s, c]]), {"rotation": np.array([[-s, -c], [c, -s]])}
+    X, Y, Z = (rotation_about(axis, given[f"rotation_{name}"]) for axis, name in zip(np.eye(3), "xyz", strict=True))
+    Kx, Ky, Kz = (np.cross(axis, -np.eye(3)) for axis in np.eye(3))
+    return Z @ Y @ X, {"rotation_x": Z @ Y @ Kx @ X, "rotation_y": Z @ Ky @ Y @ X, "rotation_z": Kz @ Z @ Y @ X}
