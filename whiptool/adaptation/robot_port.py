@@ -64,8 +64,10 @@ class RobotPort:
 
     def _told(self, strike: Strike, folder: Path) -> Path:
         """Write a strike's trajectory, and return its file."""
-        arm, options = self.model.arm, {"rate": self.rate, "rest": self.rest, "t_stay": self.t_stay}
-        told = JointTrajectory.of_strike(strike, arm.joints, limits=limits_of(arm), **options)
+        arm = self.model.arm
+        told = JointTrajectory.of_strike(
+            strike, arm.joints, limits=limits_of(arm), rate=self.rate, rest=self.rest, t_stay=self.t_stay
+        )
         told.save_goal(folder / f"{TRAJECTORY}.yaml")
         told.save_csv(folder / f"{TRAJECTORY}.csv")
         return folder / f"{TRAJECTORY}.csv"

@@ -50,7 +50,7 @@ class MovingFrame(NamedTuple):
         return self._replace(origin=self.origin + moved, velocity=velocity)
 
 
-def rotation_about(axis: Sequence[float], angle: np.ndarray | float) -> np.ndarray:
+def rotation_about(axis: Sequence[float] | np.ndarray, angle: np.ndarray | float) -> np.ndarray:
     """Return the rotations about a unit vector (3,) by angles [rad] of any shape, (..., 3, 3); Rodrigues' formula."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
