@@ -460,6 +460,7 @@ identify --drive motor | command
 identify --drive free --model lemon2024 | .toml
 identify --drive free --nodes 5 | --nodes
 identify --drive free --profile | --profile
+identify --drive free --mend-labels | --mend-labels
 identify --drive free --per-recording delay | --per-recording
 identify --drive joints --controller constant | --controller
 identify --drive handle --preset printed | --preset

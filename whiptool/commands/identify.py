@@ -115,6 +115,19 @@ class _Run:
         except InputError as error:
             raise error.within("--profile: ") from None
 
+    def _labelled(self, name: str, recording: StrikeRecording) -> StrikeRecording:
+        """Return a recording whose labels stay with their markers."""
+        from whiptool.recording.labels import check_labels, put_back
+
+        labels = check_labels(recording)
+        if labels.kept:
+            return recording
+        if self.options.mend_labels:
+            print(f"{name}: put back: {labels}", file=sys.stderr)
+            return put_back(recording, labels)
+        rule = "labels that stay with their markers"
+        raise InputError("recording", f"{name}: {labels}", rule, "mend them where they were recorded, or --mend-labels")
+
     def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
         """Read or track all recordings, and find their plane; the controller that they hold."""
         from whiptool.identification.gather import gather, is_film, may_be_filmed
@@ -131,7 +144,7 @@ class _Run:
             rule = "motion capture, of a model in space: a camera sees its strikes in one plane only"
             raise InputError("recording", films[0], rule)
         found = [gather(name, tip=tip, handle=handle) for name in (*names, *held_out)]
-        recordings = [recording for recording, _ in found]
+        recordings = [self._labelled(name, r) for name, (r, _) in zip((*names, *held_out), found, strict=True)]
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
         self.plane = fit_plane(recordings) if self.model.dimension == 2 else None
         if self.plane is not None:

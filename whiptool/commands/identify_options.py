@@ -17,7 +17,14 @@ Own = Literal[
     "delay", "scale", "rotation", "shift_x", "shift_y", "start", "rotation_x", "rotation_y", "rotation_z", "shift_z"
 ]
 
-OF_WHIPS = ("per_recording", "nodes", "profile", "prior", "tip")  # options that speak of whips and cameras
+OF_WHIPS = (
+    "per_recording",
+    "nodes",
+    "profile",
+    "prior",
+    "mend_labels",
+    "tip",
+)  # options that speak of whips and cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
 
 
@@ -59,6 +66,9 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """From how many places to begin; the first is the model as given."""
     prior: str | None = None
     """TOML file of what is known beforehand: "whip.m" = {value = 0.012, error = 0.1}; see the file formats."""
+    mend_labels: bool = False
+    """Put labels of markers back that were exchanged, and leave out points where one marker swallowed another; without
+    it, such a recording is refused."""
     tip: str | None = None
     """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
 
