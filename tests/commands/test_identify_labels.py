@@ -28,7 +28,7 @@ def recording() -> StrikeRecording:
     t = np.arange(0, path.t[-1], 1 / 120)
     points = np.stack([[np.interp(t, path.t, x) for x in marker.T] for marker in chain.transpose(1, 0, 2)])
     noise = np.random.default_rng(0).normal(0, 5e-4, (len(t), len(MARKERS), 2))
-    return StrikeRecording(t, points.transpose(2, 0, 1) + noise, tuple(MARKERS), sigma=5e-4, strike=STRIKE)
+    return StrikeRecording(t, points.transpose(2, 0, 1) + noise, tuple(MARKERS), sigma=np.array(5e-4), strike=STRIKE)
 
 
 def test_exchanged_labels_are_refused_or_put_back(recording, tmp_path, capsys, monkeypatch):

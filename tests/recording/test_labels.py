@@ -21,7 +21,7 @@ def swung(seed: int = 0) -> StrikeRecording:
     angle, tilt = 8 * T**2 + rng.uniform(0, 6), 2 * T
     along = np.stack([np.cos(angle), np.sin(angle) * np.cos(tilt), np.sin(angle) * np.sin(tilt)], axis=1)
     points = along[:, None] * np.array([1.0, 0.7, 0.4, 0.1])[:, None]
-    return StrikeRecording(T, points + rng.normal(0, SIGMA, points.shape), NAMES, sigma=SIGMA)
+    return StrikeRecording(T, points + rng.normal(0, SIGMA, points.shape), NAMES, sigma=np.array(SIGMA))
 
 
 def exchanged(recording: StrikeRecording, first: int, last: int, *columns: int) -> StrikeRecording:
@@ -79,7 +79,7 @@ def test_markers_that_pass_each_other_closely_are_not_accused():
     """Paths that cross within the noise: whose label is whose, no motion tells."""
     x = np.stack([np.stack([T, 2e-3 + 0 * T], -1), np.stack([0.8 - T, 0 * T], -1)], axis=1)
     noisy = x + np.random.default_rng(1).normal(0, SIGMA, x.shape)
-    assert not check_labels(StrikeRecording(T, noisy, ("a", "b"), sigma=SIGMA)).exchanges
+    assert not check_labels(StrikeRecording(T, noisy, ("a", "b"), sigma=np.array(SIGMA))).exchanges
 
 
 def test_a_marker_that_swallows_another_is_told_and_both_are_left_out():

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from whiptool.identification.results import Fit
     from whiptool.impedance import Controller
     from whiptool.models import WhipProfile
+    from whiptool.recording.strike_recording import StrikeRecording
     from whiptool.runs import RunFolder
 
 _EXAMPLE = (
