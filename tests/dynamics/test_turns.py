@@ -27,7 +27,7 @@ def test_a_share_of_a_rotation_vector_and_its_derivatives(size):
 
 
 def test_what_is_left_is_twice_the_quaternions_vector_part():
-    pairs = Rotation.random(40, random_state=3).as_matrix().reshape(20, 2, 3, 3)
+    pairs = Rotation.random(40, np.random.default_rng(3)).as_matrix().reshape(20, 2, 3, 3)
     for wanted, present in pairs:
         found = LEFT(wanted, present).full().ravel()
         np.testing.assert_allclose(found, rotations.rotation_left(wanted, present), atol=1e-9)

@@ -18,21 +18,27 @@ PANDA = HandKinematics(preset("panda").arm, np.array([0, -0.5, 0, -2.0, 0, 1.7, 
 each = pytest.mark.parametrize("kinematics", [PLANE, PANDA], ids=["plane", "space"])
 
 
+def rotations_of(way: HandWay, share: np.ndarray = SHARE) -> np.ndarray:
+    """Rotations at shares of a way that has some."""
+    rotations = way.at(share).rotation
+    assert rotations is not None
+    return rotations
+
+
 def test_orientations_turn_evenly_about_one_axis_by_the_shortest_way():
     ends = RNG.normal(size=(4, 2, 6))
     way = HandWay(PANDA, ends)
     poses = way.at(SHARE)
     for i in range(4):
         rotations = Rotation.from_rotvec(ends[i, :, 3:]) * Rotation.from_matrix(PANDA.upright)
-        np.testing.assert_allclose(poses.rotation[i], Slerp([0, 1], rotations)(SHARE).as_matrix(), atol=1e-12)
+        np.testing.assert_allclose(rotations_of(way)[i], Slerp([0, 1], rotations)(SHARE).as_matrix(), atol=1e-12)
     np.testing.assert_allclose(poses.place, ends[:, :1, :3] + SHARE[:, None] * (ends[:, 1:] - ends[:, :1])[..., :3])
 
 
 def test_a_hand_in_the_plane_turns_by_the_difference_of_its_angles_more_than_half_a_turn_too():
     way = HandWay(PLANE, np.array([[0.1, 0.2, -2.0], [0.3, -0.2, 2.5]]))
     np.testing.assert_allclose(way.motion, [0.2, -0.4, 4.5])
-    upright = PLANE.poses(np.zeros(3)).rotation
-    angle = rotation_vector(way.at(np.array([0.5])).rotation @ upright.T)[0]
+    angle = rotation_vector(rotations_of(way, np.array([0.5])) @ PLANE.upright.T)[0]
     np.testing.assert_allclose(angle, [0, -0.25, 0], atol=1e-12)
 
 
@@ -53,11 +59,11 @@ def test_slopes_against_differences(kinematics):
         step[j] = h
         before, after = (HandWay(kinematics, ends + sign * step.reshape(2, m)) for sign in (-1, 1))
         moved = after.at(SHARE).place - before.at(SHARE).place
-        turned = rotation_vector(after.at(SHARE).rotation @ np.swapaxes(before.at(SHARE).rotation, -1, -2))
+        turned = rotation_vector(rotations_of(after) @ np.swapaxes(rotations_of(before), -1, -2))
         change = np.concatenate([moved, turned], axis=-1) @ kinematics.rows.T / (2 * h)
         np.testing.assert_allclose(slopes[..., j], change, atol=1e-7)
         if j % m >= d:
             k = j % m - d + (j // m) * (m - d)
-            of = (after.start.rotation - before.start.rotation) / (2 * h), (after.turns - before.turns) / (2 * h)
-            np.testing.assert_allclose(of_start[..., k], of[0], atol=1e-7)
-            np.testing.assert_allclose(of_turns[..., k], of[1], atol=1e-7)
+            at_start = rotations_of(after)[:, 0] - rotations_of(before)[:, 0]
+            np.testing.assert_allclose(of_start[..., k], at_start / (2 * h), atol=1e-7)
+            np.testing.assert_allclose(of_turns[..., k], (after.turns - before.turns) / (2 * h), atol=1e-7)

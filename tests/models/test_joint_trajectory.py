@@ -144,7 +144,7 @@ def of_hand(name: str, *, orientation: bool = False) -> tuple[JointTrajectory, H
     home = space.kinematics.coordinates(space.kinematics.posture)
     by = np.array([-0.06, 0.05, 0.04, 0.2, -0.1, 0.15] if orientation else [-0.06, 0.05, 0.04])[: space.size]
     vector = np.array([*(home + by), *(home - by), 0.6])
-    start = space.kinematics.posture + 0.1
+    start = (space.kinematics.posture + 0.1).tolist()
     found = JointTrajectory.of_strike(space.path(vector), arm.joints, start=start, rate=100, rest=0.2)
     return found, space, vector
 
@@ -153,12 +153,13 @@ def of_hand(name: str, *, orientation: bool = False) -> tuple[JointTrajectory, H
 def test_a_strike_of_the_hand_holds_the_hands_poses(name, orientation):
     """Where Pinocchio has the hand in each of the postures, and where the strike's numbers have it at the ends."""
     found, space, vector = of_hand(name, orientation=orientation)
+    assert found.hand is not None
     arm = Arm(preset(name))
     at = [arm.hand(q) for q in found.q]
     np.testing.assert_allclose(found.hand[:, :3], [x.position for x in at], atol=1e-12)
     rotations = Rotation.from_quat(found.hand[:, 3:])
     np.testing.assert_allclose(rotations.as_matrix(), [x.rotation for x in at], atol=1e-12)
-    begins, seen = np.searchsorted(found.t, found.strike_begins), [0, 2] if space.arm.dimension == 2 else [0, 1, 2]
+    begins, seen = int(np.searchsorted(found.t, found.strike_begins)), [0, 2] if space.arm.dimension == 2 else [0, 1, 2]
     for k, part in ((begins, slice(0, space.size)), (-1, slice(space.size, 2 * space.size))):
         coordinates = vector[part]
         np.testing.assert_allclose(found.hand[k, seen], coordinates[: len(seen)], atol=1e-7)

@@ -18,7 +18,7 @@ def test_vectors_come_back_from_their_rotations():
 
 
 def test_quaternions_turn_vectors_as_their_rotations_do_and_have_one_sign():
-    R = Rotation.random(20, random_state=1).as_matrix()
+    R = Rotation.random(20, np.random.default_rng(1)).as_matrix()
     x, y, z, w = quaternion_of(R).T
     assert (w >= 0).all()
     np.testing.assert_allclose(x**2 + y**2 + z**2 + w**2, 1, atol=1e-14)
@@ -28,7 +28,7 @@ def test_quaternions_turn_vectors_as_their_rotations_do_and_have_one_sign():
 
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 0.3, 2.0, 3.1])
 def test_what_is_left_is_along_the_axis_and_twice_the_sine_of_half_the_angle(angle):
-    axis, present = np.array([2.0, -1.0, 2.0]) / 3, Rotation.random(random_state=2).as_matrix()
+    axis, present = np.array([2.0, -1.0, 2.0]) / 3, Rotation.random(None, np.random.default_rng(2)).as_matrix()
     left = rotation_left(rotation_of(angle * axis) @ present, present)
     np.testing.assert_allclose(left, 2 * np.sin(angle / 2) * axis, atol=1e-14)
 

@@ -73,6 +73,13 @@ class SpaceOptions(SimulatedControllerOptions):
             raise InputError("--feedforward", True, "nothing in hand space")
         return replace(controller, hand=self._hand())
 
+    def law_label(self) -> str:
+        """The law in words, for people; constant impedance of the hand is none of the joints' presets."""
+        if self.space == "joint":
+            return super().law_label()
+        named = "constant impedance" if self.law_or_file == "constant" else super().law_label()
+        return named + (" of the hand's pose" if self.space == "pose" else " of the hand")
+
     def _hand(self) -> HandControl:
         from whiptool.impedance.hand import HandControl
 

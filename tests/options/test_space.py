@@ -1,0 +1,52 @@
+"""Options of what strikes are told by: the controllers that they come to, and their words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from whiptool.impedance import HandControl, PositionControl, hand_impedance
+from whiptool.models import preset
+from whiptool.options import ModelOptions
+from whiptool.options.space import SpaceOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(SpaceOptions, ModelOptions):
+    """Of a command that takes models in space."""
+
+    in_space: ClassVar[bool] = True
+
+
+def test_a_pose_has_gains_of_its_own_for_turns_and_the_usual_ones_elsewhere():
+    options = Options(model="ur5e", space="pose", controller="constant", stiffness=900.0, turn_damping=7.0)
+    options.check()
+    controller = options.build_controller()
+    usual = hand_impedance(preset("ur5e"), HandControl(orientation=True))
+    assert controller.hand == HandControl(orientation=True)
+    np.testing.assert_allclose(np.diag(controller.law.K), [900.0] * 3 + [usual.K[5][5]] * 3)
+    np.testing.assert_allclose(np.diag(controller.law.B), [usual.B[0][0]] * 3 + [7.0] * 3)
+
+
+@pytest.mark.parametrize(
+    ("given", "label"),
+    [
+        ({"space": "joint"}, "constant impedance ur5e"),
+        ({"space": "hand"}, "constant impedance of the hand"),
+        ({"space": "pose"}, "constant impedance of the hand's pose"),
+        ({"space": "pose", "controller": "position"}, "position control of the hand's pose"),
+        ({"space": "hand", "controller": "oiac"}, "OIAC table4 of the hand"),
+    ],
+)
+def test_the_controller_in_words(given, label):
+    assert Options(model="ur5e", **given).controller_label() == label
+
+
+def test_position_control_of_a_pose_leads_the_joints_along_the_hands_way():
+    controller = Options(model="panda", space="pose", controller="position").build_controller()
+    assert isinstance(controller.law, PositionControl)
+    space = controller.strike_space(preset("panda").arm)
+    assert (space.kind, space.led, space.width) == ("pose", True, 13)

@@ -1,0 +1,55 @@
+"""Options of a trajectory for a robot: which files they write of which strikes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from whiptool.models import preset
+from whiptool.models.hand_space import HandSpace
+from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models.strike import Strike
+from whiptool.options import TrajectoryOptions
+
+LEMON = preset("lemon2024")
+OF_HAND = HandSpace(LEMON.arm).path(np.array([0.45, -0.1, 0.4, 0.0, 0.5]))
+OF_JOINTS = Strike((-1.2, 0.9), (1.2, 0.3), 0.7)
+
+
+def written(path: Path, strike) -> tuple[list[str], JointTrajectory]:
+    options = TrajectoryOptions(export_trajectory=path, rest=0.1, trajectory_rate=50)
+    found = options.build_trajectory(LEMON, strike, 0.1)
+    assert found is not None
+    return [file.name for file in options.write_trajectory(found)], found
+
+
+@pytest.mark.parametrize(
+    ("strike", "name", "files"),
+    [
+        (OF_HAND, "strike.csv", ["strike.csv"]),
+        (OF_HAND, "strike.yaml", ["strike.yaml", "strike-hand.yaml"]),
+        (OF_JOINTS, "strike.csv", ["strike.csv"]),
+        (OF_JOINTS, "strike.yml", ["strike.yml"]),
+    ],
+)
+def test_the_poses_of_a_strike_of_the_hand_stand_beside_a_goal(strike, name, files, tmp_path):
+    names, found = written(tmp_path / name, strike)
+    assert names == files == sorted((x.name for x in tmp_path.iterdir()), key=len)
+    assert (found.hand is None) == (strike is OF_JOINTS)
+
+
+def test_the_files_of_one_strike_say_the_same(tmp_path):
+    found = written(tmp_path / "strike.csv", OF_HAND)[1]
+    written(tmp_path / "strike.yaml", OF_HAND)
+    read = JointTrajectory.load_csv(tmp_path / "strike.csv")
+    goal = yaml.safe_load((tmp_path / "strike.yaml").read_text())["trajectory"]["points"]
+    hand = yaml.safe_load((tmp_path / "strike-hand.yaml").read_text())["points"]
+    assert [p["time_from_start"] for p in goal] == [p["time_from_start"] for p in hand]
+    np.testing.assert_array_equal([p["positions"] for p in goal], read.q)
+    places = [list(p["transforms"][0]["translation"].values()) for p in hand]
+    assert read.hand is not None
+    np.testing.assert_array_equal(places, read.hand[:, :3])
+    np.testing.assert_array_equal(read.q, found.q)
