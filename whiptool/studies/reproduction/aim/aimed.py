@@ -19,7 +19,6 @@ from whiptool.studies.reproduction.aim.units import ClearanceUnit, GoalsUnit, Mi
 
 CHUNK = 50  # goals of a unit
 TOGETHER = 5  # strikes of a unit of the Cosserat oracle
-REPLAY_SEED = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +204,7 @@ def aim(
         folder: Of the map.
         store: Of the results.
         goals: How many.
-        replays: Strikes that are replayed in MuJoCo, drawn from those that hit.
+        replays: Strikes that are replayed in MuJoCo, the first that hit.
         oracle: Of the same, how many are played with a Cosserat rod.
         touched: How many are looked at for what arm and whip touch, where that is none of the task's limits.
         brief: Whether other searches, of what refinement misses, are short.
@@ -218,8 +217,7 @@ def aim(
     others = [MissedUnit(**of_map, goal=int(i), brief=brief) for i in np.flatnonzero(~aimed.refined.hit)]
     found = store.results(others, desc="goals that refinement missed")
     aimed.missed.update({unit.goal: found[unit.name]["found"] for unit in others})
-    drawn = np.random.default_rng(REPLAY_SEED).permutation(len(aimed))
-    hits = [int(i) for i in drawn if aimed.refined.hit[i]]
+    hits = np.flatnonzero(aimed.refined.hit).tolist()  # goals are drawn at random: the first are as good as any
     strikes = {i: tuple(aimed.strikes[i].tolist()) for i in hits}
     played = [ReplayUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:replays]]
     looked = [ClearanceUnit(task=task, goal=i, strike=strikes[i]) for i in ([] if task.clear else hits[:touched])]
