@@ -54,8 +54,9 @@ class Aimed:
     Args:
         positions: [m], (B, d).
         angles: Of arrival [rad], (B,); NaN where none is asked for.
-        one_shot, refined: The map's own strikes, and refined ones.
-        one_shot_by_joints: Which of the map's own strikes would hit if the limits of joints were all, (B,).
+        one_shot, refined: The best of the map's own strikes that keep the limits, and refined ones.
+        one_shot_unchecked: Which of the map's best strikes hit, were they taken without a look at the limits, (B,).
+        one_shot_by_joints: Which of these would hit if the limits of joints were all, (B,).
         strikes: The refined ones, (B, m).
         rollouts, derivatives: Of refinement, in all.
         followed: Trials and hits of the goals that are missed in one shot, by what follows a miss.
@@ -70,6 +71,7 @@ class Aimed:
     angles: np.ndarray
     one_shot: Shots
     refined: Shots
+    one_shot_unchecked: np.ndarray
     one_shot_by_joints: np.ndarray
     strikes: np.ndarray
     rollouts: int
@@ -93,6 +95,7 @@ class Aimed:
             angles=without if results[0]["angles"] is None else np.concatenate([r["angles"] for r in results]),
             one_shot=Shots.of([r["one_shot"] for r in results]),
             refined=Shots.of([r["refined"] for r in results]),
+            one_shot_unchecked=np.concatenate([np.array(r["one_shot_unchecked"], bool) for r in results]),
             one_shot_by_joints=np.concatenate([np.array(r["one_shot_by_joints"], bool) for r in results]),
             strikes=np.concatenate([np.array(r["strikes"]) for r in results]),
             rollouts=sum(r["rollouts"] for r in results),
@@ -156,6 +159,7 @@ class Aimed:
             "goals": len(self),
             "one_shot": float(self.one_shot.hit.mean()),
             "one_shot_interval": interval(self.one_shot.hit.sum(), len(self)),
+            "one_shot_unchecked": float(self.one_shot_unchecked.mean()),
             "one_shot_by_joints": float(self.one_shot_by_joints.mean()),
             "one_shot_median_miss": float(np.median(self.one_shot.miss)),
             "one_shot_within_limits": float(self.one_shot.within.mean()),
