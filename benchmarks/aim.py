@@ -4,8 +4,9 @@ Goals are drawn in the region of "Point It, Strike It" (2026): 1.6 to 2.3 m from
 with the base at 1.7 m, up to 30 degrees to either side, at arrival angles from the full turn. A hit: the tip within
 5 cm, its velocity within 10 degrees of the angle and 1 m/s along it, within all limits: those of the joints (of a
 UR5e position, velocity and torque are known), and arm, whip and floor clear of each other over the whole strike, the
-whip's fall included. `one_shot`: the map's strike as it is; `one_shot_by_joints`: the same strikes, were the joints'
-limits all. `refined`: with rollouts, of the goals that any search of ours reached; goals that refinement misses
+whip's fall included. `one_shot`: the map's strike as it is, the first of the best few that keeps the limits, which a
+rollout of it says; `one_shot_unchecked`: the map's first, without any rollout; `one_shot_by_joints`: the same, were the
+joints' limits all. `refined`: with rollouts, of the goals that any search of ours reached; goals that refinement misses
 are given to all of the map's candidates, to the search with gradients and to CMA-ES, and those never reached are
 listed. With --ignore-collisions what arm, whip and floor touch is no part of a hit; it is looked at in some of the
 strikes (`clear`). `seconds_per_goal`: from the goal to the refined strike, one goal at a time, all cores;

@@ -9,9 +9,10 @@ from short_strikes import ShortStrikes
 
 pytest.importorskip("torch")
 
-from whiptool.strike_map import Building, MapPlan
+from whiptool.strike_map import Building, MapPlan, StrikeMap
 from whiptool.strike_map.harvest import Harvest
 from whiptool.strike_map.refinement import refine
+from whiptool.strike_map.strike_map import TRIED
 
 LONGEST = 1.1  # [s]
 
@@ -49,6 +50,23 @@ def test_a_gate_is_trained_without_judging_whole_strikes():
     gate = building.gate(answers)
     assert limit.judged == 0
     assert np.isfinite(gate.odds(np.zeros((1, len(gate.mean)))))
+
+
+def test_the_first_candidate_that_keeps_them_is_chosen():
+    limit = ShortStrikes(LONGEST)
+    answers = Harvest(striker(), POINTS, np.random.default_rng(0)).pick(random_strikes(striker(), 300), room=2)
+    made = StrikeMap(striker(limit), POINTS, answers)
+    goals = POINTS.draw(30, np.random.default_rng(1))
+    chosen, best = made.kept(goals), made.strikes(goals)
+    for i in range(30):
+        strikes = made.candidates(goals.rows(np.array([i]))).strikes[:TRIED]
+        short = strikes[:, -1] + made.striker.t_stay <= LONGEST
+        np.testing.assert_array_equal(chosen[i], strikes[short.argmax()])  # the first, if none is
+    same = (chosen == best).all(axis=1)
+    assert 0 < same.sum() < 30
+    target = (float(goals.positions[0, 0]), float(goals.positions[0, 1]))
+    np.testing.assert_array_equal(made.strike(target, refined=False).vector, chosen[0])
+    np.testing.assert_array_equal(StrikeMap(striker(), POINTS, answers).kept(goals), best)
 
 
 def test_refinement_goes_its_way_and_is_judged_at_its_end():

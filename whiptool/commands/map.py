@@ -185,7 +185,7 @@ def _tested(options: BuildOptions, strike_map: StrikeMap, seconds: float) -> dic
     from whiptool.runs import code_version
 
     goals = strike_map.region.draw(options.tests, np.random.default_rng([options.seed, 2**31]))
-    first = strike_map.striker.strike(strike_map.strikes(goals), goals)
+    first = strike_map.striker.strike(strike_map.kept(goals), goals)
     start = time.monotonic()
     refined = strike_map.refined(goals)
     each = (time.monotonic() - start) / options.tests
@@ -211,7 +211,7 @@ def _text(summary: dict[str, Any], path: Path) -> str:
     return "\n".join(
         [
             f"map: {summary['answers']} answers for {summary['model']} in {summary['wall_time']:.1f} s",
-            f"  one shot       {summary['one_shot']:.1%} of {summary['tests']} random goals are hit, without a rollout",
+            f"  one shot       {summary['one_shot']:.1%} of {summary['tests']} random goals are hit, without refinement",
             f"  refined        {summary['refined']:.1%}, median miss {1e3 * summary['median_miss']:.3f} mm; "
             f"{summary['rollouts_per_goal']:.1f} rollouts, {summary['derivatives_per_goal']:.2f} times derivatives and "
             f"{summary['seconds_per_goal']:.3f} s a goal",

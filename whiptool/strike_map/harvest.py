@@ -53,7 +53,7 @@ class Harvest:
         kept, which, when = [], [], []
         for strike, cells in self._passed(strikes):
             free = {cell: at for cell, at in cells.items() if self._taken[cell] < room}
-            if len(free) >= _WORTH and self.striker.keeps(strike):
+            if len(free) >= _WORTH and self.striker.keep(strike[None])[0]:
                 self._taken.update(free.keys())
                 which += [len(kept)] * len(free)
                 when += sorted(free.values())

@@ -57,13 +57,14 @@ class StrikeMap:
 
         Args:
             target: Of the map's region; its hit radius may be another.
-            refined: Whether rollouts refine what the answers make of it; else there is none.
+            refined: Whether rollouts refine what the answers make of it; else they only see to it that it keeps the
+                limits.
 
         Raises:
             InputError: The target is none of the map's region.
         """
         goal = self.goal(target)
-        return Strike.from_vector((self.refined(goal).strikes if refined else self.strikes(goal))[0])
+        return Strike.from_vector((self.refined(goal).strikes if refined else self.kept(goal))[0])
 
     def candidates(self, goal: Goals) -> Candidates:
         """Return candidates for one goal (B = 1), best first."""
@@ -75,7 +76,25 @@ class StrikeMap:
 
     def strikes(self, goals: Goals) -> np.ndarray:
         """Return one strike for each goal, (B, m), without any rollout."""
-        return np.array([self.candidates(goals.rows(np.array([i]))).strikes[0] for i in range(len(goals.positions))])
+        return np.array([each.strikes[0] for each in self._candidates(goals, 1)])
+
+    def kept(self, goals: Goals, *, tried: int = TRIED) -> np.ndarray:
+        """Return for each goal the best of its candidates that keeps all limits, (B, m), which rollouts say.
+
+        Args:
+            goals: One each.
+            tried: Candidates of a goal that are looked at at most; if none of them keeps the limits, it is the best.
+        """
+        found = self._candidates(goals, tried)
+        chosen = np.array([each.strikes[0] for each in found])
+        left = np.arange(len(found))
+        for turn in range(tried):
+            left = left[[len(found[i].strikes) > turn for i in left]]
+            strikes = np.array([found[i].strikes[turn] for i in left]).reshape(-1, chosen.shape[1])
+            keep = self.striker.keep(strikes)
+            chosen[left[keep]] = strikes[keep]
+            left = left[~keep]
+        return chosen
 
     def refined(self, goals: Goals, *, tried: int = TRIED) -> Refined:
         """Return strikes that were refined from one candidate after the other, until they hit.
@@ -84,7 +103,7 @@ class StrikeMap:
             goals: One each.
             tried: Candidates of a goal that are refined at most.
         """
-        found = [self.candidates(goals.rows(np.array([i]))).take(slice(tried)) for i in range(len(goals.positions))]
+        found = self._candidates(goals, tried)
         best = self._refined(goals, found, np.arange(len(found)), 0)
         for turn in range(1, tried):
             missed = [i for i in np.flatnonzero(~best.struck.hit) if len(found[i].strikes) > turn]
@@ -93,6 +112,10 @@ class StrikeMap:
             rows = np.array(missed)
             best = best.improved(rows, self._refined(goals, found, rows, turn))
         return best
+
+    def _candidates(self, goals: Goals, count: int) -> list[Candidates]:
+        """Return the best candidates for each goal."""
+        return [self.candidates(goals.rows(np.array([i]))).take(slice(count)) for i in range(len(goals.positions))]
 
     def _refined(self, goals: Goals, found: Sequence[Candidates], rows: np.ndarray, turn: int) -> Refined:
         """Return what refinement makes of each goal's candidate whose turn it is."""

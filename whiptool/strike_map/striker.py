@@ -112,9 +112,12 @@ class Striker:
         near, paths = self.rollout.peaks_and_path(strikes, t_stay=self.t_stay, rate=rate)
         return self._beyond(strikes, near) <= 0, paths
 
-    def keeps(self, strike: np.ndarray) -> bool:
-        """Return whether a strike (m,), whose peaks are within the limits, keeps those of whole strikes, too."""
-        return not self.limits.of_candidates or self.limits.violation(self._trajectory(strike)) <= 0
+    def keep(self, strikes: np.ndarray) -> np.ndarray:
+        """Return whether strikes (B, m) keep all limits over their whole length, (B,)."""
+        if not self.limits or not len(strikes):
+            return np.ones(len(strikes), bool)
+        played = zip(strikes, self.rollout.trajectories(strikes, t_stay=self.t_stay), strict=True)
+        return np.array([self.limits.violation(path, Strike.from_vector(strike)) <= 0 for strike, path in played])
 
     def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
         """Return what strikes (B, m) come to, each at its goal.

@@ -32,6 +32,7 @@ def part(first: int, one_shot: list[bool], refined: list[bool], miss: list[float
         "positions": [[1.7, 0.1, 0.01 * (first + i)] for i in range(count)],
         "angles": [0.1 * (first + i) for i in range(count)],
         "one_shot": shots(one_shot, [0.02] * count),
+        "one_shot_unchecked": [False, *one_shot[1:]],
         "one_shot_by_joints": [True] * count,
         "refined": shots(refined, miss),
         "strikes": [[float(first + i)] * 3 for i in range(count)],
@@ -94,6 +95,7 @@ def test_shares_by_hand(worked, tmp_path):
     summary = struck(tmp_path).summary()
     assert summary["goals"] == 4
     assert summary["one_shot"] == 0.75
+    assert summary["one_shot_unchecked"] == 0.25
     assert summary["one_shot_by_joints"] == 1.0
     assert summary["processor_seconds_per_goal_together"] == 1.5
     assert summary["refined_of_all"] == 0.5
@@ -161,7 +163,7 @@ def test_what_is_done_is_not_done_again(worked, tmp_path):
     assert len(worked) == len(set(worked)) == 6
     assert struck(tmp_path).summary() == again.summary()
     assert len(worked) == 6
-    lost = next(path for path in (tmp_path / "units").iterdir() if "goals2-4" in path.name)
+    lost = next(path for path in (tmp_path / "units").iterdir() if "shots2-4" in path.name)
     lost.unlink()
     assert struck(tmp_path).summary() == again.summary()
     assert worked[6:] == [lost.stem]

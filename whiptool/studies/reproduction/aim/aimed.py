@@ -19,7 +19,6 @@ from whiptool.studies.reproduction.aim.units import ClearanceUnit, GoalsUnit, Mi
 
 CHUNK = 50  # goals of a unit
 TOGETHER = 5  # strikes of a unit of the Cosserat oracle
-REPLAY_SEED = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +54,9 @@ class Aimed:
     Args:
         positions: [m], (B, d).
         angles: Of arrival [rad], (B,); NaN where none is asked for.
-        one_shot, refined: The map's own strikes, and refined ones.
-        one_shot_by_joints: Which of the map's own strikes would hit if the limits of joints were all, (B,).
+        one_shot, refined: The best of the map's own strikes that keep the limits, and refined ones.
+        one_shot_unchecked: Which of the map's best strikes hit, were they taken without a look at the limits, (B,).
+        one_shot_by_joints: Which of these would hit if the limits of joints were all, (B,).
         strikes: The refined ones, (B, m).
         rollouts, derivatives: Of refinement, in all.
         followed: Trials and hits of the goals that are missed in one shot, by what follows a miss.
@@ -71,6 +71,7 @@ class Aimed:
     angles: np.ndarray
     one_shot: Shots
     refined: Shots
+    one_shot_unchecked: np.ndarray
     one_shot_by_joints: np.ndarray
     strikes: np.ndarray
     rollouts: int
@@ -94,6 +95,7 @@ class Aimed:
             angles=without if results[0]["angles"] is None else np.concatenate([r["angles"] for r in results]),
             one_shot=Shots.of([r["one_shot"] for r in results]),
             refined=Shots.of([r["refined"] for r in results]),
+            one_shot_unchecked=np.concatenate([np.array(r["one_shot_unchecked"], bool) for r in results]),
             one_shot_by_joints=np.concatenate([np.array(r["one_shot_by_joints"], bool) for r in results]),
             strikes=np.concatenate([np.array(r["strikes"]) for r in results]),
             rollouts=sum(r["rollouts"] for r in results),
@@ -157,6 +159,7 @@ class Aimed:
             "goals": len(self),
             "one_shot": float(self.one_shot.hit.mean()),
             "one_shot_interval": interval(self.one_shot.hit.sum(), len(self)),
+            "one_shot_unchecked": float(self.one_shot_unchecked.mean()),
             "one_shot_by_joints": float(self.one_shot_by_joints.mean()),
             "one_shot_median_miss": float(np.median(self.one_shot.miss)),
             "one_shot_within_limits": float(self.one_shot.within.mean()),
@@ -205,7 +208,7 @@ def aim(
         folder: Of the map.
         store: Of the results.
         goals: How many.
-        replays: Strikes that are replayed in MuJoCo, drawn from those that hit.
+        replays: Strikes that are replayed in MuJoCo, the first that hit.
         oracle: Of the same, how many are played with a Cosserat rod.
         touched: How many are looked at for what arm and whip touch, where that is none of the task's limits.
         brief: Whether other searches, of what refinement misses, are short.
@@ -218,8 +221,7 @@ def aim(
     others = [MissedUnit(**of_map, goal=int(i), brief=brief) for i in np.flatnonzero(~aimed.refined.hit)]
     found = store.results(others, desc="goals that refinement missed")
     aimed.missed.update({unit.goal: found[unit.name]["found"] for unit in others})
-    drawn = np.random.default_rng(REPLAY_SEED).permutation(len(aimed))
-    hits = [int(i) for i in drawn if aimed.refined.hit[i]]
+    hits = np.flatnonzero(aimed.refined.hit).tolist()  # goals are drawn at random: the first are as good as any
     strikes = {i: tuple(aimed.strikes[i].tolist()) for i in hits}
     played = [ReplayUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:replays]]
     looked = [ClearanceUnit(task=task, goal=i, strike=strikes[i]) for i in ([] if task.clear else hits[:touched])]

@@ -66,7 +66,7 @@ class GoalsUnit(MapUnit):
     @property
     def name(self) -> str:
         """Name of the unit: which goals."""
-        return self.named(f"goals{self.first}-{self.last}")
+        return self.named(f"shots{self.first}-{self.last}")
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike at them all together; of those that are missed in one shot, count the strikes to the first hit."""
@@ -76,12 +76,13 @@ class GoalsUnit(MapUnit):
         with one_torch_thread():
             strike_map.striker.strike(strike_map.strikes(goals.rows(np.arange(1))), goals.rows(np.arange(1)))  # warm
             times = [_clocks()]
-            strikes = strike_map.strikes(goals)
-            landed = strike_map.striker.land(strikes, goals)
-            shot = strike_map.striker.judged(strikes, landed)
+            chosen = strike_map.kept(goals)
+            shot = strike_map.striker.strike(chosen, goals)
             times.append(_clocks())
             refined = strike_map.refined(goals)
             times.append(_clocks())
+            best = strike_map.strikes(goals)
+            by_joints = strike_map.striker.land(best, goals).hit
             missed = [goals.rows(np.array([i])) for i in np.flatnonzero(~shot.hit)]
             followed = {"candidates": [by_candidates(strike_map, goal) for goal in missed]}
             if self.task.corrected:
@@ -90,7 +91,8 @@ class GoalsUnit(MapUnit):
             "positions": goals.positions.tolist(),
             "angles": None if angles is None else angles.tolist(),
             "one_shot": plain(shot),
-            "one_shot_by_joints": landed.hit.tolist(),
+            "one_shot_unchecked": (shot.hit & (chosen == best).all(axis=1)).tolist(),
+            "one_shot_by_joints": by_joints.tolist(),
             "refined": plain(refined.struck),
             "strikes": refined.strikes.tolist(),
             "rollouts": refined.rollouts,
