@@ -68,7 +68,7 @@ class _Problem:
     def begin(self, u: np.ndarray) -> _Point:
         """Return the first point, whose measure becomes the unit of measures."""
         found = self(u)
-        self.size = self.criterion.size_of(float(np.abs(found.measures).max()))
+        self.size = max(float(np.abs(found.measures).max()), np.finfo(float).tiny)
         self._at = None if self.size == 1.0 else u.copy()
         self._point = _Point(
             found.measures / self.size, found.measure_slopes / self.size, found.constraints, found.constraint_slopes
@@ -79,7 +79,7 @@ class _Problem:
         constraints, slopes = [hit_excess(struck)[0] + _INSIDE], [hit_excess_slopes(struck)[0]]
         for criterion, value in self.caps:
             bound = criterion.measure_of(value)
-            size = criterion.size_of(bound)
+            size = max(abs(bound), np.finfo(float).tiny)
             constraints.append((criterion.measures(struck)[0] - bound) / size + _INSIDE)
             slopes.append(criterion.measure_slopes(struck)[0] / size)
         measures, measure_slopes = self.criterion.measures(struck)[0], self.criterion.measure_slopes(struck)[0]
