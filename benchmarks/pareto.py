@@ -5,7 +5,8 @@ exact derivatives. Three rivals have ten times its rollouts each, a derivative b
 random strikes; CMA-ES, which minimises the weighted Chebyshev distance from the front's ideal point (Miettinen 1999)
 with weights spread over the front; pymoo's NSGA-II (Deb et al. 2002), hits being its constraint. By how much a rival's
 hit dominates the front is the additive epsilon indicator in parts of the front's range: as far as the front would have
-to be moved in both criteria. NSGA-II is also given the front's own number of rollouts. Hypervolumes are parts of the
+to be moved in both criteria; beside it stand the share of the hits on a rival's front that a hit on ours dominates, and
+the share of ours that one of the rival's dominates. NSGA-II is also given the front's own number of rollouts. Hypervolumes are parts of the
 box around all fronts, 1 being all of it.
 
     python benchmarks/pareto.py [--quick] [--json] [--only MODEL] [--pair NAME] [--out FOLDER]
@@ -45,7 +46,7 @@ from whiptool.viz.style import COLORS, STYLE, save_figure
 from whiptool.whole_files import write_whole
 
 PAIRS = (("effort", "miss"), ("speed", "miss"))
-TRIALS = {"lemon2024": 600, "ur5e": 600}
+TRIALS = {"lemon2024": 1200, "ur5e": 600}
 TARGETS = {"lemon2024": (1.3, 0.0), "ur5e": (1.0, 0.0, 0.0)}
 TIMESTEPS = {"lemon2024": 5e-4, "ur5e": 1e-3}  # [s]
 TIMES = 10  # the front's rollouts
@@ -201,10 +202,21 @@ def compare(case: Case, trials: int, times: int) -> tuple[dict, dict[str, np.nda
             "hits": other.hits,
             "points": len(other.values),
             "dominates_by": by,
+            "share_dominated": dominated(case.criteria, other.values, front.values),
+            "share_dominating": dominated(case.criteria, front.values, other.values),
             "hypervolume": volumes[name],
             "cpu_seconds": other.seconds,
         }
     return entry, {name: x.values for name, x in found.items()}
+
+
+def dominated(criteria: Sequence[Criterion], values: np.ndarray, by: np.ndarray) -> float | None:
+    """Return the share of hits that some of other hits dominate; None without hits."""
+    if not len(values):
+        return None
+    costs, others = oriented(criteria, values), oriented(criteria, by)
+    better = (others[:, None] <= costs).all(axis=2) & (others[:, None] < costs).any(axis=2)
+    return float(better.any(axis=0).mean())
 
 
 def draw(folder: Path, case: Case, fronts: dict[str, np.ndarray]) -> None:
@@ -256,10 +268,11 @@ def tell(label: str, entry: dict) -> None:
         f"{entry['cpu_seconds']:.0f} s), from {entry['from']} to {entry['to']}, hypervolume {entry['hypervolume']:.4f}"
     )
     for name, rival in entry["rivals"].items():
+        shares = ["none" if x is None else f"{x:.0%}" for x in (rival["share_dominated"], rival["share_dominating"])]
         print(
             f"  {name:12s} {rival['rollouts']:7d} rollouts, {rival['cpu_seconds']:4.0f} s, {rival['hits']:6d} hits, "
-            f"{rival['points']:4d} on its front: dominates by {rival['dominates_by']:.4f}, "
-            f"hypervolume {rival['hypervolume']:.4f}",
+            f"{rival['points']:4d} on its front, {shares[0]} of them dominated, dominates {shares[1]} of ours, "
+            f"by {rival['dominates_by']:.4f}, hypervolume {rival['hypervolume']:.4f}",
             flush=True,
         )
 

@@ -62,14 +62,12 @@ class Criterion(ABC):
         name: As on the command line.
         words: For people; with the unit in which the number is.
         largest: Whether more is better.
-        logarithmic: Whether measures are logarithms, whose differences alone say something.
     """
 
     name: ClassVar[str]
     words: ClassVar[str]
     unit: ClassVar[str]
     largest: ClassVar[bool] = False
-    logarithmic: ClassVar[bool] = False
 
     @abstractmethod
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -86,10 +84,6 @@ class Criterion(ABC):
     def measure_of(self, value: float) -> float:
         """Return the measure of a number: a strike whose measures are at most that has at most that number."""
         return value
-
-    def size_of(self, measure: float) -> float:
-        """Return the size that a measure is told in: its own, or 1 of logarithms."""
-        return 1.0 if self.logarithmic else max(abs(measure), np.finfo(float).tiny)
 
     def cost(self, value: float, hit_radius: float) -> float:
         """Return what searches minimise of a hit: negative, as of a miss it is not, and growing as the hit is worse."""
@@ -127,13 +121,12 @@ class Miss(Criterion):
 
 
 class Effort(Criterion):
-    """The integral of the squared torques of all joints over the strike; its measure is the logarithm.
+    """The integral of the squared torques of all joints over the strike; its measure is the logarithm of 1 more.
 
-    Efforts of one robot's strikes span three orders of magnitude: as they are, the best of them would all look alike.
+    Efforts of one robot's strikes span four orders of magnitude: as they are, the best of them would all look alike.
     """
 
     name, words, unit = "effort", "effort", "N² m² s"
-    logarithmic = True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""
@@ -143,16 +136,15 @@ class Effort(Criterion):
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the smooth measures of each strike, (B, k)."""
-        return np.log(np.maximum(self.values(struck), np.finfo(float).tiny))[:, None]
+        return np.log1p(self.values(struck))[:, None]
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return their exact derivatives by the strike's numbers, (B, k, m)."""
-        effort = np.maximum(self.values(struck), np.finfo(float).tiny)
-        return struck.slopes.effort.sum(axis=1, keepdims=True) / effort[:, None, None]
+        return struck.slopes.effort.sum(axis=1, keepdims=True) / (1 + self.values(struck))[:, None, None]
 
     def measure_of(self, value: float) -> float:
         """Return the measure of a number."""
-        return math.log(max(value, np.finfo(float).tiny))
+        return math.log1p(value)
 
 
 class PeakTorque(Criterion):

@@ -107,7 +107,7 @@ def test_a_measure_narrows_what_depends_on_it():
 
 def test_a_uniform_whip_has_the_numbers_of_its_stock():
     numbers = stock_of_material("nylon").numbers
-    whip = uniform_whip(numbers, 12)
+    whip = uniform_whip(numbers, MODEL.whip)
     assert whip.length == pytest.approx(numbers["length"])
     assert whip.mass == pytest.approx(numbers["linear_density"] * numbers["length"])
     given = {name: numbers[name] for name in NUMBERS[:5]}
@@ -164,7 +164,7 @@ def test_the_prior_of_a_material_is_that_of_its_table():
 def test_the_prior_of_uniform_whips_is_that_of_their_nodes():
     stock = stock_of_material("leather")
     belief = default_prior(MODEL, CONTROLLER, whip="uniform", stock=stock)
-    whips = [uniform_whip(stock.draw(np.random.default_rng(i)), MODEL.whip.N) for i in range(3000)]
+    whips = [uniform_whip(stock.draw(np.random.default_rng(i)), MODEL.whip) for i in range(3000)]
     nodes = np.log([[getattr(w, n) for n in ("k", "b", "m", "l")] for w in whips])
     names = ("whip.k", "whip.b", "whip.m", "whip.l")
     z = belief.z[[belief.names.index(name) for name in names]]

@@ -84,7 +84,7 @@ def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarr
     which = found.markers.index("tip") if "tip" in found.markers else len(found.markers) - 1
     mine = found.channels[:, 1] == which
     frames = np.unique(found.channels[mine, 0])
-    measured, predicted = np.full((2, len(frames), found.path[found.markers[which]].shape[1]), np.nan)
+    measured, predicted = np.full((2, len(frames), int(found.channels[:, 2].max()) + 1), np.nan)
     at = np.searchsorted(frames, found.channels[mine, 0]), found.channels[mine, 2]
     measured[at] = found.measured[mine]
     predicted[at] = (found.measured + found.residuals)[mine]

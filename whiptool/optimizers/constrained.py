@@ -13,7 +13,7 @@ from whiptool.criteria import Criterion, StrikesAtGoal, hit_excess, hit_excess_s
 from whiptool.objective import Objective
 from whiptool.optimizers.smooth_limits import keep_limits
 
-STEPS = 60  # gradient evaluations at most
+STEPS = 60  # gradient evaluations at most, unless told otherwise
 _INSIDE = 1e-6  # of a constraint's size, by which it is kept, so that rounding leaves a hit a hit
 
 
@@ -68,7 +68,7 @@ class _Problem:
     def begin(self, u: np.ndarray) -> _Point:
         """Return the first point, whose measure becomes the unit of measures."""
         found = self(u)
-        self.size = self.criterion.size_of(float(np.abs(found.measures).max()))
+        self.size = max(float(np.abs(found.measures).max()), np.finfo(float).tiny)
         self._at = None if self.size == 1.0 else u.copy()
         self._point = _Point(
             found.measures / self.size, found.measure_slopes / self.size, found.constraints, found.constraint_slopes
@@ -79,7 +79,7 @@ class _Problem:
         constraints, slopes = [hit_excess(struck)[0] + _INSIDE], [hit_excess_slopes(struck)[0]]
         for criterion, value in self.caps:
             bound = criterion.measure_of(value)
-            size = criterion.size_of(bound)
+            size = max(abs(bound), np.finfo(float).tiny)
             constraints.append((criterion.measures(struck)[0] - bound) / size + _INSIDE)
             slopes.append(criterion.measure_slopes(struck)[0] / size)
         measures, measure_slopes = self.criterion.measures(struck)[0], self.criterion.measure_slopes(struck)[0]
@@ -109,7 +109,14 @@ class _NoStart(Exception):
     """The first strike is lost."""
 
 
-def descend(objective: Objective, start: np.ndarray, criterion: Criterion, caps: Sequence[Cap] = ()) -> None:
+def descend(
+    objective: Objective,
+    start: np.ndarray,
+    criterion: Criterion,
+    caps: Sequence[Cap] = (),
+    *,
+    steps: int = STEPS,
+) -> None:
     """Follow exact derivatives from one strike to the best hit near it.
 
     Every strike is a trial, so that the objective holds what was found. Where a criterion has several measures, an
@@ -120,6 +127,7 @@ def descend(objective: Objective, start: np.ndarray, criterion: Criterion, caps:
         start: Strike vector, (m,); it need not be a hit.
         criterion: What is minimised.
         caps: What is kept beside the hit.
+        steps: Gradient evaluations at most.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -137,7 +145,7 @@ def descend(objective: Objective, start: np.ndarray, criterion: Criterion, caps:
     optimizer = nlopt.opt(nlopt.LD_SLSQP, n + several)
     optimizer.set_lower_bounds(np.r_[np.zeros(n), [-np.inf] * several])
     optimizer.set_upper_bounds(np.r_[np.ones(n), [np.inf] * several])
-    optimizer.set_maxeval(STEPS)
+    optimizer.set_maxeval(steps)
     optimizer.set_xtol_rel(1e-6)
     optimizer.set_ftol_rel(1e-7)
     keep_limits(optimizer, objective)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+from scipy.stats import rankdata
 
 from whiptool.objective import Objective
 from whiptool.optimizers.constrained import Cap, descend
-from whiptool.optimizers.front import Front
+from whiptool.optimizers.front import Front, oriented
 
 BATCH = 64  # random strikes from which a front begins
-STARTS = 3  # of them are followed to the best hit by each criterion
+STARTS = 3  # of them are followed to the best hit by the first criterion
+FAR = 150  # gradient evaluations of each of them at most: from afar, in many numbers, it takes so many
 END = 0.01  # part of a criterion's range within which hits are as good as the best by it
 FRESH = 16  # random strikes of which one is a new start
 
@@ -20,7 +22,8 @@ def pareto_search(objective: Objective, *, seed: int) -> None:
     """Find the front of an objective's two criteria until the objective stops it.
 
     First the best hits by each criterion alone, and of those that are as good the best by the other (the payoff table
-    of Mavrotas 2009). Then, again and again, the widest gap of the front: one criterion is held at the gap's middle and
+    of Mavrotas 2009): from random strikes that are near the target and good by the first criterion, and from the best
+    hit by the first. Then, again and again, the widest gap of the front: one criterion is held at the gap's middle and
     the other minimised, from either end of the gap and from a new random strike in turn. A gap that was tried counts
     half as wide.
 
@@ -30,10 +33,15 @@ def pareto_search(objective: Objective, *, seed: int) -> None:
     first, second = objective.criteria
     rng = np.random.default_rng(seed)
     strikes = objective.admissible(objective.bounds.sample(rng, BATCH))
-    costs = [outcome.cost for outcome in objective.batch(strikes)]
-    for i in np.argsort(costs, kind="stable")[:STARTS]:
-        for criterion in (first, second):
-            descend(objective, strikes[i], criterion)
+    outcomes = objective.batch(strikes)
+    worth = [-np.inf if not x.values else x.values[0] * (1 if first.largest else -1) for x in outcomes]
+    placed = rankdata([x.cost for x in outcomes]) + rankdata(-np.array(worth))
+    for i in np.argsort(placed, kind="stable")[:STARTS]:
+        descend(objective, strikes[i], first, steps=FAR)
+    while not (hits := [trial for trial in objective.trials if trial.outcome.hit]):
+        descend(objective, _fresh(objective, rng), first, steps=FAR)
+    costs = oriented(objective.criteria, [trial.outcome.values for trial in hits])
+    descend(objective, np.array(hits[int(costs[:, 0].argmin())].strike), second)
     while len(Front.of((first, second), objective.trials).trials) < 2:
         descend(objective, _fresh(objective, rng), first)
     _improve_ends(objective, Front.of((first, second), objective.trials))
