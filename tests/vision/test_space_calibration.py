@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.vision.boards import CharucoBoard, Corners
-from whiptool.vision.space_calibration import Lens, Pose, calibrate_cameras, calibrate_lens
+from whiptool.vision.space_calibration import Lens, Pose, agree, calibrate_cameras, calibrate_lens
 from whiptool.vision.space_camera import SpaceCamera, looking_at
 
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
@@ -86,6 +88,31 @@ def test_a_camera_is_joined_over_another():
         calibrate_cameras({"left": LENSES["left"]}, {"left": views["left"]}, BOARD)
     with pytest.raises(InputError, match="as many for every camera"):
         calibrate_cameras(LENSES, views | {"far": views["far"][:4]}, BOARD)
+
+
+def test_a_camera_that_was_moved_is_told():
+    """By a degree, after the calibration: without it the others agree."""
+    pose = board_poses(np.random.default_rng(6), 2)[1]
+    rng = np.random.default_rng(1)
+    seen: dict[str, Corners | None] = {name: corners_seen(c, pose, rng, 0.2) for name, c in CAMERAS.items()}
+    kept = agree(CAMERAS, seen, BOARD)
+    assert kept.misfit == pytest.approx(0.2 * np.sqrt(2), rel=0.15)
+    assert set(kept.without) == set(CAMERAS)
+    turned = Rotation.from_rotvec([0.0, np.radians(1.0), 0.0]).as_matrix() @ CAMERAS["right"].rotation
+    seen["right"] = corners_seen(dataclasses.replace(CAMERAS["right"], rotation=turned), pose, rng, 0.2)
+    moved = agree(CAMERAS, seen, BOARD)
+    assert moved.misfit > 3
+    assert moved.without["right"] == pytest.approx(0.2 * np.sqrt(2), rel=0.15)
+    assert min(moved.without["left"], moved.without["far"]) > 3
+    seen["far"] = None
+    two = agree(CAMERAS, seen, BOARD)
+    assert two.misfit > 3
+    assert two.without == {}
+    seen["left"] = None
+    with pytest.raises(InputError, match="two cameras or more"):
+        agree(CAMERAS, seen, BOARD)
+    with pytest.raises(InputError, match="views: got 'third'"):
+        agree(CAMERAS, {"third": None}, BOARD)
 
 
 def drawn_view(camera: SpaceCamera, pose: Pose) -> np.ndarray:
