@@ -71,8 +71,6 @@ def test_usual_gains_give_the_hand_its_frequency_where_it_is_the_heaviest(name, 
     lowest = squares[squares > 1e-6 * squares.max()][0]
     assert np.sqrt(lowest) / (2 * np.pi) == pytest.approx(2.0, rel=1e-6)
     np.testing.assert_allclose(np.array(law.B), 2 * K / (2 * np.pi * 2.0), rtol=1e-12)  # critical
-    if pose:  # turns are the harder to move by what the hand feels of their inertia
-        felt = np.linalg.inv(J @ np.linalg.solve(arm.inertia(q), J.T))
-        felt[:3, :3] += model.whip.mass * np.eye(3)
-        heaviest = [np.linalg.eigvalsh(felt[i : i + 3, i : i + 3])[-1] for i in (0, 3)]
-        assert K[5, 5] / K[0, 0] == pytest.approx(heaviest[1] / heaviest[0], rel=1e-9)
+    if pose:  # in all its motions
+        np.testing.assert_allclose(squares[-6:], (2 * np.pi * 2.0) ** 2, rtol=1e-6)
+        np.testing.assert_allclose(K, K.T)

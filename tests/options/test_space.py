@@ -27,8 +27,17 @@ def test_a_pose_has_gains_of_its_own_for_turns_and_the_usual_ones_elsewhere():
     controller = options.build_controller()
     usual = hand_impedance(preset("ur5e"), HandControl(orientation=True))
     assert controller.hand == HandControl(orientation=True)
-    np.testing.assert_allclose(np.diag(controller.law.K), [900.0] * 3 + [usual.K[5][5]] * 3)
-    np.testing.assert_allclose(np.diag(controller.law.B), [usual.B[0][0]] * 3 + [7.0] * 3)
+    for found, other, place, turn in (
+        (controller.law.K, usual.K, 900.0 * np.eye(3), None),
+        (controller.law.B, usual.B, None, 7.0 * np.eye(3)),
+    ):
+        gains, other = np.array(found), np.array(other)
+        np.testing.assert_allclose(gains[:3, :3], other[:3, :3] if place is None else place)
+        np.testing.assert_allclose(gains[3:, 3:], other[3:, 3:] if turn is None else turn)
+        np.testing.assert_allclose(gains[:3, 3:], 0)
+        assert (np.linalg.eigvalsh(gains) > 0).all()
+    plain = Options(model="ur5e", space="pose", controller="constant").build_controller()
+    assert plain.law == usual
 
 
 @pytest.mark.parametrize(

@@ -69,11 +69,12 @@ def hand_space(arm: ArmParameters | SpatialArm, hand: HandControl, *, led: bool)
 
 
 def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: float = 3.0) -> ConstantImpedance:
-    """Return the stiffness and damping of a hand that nobody has measured [N/m, N s/m], alike in all directions.
+    """Return the stiffness and damping of a hand that nobody has measured [N/m, N s/m].
 
-    In the home posture they give the arm and the whip's mass in its hand a natural frequency, and damp it critically,
-    in the motion in which they are the heaviest. With orientation those of turns [N m/rad, N m s/rad] are alike about
-    all axes, and as much heavier or lighter as the hand is when it turns.
+    In the home posture they give the arm and the whip's mass in its hand a natural frequency, and damp it critically:
+    of its place alike in all directions, along that in which they are the heaviest; of a pose in all its motions, by
+    the inertia that the hand feels [kg, kg m, kg m^2], since about its own axis a hand is so light that what holds the
+    arm would tear it around.
 
     Args:
         model: Arm and whip.
@@ -82,16 +83,14 @@ def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: 
     """
     from whiptool.impedance.arm import Arm
 
-    kinematics, d = hand_space(model.arm, hand or HandControl(), led=False).kinematics, model.dimension
+    hand, d = hand or HandControl(), model.dimension
+    kinematics = hand_space(model.arm, hand, led=False).kinematics
     q = kinematics.posture
     J = kinematics.jacobian(q)
     inertia = np.linalg.inv(J @ np.linalg.solve(Arm(model).inertia(q), J.T))  # that the hand feels
     inertia[:d, :d] += model.whip.mass * np.eye(d)
-    scale = np.ones(len(J))  # [m] of turns, whose inertia is so brought to that of places
-    if len(J) > d:
-        heaviest, hardest = (np.linalg.eigvalsh(inertia[part, part])[-1] for part in (slice(d), slice(d, None)))
-        scale[d:] = math.sqrt(hardest / heaviest)
-    mass = np.linalg.eigvalsh(inertia / np.outer(scale, scale))[-1] * np.diag(scale**2)
+    if not hand.orientation:
+        inertia = np.linalg.eigvalsh(inertia)[-1] * np.eye(d)
     omega = 2 * math.pi * frequency
-    K, B = mass * omega**2, 2 * mass * omega
-    return ConstantImpedance(tuple(map(tuple, K.tolist())), tuple(map(tuple, B.tolist())))
+    K, B = ((gain * (inertia + inertia.T) / 2).tolist() for gain in (omega**2, 2 * omega))
+    return ConstantImpedance(tuple(map(tuple, K)), tuple(map(tuple, B)))

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from whiptool.models.parameters import Model
 
 _GAINS = ("stiffness", "damping", "turn_stiffness", "turn_damping")
+Matrix = tuple[tuple[float, ...], ...]
 Space = Literal["joint", "hand", "pose"]
 
 
@@ -35,8 +36,8 @@ class SpaceOptions(SimulatedControllerOptions):
     null_damping: float = 1.0
     """In hand space, damping of what joints do that does not move the hand [N m s/rad]."""
     stiffness: float | None = None
-    """Of the hand in all directions, for --controller constant in hand space [N/m]; default: 3 Hz, damped
-    critically."""
+    """Of the hand in all directions, for --controller constant in hand space [N/m]; default: 3 Hz, damped critically,
+    of a pose in all its motions."""
     damping: float | None = None
     """Likewise its damping [N s/m]."""
     turn_stiffness: float | None = None
@@ -104,14 +105,18 @@ class SpaceOptions(SimulatedControllerOptions):
 
         model = self._model()
         usual, d = hand_impedance(model, self._hand()), model.dimension
-        K, B = np.diag(usual.K).copy(), np.diag(usual.B).copy()
-        for gains, of_place, of_turn in (
-            (K, self.stiffness, self.turn_stiffness),
-            (B, self.damping, self.turn_damping),
-        ):
-            gains[:d] = gains[:d] if of_place is None else of_place
-            gains[d:] = gains[d:] if of_turn is None else of_turn
-        return ConstantImpedance(*(tuple(map(tuple, np.diag(gains).tolist())) for gains in (K, B)))
+        K = _with_blocks(usual.K, d, self.stiffness, self.turn_stiffness)
+        return ConstantImpedance(K, _with_blocks(usual.B, d, self.damping, self.turn_damping))
 
     def _model(self) -> Model:
         return self.build_model()  # type: ignore[attr-defined]  # every command with a space has a model
+
+
+def _with_blocks(usual: Matrix, d: int, of_place: float | None, of_turn: float | None) -> Matrix:
+    """Return gains, those of place or turns alike in all directions and on their own where they are given."""
+    gains = np.array(usual)
+    for block, others, given in ((slice(d), slice(d, None), of_place), (slice(d, None), slice(d), of_turn)):
+        if given is not None:
+            gains[block, block] = given * np.eye(len(gains[block]))
+            gains[block, others] = gains[others, block] = 0.0
+    return tuple(map(tuple, gains.tolist()))
