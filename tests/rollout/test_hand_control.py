@@ -65,7 +65,9 @@ PLACES = [(x, False) for x in (LEMON, THREE, SMALL, preset("ur5e"), preset("pand
 POSES = [(x, True) for x in (THREE, SEVEN, preset("ur5e"), preset("panda"))]
 of_each = [pytest.param(*case, id=case[0].name + "-pose" * case[1]) for case in PLACES + POSES]
 small = pytest.mark.parametrize(
-    ("model", "pose"), [(THREE, False), (SMALL, False), (THREE, True), (SEVEN, True)], ids=lambda x: str(x)[:30]
+    ("model", "pose"),
+    [(THREE, False), (SMALL, False), (THREE, True), (SEVEN, True)],
+    ids=["plane", "space", "pose in the plane", "pose in space"],
 )
 
 
