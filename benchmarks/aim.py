@@ -21,7 +21,7 @@ unless --map names the run folder of one:
 
     python -m whiptool.map build --model ur5e-rods.toml --controller position --timestep 0.0015
         --sector 1.6 2.3 -1.4 0.8 30 --hit-radius 0.05 --arrival-angle -180 180 --cone 10 --least-speed 1
-        --floor -1.7 --random-strikes 4096 --room 2 --rounds 1 --goals 800 --gate-strikes 16000
+        --floor -1.7 --random-strikes 4096 --room 2 --rounds 2 --goals 800 --gate-strikes 16000
 
 (`--write-model ur5e-rods.toml` writes that model, and does nothing else). Goals are drawn all together: the first of
 them are a random sample.

@@ -51,6 +51,28 @@ def test_it_answers_goals_that_it_has_not_seen(building, parts):
     assert np.median(refined.struck.distance[refined.struck.hit]) < 1e-3
 
 
+def test_a_hit_that_stalled_is_tried_from_the_next_candidate(building, parts, monkeypatch):
+    """Were the first candidate not refined at all, others would come nearer than where it hits."""
+    from whiptool.strike_map import strike_map as module
+
+    made = StrikeMap(building.striker, AIMED, Answers.joined(parts))
+    drawn = AIMED.draw(30, np.random.default_rng(9))
+    goals = drawn.rows(np.flatnonzero(building.striker.strike(made.strikes(drawn), drawn).hit)[:4])
+    plain, turns = module.refine, []
+
+    def stalled(striker, goals, strikes, slopes):
+        turns.append(len(strikes))
+        return plain(striker, goals, strikes, slopes, steps=0 if len(turns) == 1 else 30)
+
+    monkeypatch.setattr(module, "refine", stalled)
+    found = made.refined(goals)
+    first = building.striker.strike(made.strikes(goals), goals)
+    assert first.hit.all()
+    assert found.struck.hit.all()
+    assert len(turns) > 1
+    assert np.median(found.struck.cost) < 1e-4 < np.median(first.cost)
+
+
 def test_hits_are_those_of_the_objective(building, parts):
     made = StrikeMap(building.striker, AIMED, Answers.joined(parts))
     goals = AIMED.draw(12, np.random.default_rng(4))

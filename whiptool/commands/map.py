@@ -211,7 +211,7 @@ def _text(summary: dict[str, Any], path: Path) -> str:
     return "\n".join(
         [
             f"map: {summary['answers']} answers for {summary['model']} in {summary['wall_time']:.1f} s",
-            f"  one shot       {summary['one_shot']:.1%} of {summary['tests']} random goals are hit, without refinement",
+            f"  one shot       {summary['one_shot']:.1%} of {summary['tests']} goals are hit, without refinement",
             f"  refined        {summary['refined']:.1%}, median miss {1e3 * summary['median_miss']:.3f} mm; "
             f"{summary['rollouts_per_goal']:.1f} rollouts, {summary['derivatives_per_goal']:.2f} times derivatives and "
             f"{summary['seconds_per_goal']:.3f} s a goal",

@@ -76,6 +76,11 @@ def refine(
     return Refined(state.strikes, struck, state.rollouts, int(state.taken.sum()))
 
 
+def finished(struck: Landings) -> np.ndarray:
+    """Return whether strikes hit and cost so little that they are not corrected any more, (B,)."""
+    return struck.hit & (struck.cost <= TOLERANCE)
+
+
 class _Refinement:
     """The state of a refinement: strikes, what they come to, derivatives, damping."""
 
@@ -93,8 +98,7 @@ class _Refinement:
     def unfinished(self) -> np.ndarray:
         """Whether each strike is still to be corrected, (B,)."""
         given_up = (self.stalled >= _STALLED) & (self.taken >= _DERIVATIVES)
-        left = (self.struck.cost > TOLERANCE) | ~self.struck.hit
-        return left & np.isfinite(self.struck.cost) & ~given_up
+        return ~finished(self.struck) & np.isfinite(self.struck.cost) & ~given_up
 
     def step(self, rows: np.ndarray) -> None:
         """Correct some strikes once, and keep those that come out better."""

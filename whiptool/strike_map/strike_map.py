@@ -13,7 +13,7 @@ from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.candidates import Candidates, candidates
 from whiptool.strike_map.gate import Gate, features
 from whiptool.strike_map.goal_region import GoalRegion
-from whiptool.strike_map.refinement import Refined, refine
+from whiptool.strike_map.refinement import Refined, finished, refine
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
 from whiptool.target import Target, as_target
@@ -97,7 +97,7 @@ class StrikeMap:
         return chosen
 
     def refined(self, goals: Goals, *, tried: int = TRIED) -> Refined:
-        """Return strikes that were refined from one candidate after the other, until they hit.
+        """Return strikes that were refined from one candidate after the other, until nothing is left of their goals.
 
         Args:
             goals: One each.
@@ -106,10 +106,10 @@ class StrikeMap:
         found = self._candidates(goals, tried)
         best = self._refined(goals, found, np.arange(len(found)), 0)
         for turn in range(1, tried):
-            missed = [i for i in np.flatnonzero(~best.struck.hit) if len(found[i].strikes) > turn]
-            if not missed:
+            left = [i for i in np.flatnonzero(~finished(best.struck)) if len(found[i].strikes) > turn]
+            if not left:
                 break
-            rows = np.array(missed)
+            rows = np.array(left)
             best = best.improved(rows, self._refined(goals, found, rows, turn))
         return best
 

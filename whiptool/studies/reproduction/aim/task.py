@@ -23,7 +23,7 @@ from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
 from whiptool.zone import Sector
 
-IN_SPACE = MapPlan(random_strikes=4096, room=2, rounds=1, goals=800, gate_strikes=16_000)
+IN_SPACE = MapPlan(random_strikes=4096, room=2, rounds=2, goals=800, gate_strikes=16_000)
 IN_PLANE = MapPlan(random_strikes=4096, room=1, rounds=2, goals=1000, gate_strikes=8000)
 QUICK = MapPlan(random_strikes=128, room=1, rounds=1, goals=8, gate_strikes=200)
 
