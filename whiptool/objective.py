@@ -188,6 +188,7 @@ class Objective:
         self.stop_at_hit = stop_at_hit
         self.trials: list[Trial] = []
         self.best: Trial | None = None
+        self._last: StrikesAtGoal | None = None  # what was rolled out last
         self._recorded: list[Trial] = []
         self._on_trial: Callable[[Trial], None] | None = None
         self._start = time.monotonic()
@@ -344,7 +345,10 @@ class Objective:
             SearchStopped: As in `__call__`.
         """
         vector = np.array(strike, float)
-        return self.trial(vector), StrikesAtGoal(self.rollout, vector[None], self.goals, self.t_stay)
+        outcome, struck = self.trial(vector), self._last
+        if struck is None or not np.array_equal(struck.strikes, vector[None]):  # it was refused, or is in a log
+            struck = StrikesAtGoal(self.rollout, vector[None], self.goals, self.t_stay)
+        return outcome, struck
 
     def _roll(self, strikes: np.ndarray) -> list[Outcome]:
         """Outcomes of strikes; those that the arm cannot make are refused without a rollout."""
@@ -358,7 +362,7 @@ class Objective:
         return Outcome(distance, False, math.nan, nowhere, nowhere, nothing, nothing, False)
 
     def _rolled(self, strikes: np.ndarray) -> list[Outcome]:
-        struck = StrikesAtGoal(self.rollout, strikes, self.goals, self.t_stay)
+        self._last = struck = StrikesAtGoal(self.rollout, strikes, self.goals, self.t_stay)
         near = struck.near
         beyond = self.limits.violations(strikes, near, self._trajectory)
         values = [criterion.values(struck) for criterion in self.criteria]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -98,6 +99,19 @@ def test_the_profile_of_a_uniform_whip_is_lumped_back_into_it():
         assert lumped.per_node(name)[-1] == pytest.approx(whip.per_node(name)[-1] / 2)
     with pytest.raises(InputError, match="a value per node"):
         profile_of(Model(arm=LEMON.arm, whip=lumped), "")
+
+
+def test_a_whip_that_was_lumped_from_a_uniform_profile_is_known_by_it():
+    """The rope of the robots: 1 m, radius 6.35 mm, 700 kg/m^3, E = 2e5 Pa."""
+    profile = profile_of(preset("ur5e"), "")
+    assert profile.length == pytest.approx(1.0)
+    assert profile.linear_density == pytest.approx(700 * np.pi * 6.35e-3**2)
+    assert profile.bending_stiffness == pytest.approx(2e5 * np.pi * 6.35e-3**4 / 4)
+    assert profile.bending_damping == pytest.approx(0.1 * profile.bending_stiffness)
+    rope = preset("ur5e").whip
+    bent = replace(rope, k=(*rope.per_node("k")[:-1], 2 * rope.per_node("k")[-1]))
+    with pytest.raises(InputError, match="a value per node"):
+        profile_of(replace(preset("ur5e"), whip=bent), "")
 
 
 def test_the_profile_of_a_file_is_the_files(tmp_path):

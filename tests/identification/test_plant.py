@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from whiptool.errors import InputError
+from whiptool.identification.inputs import profile_of
 from whiptool.identification.plant import LUMPED, PROFILE, Plant, lumping, slopes
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
@@ -133,3 +134,28 @@ def test_lumping_in_casadi_is_that_of_numpy():
         for name, block in found.items():
             own = lumped.hinge_mass if name == "hinge_mass" else lumped.per_node(name)
             np.testing.assert_allclose(np.ravel(block.full()), own, rtol=1e-12, atol=1e-15)
+
+
+def test_a_profile_in_space_keeps_how_its_nodes_are_joined():
+    """And has no curvature at rest, which would need a direction; its slopes are those of differences."""
+    model = preset("ur5e")
+    plant = Plant(model, None, profile_of(model, ""))
+    assert plant.model.whip.joints == "universal"
+    for name in ("l", "m", "k", "b", "node_inertia"):
+        np.testing.assert_allclose(plant.model.whip.per_node(name), model.whip.per_node(name), rtol=1e-9)
+    assert "profile.rest_curvature" not in plant.values()
+    assert "profile.bending_stiffness" in plant.values()
+    coarse = plant.with_nodes(10).model.whip
+    assert coarse.per_node("node_inertia").sum() == pytest.approx(model.whip.per_node("node_inertia").sum())
+    (slope,) = slopes(plant, ["profile.linear_density"])
+    h = 1e-6 * plant.values()["profile.linear_density"]
+    up, down = (
+        plant.changed({"profile.linear_density": plant.values()["profile.linear_density"] + s}).quantities()["whip.m"]
+        for s in (h, -h)
+    )
+    np.testing.assert_allclose(slope["whip.m"], (up - down) / (2 * h), rtol=1e-6)
+
+
+def test_what_has_no_place_in_space_is_refused():
+    with pytest.raises(InputError, match=r"^clamp"):
+        Plant(preset("ur5e"), clamp=0.1)

@@ -98,6 +98,16 @@ def test_the_gradient_search_finds_it_and_ends_by_its_budget(criterion):
     assert best(found).outcome.values[0] == pytest.approx(expected, rel=1e-3)
 
 
+def test_a_strike_is_rolled_out_once_beside_its_derivatives():
+    rollout = LinearRollout()
+    found = objective(Effort(), rollout=rollout)
+    for strike in (START, START + 0.1):
+        outcome, struck = found.struck(strike)
+        assert struck.near.distance[0] == outcome.miss_distance
+        assert Effort().measures(struck)[0] == np.log1p(outcome.values[0])
+    assert rollout.rolled == len(found.trials) == 2
+
+
 def test_the_budget_ends_a_descent():
     found = objective(Effort(), max_trials=4)
     with pytest.raises(SearchStopped, match="trials"):

@@ -164,6 +164,11 @@ class ReferenceRollout(Rollout):
         """MuJoCo's model, with a motor at each joint of the arm."""
         return self._mj
 
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's state of that model."""
+        return self._data
+
     def hang(self, q: np.ndarray) -> mujoco.MjData:
         """Put the arm into a posture q (a,) [rad or m] at time 0, at rest, with the whip hanging; return the data."""
         mujoco.mj_resetData(self._mj, self._data)

@@ -86,7 +86,7 @@ class Physics:
         self.timestep, period = self._rollout.timestep, stepping.period
         if period is not None:
             self.timestep = period / math.ceil(period / self.timestep - 1e-9)
-        self._mj, self.data = self._rollout._mj, self._rollout._data
+        self._mj, self.data = self._rollout.mj, self._rollout.data
         self._mj.opt.timestep = self.timestep
         for i, servo in enumerate(self.servos):
             self._mj.dof_armature[i] = servo.motor.inertia
