@@ -7,8 +7,10 @@ import numpy as np
 from whiptool.dynamics.hand_motion import hand_motion
 from whiptool.models import preset
 from whiptool.models.kinematics import arm_frames
+from whiptool.models.spatial_arm import SpatialArm
 
 ARM = preset("ur5e").arm
+assert isinstance(ARM, SpatialArm)
 RNG = np.random.default_rng(0)
 START, RATE, GROWTH = (RNG.uniform(-1, 1, (3, 5, 6)) * np.array([2.0, 3.0, 9.0])[:, None, None]).tolist()
 

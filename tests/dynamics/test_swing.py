@@ -15,6 +15,7 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
+from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import default_bounds
 from whiptool.models.whip import WhipParameters
 from whiptool.rollout.batch import Batch
@@ -67,6 +68,7 @@ def test_a_whip_on_a_moving_hand_accelerates_as_behind_the_arm_that_moves_the_ha
     whole = closed_loop(loop).acceleration(
         np.r_[q, x, v, rate], 0.0, loop.pack(model, controller, np.zeros((1, 13)))[0], a
     )
+    assert isinstance(model.arm, SpatialArm)
     hand = hand_motion(model.arm, q[None], v[None], a[None]).inputs[0]
     alone = swing(structure).acceleration(np.r_[x, rate], 0.0, p, hand)
     np.testing.assert_allclose(alone.full().ravel(), whole.full().ravel()[6:], rtol=1e-9, atol=1e-9)
@@ -76,6 +78,7 @@ def test_a_whip_on_a_moving_hand_accelerates_as_behind_the_arm_that_moves_the_ha
 def test_steps_on_a_moving_hand_are_of_the_second_order(kind):
     """Half the step leaves a quarter of the error: also of rods, whose first damper hangs on the hand's own motion."""
     arm, (structure, p) = preset("ur5e").arm, of_whip(WHIPS[kind])
+    assert isinstance(arm, SpatialArm)
     x0 = np.zeros(2 * structure.coordinates)
     if kind == "rod":
         x0[2 : structure.coordinates : 3] = -1

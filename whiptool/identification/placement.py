@@ -47,6 +47,7 @@ def _turned(given: Mapping[str, float], d: int) -> tuple[np.ndarray, dict[str, n
     if d == 2:
         c, s = np.cos(given["rotation"]), np.sin(given["rotation"])
         return np.array([[c, -s], [s, c]]), {"rotation": np.array([[-s, -c], [c, -s]])}
-    X, Y, Z = (rotation_about(axis, given[f"rotation_{name}"]) for axis, name in zip(np.eye(3), "xyz", strict=True))
-    Kx, Ky, Kz = (np.cross(axis, -np.eye(3)) for axis in np.eye(3))
+    axes = np.eye(3).tolist()
+    X, Y, Z = (rotation_about(axis, given[f"rotation_{name}"]) for axis, name in zip(axes, "xyz", strict=True))
+    Kx, Ky, Kz = (np.cross(axis, -np.eye(3)) for axis in axes)
     return Z @ Y @ X, {"rotation_x": Z @ Y @ Kx @ X, "rotation_y": Z @ Ky @ Y @ X, "rotation_z": Kz @ Z @ Y @ X}

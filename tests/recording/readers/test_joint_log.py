@@ -29,13 +29,25 @@ def recorded(tmp_path, side: str) -> StrikeRecording:
     return read_recording(tmp_path / "a.csv")
 
 
+def times(recording: StrikeRecording) -> np.ndarray:
+    """Of its joint log, which is there."""
+    assert recording.joints_t is not None
+    return recording.joints_t
+
+
+def angles(recording: StrikeRecording) -> np.ndarray:
+    """Likewise."""
+    assert recording.joints_q is not None
+    return recording.joints_q
+
+
 def test_positions_are_taken_by_name_and_put_into_the_arms_order(tmp_path):
     recording = recorded(tmp_path, "joints_start = 7.1\n")
     assert recording.joint_names == ("elbow", "shoulder")
-    np.testing.assert_allclose(recording.joints_t, [-0.1, 0, 0.1])
+    np.testing.assert_allclose(times(recording), [-0.1, 0, 0.1])
     assert recording.t[0] == plain_rows()[1][0]  # the tracks' clock is their own
     ordered = recording.ordered(("shoulder", "elbow"))
-    np.testing.assert_array_equal(ordered.joints_q, [[-0.5, 0.1], [-0.6, 0.2], [-0.7, 0.3]])
+    np.testing.assert_array_equal(angles(ordered), [[-0.5, 0.1], [-0.6, 0.2], [-0.7, 0.3]])
     with pytest.raises(InputError, match=r"joints: got 'elbow, shoulder'.*shoulder, wrist"):
         recording.ordered(("shoulder", "wrist"))
 
@@ -43,8 +55,8 @@ def test_positions_are_taken_by_name_and_put_into_the_arms_order(tmp_path):
 def test_columns_are_taken_as_they_are_listed(tmp_path):
     listed = 'start = 7.0\njoint_units = "deg"\njoint_columns = ["position_shoulder", "velocity_elbow"]\n'
     recording = recorded(tmp_path, listed)
-    np.testing.assert_allclose(recording.joints_q, np.deg2rad([[-0.5, 9], [-0.6, 9], [-0.7, 9]]))
-    np.testing.assert_allclose(recording.joints_t, [0, 0.1, 0.2])
+    np.testing.assert_allclose(angles(recording), np.deg2rad([[-0.5, 9], [-0.6, 9], [-0.7, 9]]))
+    np.testing.assert_allclose(times(recording), [0, 0.1, 0.2])
     assert recording.joint_names == ()
     assert recording.ordered(("any", "two")) is recording
     with pytest.raises(InputError, match=r"column: got 'q1'; .*position_elbow"):
