@@ -419,6 +419,10 @@ adapt --hit-radius 100 | --hit-radius: got 100
 adapt --port /dev/nowhere | --camera
 adapt --port /dev/nowhere --camera realsense --family kin | --family
 adapt --port /dev/nowhere --camera realsense --no-friction | --friction
+adapt --port robot --latency 0.002 | --latency
+adapt --port robot --limits xm430 | --limits
+adapt --port robot --camera tip | --camera
+adapt --model ur5e --target 1 0 0.5 | --port robot
 adapt --camera webcam | --camera
 adapt --camera none | --camera
 adapt --camera tip --rate 250 | --rate
@@ -463,6 +467,8 @@ identify --drive free --profile | --profile
 identify --drive free --mend-labels | --mend-labels
 identify --drive free --per-recording delay | --per-recording
 identify --drive joints --controller constant | --controller
+identify --model ur5e --profile --free length --drive handle | joints or command
+identify --model ur5e --profile --free length --drive joints --per-recording rotation | rotation_x
 identify --drive handle --preset printed | --preset
 identify --clamp 0.1 | --clamp
 identify --drive passive --clamp nan | --clamp
