@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from whiptool.errors import InputError
 from whiptool.identification.drives import CommandDrive, FreeDrive
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
-from whiptool.impedance import Controller
+from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
-from whiptool.models.parameters import ArmLink
+from whiptool.models.kinematics import chain_motion
+from whiptool.models.parameters import ArmLink, WhipParameters
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
@@ -84,3 +88,23 @@ def test_a_piece_of_a_swing_begins_where_a_parabola_through_its_first_samples_sa
     )
     np.testing.assert_allclose(second.start[1], [-1.5 + 80 * begins, 2 - 50 * begins], atol=1e-8)
     assert [len(piece.t) for piece in (first, second)] == [200, 201]
+
+
+def test_in_space_the_command_drives_a_whip_as_the_rollout_has_it(monkeypatch):
+    """Of a robot whose joints are on their reference: hand, a node and the tip, each with three coordinates."""
+    monkeypatch.setenv("WHIPTOOL_ENGINE", "interpreter")
+    whip = WhipParameters(N=3, l=0.2, m=0.02, k=0.05, b=0.004, joints="universal", node_inertia=2e-6)
+    model, controller = replace(preset("ur5e"), whip=whip), Controller(PositionControl())
+    strike = Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.3, -1.6, 0.9, -1.2, 0.0, 0.1), 0.15)
+    path = CompiledRollout(model, controller, timestep=1e-3).trajectory(strike, t_stay=0.05)
+    some = slice(20, 200, 20)
+    places = chain_motion(model, path.q[some])[0]
+    markers = {"handle": 6, "node2": 8, "tip": 9}
+    seen = StrikeRecording(path.t[some], places[:, list(markers.values())], tuple(markers), strike=strike)
+    plant = Plant(model, controller)
+    predictor = Predictor([seen], plant, drive="command", shared=["whip.k"], timestep=1e-3)
+    (found,) = predictor(plant, {}, predictor.start, derivatives=False)
+    np.testing.assert_allclose(found.value.reshape(-1, 3, 3), seen.points, atol=1e-6)
+    flat = replace(seen, points=seen.points[..., :2])
+    with pytest.raises(InputError, match=r"points: got 'in a plane'.*z up"):
+        Predictor([flat], plant, drive="command", shared=["whip.k"])
