@@ -228,7 +228,10 @@ def draw(folder: Path, case: Case, fronts: dict[str, np.ndarray]) -> None:
         ax = plot_front(figure.subplots(), fronts["front"], np.empty((0, 2)), labels=labels)
         for rival, (color, marker) in rivals.items():
             style = {"linestyle": "", "marker": marker, "markersize": 4, "color": COLORS[color]}
-            ax.plot(*fronts[rival].T, label=f"{rival}, {TIMES} times the rollouts", **style)
+            (low, high), (least, most) = ax.get_xlim(), ax.get_ylim()
+            seen = [low <= x <= high and least <= y <= most for x, y in fronts[rival]]
+            beyond = "" if any(seen) else ", beyond these axes"
+            ax.plot(*fronts[rival].T, label=f"{rival}, {TIMES} times the rollouts{beyond}", **style)
         ax.legend()
         save_figure(figure, folder / f"{case.label}.png")
 
