@@ -40,7 +40,9 @@ WHIPS = {
         N=3, l=0.2, m=0.02, k=0.05, b=0.004, rest_angle=0.1, rest_angle_x=-0.2, drag=1e-3, joints="universal",
         node_inertia=2e-6,
     ),
-    "rod": WhipParameters(N=3, l=0.2, m=0.02, k=0.05, b=(0.02, 0.004, 0.004), drag=1e-3, dry_friction=1e-3, joints="rod"),
+    "rod": WhipParameters(
+        N=3, l=0.2, m=0.02, k=0.05, b=(0.02, 0.004, 0.004), drag=1e-3, dry_friction=1e-3, joints="rod",
+    ),
 }  # fmt: skip
 
 
