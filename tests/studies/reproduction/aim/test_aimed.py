@@ -38,7 +38,7 @@ def part(first: int, one_shot: list[bool], refined: list[bool], miss: list[float
         "strikes": [[float(first + i)] * 3 for i in range(count)],
         "rollouts": 10 * count,
         "derivatives": 1,
-        "followed": {"candidates": [{"trials": 3, "hit": True}] * missed},
+        "followed": {"candidates": [{"trials": 3, "hit": False} for _ in range(missed)]},
         "seconds": [1.0, 2.0],
         "processor_seconds": [1.5, 3.0],
     }
@@ -152,6 +152,14 @@ def test_what_another_search_reaches_counts(worked, tmp_path):
     assert aimed.reached.all()
     assert aimed.summary()["refined"] == 0.5
     assert aimed.summary()["reached_by_others"] == 1
+
+
+def test_what_the_next_candidate_reaches_counts(worked, tmp_path):
+    aimed = struck(tmp_path)
+    assert aimed.reached.tolist() == [True, False, True, True]
+    aimed.followed["candidates"][0]["hit"] = True
+    assert aimed.reached.all()
+    assert aimed.summary()["refined"] == 0.5
 
 
 def test_what_is_done_is_not_done_again(worked, tmp_path):

@@ -112,6 +112,9 @@ class Aimed:
     def reached(self) -> np.ndarray:
         """Whether any search has reached each goal, (B,)."""
         reached = self.one_shot.hit | self.refined.hit
+        missed_at_first = np.flatnonzero(~self.one_shot.hit)
+        for trials in self.followed.values():
+            reached[missed_at_first] |= np.array([x["hit"] for x in trials], bool)
         for goal, found in self.missed.items():
             reached[goal] |= any(x["hit"] for x in found)
         return reached
