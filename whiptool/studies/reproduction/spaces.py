@@ -181,8 +181,8 @@ def facts() -> dict[str, str]:
         "code": f"whiptool {code_version()}",
         "model": f"{' and '.join(ROBOTS)}: stick and rope of 1 m in {MODEL.whip.N} rods; joints on their reference "
         f"(position control), steps of {1e3 * TIMESTEP:g} ms",
-        "targets": f"{TARGETS}, uniform in the shell of {NEAR:g} to {FAR:g} m around the base, before it and above the "
-        f"ground; hit within {100 * RADIUS:g} cm, at most {CAP} trials",
+        "targets": f"uniform in the shell of {NEAR:g} to {FAR:g} m around the base, before it and above the "
+        f"ground; hit within {100 * RADIUS:g} cm",
         "limits": "of the arm: position, velocity, torque and what else the model has",
     }
 
