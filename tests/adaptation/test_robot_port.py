@@ -42,6 +42,7 @@ def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_pat
     assert (seen.recording.strike, seen.recording.t_stay) == (STRIKE, 0.2)
 
 
+@pytest.mark.heavy
 def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
     """It begins with a look at the whip as it hangs, which costs no plan; asked again, it asks for the same."""
     out = tmp_path / "run"

@@ -325,6 +325,7 @@ SOFT = tuple(map(tuple, 3 * np.eye(3)))
 CONTROLLER = Controller(ConstantImpedance(K=STIFF, B=SOFT))
 
 
+@pytest.mark.heavy
 def test_all_engines_agree_on_rods():
     results = [
         CompiledRollout(MODEL, CONTROLLER, timestep=1e-3, engine=name).approach(STRIKES, TARGETS, t_stay=0.2)

@@ -49,7 +49,8 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", [pytest.param(x, marks=[pytest.mark.heavy] * (x != "command")) for x in CASES])
+@pytest.mark.heavy
+@pytest.mark.parametrize("case", CASES)
 def test_derivatives_are_those_of_differences(case):
     plant, shared, own = CASES[case]
     kind = "command" if case == "profile" else case

@@ -200,6 +200,7 @@ def test_derivatives_against_central_differences(case):
     assert kinks < 0.03 * compared, (kinks, compared)
 
 
+@pytest.mark.heavy
 def test_derivatives_of_the_tip_at_its_closest_approach_against_differences():
     """Of its place and its velocity, by the strike; where the closest approach jumps to another step, none holds."""
     strikes, targets = STRIKES[:24], TARGETS[:24]
@@ -291,6 +292,7 @@ def test_tip_paths_and_their_derivatives(name):
         np.testing.assert_allclose(slopes[..., k][ok], difference[ok], rtol=1e-4, atol=2e-5 * scale)
 
 
+@pytest.mark.heavy
 def test_many_strikes_run_in_bounded_memory():
     """What a strike leaves behind is its outcome; its parameters are packed for a few thousand at a time."""
     rollout = CompiledRollout(LEMON, Controller(ConstantImpedance()), timestep=4e-3)

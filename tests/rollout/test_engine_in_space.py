@@ -105,6 +105,7 @@ def test_the_reference_makes_the_same_strike(law: str):
     assert miss[0] == pytest.approx(ours.approach(TARGETS[0]).distance[0], abs=1e-12)
 
 
+@pytest.mark.heavy
 def test_a_planar_strike_is_the_same_in_space():
     planar = preset("lemon2024")
     space = replace(planar, arm=in_space(planar.arm), whip=replace(planar.whip, joints="universal"))

@@ -62,7 +62,8 @@ def test_mujoco_makes_the_same_strike_with_the_same_torques(model):
     assert (np.abs(path.tau - other.tau).max(axis=0) < 0.01 * scale).all()  # the first stage's: of first order
 
 
-@pytest.mark.parametrize("model", [LIGHT, HEAVY_RODS], ids=["universal", "rod"])
+@pytest.mark.heavy
+@pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
 def test_it_is_the_limit_of_a_stiff_impedance(model):
     """Ten times as stiff, a tenth of the difference in path and torque."""
     strike, distances = Strike.from_vector(np.r_[STRIKES[1][: 2 * A], 0.8]), []
@@ -93,7 +94,8 @@ def test_the_order_of_errors(model, order):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.6)
 
 
-@pytest.mark.parametrize("model", [LIGHT, HEAVY_RODS], ids=["universal", "rod"])
+@pytest.mark.heavy
+@pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
 def test_derivatives_against_central_differences(model):
     rollout = CompiledRollout(model, POSITION, timestep=1e-3)
     strikes, compared = STRIKES[12:], []

@@ -66,7 +66,8 @@ def test_engines_agree_on_effort_and_on_derivatives(controller):
             np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", [pytest.param("effort", marks=pytest.mark.heavy), "max_torque"])
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["effort", "max_torque"])
 def test_derivatives_against_differences(name):
     """Of each joint, by the whole strike: with D the steps move, too."""
     rollout = CompiledRollout(everything(), CONSTANT, timestep=1e-3)

@@ -51,6 +51,7 @@ def test_it_answers_goals_that_it_has_not_seen(building, parts):
     assert np.median(refined.struck.distance[refined.struck.hit]) < 1e-3
 
 
+@pytest.mark.heavy
 def test_a_hit_that_stalled_is_tried_from_the_next_candidate(building, parts, monkeypatch):
     """Were the first candidate not refined at all, others would come nearer than where it hits."""
     from whiptool.strike_map import strike_map as module
@@ -85,6 +86,7 @@ def test_hits_are_those_of_the_objective(building, parts):
         assert outcome.cost == pytest.approx(struck.cost[i])
 
 
+@pytest.mark.heavy
 def test_a_part_is_the_same_whenever_it_is_made(building, parts):
     again = building.part(parts[:1])
     for name in ("strikes", "tips", "tip_slopes"):

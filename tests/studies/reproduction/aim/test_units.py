@@ -95,6 +95,7 @@ def test_candidates_are_struck_one_after_the_other():
     assert by_candidates(a_map(*[0.0] * 19, 0.3, 0.35), GOAL) == {"trials": 20, "hit": True}  # more than at once
 
 
+@pytest.mark.heavy
 def test_a_hit_keeps_all_limits_unless_collisions_are_left_aside():
     clear, free = ur5e(), ur5e(clear=False)
     assert clear.name != free.name  # results of one are none of the other
