@@ -20,21 +20,7 @@ every_arm = pytest.mark.parametrize("name", ARMS)
 def built(name: str) -> tuple[SpatialArm, SerialArm]:
     """A random arm, and the same of numbers in CasADi."""
     arm = random_arm(rng=np.random.default_rng(len(name)), **ARMS[name])
-    bodies = [
-        Body(i, ca.SX(link.mass), ca.SX(ca.DM(link.com)), ca.SX(ca.DM(link.inertia_matrix)))
-        for i, link in enumerate(arm.links)
-    ]
-    serial = SerialArm(
-        kinds=tuple(link.kind for link in arm.links),
-        axes=tuple(link.axis for link in arm.links),
-        positions=[ca.SX(ca.DM(link.position)) for link in arm.links],
-        rotations=tuple(link.rotation for link in arm.links),
-        hand_position=ca.SX(ca.DM(arm.hand_position)),
-        hand_rotation=arm.hand_rotation,
-        armatures=ca.SX(ca.DM(arm.per_link("armature"))),
-        bodies=bodies,
-    )
-    return arm, serial
+    return arm, SerialArm.of(arm)
 
 
 def states(a: int) -> np.ndarray:

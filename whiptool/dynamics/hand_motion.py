@@ -41,18 +41,9 @@ def hand_motion(arm: SpatialArm, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
 @lru_cache(maxsize=8)
 def _of_joints(arm: SpatialArm) -> ca.Function:
     """Return the hand's numbers (24, 1) and their derivatives (24, 3 joints) as a function of one instant's joints."""
-    bare = SerialArm(
-        kinds=tuple(link.kind for link in arm.links),
-        axes=tuple(link.axis for link in arm.links),
-        positions=[ca.SX(ca.DM(link.position)) for link in arm.links],
-        rotations=tuple(link.rotation for link in arm.links),
-        hand_position=ca.SX(ca.DM(arm.hand_position)),
-        hand_rotation=arm.hand_rotation,
-        armatures=ca.SX.zeros(arm.n),
-        bodies=[],
-    )
+    serial = SerialArm.of(arm)
     q, v, a = (ca.SX.sym(name, arm.n) for name in "qva")
-    posture, led = bare.posture(q), bare.led(q, v, a, 0.0)
+    posture, led = serial.posture(q), serial.led(q, v, a, 0.0)
     moves = ca.mtimes(led.jacobian, v)
     axes = ca.vec(posture.hand_turned.matrix)
     found = ca.densify(ca.vertcat(axes, moves, led.acceleration, posture.hand))

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from whiptool.dynamics.articulated import Axis, Turned, scalars
+from whiptool.models.spatial_arm import SpatialArm
 
 Rotation = tuple[tuple[float, ...], ...]
 
@@ -116,6 +117,24 @@ class SerialArm:
     hand_rotation: Rotation
     armatures: ca.SX
     bodies: list[Body]
+
+    @classmethod
+    def of(cls, arm: SpatialArm) -> SerialArm:
+        """Return the arm of a model, in numbers."""
+        bodies = [
+            Body(i, ca.SX(link.mass), ca.SX(ca.DM(link.com)), ca.SX(ca.DM(link.inertia_matrix)))
+            for i, link in enumerate(arm.links)
+        ]
+        return cls(
+            kinds=tuple(link.kind for link in arm.links),
+            axes=tuple(link.axis for link in arm.links),
+            positions=[ca.SX(ca.DM(link.position)) for link in arm.links],
+            rotations=tuple(link.rotation for link in arm.links),
+            hand_position=ca.SX(ca.DM(arm.hand_position)),
+            hand_rotation=arm.hand_rotation,
+            armatures=ca.SX(ca.DM(arm.per_link("armature"))),
+            bodies=bodies,
+        )
 
     @property
     def n(self) -> int:
