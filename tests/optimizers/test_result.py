@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from whiptool.models.strike import Strike
@@ -34,6 +36,13 @@ def test_the_best_strike_hits_or_misses():
     assert (result(0.3, 0.05).hit, result(0.3, 0.05).miss_distance) == (True, 0.05)
     assert (result(0.3, 0.1).hit, result(0.3, 0.1).miss_distance) == (False, 0.1)
     assert (result().hit, result().miss_distance) == (False, float("inf"))
+
+
+def test_an_interrupted_search_ends_the_work_it_is_part_of():
+    found = result(0.3)
+    assert found.uninterrupted() is found
+    with pytest.raises(KeyboardInterrupt):
+        replace(found, status=Status.INTERRUPTED).uninterrupted()
 
 
 def test_numbers_of_trials_are_their_own():

@@ -56,6 +56,16 @@ class Result:
         best = "no trial" if self.outcome is None else f"best miss {self.outcome.miss_distance:.4f} m"
         return f"Result({self.method}: {self.status.value}, {self.n_trials} trials, {best})"
 
+    def uninterrupted(self) -> Result:
+        """Return itself, for work of which the search is a part and that Ctrl-C is to end.
+
+        Raises:
+            KeyboardInterrupt: The search was interrupted.
+        """
+        if self.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        return self
+
     @property
     def hit(self) -> bool:
         """Whether the best strike hits."""

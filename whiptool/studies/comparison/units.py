@@ -169,9 +169,7 @@ class SearchUnit:
             result = library_search(objective, library)
         else:
             result = warm_search(objective, self.method, library, seed=seed)
-        if result.status.value == "interrupted":  # `search` turns Ctrl-C into a result
-            raise KeyboardInterrupt
-        return result
+        return result.uninterrupted()
 
 
 def _hits(result: Result, radius: float) -> np.ndarray:

@@ -83,13 +83,10 @@ class SpaceUnit:
         goal = Target(tuple(targets(self.target + 1)[-1].tolist()), RADIUS)
         limits = ArmLimits.of(rollout.model.arm, prescribed=True)
         objective = Objective(rollout, goal, limits=limits, max_trials=self.cap, stop_at_hit=True)
-        found = search(objective, self.method, seed=self.target)
-        if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
-            raise KeyboardInterrupt
-        hit = found.outcome is not None and found.outcome.hit
+        found = search(objective, self.method, seed=self.target).uninterrupted()
         return {
-            "hit": hit,
-            "trials": found.first_hit if hit else found.n_trials,
+            "hit": found.hit,
+            "trials": found.first_hit if found.hit else found.n_trials,
             "refused": objective.n_refused,
             "miss": None if found.outcome is None else found.outcome.miss_distance,
             "wall_time": found.wall_time,

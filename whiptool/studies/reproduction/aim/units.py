@@ -169,9 +169,7 @@ class MissedUnit(MapUnit):
                     max_trials=cap // 100 if self.brief else cap,
                     stop_at_hit=True,
                 )
-                result = search(objective, method, seed=self.goal)
-                if result.status.value == "interrupted":  # `search` turns Ctrl-C into a result
-                    raise KeyboardInterrupt
+                result = search(objective, method, seed=self.goal).uninterrupted()
                 strikes = np.array([result.strike.vector]) if result.strike else refined.strikes
                 found.append(Found.of(method, strikes, striker.strike(strikes, goals)))
         return {"found": [vars(x) for x in found]}

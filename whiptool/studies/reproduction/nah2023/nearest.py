@@ -110,9 +110,8 @@ def cmaes(rollout: CompiledRollout, target: int, bounds: StrikeBounds, cap: int,
     from whiptool.optimizers import search
 
     sought = Target(published.TARGETS[target], published.HIT_RADIUS)
-    found = search(Objective(rollout, sought, t_stay=STAY, bounds=bounds, max_trials=cap), "cmaes", seed=seed)
-    if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
-        raise KeyboardInterrupt
+    objective = Objective(rollout, sought, t_stay=STAY, bounds=bounds, max_trials=cap)
+    found = search(objective, "cmaes", seed=seed).uninterrupted()
     nearest = min(found.trace, key=lambda trial: trial.outcome.miss_distance)
     return np.array(nearest.strike), nearest.outcome.miss_distance
 

@@ -88,9 +88,7 @@ def _search(rollout, which: int, radius: float, method: str, cap: int) -> dict[s
 
     start, target = time.monotonic(), Target(published.TARGETS[which], radius)
     objective = Objective(rollout, target, t_stay=STAY, bounds=BOUNDS, max_trials=cap, stop_at_hit=True)
-    found = search(objective, method)
-    if found.status.value == "interrupted":  # `search` turns Ctrl-C into a result
-        raise KeyboardInterrupt
+    found = search(objective, method).uninterrupted()
     misses = [trial.outcome.miss_distance for trial in found.trace]
     return {
         "evaluations": len(misses),
