@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from whiptool.models.joint_space import JointSpace
+from whiptool.optimizers.result import Result, Status
 from whiptool.studies.reproduction.nah2023 import published, units
 from whiptool.studies.reproduction.nah2023.nearest import EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.units import (
@@ -81,7 +82,7 @@ def test_a_search_says_what_it_found(monkeypatch, nearest: float, hit: bool):
     def search(objective, method):
         asked.append((objective, method))
         trials = [SimpleNamespace(outcome=SimpleNamespace(miss_distance=x)) for x in (0.9, nearest, 0.5)]
-        return SimpleNamespace(trace=trials, status=SimpleNamespace(value="max_trials"))
+        return Result(method, Status.MAX_TRIALS, "", None, None, tuple(trials), 0, 1.0)
 
     monkeypatch.setattr(whiptool.optimizers, "search", search)
     monkeypatch.setattr(units, "simulator", lambda *given: PRETENDED)
@@ -100,7 +101,7 @@ def test_an_interrupted_search_is_no_result(monkeypatch):
     """A unit that is kept must be whole."""
     import whiptool.optimizers
 
-    stopped = SimpleNamespace(trace=[], status=SimpleNamespace(value="interrupted"))
+    stopped = Result("gradient", Status.INTERRUPTED, "", None, None, (), 0, 1.0)
     monkeypatch.setattr(whiptool.optimizers, "search", lambda objective, method: stopped)
     monkeypatch.setattr(units, "simulator", lambda *given: PRETENDED)
     with pytest.raises(KeyboardInterrupt):
