@@ -46,7 +46,7 @@ from whiptool.viz.style import COLORS, STYLE, save_figure
 from whiptool.whole_files import write_whole
 
 PAIRS = (("effort", "miss"), ("speed", "miss"))
-TRIALS = {"lemon2024": 1200, "ur5e": 600}
+TRIALS = 1200
 TARGETS = {"lemon2024": (1.3, 0.0), "ur5e": (1.0, 0.0, 0.0)}
 TIMESTEPS = {"lemon2024": 5e-4, "ur5e": 1e-3}  # [s]
 TIMES = 10  # the front's rollouts
@@ -241,17 +241,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="lemon2024 alone, effort against miss, a small budget")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
-    parser.add_argument("--only", metavar="MODEL", choices=TRIALS, help="this model alone")
+    parser.add_argument("--only", metavar="MODEL", choices=TARGETS, help="this model alone")
     parser.add_argument("--pair", metavar="NAME", choices=[first for first, _ in PAIRS], help="this against miss alone")
     parser.add_argument("--out", type=Path, help="draw the fronts into this folder")
     arguments = parser.parse_args()
     report: dict[str, dict] = {}
-    models = ["lemon2024"] if arguments.quick else [x for x in TRIALS if arguments.only in (None, x)]
+    models = ["lemon2024"] if arguments.quick else [x for x in TARGETS if arguments.only in (None, x)]
     pairs = PAIRS[:1] if arguments.quick else [pair for pair in PAIRS if arguments.pair in (None, pair[0])]
     for name in models:
         for pair in pairs:
             case = Case(name, pair, arguments.out)
-            trials, times = (150, 1) if arguments.quick else (TRIALS[name], TIMES)
+            trials, times = (150, 1) if arguments.quick else (TRIALS, TIMES)
             report[case.label], fronts = compare(case, trials, times)
             if arguments.out is not None:
                 draw(arguments.out, case, fronts)
