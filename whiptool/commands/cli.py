@@ -357,6 +357,7 @@ COMMANDS = {
     "train": "train a policy over a zone of targets",
     "compare": "trials to hit, method by method",
     "reproduce": "the paper's figures and tables as one report",
+    "human": "people's whip throws beside strikes that are planned",
     "map": "the strike for any goal of a region, without a search",
     "simulate": "play one strike, or export the model",
     "view": "look at a run: viewer, video, interactive page",

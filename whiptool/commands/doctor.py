@@ -24,6 +24,7 @@ EXTRAS = {
     "io": ("pyarrow", "rosbags", "ezc3d"),
     "cluster": ("ray",),
     "oracle": ("pyelastica", "numba"),
+    "human": ("h5py", "statsmodels"),
 }
 
 

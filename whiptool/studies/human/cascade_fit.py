@@ -115,7 +115,9 @@ def foretold(x: np.ndarray, hand: MeanHand) -> Cascade | None:
     return cascades(hand, [path], [whip])[0]
 
 
-def fit(seen: Measured, *, first: np.ndarray | None = None, uniform: bool = False, steps: int = 40) -> Explained:
+def fit_cascade(
+    seen: Measured, *, first: np.ndarray | None = None, uniform: bool = False, steps: int = 40
+) -> Explained:
     """Fit path and whip to what was measured in one style.
 
     Args:
@@ -168,7 +170,7 @@ def resampled(people: People, best: Explained, count: int, *, seed: int = 0) -> 
     found = []
     for _ in range(count):
         seen = measured(people, DISCRETE, rng.choice(everybody, len(everybody)).tolist())
-        found.append(list(fit(seen, first=best.x, steps=_RESAMPLED_STEPS).numbers.values()))
+        found.append(list(fit_cascade(seen, first=best.x, steps=_RESAMPLED_STEPS).numbers.values()))
     low, high = np.percentile(found, (2.5, 97.5), axis=0)
     return {name: (float(a), float(b)) for name, a, b in zip(WHIP_NUMBERS, low, high, strict=True)}
 

@@ -114,7 +114,9 @@ def read_people(folder: Path | str) -> People:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError("folder", str(folder), "a folder that holds " + " and ".join((TABLE_FILES[0], MATLAB_FILES[0])))
+        raise InputError(
+            "folder", str(folder), "a folder that holds " + " and ".join((TABLE_FILES[0], MATLAB_FILES[0]))
+        )
     table, matlab = (_find(folder, names) for names in (TABLE_FILES, MATLAB_FILES))
     throws = read_throws(table)
     speeds, shapes, distances = read_speeds(matlab)
@@ -218,7 +220,9 @@ def _speeds(path: Path, file: Any) -> tuple[tuple[Speeds, ...], dict[str, np.nda
     missing = [name for name in _FIELDS if group is None or name not in group]
     if missing:
         where = "WhipTask_TimeSeries" if group is None else ", ".join(missing)
-        raise InputError(str(path), f"a file without {where}", "the structure WhipTask_TimeSeries of Krotov et al. 2022")
+        raise InputError(
+            str(path), f"a file without {where}", "the structure WhipTask_TimeSeries of Krotov et al. 2022"
+        )
     found: list[Speeds] = []
     shapes: dict[str, np.ndarray] = {}
     distances: dict[str, np.ndarray] = {}

@@ -122,7 +122,9 @@ def thrown(hand: MeanHand, path: ThrowPath, timestep: float) -> ThrownHandle:
     steps = round(length / timestep)
     t = np.minimum(timestep * np.arange(steps + 2), length)
     along = _cyclic if hand.cyclic else _single
-    (phi, dphi, _), (theta, omega, alpha) = (along(hand.knots, x, t, i) for i, x in enumerate((path.direction, path.handle)))
+    (phi, dphi, _), (theta, omega, alpha) = (
+        along(hand.knots, x, t, i) for i, x in enumerate((path.direction, path.handle))
+    )
     speed = hand.spline
     v, dv = speed(t % period if hand.cyclic else t), speed(t % period if hand.cyclic else t, 1)
     ramp, rising = _from_rest(t, _BEGIN[hand.cyclic])
