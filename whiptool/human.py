@@ -1,4 +1,4 @@
-"""People's whip throws: the door of `python -m whiptool.human`, and what notebooks import; see `whiptool.studies.human`."""
+"""People's whip throws: the door of `python -m whiptool.human`, and the names that notebooks import."""
 
 import sys
 
@@ -20,7 +20,7 @@ _HOMES = {
     "cascades": "studies.human.bullwhip",
     "measured": "studies.human.cascade_fit",
     "fit_cascade": "studies.human.cascade_fit",
-    "foretold": "studies.human.cascade_fit",
+    "predicted": "studies.human.cascade_fit",
     "tolerance": "studies.human.tolerance",
     "costs": "studies.human.tolerance",
     "machine": "studies.human.machine_strikes",
@@ -28,7 +28,7 @@ _HOMES = {
     "found_by": "studies.human.machine_strikes",
     "curve": "studies.human.learning",
     "people_misses": "studies.human.learning",
-    "hit_radius": "studies.human.report",
+    "hit_radius": "studies.human.machine_sections",
     "blocks_picture": "studies.human.pictures",
     "cascade_picture": "studies.human.pictures",
     "throw_picture": "studies.human.pictures",

@@ -81,12 +81,13 @@ def _tell(options: HumanOptions, people: Any) -> int:
     """Work on what is not done yet, write everything, tell people or programs."""
     from whiptool.runs import code_version
     from whiptool.studies.comparison.store import Store
-    from whiptool.studies.human.report import SUBTITLE, TITLE, Plan, report
+    from whiptool.studies.human.machine_sections import Effort
+    from whiptool.studies.human.report import SUBTITLE, TITLE, report
     from whiptool.viz.report import to_html
 
-    plan = Plan(options.resamples, options.seeds, options.trials, options.whips, options.draws)
+    effort = Effort(options.seeds, options.trials, options.whips, options.draws)
     with cli.open_folder(options, "human", cli.configuration(options, "human")) as folder:
-        result, sections = report(people, plan, Store(folder.path, workers=options.workers))
+        result, sections = report(people, options.resamples, effort, Store(folder.path, workers=options.workers))
         result = {**result, "report": str(folder.path / REPORT), "version": code_version()}
         folder.write_result(result)
         facts = {"throws": str(len(people.throws)), "version": code_version()}
@@ -105,13 +106,14 @@ def _lines(result: dict[str, Any]) -> list[str]:
         of = result[style]
         same = all(result["agrees"][style].values())
         lines.append(
-            f"{style:9s} {of['throws']} throws: miss {of['min_distance_median']:.3f} m, hits {100 * of['hit_share']:.1f} %, "
-            f"hand {of['peak_hand_speed_median']:.1f} m/s, tip {of['peak_tip_speed_median']:.1f} m/s, "
+            f"{style:9s} {of['throws']} throws: miss {of['min_distance_median']:.3f} m, "
+            f"hits {100 * of['hit_share']:.1f} %, hand {of['peak_hand_speed_median']:.1f} m/s, "
+            f"tip {of['peak_tip_speed_median']:.1f} m/s, "
             f"{of['duration_mean']:.3f} s; {'as published' if same else 'NOT as published'}"
         )
         off = result["whip"][style]["tapered"]
         peaks, times = (max(map(abs, off[name])) for name in ("peaks_off", "times_off"))
-        how = "fitted" if style == "discrete" else "foretold"
+        how = "fitted" if style == "discrete" else "predicted"
         lines.append(f"          whip {how}: peaks within {100 * peaks:.1f} %, times within {times:.3f}")
     for row in result["tolerance"]:
         low, high = row["equivalent_noise_discrete_interval"]

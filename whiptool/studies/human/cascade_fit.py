@@ -1,4 +1,4 @@
-"""Which taper and damping explain the cascade: path and whip fitted to the discrete style, the rhythmic one foretold."""
+"""Which taper and damping explain the cascade: fitted to the discrete style, the rhythmic style being predicted."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Explained:
 
 
 def start() -> np.ndarray:
-    """Return the vector that is thought of first: directions, the handle's but for the first, logarithms of the whip."""
+    """Return the first guess: directions, the handle's but for the first, and logarithms of the whip's numbers."""
     return np.concatenate([np.radians(_DIRECTION), np.radians(_HANDLE[1:]), np.log(_WHIP)])
 
 
@@ -109,7 +109,7 @@ def unpacked(x: np.ndarray) -> tuple[ThrowPath, Bullwhip]:
     return ThrowPath(x[:INSTANTS], handle, grip), Bullwhip(stiffness, taper, damping_time)
 
 
-def foretold(x: np.ndarray, hand: MeanHand) -> Cascade | None:
+def predicted(x: np.ndarray, hand: MeanHand) -> Cascade | None:
     """Return the cascade that a path and a whip give with a hand's speed."""
     path, whip = unpacked(x)
     return cascades(hand, [path], [whip])[0]
@@ -146,7 +146,7 @@ def fit_cascade(
     found = least_squares(
         lambda some: _residuals(seen, [whole(some)])[0],
         x[free],
-        jac=slopes,  # type: ignore[arg-type]  # SciPy's stubs want a word
+        jac=slopes,  # type: ignore[arg-type]  # SciPy's stubs know only words
         x_scale=_WIDTHS[free],
         max_nfev=steps,
         ftol=1e-4,

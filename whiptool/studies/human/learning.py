@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def curve(label: str, misses: Sequence[Sequence[float | None]], *, seed: int = 0
     rng = np.random.default_rng(seed)
     drawn = rng.integers(len(table), size=(_RESAMPLES, len(table)))
     rows = []
-    for low, high in zip(EDGES[:-1], EDGES[1:], strict=True):
+    for low, high in pairwise(EDGES):
         some = table[:, low - 1 : high - 1]
         if np.isfinite(some).any(axis=1).sum() < (len(table) + 1) // 2:
             continue  # fewer than half of them went on so long

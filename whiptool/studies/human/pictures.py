@@ -72,7 +72,7 @@ def cascade_picture(seen: Mapping[str, Measured], models: Mapping[str, Mapping[s
                 look = {"color": list(COLORS.values())[i], "marker": _MARKS[i + 1], "markersize": 4, "label": name}
                 top.plot(PLACES, cascade.peaks, "-", **look)
                 below.plot(PLACES, cascade.times, "-", **look)
-            top.set_title(style + (", fitted" if style == STYLES[0] else ", foretold"))
+            top.set_title(style + (", fitted" if style == STYLES[0] else ", predicted"))
             below.set_xlabel("from the thong's beginning [m]")
         axes[0, 0].set(ylabel="largest mean speed [m/s]", ylim=(0, None))
         axes[1, 0].set(ylabel="time of it [onset 0, closest 1]")
