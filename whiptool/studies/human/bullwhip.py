@@ -97,7 +97,8 @@ def cascades(
         columns=np.arange(2 * nodes),
         stride=_STRIDE,
     )
-    batch.x0[:, 0] = [-handle.inputs[0, 0] for handle in handles]  # the first link hangs, wherever the handle points
+    for which in (0, 1):  # the thong hangs and does not turn, wherever the handle points and however it turns
+        batch.x0[:, which * nodes] = [-handle.inputs[0, which] for handle in handles]
     paths_of_nodes, _ = find_engine(structure, forward=False, rung=wanted_rung())(batch).observed()
     found = []
     for handle, nodes_at in zip(handles, paths_of_nodes, strict=True):

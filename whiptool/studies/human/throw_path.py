@@ -129,8 +129,6 @@ def thrown(hand: MeanHand, path: ThrowPath, timestep: float) -> ThrownHandle:
     v, dv = speed(t % period if hand.cyclic else t), speed(t % period if hand.cyclic else t, 1)
     ramp, rising = _from_rest(t, _BEGIN[hand.cyclic])
     v, dv = v * ramp, dv * ramp + v * rising
-    if hand.cyclic:  # the handle gets going with the hand
-        omega, alpha = omega * ramp, alpha * ramp + omega * rising
     ahead, across = np.stack([np.sin(phi), -np.cos(phi)], 1), np.stack([np.cos(phi), np.sin(phi)], 1)
     out, side = np.stack([np.sin(theta), -np.cos(theta)], 1), np.stack([np.cos(theta), np.sin(theta)], 1)
     hand_velocity = v[:, None] * ahead
