@@ -18,20 +18,20 @@ PEOPLE, BLOCKS, TRIALS = 4, 5, 4
 def made_up_table() -> pd.DataFrame:
     """Return throws of four people in two styles, under the columns that were published."""
     rng = np.random.default_rng(0)
-    rows = []
+    rows, own = [], rng.standard_normal(PEOPLE + 1)
     for style in (1, 2):
         for person in range(1, PEOPLE + 1):
             for block in range(1, BLOCKS + 1):
                 for trial in range(1, TRIALS + 1):
-                    miss = 0.05 * style + 0.02 * rng.random() + 0.005 * person
+                    miss = 0.02 * style + 0.1 * rng.random() + 0.01 * own[person] + 0.01 * block * rng.random()
                     rows.append(
                         {
                             "OrigTrialNum": len(rows) + 1, "Subj": person, "Subj_Ranked": person, "SexFM": person % 2,
                             "StyleDR": style, "Block": block, "Trial": trial, "MinDist": miss,
-                            "HitFlag": int(miss < 0.07), "t_throwOnset": 0.8, "t_HSmax": 1.1,
-                            "t_MinDist": 1.3 + 0.1 * rng.random(), "t_InterTrial": 3.0 if trial > 1 else np.nan,
-                            "PeakHandSpeed": 5 + rng.random(), "PeakTipSpeed": 25 + 5 * rng.random(),
-                            "WhipExt_PeakHand": 1.4 + 0.1 * rng.random(), "WhipAzAng_PeakHand": 10 * rng.random(),
+                            "HitFlag": int(miss < 0.07), "t_throwOnset": 0.8 + 0.02 * own[person] + 0.05 * rng.random(), "t_HSmax": 1.1,
+                            "t_MinDist": 1.3 + 0.1 * rng.random(), "t_InterTrial": 4 - style + 0.2 * own[person] + rng.random() if trial > 1 else np.nan,
+                            "PeakHandSpeed": 5 + 0.3 * own[person] + rng.random(), "PeakTipSpeed": 25 + own[person] + 5 * rng.random(),
+                            "WhipExt_PeakHand": 1.4 + 0.02 * own[person] + 0.1 * rng.random(), "WhipAzAng_PeakHand": 10 * rng.random(),
                             "HandAzAng_PeakHand": 20 * rng.random(),
                         }
                     )  # fmt: skip

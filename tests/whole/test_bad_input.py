@@ -39,6 +39,7 @@ OPTIONS = {
     "compare": ("whiptool.commands.compare", "CompareOptions"),
     "reproduce": ("whiptool.commands.reproduce", "ReproduceOptions"),
     "adapt": ("whiptool.commands.adapt", "AdaptOptions"),
+    "human": ("whiptool.commands.human", "HumanOptions"),
     "identify": ("whiptool.commands.identify", "IdentifyOptions"),
     "view": ("whiptool.commands.view", "ViewOptions"),
     "doctor": ("whiptool.commands.doctor", "DoctorOptions"),
@@ -414,6 +415,16 @@ reproduce fig6 --further-observation god | --further-observation
 reproduce fig6 --further-zones --further-methods ga | --further-methods
 reproduce fig6 --workers -2 | --workers
 reproduce fig6 --resume of-simulate | --resume
+human | FOLDER
+human absent | folder: got 'absent'
+human . | trial_stats.csv
+human good.npz | folder
+human . --resamples -1 | --resamples
+human . --seeds 0 | --seeds
+human . --trials 5 | --trials
+human . --whips -1 | --whips
+human . --draws 1 | --draws
+human . --workers 0 | --workers
 adapt --target 5 0 | target
 adapt --hit-radius 100 | --hit-radius: got 100
 adapt --port /dev/nowhere | --camera
@@ -631,7 +642,7 @@ def own_lines() -> list[tuple[str, str]]:
     for given, said in lines(OWN):
         command, _, rest = given.partition(" ")
         needs = NEEDS.get(command, "")
-        positional = command in ("identify", "view", "map-strike") and not rest.startswith("--")
+        positional = command in ("identify", "view", "map-strike", "human") and not rest.startswith("--")
         spared = needs.partition(" ")[0] in rest.split() or "--export" in rest or positional
         found.append((f"{command} {'' if spared else needs} {rest}".strip(), said))
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -88,7 +89,7 @@ def _tell(options: HumanOptions, people: Any) -> int:
     effort = Effort(options.seeds, options.trials, options.whips, options.draws)
     with cli.open_folder(options, "human", cli.configuration(options, "human")) as folder:
         result, sections = report(people, options.resamples, effort, Store(folder.path, workers=options.workers))
-        result = {**result, "report": str(folder.path / REPORT), "version": code_version()}
+        result = _finite({**result, "report": str(folder.path / REPORT), "version": code_version()})
         folder.write_result(result)
         facts = {"throws": str(len(people.throws)), "version": code_version()}
         write_whole(folder.path / REPORT, to_html(TITLE, SUBTITLE, facts, sections))
@@ -97,6 +98,15 @@ def _tell(options: HumanOptions, people: Any) -> int:
     else:
         print("\n".join([*_lines(result), f"run folder {folder.path} ({REPORT})"]))
     return 0
+
+
+def _finite(value: Any) -> Any:
+    """Return plain data with None in place of what is no number, such as the interval of a constant."""
+    if isinstance(value, dict):
+        return {name: _finite(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _lines(result: dict[str, Any]) -> list[str]:

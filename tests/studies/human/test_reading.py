@@ -14,7 +14,7 @@ def test_made_up_throws_are_read(tmp_path):
     people = read_people(write_made_up(tmp_path / "data"))
     assert len(people.throws) == 2 * PEOPLE * BLOCKS * TRIALS
     assert set(people.throws["style"]) == set(STYLES)
-    assert people.throws["duration"].between(0.5, 0.6).all()
+    assert people.throws["duration"].between(0.35, 0.7).all()
     assert len(people.speeds) == 2 * PEOPLE
     one = people.of_style("discrete")[0]
     assert one.markers.shape == (11, 200)

@@ -13,7 +13,7 @@ from whiptool.studies.human import pictures
 from whiptool.studies.human.learning import AdaptUnit, Curve, curve, people_misses
 from whiptool.studies.human.machine_strikes import METHODS, NOISE, ROBUST, StrikeUnit, by_method, machine, target_of
 from whiptool.studies.human.reading import STYLES, People
-from whiptool.studies.human.tolerance import Costs, Tolerance, costs, tolerance
+from whiptool.studies.human.tolerance import EXECUTIONS, Costs, Tolerance, costs, tolerance
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 
 DISCRETE = STYLES[0]
@@ -57,9 +57,13 @@ def machine_sections(
     strikes, rollout, target = by_method(found), machine(), target_of(radius)
     tolerances = {method: tolerance(rollout, target, of, draws=effort.draws) for method, of in strikes.items()}
     shares = {style: styles[style]["hit_share"] for style in STYLES}
+    executions = min(effort.draws, EXECUTIONS)
     size = _common_noise(tolerances, shares[DISCRETE])
     places = [strike for of in strikes.values() for strike in of]
-    lost = {method: [costs(rollout, target, one, places, size=size) for one in of] for method, of in strikes.items()}
+    lost = {
+        method: [costs(rollout, target, one, places, size=size, executions=executions) for one in of]
+        for method, of in strikes.items()
+    }
     rows = [_tolerance_row(method, tolerances[method], lost[method], found, shares) for method in tolerances]
     curves = [curve(f"people, {style}", people_misses(people, style)) for style in STYLES]
     curves.append(curve("SAC", [one["misses"] for one in found if one["method"] == "SAC"]))

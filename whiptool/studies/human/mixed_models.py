@@ -93,7 +93,8 @@ def fit_mixed(
         warnings.simplefilter("ignore")  # a variance between people may end at its bound, zero
         found = model.fit(reml=False, method=["lbfgs", "powell"], start_params=_start(y / scale, X, Z.shape[1]))
     k = X.shape[1]
-    errors = scale * np.sqrt(np.diag(np.asarray(found.cov_params()))[:k])
+    squares = np.diag(np.asarray(found.cov_params()))[:k]
+    errors = scale * np.sqrt(np.where(squares > 0, squares, np.nan))
     variances = np.diag(np.atleast_2d(np.asarray(found.cov_re)))
     return MixedModel(
         quantity=quantity,

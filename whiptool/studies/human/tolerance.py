@@ -17,6 +17,7 @@ from whiptool.target import Target
 
 DRAWS = 400
 SIZES = np.geomspace(3e-3, 1.5, 22)  # [rad, s] of noise that are tried
+EXECUTIONS = 100  # of which costs are told
 SMALL = 0.01  # [rad, s] at which sensitivities are taken
 _RESAMPLES = 1000
 _SCALES = np.linspace(0, 1, 11)  # of the scatter, Cohen and Sternad's N-cost
@@ -126,7 +127,14 @@ class Costs:
 
 
 def costs(
-    rollout: Rollout, target: Target, strike: np.ndarray, places: Sequence[np.ndarray], *, size: float, seed: int = 0
+    rollout: Rollout,
+    target: Target,
+    strike: np.ndarray,
+    places: Sequence[np.ndarray],
+    *,
+    size: float,
+    executions: int = EXECUTIONS,
+    seed: int = 0,
 ) -> Costs:
     """Return the three costs of executions around a strike.
 
@@ -136,10 +144,11 @@ def costs(
         strike: Whose executions have independent normal noise, (m,).
         places: Strikes at which the same scatter is tried for the cost of tolerance.
         size: Of the noise [rad, s].
+        executions: Their number.
         seed: Of the noise.
     """
     rng = np.random.default_rng(seed)
-    draws = rng.standard_normal((100, len(strike)))  # as many executions as a block of theirs has, or more
+    draws = rng.standard_normal((executions, len(strike)))
     actual = noisy(strike, draws, size)
     miss = misses(rollout, target, actual)
     elsewhere = [misses(rollout, target, noisy(place, draws, size)).mean() for place in (strike, *places)]
