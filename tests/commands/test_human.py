@@ -14,7 +14,7 @@ from whiptool.commands.human import REPORT
 
 pytestmark = pytest.mark.slow
 
-SMALL = "--resamples 0 --seeds 1 --trials 20 --whips 0 --draws 10".split()
+SMALL = ("--resamples", 0, "--seeds", 1, "--trials", 20, "--whips", 0, "--draws", 10)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def run(tmp_path_factory):
 
 
 def test_an_object_per_style(run):
-    data, folder, done = run
+    _, folder, done = run
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result == json.loads((folder / "result.json").read_text())
@@ -55,7 +55,7 @@ def test_the_report_is_whole(run):
 
 
 def test_it_goes_on_where_it_was(run):
-    data, folder, done = run
+    _, folder, done = run
     before = {path.name: path.stat().st_mtime_ns for path in (folder / "units").iterdir()}
     again = called("human", "--resume", "run", "--json", cwd=folder.parent)
     assert again.returncode == 0, again.stderr

@@ -23,18 +23,29 @@ def made_up_table() -> pd.DataFrame:
         for person in range(1, PEOPLE + 1):
             for block in range(1, BLOCKS + 1):
                 for trial in range(1, TRIALS + 1):
-                    miss = 0.02 * style + 0.1 * rng.random() + 0.01 * own[person] + 0.01 * block * rng.random()
-                    rows.append(
-                        {
-                            "OrigTrialNum": len(rows) + 1, "Subj": person, "Subj_Ranked": person, "SexFM": person % 2,
-                            "StyleDR": style, "Block": block, "Trial": trial, "MinDist": miss,
-                            "HitFlag": int(miss < 0.07), "t_throwOnset": 0.8 + 0.02 * own[person] + 0.05 * rng.random(), "t_HSmax": 1.1,
-                            "t_MinDist": 1.3 + 0.1 * rng.random(), "t_InterTrial": 4 - style + 0.2 * own[person] + rng.random() if trial > 1 else np.nan,
-                            "PeakHandSpeed": 5 + 0.3 * own[person] + rng.random(), "PeakTipSpeed": 25 + own[person] + 5 * rng.random(),
-                            "WhipExt_PeakHand": 1.4 + 0.02 * own[person] + 0.1 * rng.random(), "WhipAzAng_PeakHand": 10 * rng.random(),
-                            "HandAzAng_PeakHand": 20 * rng.random(),
-                        }
-                    )  # fmt: skip
+                    miss = max(0.001, 0.02 * style + 0.1 * rng.random() + 0.01 * own[person] - 0.002 * block)
+                    shift, chance = own[person], rng.random(6)
+                    numbers = {
+                        "OrigTrialNum": len(rows) + 1,
+                        "Subj": person,
+                        "Subj_Ranked": person,
+                        "SexFM": person % 2,
+                        "StyleDR": style,
+                        "Block": block,
+                        "Trial": trial,
+                        "MinDist": miss,
+                        "HitFlag": int(miss < 0.07),
+                        "t_throwOnset": 0.8 + 0.02 * shift + 0.05 * chance[0],
+                        "t_HSmax": 1.1,
+                        "t_MinDist": 1.3 + 0.1 * chance[0] * chance[1],
+                        "t_InterTrial": 4 - style + 0.2 * shift + chance[1] if trial > 1 else np.nan,
+                        "PeakHandSpeed": 5 + 0.3 * shift + chance[2],
+                        "PeakTipSpeed": 25 + shift + 5 * chance[3],
+                        "WhipExt_PeakHand": 1.4 + 0.02 * shift + 0.1 * chance[4],
+                        "WhipAzAng_PeakHand": 10 * chance[5],
+                        "HandAzAng_PeakHand": 20 * chance[0],
+                    }
+                    rows.append(numbers)
     return pd.DataFrame(rows)
 
 

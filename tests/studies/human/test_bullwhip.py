@@ -21,12 +21,12 @@ def hand(tmp_path_factory):
 def test_places_of_markers():
     assert PLACES[0] == pytest.approx(LENGTH)
     assert PLACES[-1] == pytest.approx(0)
-    assert LENGTH == pytest.approx(1.615)  # as they say, 1.6 m
+    assert pytest.approx(1.615) == LENGTH  # as they say, 1.6 m
 
 
 def test_mass_and_stiffness_go_with_the_diameter():
     profile = Bullwhip(0.2, 0.5, 0.1).profile
-    assert profile.linear_density == DENSITY
+    assert profile.linear_density == pytest.approx(DENSITY)
     assert profile.density_taper == pytest.approx(0.25)
     assert profile.stiffness_taper == profile.damping_taper == pytest.approx(0.0625)
     assert profile.bending_damping == pytest.approx(0.02)

@@ -39,10 +39,11 @@ def whip_section(people: People, resamples: int) -> tuple[dict[str, Any], Sectio
     tapered = {style: models[style]["tapered"] for style in STYLES if "tapered" in models[style]}
     parts = [
         Text(
-            "A clamped thong on a handle whose end moves with people's mean hand speed. Assumed: one vertical plane, "
-            "the directions of hand and handle smooth splines through seven instants; they are fitted with the whip to "
-            "the discrete style's peaks and times, its speeds at both ends, the whip's mean shape at peak hand speed and "
-            "the target's place. The rhythmic throw repeats the same path with its own speed: nothing of it is fitted."
+            "A thong clamped to a handle whose end moves with people's mean hand speed. Assumed: one vertical plane, "
+            "in which the directions of hand and handle are smooth splines through seven instants. They are fitted "
+            "with the whip to the discrete style's peaks and times, its speeds at both ends, the whip's mean shape at "
+            "peak hand speed and the target's place. The rhythmic throw repeats the same path with its own speed: "
+            "nothing of it is fitted."
         ),
         _numbers_table(best, refitted, intervals),
         Picture(pictures.cascade_picture(seen, models), "Peaks and their times along the whip."),
