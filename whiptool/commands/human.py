@@ -31,13 +31,13 @@ class HumanOptions(ResumableOptions):
     """Which holds trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or both under their own names."""
     resamples: int = 40
     """People are drawn anew so often for the intervals of the whip's numbers; 0: no intervals."""
-    seeds: int = 5
+    seeds: int = 4
     """Seeds of each method that strikes."""
     trials: int = 600
     """Strikes at most of each search."""
-    whips: int = 16
+    whips: int = 8
     """Unknown whips that adaptation learns; 0: none."""
-    draws: int = 400
+    draws: int = 200
     """Noisy strikes of each size of noise."""
     workers: int = 1
     """Processes on this machine."""

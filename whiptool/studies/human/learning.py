@@ -100,8 +100,3 @@ def people_misses(people: People, style: str) -> list[list[float]]:
     """Return every person's minimal distances in a style, throw by throw [m]."""
     throws = people.throws[people.throws["style"] == style].sort_values(["person", "block", "trial"])
     return [rows["min_distance"].tolist() for _, rows in throws.groupby("person")]
-
-
-def learnt(curve: Curve) -> float:
-    """Return the median miss in the last bin over that in the first."""
-    return float(curve.median[-1] / curve.median[0])

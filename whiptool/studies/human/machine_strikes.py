@@ -11,7 +11,6 @@ import numpy as np
 
 from whiptool.criteria import find_criterion
 from whiptool.impedance import Controller
-from whiptool.models import Model
 from whiptool.models.presets import preset
 from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective
@@ -85,11 +84,6 @@ def found_by(method: str, seed: int, hit_radius: float, trials: int, rollout: Co
         "tip_speed": result.outcome.tip_speed,
         "misses": [trial.outcome.miss_distance for trial in objective.trials],
     }
-
-
-def strike_length(model: Model) -> int:
-    """Return how many numbers a strike has."""
-    return len(default_bounds(model.arm).lower)
 
 
 def by_method(found: Sequence[dict[str, Any]]) -> dict[str, np.ndarray]:

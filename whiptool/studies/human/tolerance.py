@@ -15,13 +15,13 @@ import numpy as np
 from whiptool.rollout.interface import Rollout
 from whiptool.target import Target
 
-DRAWS = 400
-SIZES = np.geomspace(3e-3, 1.5, 22)  # [rad, s] of noise that are tried
-EXECUTIONS = 100  # of which costs are told
+DRAWS = 200
+SIZES = np.geomspace(0.01, 1.3, 16)  # [rad, s] of noise that are tried
+EXECUTIONS = 60  # of which costs are told
 SMALL = 0.01  # [rad, s] at which sensitivities are taken
 _RESAMPLES = 1000
 _SCALES = np.linspace(0, 1, 11)  # of the scatter, Cohen and Sternad's N-cost
-_ROUNDS = 12  # of exchanges, their C-cost
+_ROUNDS = 6  # of exchanges, their C-cost
 _SHORTEST = 0.05  # [s]: no noisy strike is shorter
 
 
