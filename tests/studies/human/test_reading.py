@@ -87,6 +87,12 @@ def test_another_version_of_the_structure(tmp_path):
     with h5py.File(tmp_path / "whip_task_data.mat", "r+") as file:
         del file["WhipTask_TimeSeries"]["WSmean"]
     refused(tmp_path, "WSmean")
+    with h5py.File(tmp_path / "whip_task_data.mat", "r+") as file:
+        file["WhipTask_TimeSeries"]["WSmean"] = np.zeros((10, 1))
+    refused(tmp_path, "WSmean", "another way")
+    with h5py.File(tmp_path / "whip_task_data.mat", "w") as file:
+        file["WhipTask_TimeSeries"] = np.zeros((10, 1))
+    refused(tmp_path, "WhipTask_TimeSeries")
     with h5py.File(tmp_path / "whip_task_data.mat", "w") as file:
         file["other"] = 1
     refused(tmp_path, "WhipTask_TimeSeries")

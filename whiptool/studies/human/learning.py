@@ -93,7 +93,8 @@ def curve(label: str, misses: Sequence[Sequence[float | None]], *, seed: int = 0
         found = np.nanmedian(some[drawn].reshape(_RESAMPLES, -1), axis=1)
         last = min(high - 1, longest)
         rows.append((np.sqrt(low * last), np.nanmedian(some), *np.nanpercentile(found, (2.5, 97.5))))
-    return Curve(label, *np.array(rows).T, len(table))
+    trial, median, lowest, highest = np.array(rows).T
+    return Curve(label, trial, median, lowest, highest, len(table))
 
 
 def people_misses(people: People, style: str) -> list[list[float]]:

@@ -9,15 +9,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2, norm
 
 from whiptool.errors import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
+from whiptool.studies.human.reading import Throws
 
 ALPHA = 0.05
 FIRST_BLOCK, DISCRETE = 1, "discrete"
@@ -69,9 +67,7 @@ class MixedModel:
         return next((one for one in self.effects if one.name == name), None)
 
 
-def fit_mixed(
-    throws: pd.DataFrame, quantity: str, *, interaction: bool, random: Sequence[str] = ("mean",)
-) -> MixedModel:
+def fit_mixed(throws: Throws, quantity: str, *, interaction: bool, random: Sequence[str] = ("mean",)) -> MixedModel:
     """Return a linear mixed model of a quantity by maximum likelihood.
 
     Args:
@@ -109,13 +105,15 @@ def fit_mixed(
 
 def _start(y: np.ndarray, X: np.ndarray, random: int) -> Any:
     """Return where the likelihood is climbed from: from its own start statsmodels may run to infinite variances."""
-    from statsmodels.regression.mixed_linear_model import MixedLMParams
+    from statsmodels.regression import mixed_linear_model
+
+    parameters: Any = mixed_linear_model.MixedLMParams
 
     fixed = np.linalg.lstsq(X, y, rcond=None)[0]
-    return MixedLMParams.from_components(fe_params=fixed, cov_re=_START * np.eye(random))
+    return parameters.from_components(fe_params=fixed, cov_re=_START * np.eye(random))
 
 
-def chosen_mixed(throws: pd.DataFrame, quantity: str) -> MixedModel:
+def chosen_mixed(throws: Throws, quantity: str) -> MixedModel:
     """Return the model that likelihood ratios choose, term by term.
 
     First the interaction of style and block, then how people differ: in one of style and block, then in both.
@@ -133,7 +131,7 @@ def chosen_mixed(throws: pd.DataFrame, quantity: str) -> MixedModel:
     return both if _is_better(both, best, 3) else best
 
 
-def fit_hits(throws: pd.DataFrame) -> tuple[Effect, ...]:
+def fit_hits(throws: Throws) -> tuple[Effect, ...]:
     """Return the effects of style and block on the log odds of a hit, by generalised estimating equations.
 
     Throws of one person are correlated alike; the errors are robust against another correlation (Liang and Zeger 1986).
@@ -154,7 +152,7 @@ def fit_hits(throws: pd.DataFrame) -> tuple[Effect, ...]:
     return _effects(list(columns), np.asarray(found.params), np.asarray(found.bse))
 
 
-def _columns(throws: pd.DataFrame, *, interaction: bool) -> dict[str, np.ndarray]:
+def _columns(throws: Throws, *, interaction: bool) -> dict[str, np.ndarray]:
     style = (throws["style"] != DISCRETE).to_numpy(float)
     block = throws["block"].to_numpy(float) - FIRST_BLOCK
     columns = {"mean": np.ones(len(throws)), "style": style, "block": block}

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.recording.parsing import need
 
-if TYPE_CHECKING:
-    import pandas as pd
-
+Throws: TypeAlias = Any  # a pandas.DataFrame: what its columns hold, pandas' types do not know
 STYLES = ("discrete", "rhythmic")
 TABLE_FILES = ("trial_stats.csv", "WhipTask_TrialStats.csv")
 MATLAB_FILES = ("whip_task_data.mat", "WhipTaskData.mat")
@@ -94,7 +92,7 @@ class People:
             fastest [m], (throws, 3, 12), in the order of the table.
     """
 
-    throws: pd.DataFrame
+    throws: Throws
     speeds: tuple[Speeds, ...]
     shapes: dict[str, np.ndarray]
 
@@ -141,7 +139,7 @@ def _find(folder: Path, names: tuple[str, ...]) -> Path:
     raise InputError("folder", str(folder), "a folder that holds " + " or ".join(names))
 
 
-def read_throws(path: Path) -> pd.DataFrame:
+def read_throws(path: Path) -> Throws:
     """Return the table of throws, its columns under our names; see `People`.
 
     Raises:
@@ -152,7 +150,7 @@ def read_throws(path: Path) -> pd.DataFrame:
     if not path.is_file():
         raise InputError(str(path), "no file", "a CSV file of throws")
     try:
-        raw = pd.read_csv(path)
+        raw: Any = pd.read_csv(path)
     except (OSError, UnicodeDecodeError, ValueError) as error:  # pandas' errors of parsing are ValueErrors
         raise InputError(str(path), "no table", f"a CSV file of throws ({' '.join(str(error).split())})") from None
     missing = [name for name in _COLUMNS if name not in raw.columns]
@@ -161,7 +159,7 @@ def read_throws(path: Path) -> pd.DataFrame:
     if raw.empty:
         raise InputError(str(path), "no throws", "a row per throw")
     columns = {ours: _checked(path, raw, theirs) for theirs, (ours, *_) in _COLUMNS.items()}
-    table = pd.DataFrame(columns)
+    table: Any = pd.DataFrame(columns)
     table["style"] = np.array(STYLES)[table["style"].astype(int) - 1]
     for style in STYLES:
         if not (table["style"] == style).any():
@@ -173,7 +171,7 @@ def read_throws(path: Path) -> pd.DataFrame:
     return table
 
 
-def _checked(path: Path, raw: pd.DataFrame, theirs: str) -> np.ndarray:
+def _checked(path: Path, raw: Any, theirs: str) -> np.ndarray:
     """Return one column as numbers within its range, NaN where a value may be missing.
 
     Raises:
@@ -182,7 +180,7 @@ def _checked(path: Path, raw: pd.DataFrame, theirs: str) -> np.ndarray:
     import pandas as pd
 
     ours, low, high, may_miss = _COLUMNS[theirs]
-    values = pd.to_numeric(raw[theirs], errors="coerce").to_numpy(float)
+    values: np.ndarray = np.asarray(pd.to_numeric(raw[theirs], errors="coerce"), float)
     out = ~((values >= low) & (values <= high))
     wrong = out & ~(np.isnan(values) & raw[theirs].isna().to_numpy()) if may_miss else out
     if ours in _WHOLE or ours == "style":
@@ -216,10 +214,11 @@ def read_speeds(path: Path) -> tuple[tuple[Speeds, ...], dict[str, np.ndarray], 
 
 
 def _speeds(path: Path, file: Any) -> tuple[tuple[Speeds, ...], dict[str, np.ndarray], dict[str, np.ndarray]]:
-    group = file.get("WhipTask_TimeSeries")
-    missing = [name for name in _FIELDS if group is None or name not in group]
+    group: Any = file.get("WhipTask_TimeSeries", {})
+    held = set(group.keys()) if hasattr(group, "keys") else set()
+    missing = [name for name in _FIELDS if name not in held]
     if missing:
-        where = "WhipTask_TimeSeries" if group is None else ", ".join(missing)
+        where = ", ".join(missing) if held else "WhipTask_TimeSeries"
         raise InputError(
             str(path), f"a file without {where}", "the structure WhipTask_TimeSeries of Krotov et al. 2022"
         )
@@ -229,7 +228,11 @@ def _speeds(path: Path, file: Any) -> tuple[tuple[Speeds, ...], dict[str, np.nda
     for i in range(len(group["Subj"])):
 
         def field(name: str, i: int = i) -> np.ndarray:
-            return np.array(file[group[name][i, 0]], float)
+            try:
+                return np.array(file[group[name][i, 0]], float)
+            except (TypeError, ValueError, KeyError, IndexError):
+                given = "a field that is laid out in another way"
+                raise InputError(f"{path}: {name}", given, "an array for each person and style") from None
 
         number, person = int(field("StyleDR").flat[0]), int(field("Subj").flat[0])
         if number not in (1, 2):

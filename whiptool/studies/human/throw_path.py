@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -150,7 +151,8 @@ def _from_rest(t: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _single(knots: np.ndarray, angles: np.ndarray, t: np.ndarray, which: int) -> list[np.ndarray]:
     """Return angles at times t and their first two rates; the handle, the second of both, begins at rest."""
-    spline = CubicSpline(knots, angles, bc_type=((1, 0.0), (2, 0.0)) if which else "natural")
+    ends: Any = ((1, 0.0), (2, 0.0)) if which else "natural"  # SciPy's types know only words
+    spline = CubicSpline(knots, angles, bc_type=ends)
     return [spline(t, nu) for nu in range(3)]
 
 
