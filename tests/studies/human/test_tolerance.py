@@ -46,6 +46,7 @@ def test_a_strike_aside_bears_no_noise():
 def test_strikes_that_diverge_miss():
     found = tolerance(LinearRollout(wild=-10.0), TARGET, LEAST[None], draws=50)
     assert not found.hits.any()
+    assert np.isfinite(found.miss).all()
 
 
 def test_costs():

@@ -108,8 +108,9 @@ def _tolerance_section(
         f"within {100 * radius:.1f} cm, the distance within which as many of people's throws pass as hit. Independent "
         f"normal noise of one size is put on every number of the strike [rad, s]; the robust planner minimises the "
         f"root mean square miss under {NOISE:g}. Costs as in Cohen and Sternad 2009, at noise {size:.3f}. "
-        "People throw in space, where a path passes by a point more easily than in this plane: equivalent noise is no "
-        "measure of theirs, but orders the machines' strikes."
+        "In this plane a path comes near a point far more often than in space, where people throw: equivalent noise "
+        "orders the machine's strikes, and is no measure of people's noise. A strike that diverges counts as the "
+        "farthest miss that there is."
     )
     table = [["method", "strikes", "discrete", "95 %", "rhythmic", "95 %", "95 % hit", "95 %", "tip speed [m/s]"]]
     sensitivity = [["method", "q_si [m/rad]", "q_ei [m/rad]", "q_sf [m/rad]", "q_ef [m/rad]", "D [m/s]"]]

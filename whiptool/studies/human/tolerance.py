@@ -33,9 +33,9 @@ def noisy(strike: np.ndarray, draws: np.ndarray, size: float) -> np.ndarray:
 
 
 def misses(rollout: Rollout, target: Target, strikes: np.ndarray) -> np.ndarray:
-    """Return the miss distance of each strike (n, m) [m], infinite where it diverged."""
+    """Return the miss distance of each strike (n, m) [m]; where it diverged, the farthest that any can be."""
     near = rollout.approach(strikes, target.position)
-    return np.where(near.diverged, np.inf, near.distance)
+    return np.where(near.diverged, rollout.model.farthest_miss(target.position), near.distance)
 
 
 @dataclass(frozen=True, eq=False)
