@@ -135,7 +135,7 @@ def costs_picture(found: Mapping[str, Sequence[Costs]]) -> Figure:
             values = 100 * np.array([[getattr(one, part) for part in parts] for one in of])
             color = COLORS[_METHOD_COLORS[i]]
             ax.bar(at, values.mean(axis=0), 0.9 * width, color=color, alpha=0.75, label=method)
-            ax.plot(np.tile(at, (len(of), 1)).T, values.T, ".", color="0.25", markersize=4)
+            ax.plot(np.tile(at, (len(of), 1)).T, values.T, "o", color="white", markeredgecolor="black", markersize=4)
         ax.set(ylabel="cost of mean miss distance [cm]")
         ax.set_xticks(range(len(parts)), parts)
         ax.grid(visible=False, axis="x")
