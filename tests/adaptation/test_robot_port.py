@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from recordings import write_rows
 
+from whiptool.adaptation import adapter
 from whiptool.adaptation.options import AdaptOptions
+from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import adapt
 from whiptool.errors import InputError
@@ -53,6 +59,38 @@ def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
     assert adapt.main(["--resume", str(out), "--json"]) == adapt.AWAITS
     assert '"awaits": ' in capsys.readouterr().out
     assert (out / "strike-0000" / "trajectory.csv").read_bytes() == first
+
+
+def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, monkeypatch):
+    """Each call is a process of its own; one that was killed after it asked asks for the same."""
+    planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)
+    monkeypatch.setattr(adapter, "plan", lambda *args, **named: planned)
+    monkeypatch.setattr(adapt, "_page", lambda *args: "page")
+    monkeypatch.setattr(adapter, "update", lambda prior, recordings, **named: Learned(prior, {}, {}, 0.0))
+    out, recorded = tmp_path / "run", tmp_path / "anywhere.csv"
+    rows = [[0.02 * i, 1.0, 0.5, 0.001 * i] for i in range(40)]
+    write_rows(recorded, [["t", "tip_x", "tip_y", "tip_z"], *rows])
+    (tmp_path / "anywhere.toml").write_text("sigma = 0.002\n")
+    begin = ["--model", "ur5e", "--port", "robot", "--target", "1.0", "0.2", "0.6", "--max-strikes", "1"]
+    assert adapt.main([*begin, "--out", str(out)]) == adapt.AWAITS
+    said = capsys.readouterr().out
+    assert f"adapt next --run {out} RECORDING" in said
+    go_on = ["next", "--run", str(out), "--json"]
+    assert adapt.main(go_on) == adapt.AWAITS
+    assert json.loads(capsys.readouterr().out)["number"] == 0
+    assert adapt.main([*go_on, str(recorded)]) == adapt.AWAITS
+    asked = json.loads(capsys.readouterr().out)
+    assert (asked["number"], asked["strike"]) == (1, list(planned.strike))
+    told = JointTrajectory.load_csv(Path(asked["trajectory"]))
+    np.testing.assert_allclose(told.q[-1], STRIKE.q_f, atol=1e-15)
+    assert adapt.main(go_on) == adapt.AWAITS
+    assert json.loads(capsys.readouterr().out) == asked
+    assert adapt.main([*go_on, str(recorded)]) == 2
+    assert "another one than strike 0's" in capsys.readouterr().err
+    recorded.write_text(recorded.read_text().replace(",0.5,", ",0.2,"))
+    assert adapt.main([*go_on, str(recorded)]) == 1  # and the run is at its end
+    assert json.loads(capsys.readouterr().out)["strikes"] == 1
+    assert (out / "report.html").exists()
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,7 @@ OPTIONS = {
     "compare": ("whiptool.commands.compare", "CompareOptions"),
     "reproduce": ("whiptool.commands.reproduce", "ReproduceOptions"),
     "adapt": ("whiptool.commands.adapt", "AdaptOptions"),
+    "adapt-next": ("whiptool.commands.adapt", "NextOptions"),
     "identify": ("whiptool.commands.identify", "IdentifyOptions"),
     "view": ("whiptool.commands.view", "ViewOptions"),
     "doctor": ("whiptool.commands.doctor", "DoctorOptions"),
@@ -53,6 +54,7 @@ NEEDS = {
     "identify": "good.npz",
     "view": "of-simulate",
     "map-strike": "of-simulate",
+    "adapt-next": "--run of-simulate",
     "simulate": f"--strike {STRIKE}",
 }
 
@@ -458,6 +460,10 @@ adapt --control-period 0.01 | --control-period
 adapt --true-model lemon2024 | --true-model
 adapt --resume of-simulate | --resume
 adapt --camera tip --out taken | new or empty
+adapt-next --run absent | --run
+adapt-next --run of-simulate | whiptool adapt
+adapt-next --run of-adapt recorded.csv | --port robot
+adapt-next --run of-robot good.npz | a strike that was asked for
 identify --free | --free
 identify --free magic | --free
 identify --drive motor | command
@@ -604,6 +610,10 @@ def main_of(command: str) -> Callable[[list[str]], int]:
         from whiptool.commands.rig import main
 
         return lambda words: main([command, *words])
+    if command == "adapt-next":
+        from whiptool.commands.adapt import main
+
+        return lambda words: main(["next", *words])
     if command.startswith("map-"):
         from whiptool.commands.map import main
 
@@ -685,6 +695,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "taken" / "file").write_text("mine")
     configs = {
         "of-simulate": 'command = "simulate"\n[options]\n',
+        "of-adapt": 'command = "adapt"\n[options]\nport = "twin"\n',
+        "of-robot": 'command = "adapt"\n[options]\nport = "robot"\n',
         "of-garbage": "\x01[",
         "of-nothing": 'command = "optimize"\n',
         "of-others": 'command = "optimize"\n[options]\nmagic = 3\n',
@@ -735,7 +747,7 @@ def test_every_accepted_line_has_its_reason() -> None:
 def test_every_option_is_in_a_table(command: str) -> None:
     """What can be wrong with none: flags without a value, and where a refused line would need a rig."""
     alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick"}
-    without = {*alone, "--resume", "--out", "--run", "--recordings", "--what"}
+    without = {*alone, "--resume", "--out", "--run", "--recording", "--recordings", "--what"}
     given = " ".join(given for given, _ in [*BAD, *lines(ACCEPTED)] if given.startswith(command + " "))
     assert flags(command) - without <= set(shlex.split(given))
 

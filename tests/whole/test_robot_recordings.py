@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import robot_lab
 
-from whiptool.adaptation.loop import Adaptation, Options
+from whiptool.adaptation.adapter import Options
+from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.planner import Effort
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior

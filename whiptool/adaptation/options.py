@@ -124,7 +124,8 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     Raises:
         InputError: An option breaks its rule.
     """
-    from whiptool.adaptation.loop import Adaptation, Options
+    from whiptool.adaptation.adapter import Options
+    from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.planner import FIRST, NEXT
     from whiptool.adaptation.prior import read_belief
     from whiptool.models.arm_limits import ArmLimits

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import choose_wiggle
-from whiptool.adaptation.loop import Adaptation, Options
+from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.materials import MATERIALS, stock_of_material
 from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
 from whiptool.adaptation.ports import TipPort
