@@ -126,9 +126,9 @@ def adaptation(folder) -> Adaptation:
     """The adaptation of another whip on the same robot, as a new process has it."""
     model = guess(folder)
     belief = default_prior(model, Controller(PositionControl()), whip="uniform")
-    command = ArmLimits.of(model.arm, prescribed=True).command
+    keeps = (ArmLimits.of(model.arm, prescribed=True),)
     effort = {"starts": 1, "first": LITTLE, "later": LITTLE}
-    options = Options(max_strikes=1, bounds=BOUNDS, admissible=command.shortened, t_stay=0.15, **effort)
+    options = Options(max_strikes=1, bounds=BOUNDS, keeps=keeps, t_stay=0.15, **effort)
     return Adaptation(belief, RobotPort(model, GOAL, rest=0.1, t_stay=0.15), GOAL, options, folder)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.adaptation.aiming import aim
 from whiptool.adaptation.first_look import choose_wiggle, hanging
 from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
@@ -21,6 +22,7 @@ from whiptool.adaptation.sag import Sag, expected_sag
 from whiptool.adaptation.steps import Step, Steps
 from whiptool.errors import InputError
 from whiptool.identification.judgement import Judgement
+from whiptool.limits import Limits
 from whiptool.models import parameters
 from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import Model
@@ -52,6 +54,7 @@ class Options:
         admissible: See `whiptool.adaptation.planner.Demands`.
         check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
             None if it is.
+        keeps: In space: limits of joints and distances that strikes have to keep.
         first, later: Planning effort before any recording has been learned from, and after.
     """
 
@@ -68,6 +71,7 @@ class Options:
     speed: float = 0.0
     check: Callable[[Strike, Model], str | None] | None = None
     admissible: Callable[[np.ndarray], np.ndarray] = lambda strikes: strikes
+    keeps: tuple[Limits, ...] = ()
     first: Effort = FIRST
     later: Effort = NEXT
 
@@ -232,7 +236,7 @@ class Adapter:
         rng = np.random.default_rng([o.seed, number])
         if number == 0:
             if o.wiggle:
-                strike, told = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay)
+                strike, told = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay, keeps=o.keeps)
                 reason = f"a movement that tells {told:.1f} nat about the whip"
             else:
                 strike, reason = hanging(self.belief, o.bounds), "the whip as it hangs: how long it is"
@@ -255,6 +259,18 @@ class Adapter:
         return None if controller.prescribed else expected_sag(controller.law, self._recordings)
 
     def _sought(self, rng: np.random.Generator, effort: Effort, sag: Sag | None) -> Plan:
+        if self.prior.plant.model.dimension == 3:
+            o = self.options
+            return aim(
+                self.belief,
+                self.target,
+                rng=rng,
+                limits=o.keeps,
+                past=self._past,
+                effort=effort,
+                bounds=o.bounds,
+                t_stay=o.t_stay,
+            )
         demands = self.options.demands(self.belief.at().model)
         return plan(self.belief, self.target, rng=rng, past=self._past, demands=demands, effort=effort, sag=sag)
 

@@ -15,6 +15,8 @@ from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation
     from whiptool.impedance import Controller
+    from whiptool.limits import Limits
+    from whiptool.models import Model
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
@@ -154,6 +156,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         bounds=usual if limits is None else slow,
         check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
         admissible=(lambda strikes: strikes) if robot is None else robot.command.shortened,
+        keeps=_kept_in_space(model),
         first=FIRST if limits is None else replace(FIRST, pool=1024),
         later=NEXT if limits is None else replace(NEXT, pool=512),
         still=options.still,
@@ -165,6 +168,17 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     port = _port(options, model, controller, stock)
     _refuse_other_weights(known, prior.plant.controller)
     return Adaptation(prior, port, target, loop, folder, recordings=known)
+
+
+def _kept_in_space(model: Model) -> tuple[Limits, ...]:
+    """The limits of a robot's joints, and that it and the whip keep clear of the robot."""
+    from whiptool.models.arm_limits import ArmLimits
+    from whiptool.models.clearance import Clearance
+
+    if model.dimension == 2:
+        return ()
+    found: list[Limits] = [ArmLimits.of(model.arm, prescribed=True)] if ArmLimits.are_in(model.arm) else []
+    return (*found, Clearance(model)) if Clearance.is_of(model) else tuple(found)
 
 
 def _refuse_other_weights(recordings, controller) -> None:

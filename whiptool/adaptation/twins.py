@@ -72,6 +72,8 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     joint to joint; arm mass, controller gain and arm friction are not the model's; the camera's clock is off by up to
     8 ms.
     `stranger`: the same, every deviation doubled.
+    In space the arm is a robot's, which goes where it is told: arm and gain are the model's, and rods have no rest
+    curvature.
 
     Args:
         family: One of `FAMILIES`.
@@ -91,15 +93,21 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     rng = np.random.default_rng([FAMILIES.index("strange") if family == "stranger" else FAMILIES.index(family), seed])
     latency, noise = float(rng.uniform(0.0005, 0.0015)), 0.005
     numbers, name = stock.draw(rng), f"{family}-{seed}"
+    in_space = model.dimension == 3  # there the arm is a robot's, which goes where it is told
     if family == "kin":
-        arm = _with_friction(model, rng.uniform(0.0, 0.01, model.arm.n))
+        friction = rng.uniform(0.0, 0.01, model.arm.n)
+        arm = model.arm if in_space else _with_friction(model, friction)
         whip = uniform_whip(numbers, model.whip)
         if own is not None:
             whip = dataclasses.replace(whip, drag=own.drag, dry_friction=own.dry_friction)
         kin = Model(whip, arm, model.gravity, name)
         return Twin(family, int(seed), kin, controller, latency, 0.0, noise)
     size = 2.0 if family == "stranger" else 1.0
-    strange = _strange_whip(numbers, rng, size)
+    strange = _strange_whip(numbers, rng, size, model.whip)
+    if in_space:
+        offset = float(size * rng.uniform(-0.008, 0.008))
+        true = Model(strange, model.arm, model.gravity, name)
+        return Twin(family, int(seed), true, controller, latency, offset, noise)
     links = tuple(
         dataclasses.replace(link, mass=link.mass * f, inertia=link.inertia * f, friction=link.friction + mu)  # type: ignore[operator]
         for link, f, mu in zip(
@@ -115,8 +123,10 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     return Twin(family, int(seed), true, _with_gain(controller, gain), latency, offset, noise)
 
 
-def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: float) -> WhipParameters:
-    """36 nodes with the numbers of a stock at the handle; `size` 1 is strange."""
+def _strange_whip(
+    numbers: Mapping[str, float], rng: np.random.Generator, size: float, like: WhipParameters
+) -> WhipParameters:
+    """36 nodes with the numbers of a stock at the handle, joined as another whip's are; `size` 1 is strange."""
     x = (np.arange(NODES) + 0.5) / NODES  # place along the whip
     thickness = 1 - size * rng.uniform(0.1, 0.3) * x
     l = numbers["length"] / NODES
@@ -126,6 +136,8 @@ def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: 
     m[rng.integers(NODES // 4, NODES - 2)] += size * rng.uniform(0.001, 0.004)  # the bead
     k[rng.integers(2, NODES - 4)] *= 0.4**size  # the soft joint
     rest = np.full(NODES, size * rng.uniform(-0.2, 0.2) * l)
+    if like.joints == "rod":  # it does not twist with the hand: nothing says which way it would bend
+        rest = np.zeros(NODES)
     friction = numbers["dry_friction"] * np.exp(size * rng.uniform(-0.5, 0.5, NODES))
     for joint in (k, b, rest, friction):
         joint[0] = 0.0  # the free hinge
@@ -141,6 +153,8 @@ def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: 
         cubic_stiffness=tuple((stiffening * k / (BEND * l) ** 2).tolist()),
         drag=tuple((numbers["drag"] * l * thickness).tolist()),
         drag_ratio=float(1 - size * rng.uniform(0.2, 0.475)),
+        joints=like.joints,
+        node_inertia=float(like.per_node("node_inertia").mean()),
     )
 
 
