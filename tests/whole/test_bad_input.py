@@ -406,6 +406,8 @@ reproduce adapt --whip-targets 0 | --whip-targets
 reproduce adapt --rows magic | --rows
 reproduce adapt --rows sac | --rows
 reproduce adapt --rows | --rows
+reproduce adapt --space --rows adapt | --rows
+reproduce fig6 --space | --space
 reproduce all --rows still | --rows
 reproduce fig6 --further-zones slow | --further-zones
 reproduce fig6 --further-zones -1 | --further-zones

@@ -43,7 +43,7 @@ class AdaptOptions(ResumableOptions, ArmOptions):
     realsense or a RealSense recording."""
     family: Literal["kin", "strange", "stranger"] = "strange"
     """Of the twin's whip: uniform; tapered, with a bead, a soft joint and more; twice that."""
-    material: Literal["cotton", "leather", "nylon", "silicone", "steel-chain"] | None = None
+    material: Literal["cotton", "leather", "nylon", "silicone", "steel-chain", "polypropylene", "manila"] | None = None
     """What the whip is made of. The prior mean is then that of the material, else that of --model; the prior
     covariance is that of materials."""
     diameter: float | None = None
