@@ -15,6 +15,7 @@ from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.planner import Effort
 from whiptool.adaptation.ports import TipPort
+from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
 from whiptool.errors import InputError
@@ -22,6 +23,7 @@ from whiptool.identification.arrival_error import PACE
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
 from whiptool.models.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.striker import Striker
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
@@ -128,3 +130,36 @@ def test_a_rope_in_space_is_hit_as_aimed_after_one_wiggle(prior, reachable):
     assert step.judged is not None
     assert step.judged.miss == pytest.approx(near.distance[0], abs=0.005)
     assert step.hit
+
+
+def wiggles(count: int) -> list[Strike]:
+    """Movements of the robot within its speeds, from one posture."""
+    rng, q = np.random.default_rng(3), np.array([0.0, -1.8, 1.2, -1.0, -1.5, 0.0])
+    return [Strike(tuple(q), tuple(q + rng.uniform(-0.5, 0.5, 6)), 0.6) for _ in range(count)]
+
+
+@pytest.mark.slow
+def test_a_rope_that_was_exchanged_and_labels_that_were_are_refused_and_do_no_harm():
+    """What is believed afterwards, and so the next strike, is as if they had never been told."""
+    belief = default_prior(MODEL, CONTROLLER, whip="uniform", stock=STOCK)
+    first, other = (
+        TipPort(dataclasses.replace(draw_twin("kin", seed, MODEL, CONTROLLER, STOCK), noise=0.002), (1.6, 0.0, 0.0))
+        for seed in (0, 1)
+    )
+    seen = [port.strike(w, i, None).recording for i, (port, w) in enumerate(zip((first, first, other), wiggles(3)))]
+    good, exchanged = [dataclasses.replace(x, target=None) for x in seen[:2] if x], seen[2]
+    assert exchanged is not None
+    handle = np.tile(np.array([0.9, 0.0, 0.5]), (len(good[1].t), 1))
+    handle = handle + 0.002 * np.random.default_rng(1).standard_normal(handle.shape)
+    points = np.stack([good[1].points[:, 0], handle], axis=1)
+    points[30:] = points[30:, ::-1]
+    swapped = StrikeRecording(
+        good[1].t, points, ("tip", "handle"), sigma=np.array(0.002), strike=good[1].strike, source="swapped"
+    )
+    alone = update(belief, good, starts=1)
+    both = update(belief, [*good, dataclasses.replace(exchanged, target=None), swapped], guess=alone.belief, starts=1)
+    assert set(alone.rmse) == set(both.rmse) == {x.source for x in good}
+    assert "a whip other than that of the other recordings" in both.refused[exchanged.source]
+    assert "the label of the tip left its marker" in both.refused["swapped"]
+    errors = np.array(list(alone.belief.errors().values()))
+    np.testing.assert_allclose(both.belief.z, alone.belief.z, atol=0.2 * errors.min())

@@ -58,8 +58,10 @@ NEEDS = {
     "simulate": f"--strike {STRIKE}",
 }
 
-# how many coordinates a target has is known once the map is read; a motor alone limits adapt
+# how many coordinates a target has is known once the map is read; a motor alone limits adapt; reproduce knows one space
 ELSEWHERE = [("map-strike", "--target 1 2 3"), ("adapt", "--limits xm540")]
+ELSEWHERE += [("reproduce", f"--space {x}") for x in ("tool", "pose", "hand --feedforward")]
+ELSEWHERE += [("reproduce", "--space hand --controller constant --preset nah2020")]
 
 # Of every command that has the option: what is given, and what the answer must hold
 SHARED = """

@@ -16,7 +16,7 @@ from whiptool.adaptation.first_look import choose_wiggle, hanging
 from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
 from whiptool.adaptation.ports import Seen, checked, seen_of
-from whiptool.adaptation.posterior import AFTER, Learned, update
+from whiptool.adaptation.posterior import AFTER, Learned, tip_mislabelled, update
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.sag import Sag, expected_sag
 from whiptool.adaptation.steps import Step, Steps
@@ -278,6 +278,8 @@ class Adapter:
         recording = seen.recording
         if recording is None or seen.fault:
             return None if seen.seen_miss is None else judge_seen(seen.seen_miss, self.target)
+        if tip_mislabelled(recording):
+            return None  # no frame can be trusted to show the tip
         belief = learned.belief if learned is not None and recording.source in learned.rmse else None
         until = None if chosen.contact is None else chosen.contact + AFTER
         return judge(recording, self.target, belief, until=until, seed=(self.options.seed, self.number))
