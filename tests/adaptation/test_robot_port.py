@@ -64,7 +64,7 @@ def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
 def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, monkeypatch):
     """Each call is a process of its own; one that was killed after it asked asks for the same."""
     planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)
-    monkeypatch.setattr(adapter, "plan", lambda *args, **named: planned)
+    monkeypatch.setattr(adapter, "aim", lambda *args, **named: planned)
     monkeypatch.setattr(adapt, "_page", lambda *args: "page")
     monkeypatch.setattr(adapter, "update", lambda prior, recordings, **named: Learned(prior, {}, {}, 0.0))
     out, recorded = tmp_path / "run", tmp_path / "anywhere.csv"

@@ -103,8 +103,9 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
         kin = Model(whip, arm, model.gravity, name)
         return Twin(family, int(seed), kin, controller, latency, 0.0, noise)
     size = 2.0 if family == "stranger" else 1.0
-    strange = _strange_whip(numbers, rng, size, model.whip)
+    strange = _strange_whip(numbers, rng, size)
     if in_space:
+        strange = _joined_in_space(strange, model.whip)
         offset = float(size * rng.uniform(-0.008, 0.008))
         true = Model(strange, model.arm, model.gravity, name)
         return Twin(family, int(seed), true, controller, latency, offset, noise)
@@ -123,10 +124,8 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     return Twin(family, int(seed), true, _with_gain(controller, gain), latency, offset, noise)
 
 
-def _strange_whip(
-    numbers: Mapping[str, float], rng: np.random.Generator, size: float, like: WhipParameters
-) -> WhipParameters:
-    """36 nodes with the numbers of a stock at the handle, joined as another whip's are; `size` 1 is strange."""
+def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: float) -> WhipParameters:
+    """36 nodes with the numbers of a stock at the handle; `size` 1 is strange."""
     x = (np.arange(NODES) + 0.5) / NODES  # place along the whip
     thickness = 1 - size * rng.uniform(0.1, 0.3) * x
     l = numbers["length"] / NODES
@@ -136,8 +135,6 @@ def _strange_whip(
     m[rng.integers(NODES // 4, NODES - 2)] += size * rng.uniform(0.001, 0.004)  # the bead
     k[rng.integers(2, NODES - 4)] *= 0.4**size  # the soft joint
     rest = np.full(NODES, size * rng.uniform(-0.2, 0.2) * l)
-    if like.joints == "rod":  # it does not twist with the hand: nothing says which way it would bend
-        rest = np.zeros(NODES)
     friction = numbers["dry_friction"] * np.exp(size * rng.uniform(-0.5, 0.5, NODES))
     for joint in (k, b, rest, friction):
         joint[0] = 0.0  # the free hinge
@@ -153,9 +150,14 @@ def _strange_whip(
         cubic_stiffness=tuple((stiffening * k / (BEND * l) ** 2).tolist()),
         drag=tuple((numbers["drag"] * l * thickness).tolist()),
         drag_ratio=float(1 - size * rng.uniform(0.2, 0.475)),
-        joints=like.joints,
-        node_inertia=float(like.per_node("node_inertia").mean()),
     )
+
+
+def _joined_in_space(whip: WhipParameters, like: WhipParameters) -> WhipParameters:
+    """A whip joined as another one in space; rods do not twist with the hand: nothing says which way they would bend."""
+    rest = 0.0 if like.joints == "rod" else whip.rest_angle
+    inertia = float(like.per_node("node_inertia").mean())
+    return dataclasses.replace(whip, joints=like.joints, rest_angle=rest, node_inertia=inertia)
 
 
 def _waves(x: np.ndarray, rng: np.random.Generator, size: float) -> np.ndarray:
