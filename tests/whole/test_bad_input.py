@@ -464,6 +464,10 @@ adapt --control-period 0.01 | --control-period
 adapt --true-model lemon2024 | --true-model
 adapt --resume of-simulate | --resume
 adapt --camera tip --out taken | new or empty
+adapt --direction 0 1 | only for a model in space
+adapt --arrival-angle 30 | only for a model in space
+adapt --cone 5 | --cone
+adapt --model ur5e --camera tip --target 1 0 0.5 --direction 1 0 | direction
 adapt-next --run absent | --run
 adapt-next --run of-simulate | whiptool adapt
 adapt-next --run of-adapt recorded.csv | --port robot
