@@ -20,7 +20,7 @@ from whiptool.viz.report import Picture, Section, Table, Text
 NEAR, CONE = 0.05, math.radians(10)  # [m], [rad] of a hit
 FURTHER = 20  # goals at which the first rope of each family is struck beside
 POINT_GOAL, AIMED_GOAL, MISS_GOAL, CALIBRATION_GOAL, TIME_GOAL, FURTHER_GOAL = 0.99, 0.90, 0.01, 0.1, 5.0, 0.98
-_LINES = dict(zip(IN_SPACE, ("blue", "orange", "vermilion", "black"), strict=True))
+_LINES: dict[str, str] = dict(zip(IN_SPACE, ("blue", "orange", "vermilion", "black"), strict=True))
 Struck = Sequence[Mapping[str, Any]]
 
 
