@@ -10,13 +10,15 @@ import pytest
 from recordings import write_rows
 
 from whiptool.adaptation import adapter
-from whiptool.adaptation.options import AdaptOptions
+from whiptool.adaptation.options import AdaptOptions, _kept_in_space
 from whiptool.adaptation.planner import Plan
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import adapt
 from whiptool.errors import InputError
 from whiptool.models import preset
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.clearance import Clearance
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
 from whiptool.target import Target
@@ -91,6 +93,19 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     assert adapt.main([*go_on, str(recorded)]) == 1  # and the run is at its end
     assert json.loads(capsys.readouterr().out)["strikes"] == 1
     assert (out / "report.html").exists()
+
+
+def test_a_rope_in_space_is_aimed_at_within_the_limits_of_its_robot():
+    options = AdaptOptions(model="ur5e", camera="tip", target=(1.5, 0.3, 0.5), arrival_angle=90.0, least_speed=1.0)
+    options.check()
+    assert options.build_target(UR5E) == Target.arriving((1.5, 0.3, 0.5), np.pi / 2, speed=1.0)
+    assert options.build_controller().prescribed
+    assert [type(x) for x in _kept_in_space(UR5E)] == [ArmLimits, Clearance]
+    still = AdaptOptions(model="ur5e", camera="tip", target=(1.5, 0.3, 0.5), direction=(0.0, 1.0, 0.0), least_speed=0.0)
+    assert still.build_target(UR5E).speed is None
+    planar = AdaptOptions(target=(1.2, 0.1), least_speed=5.0)
+    assert planar.build_target(preset("lemon2024")) == Target((1.2, 0.1))  # the planner's own demand there
+    assert _kept_in_space(preset("lemon2024")) == ()
 
 
 @pytest.mark.parametrize(
