@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 import whiptool as wt
-from whiptool.adaptation.loop import Adaptation, Options
+from whiptool.adaptation.adapter import Options
+from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.prior import default_prior
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 import whiptool as wt
-from whiptool.adaptation.loop import Adaptation, Options
+from whiptool.adaptation.adapter import Options
+from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.ports import Seen, seen_of
 from whiptool.adaptation.prior import default_prior
 from whiptool.recording.strike_recording import StrikeRecording

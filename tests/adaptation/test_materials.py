@@ -12,6 +12,7 @@ from whiptool.adaptation.materials import (
     CAUSES,
     MATERIALS,
     NUMBERS,
+    USUAL,
     stock_of_material,
     stock_of_model,
     uniform_whip,
@@ -70,6 +71,12 @@ def test_the_table_agrees_with_its_sources():
         ("nylon", 0.00635, 0.0223),
         ("nylon", 0.009525, 0.0521),
         ("nylon", 0.0127, 0.0967),
+        ("polypropylene", 0.00794, 0.0268),
+        ("polypropylene", 0.009525, 0.0417),
+        ("polypropylene", 0.0127, 0.0699),
+        ("manila", 0.00794, 0.0432),
+        ("manila", 0.009525, 0.0610),
+        ("manila", 0.0127, 0.1116),
         ("steel-chain", 0.002, 0.07),
         ("steel-chain", 0.003, 0.16),
         ("steel-chain", 0.004, 0.32),
@@ -122,7 +129,7 @@ def test_around_ones_own_model():
     stock = stock_of_model(MODEL)
     assert stock.numbers["length"] == pytest.approx(MODEL.whip.length)
     assert stock.numbers["bending_stiffness"] == pytest.approx(0.242 * 0.072)
-    others = [stock_of_material(name) for name in MATERIALS]
+    others = [stock_of_material(name) for name in USUAL]
     np.testing.assert_allclose(
         np.diag(stock.covariance), np.mean([np.diag(x.covariance) for x in others], axis=0), rtol=1e-12
     )

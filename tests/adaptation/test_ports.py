@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from whiptool.adaptation.loop import Adaptation, Options
+from whiptool.adaptation.adapter import Options
+from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.planner import Effort
 from whiptool.adaptation.ports import Seen, TipPort, checked, seen_of
 from whiptool.adaptation.prior import default_prior

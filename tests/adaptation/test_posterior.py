@@ -10,7 +10,7 @@ import pytest
 
 from whiptool.adaptation import posterior
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.posterior import AFTER, ELSEWHERE, UNMODELLED, usable
+from whiptool.adaptation.posterior import AFTER, ELSEWHERE, UNMODELLED, tip_mislabelled, usable
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
@@ -160,3 +160,30 @@ def test_two_starts_that_agree_end_the_search_unless_both_are_far_off():
     assert not posterior._again([end(10.0)])  # type: ignore[list-item]
     assert not posterior._again([end(10.0), None])  # type: ignore[list-item]
     assert posterior._again([None, end(50.0), end(10.0), end(10.1)])  # type: ignore[list-item]
+
+
+def captured(
+    *, exchanged: tuple[int, ...] = (), markers: tuple[str, ...] = ("tip", "middle", "hand")
+) -> StrikeRecording:
+    """Motion capture of markers that swing on circles, their labels exchanged from a frame on."""
+    t = np.arange(80) / 100
+    radii = np.array([1.2, 0.7, 0.2])[: len(markers)]
+    angle = np.stack([2 * np.sin(3 * t + 0.3 * r) for r in radii], axis=1)
+    points = np.stack([radii * np.cos(angle), 0 * angle, radii * np.sin(angle)], axis=2)
+    points += 0.002 * np.random.default_rng(0).standard_normal(points.shape)
+    if exchanged:
+        points[40:, exchanged] = points[40:, exchanged[::-1]]
+    strike = Strike((0.0,) * 6, (0.1,) * 6, 0.5)
+    return StrikeRecording(t, points, markers, sigma=np.array(0.002), strike=strike, source="captured")
+
+
+def test_motion_capture_whose_tip_changed_its_label_is_not_used():
+    """Exchanges of others do no harm: the tip alone is used. Films are not asked, nor is a marker that is alone."""
+    assert usable(captured())[0] is not None
+    cut, reason = usable(captured(exchanged=(0, 1)))
+    assert cut is None
+    assert reason.startswith("the label of the tip left its marker: ")
+    assert "at 0.400 s" in reason
+    assert not tip_mislabelled(captured(exchanged=(1, 2)))
+    assert not tip_mislabelled(captured(markers=("tip",)))
+    assert not tip_mislabelled(recorded())

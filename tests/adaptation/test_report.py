@@ -8,7 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from whiptool.adaptation.loop import Adaptation, Options
+from whiptool.adaptation.adapter import Options
+from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.planner import Effort, Plan
 from whiptool.adaptation.ports import Seen, TipPort

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from recordings import write_rows
 
-from whiptool.adaptation.options import AdaptOptions
+from whiptool.adaptation import adapter
+from whiptool.adaptation.options import AdaptOptions, _kept_in_space
+from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import adapt
 from whiptool.errors import InputError
 from whiptool.models import preset
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.clearance import Clearance
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
 from whiptool.target import Target
@@ -53,6 +61,51 @@ def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
     assert adapt.main(["--resume", str(out), "--json"]) == adapt.AWAITS
     assert '"awaits": ' in capsys.readouterr().out
     assert (out / "strike-0000" / "trajectory.csv").read_bytes() == first
+
+
+def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, monkeypatch):
+    """Each call is a process of its own; one that was killed after it asked asks for the same."""
+    planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)
+    monkeypatch.setattr(adapter, "aim", lambda *args, **named: planned)
+    monkeypatch.setattr(adapt, "_page", lambda *args: "page")
+    monkeypatch.setattr(adapter, "update", lambda prior, recordings, **named: Learned(prior, {}, {}, 0.0))
+    out, recorded = tmp_path / "run", tmp_path / "anywhere.csv"
+    rows = [[0.02 * i, 1.0, 0.5, 0.001 * i] for i in range(40)]
+    write_rows(recorded, [["t", "tip_x", "tip_y", "tip_z"], *rows])
+    (tmp_path / "anywhere.toml").write_text("sigma = 0.002\n")
+    begin = ["--model", "ur5e", "--port", "robot", "--target", "1.0", "0.2", "0.6", "--max-strikes", "1"]
+    assert adapt.main([*begin, "--out", str(out)]) == adapt.AWAITS
+    said = capsys.readouterr().out
+    assert f"adapt next --run {out} RECORDING" in said
+    go_on = ["next", "--run", str(out), "--json"]
+    assert adapt.main(go_on) == adapt.AWAITS
+    assert json.loads(capsys.readouterr().out)["number"] == 0
+    assert adapt.main([*go_on, str(recorded)]) == adapt.AWAITS
+    asked = json.loads(capsys.readouterr().out)
+    assert (asked["number"], asked["strike"]) == (1, list(planned.strike))
+    told = JointTrajectory.load_csv(Path(asked["trajectory"]))
+    np.testing.assert_allclose(told.q[-1], STRIKE.q_f, atol=1e-15)
+    assert adapt.main(go_on) == adapt.AWAITS
+    assert json.loads(capsys.readouterr().out) == asked
+    assert adapt.main([*go_on, str(recorded)]) == 2
+    assert "another one than strike 0's" in capsys.readouterr().err
+    recorded.write_text(recorded.read_text().replace(",0.5,", ",0.2,"))
+    assert adapt.main([*go_on, str(recorded)]) == 1  # and the run is at its end
+    assert json.loads(capsys.readouterr().out)["strikes"] == 1
+    assert (out / "report.html").exists()
+
+
+def test_a_rope_in_space_is_aimed_at_within_the_limits_of_its_robot():
+    options = AdaptOptions(model="ur5e", camera="tip", target=(1.5, 0.3, 0.5), arrival_angle=90.0, least_speed=1.0)
+    options.check()
+    assert options.build_target(UR5E) == Target.arriving((1.5, 0.3, 0.5), np.pi / 2, speed=1.0)
+    assert options.build_controller().prescribed
+    assert [type(x) for x in _kept_in_space(UR5E)] == [ArmLimits, Clearance]
+    still = AdaptOptions(model="ur5e", camera="tip", target=(1.5, 0.3, 0.5), direction=(0.0, 1.0, 0.0), least_speed=0.0)
+    assert still.build_target(UR5E).speed is None
+    planar = AdaptOptions(target=(1.2, 0.1), least_speed=5.0)
+    assert planar.build_target(preset("lemon2024")) == Target((1.2, 0.1))  # the planner's own demand there
+    assert _kept_in_space(preset("lemon2024")) == ()
 
 
 @pytest.mark.parametrize(

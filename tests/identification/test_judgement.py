@@ -110,3 +110,19 @@ def test_a_probability_is_never_beyond_one(freedom):
 def test_a_judgement_in_words():
     assert str(Judgement(0.0123, 0.0045, 0.99)) == "1.23 ± 0.45 cm"
     assert not Judgement(0.05, 0.01, 0.85).hit
+
+
+def test_a_direction_that_is_asked_for_is_judged_too():
+    """The tip moves along x and 30 degrees up: hit if that is asked for, missed if another is, or more speed."""
+    v = 4 * np.array([np.cos(0.5), np.sin(0.5)])
+    points = np.outer(FRAMES - 0.5, v)
+    frames = Frames(FRAMES, points, np.full(len(FRAMES), 0.001))
+    along, off = Target.arriving((0.0, 0.0), 0.5, cone=0.2), Target.arriving((0.0, 0.0), 0.8, cone=0.2)
+    edge = Target.arriving((0.0, 0.0), 0.7, cone=0.2)
+    free = judge_frames(frames, Target((0.0, 0.0))).probability
+    assert judge_frames(frames, along).probability == pytest.approx(free, abs=0.02)
+    assert judge_frames(frames, off).probability < 0.02
+    assert judge_frames(frames, edge).probability == pytest.approx(free / 2, abs=0.1)
+    fast, slow = (Target.arriving((0.0, 0.0), 0.5, cone=0.2, speed=x) for x in (3.0, 5.0))
+    assert judge_frames(frames, fast).hit
+    assert judge_frames(frames, slow).probability < 0.01

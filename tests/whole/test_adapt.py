@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from whip_study import CONTROLLER, MODEL
 
-from whiptool.adaptation import loop, planner, posterior
+from whiptool.adaptation import adapter, planner, posterior
+from whiptool.adaptation.adapter import OUTCOME, PLAN, POSTERIOR, Options
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
-from whiptool.adaptation.loop import OUTCOME, PLAN, POSTERIOR, Adaptation, Options
+from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import NONE
 from whiptool.adaptation.planner import Demands, Effort, Plan, plan
 from whiptool.adaptation.ports import Seen, TipPort
@@ -294,7 +295,7 @@ def test_an_allowed_strike_goes_before_a_surer_one(prior, monkeypatch):
     """A second, harder search follows a doubtful plan; what the rig would refuse is no gain."""
     doubtful = Plan(tuple(STRIKE.vector), 0.4, 0.1, 0.1, 1.2, "", 1.0, allowed=False)
     found = iter([doubtful, dataclasses.replace(doubtful, probability=0.3, usage=0.8, allowed=True)])
-    monkeypatch.setattr(loop, "plan", lambda *args, **more: next(found))
+    monkeypatch.setattr(adapter, "plan", lambda *args, **more: next(found))
     options = Options(max_strikes=1, first=QUICK, later=dataclasses.replace(QUICK, pool=90))
     (step,) = Adaptation(prior, port_of(5), Target(TARGET), options, known=prior).run()
     assert step.plan.allowed
@@ -390,8 +391,13 @@ def test_when_a_look_is_taken(prior):
 def test_a_look_alone_does_not_count_as_having_struck(prior, monkeypatch):
     """Where the first strike is refused, the second is planned as hard as the first; then one has taught."""
     efforts, port, target = [], port_of(3), Target(TARGET)
-    sought = loop.plan
-    monkeypatch.setattr(loop, "plan", lambda *args, **named: efforts.append(named["effort"]) or sought(*args, **named))
+    sought = adapter.plan
+
+    def counted(*args, **named):
+        efforts.append(named["effort"])
+        return sought(*args, **named)
+
+    monkeypatch.setattr(adapter, "plan", counted)
 
     class Refuses:
         def strike(self, strike, number: int, folder, believed=None) -> Seen:

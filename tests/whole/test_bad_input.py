@@ -40,6 +40,7 @@ OPTIONS = {
     "reproduce": ("whiptool.commands.reproduce", "ReproduceOptions"),
     "adapt": ("whiptool.commands.adapt", "AdaptOptions"),
     "human": ("whiptool.commands.human", "HumanOptions"),
+    "adapt-next": ("whiptool.commands.adapt", "NextOptions"),
     "identify": ("whiptool.commands.identify", "IdentifyOptions"),
     "view": ("whiptool.commands.view", "ViewOptions"),
     "doctor": ("whiptool.commands.doctor", "DoctorOptions"),
@@ -54,11 +55,14 @@ NEEDS = {
     "identify": "good.npz",
     "view": "of-simulate",
     "map-strike": "of-simulate",
+    "adapt-next": "--run of-simulate",
     "simulate": f"--strike {STRIKE}",
 }
 
-# how many coordinates a target has is known once the map is read; a motor alone limits adapt
+# how many coordinates a target has is known once the map is read; a motor alone limits adapt; reproduce knows one space
 ELSEWHERE = [("map-strike", "--target 1 2 3"), ("adapt", "--limits xm540")]
+ELSEWHERE += [("reproduce", f"--space {x}") for x in ("tool", "pose", "hand --feedforward")]
+ELSEWHERE += [("reproduce", "--space hand --controller constant --preset nah2020")]
 
 # Of every command that has the option: what is given, and what the answer must hold
 SHARED = """
@@ -405,6 +409,8 @@ reproduce adapt --whip-targets 0 | --whip-targets
 reproduce adapt --rows magic | --rows
 reproduce adapt --rows sac | --rows
 reproduce adapt --rows | --rows
+reproduce adapt --space --rows adapt | --rows
+reproduce fig6 --space | --space
 reproduce all --rows still | --rows
 reproduce fig6 --further-zones slow | --further-zones
 reproduce fig6 --further-zones -1 | --further-zones
@@ -469,6 +475,14 @@ adapt --control-period 0.01 | --control-period
 adapt --true-model lemon2024 | --true-model
 adapt --resume of-simulate | --resume
 adapt --camera tip --out taken | new or empty
+adapt --direction 0 1 | only for a model in space
+adapt --arrival-angle 30 | only for a model in space
+adapt --cone 5 | --cone
+adapt --model ur5e --camera tip --target 1 0 0.5 --direction 1 0 | direction
+adapt-next --run absent | --run
+adapt-next --run of-simulate | whiptool adapt
+adapt-next --run of-adapt recorded.csv | --port robot
+adapt-next --run of-robot good.npz | a strike that was asked for
 identify --free | --free
 identify --free magic | --free
 identify --drive motor | command
@@ -615,6 +629,10 @@ def main_of(command: str) -> Callable[[list[str]], int]:
         from whiptool.commands.rig import main
 
         return lambda words: main([command, *words])
+    if command == "adapt-next":
+        from whiptool.commands.adapt import main
+
+        return lambda words: main(["next", *words])
     if command.startswith("map-"):
         from whiptool.commands.map import main
 
@@ -696,6 +714,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "taken" / "file").write_text("mine")
     configs = {
         "of-simulate": 'command = "simulate"\n[options]\n',
+        "of-adapt": 'command = "adapt"\n[options]\nport = "twin"\n',
+        "of-robot": 'command = "adapt"\n[options]\nport = "robot"\n',
         "of-garbage": "\x01[",
         "of-nothing": 'command = "optimize"\n',
         "of-others": 'command = "optimize"\n[options]\nmagic = 3\n',
@@ -746,7 +766,7 @@ def test_every_accepted_line_has_its_reason() -> None:
 def test_every_option_is_in_a_table(command: str) -> None:
     """What can be wrong with none: flags without a value, and where a refused line would need a rig."""
     alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick"}
-    without = {*alone, "--resume", "--out", "--run", "--recordings", "--what", "--folder"}
+    without = {*alone, "--resume", "--out", "--run", "--recording", "--recordings", "--what", "--folder"}
     given = " ".join(given for given, _ in [*BAD, *lines(ACCEPTED)] if given.startswith(command + " "))
     assert flags(command) - without <= set(shlex.split(given))
 

@@ -37,6 +37,7 @@ CODE = re.compile(r"(?<!\})`([^`\n]+)`")  # of a line; not a role such as {doc}
 TWOFOLD = ("rig", "map")  # commands whose second word says what they do
 COMMANDS = (
     *(set(cli.COMMANDS) - set(TWOFOLD)),
+    "adapt next",
     "map build",
     "map strike",
     "rig strike",
@@ -93,7 +94,8 @@ def _module(name: str) -> str:
 
 def named(words: list[str]) -> str:
     """The command that words call: the first, or the first two."""
-    return " ".join(words[:2]) if words[0] in TWOFOLD else words[0]
+    twofold = words[0] in TWOFOLD or " ".join(words[:2]) in COMMANDS
+    return " ".join(words[:2]) if twofold else words[0]
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.name)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import robot_lab
 
-from whiptool.adaptation.loop import Adaptation, Options
+from whiptool.adaptation.adapter import Options
+from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.planner import Effort
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
@@ -125,9 +126,9 @@ def adaptation(folder) -> Adaptation:
     """The adaptation of another whip on the same robot, as a new process has it."""
     model = guess(folder)
     belief = default_prior(model, Controller(PositionControl()), whip="uniform")
-    command = ArmLimits.of(model.arm, prescribed=True).command
+    keeps = (ArmLimits.of(model.arm, prescribed=True),)
     effort = {"starts": 1, "first": LITTLE, "later": LITTLE}
-    options = Options(max_strikes=1, bounds=BOUNDS, admissible=command.shortened, t_stay=0.15, **effort)
+    options = Options(max_strikes=1, bounds=BOUNDS, keeps=keeps, t_stay=0.15, **effort)
     return Adaptation(belief, RobotPort(model, GOAL, rest=0.1, t_stay=0.15), GOAL, options, folder)
 
 

@@ -8,7 +8,8 @@ from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
     "Adaptation": "loop",
-    "Options": "loop",
+    "Adapter": "adapter",
+    "Options": "adapter",
     "Belief": "prior",
     "default_prior": "prior",
     "TipPort": "ports",
@@ -19,7 +20,8 @@ _HOMES = {
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
-    from whiptool.adaptation.loop import Adaptation, Options
+    from whiptool.adaptation.adapter import Adapter, Options
+    from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.ports import RigPort, TipPort
     from whiptool.adaptation.prior import Belief, default_prior
     from whiptool.adaptation.twins import Twin, draw_twin

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from whiptool.adaptation.prior import Belief
+from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
+from whiptool.limits import Limits
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.strike_map.striker import Striker
 
 SWING = 0.7  # [rad] that a joint turns at most
 DURATION = (0.4, 0.8)  # [s]
 FASTEST = 8.0  # [m/s] of the tip: a strike has it at 10 to 40
 STILL = 0.5  # [s] that a hanging whip is filmed, and `t_stay` more
+TIMESTEP = 5e-4  # [s]
 FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
 
 
@@ -34,7 +40,7 @@ def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY) 
         t = np.arange(int((vector[-1] + t_stay) * FPS) + 1) / FPS
         nothing = np.zeros((len(t), 1, d))
         recordings.append(StrikeRecording(t, nothing, ("tip",), np.array(NOISE), strike=Strike.from_vector(vector)))
-    predictor = Predictor(recordings, belief.plant, drive="command", shared=belief.names, timestep=5e-4)
+    predictor = Predictor(recordings, belief.plant, drive="command", shared=belief.names, timestep=TIMESTEP)
     own = [np.zeros(0)] * len(recordings)
     nuisance = {"delay": belief.values().get("delay", 0.0)} if "delay" in belief.names else {}
     units = np.array([v.slope(x) for v, x in zip(belief.variables, belief.z, strict=True)])
@@ -67,6 +73,7 @@ def choose_wiggle(
     bounds: StrikeBounds | None = None,
     t_stay: float = T_STAY,
     candidates: int = 32,
+    keeps: Sequence[Limits] = (),
 ) -> tuple[Strike, float]:
     """The movement that tells most (D-optimal), among short ones in which the tip stays slow, and how much [nat].
 
@@ -76,9 +83,10 @@ def choose_wiggle(
         bounds: Box of strikes, that the arm starts in and stays in; default: `default_bounds`.
         t_stay: As in `information`.
         candidates: How many are compared.
+        keeps: Limits that it has to keep, with the mean of the belief.
 
     Raises:
-        InputError: None of them is slow enough.
+        InputError: None of them is slow enough, or keeps the limits.
     """
     lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
     a = belief.plant.model.arm.n
@@ -86,9 +94,26 @@ def choose_wiggle(
     reach = np.minimum(lower[:a], lower[a:-1]), np.maximum(upper[:a], upper[a:-1])
     q_f = np.clip(q_i + rng.uniform(-SWING, SWING, q_i.shape), *reach)
     strikes = np.hstack([q_i, q_f, rng.uniform(*DURATION, (candidates, 1))])
+    if keeps:
+        strikes = _kept(belief, strikes, bounds, keeps, t_stay)
     told, fastest = information(belief, strikes, t_stay=t_stay)
     told = np.where(fastest <= FASTEST, told, -np.inf)
     best = int(told.argmax())
     if not np.isfinite(told[best]):
         raise InputError("wiggle", f"{fastest.min():.1f} m/s at the tip", f"{FASTEST:g} m/s", "strike without it")
     return Strike.from_vector(strikes[best]), float(told[best])
+
+
+def _kept(
+    belief: Belief, strikes: np.ndarray, bounds: StrikeBounds | None, keeps: Sequence[Limits], t_stay: float
+) -> np.ndarray:
+    """Those of some strikes, made as slow as their joints must be, that keep the limits."""
+    plant = belief.at()
+    assert plant.controller is not None
+    rollout = CompiledRollout(plant.model, plant.controller, timestep=TIMESTEP, free=fresh_terms(belief))
+    striker = Striker(rollout, bounds=bounds, limits=tuple(keeps), t_stay=t_stay)
+    slow = striker.admissible(strikes)
+    kept = slow[striker.keep(slow)]
+    if not len(kept):
+        raise InputError("wiggle", f"none of {len(strikes)} movements within the limits", "one", "give more candidates")
+    return kept

@@ -26,6 +26,9 @@ Sources:
     Steel chain: short links of wire d, DIN 766: 0.07, 0.16 and 0.32 kg/m at 2, 3 and 4 mm, so 20,400 to 25,500 kg/m^3
         of the wire's section. A joint turns freely but for the friction of link on link, mu T d / 2 (mu 0.15 to 0.3,
         tension T 0.5 to 2 N); the modulus is a number too small to be felt.
+    Polypropylene and manila: ropes of three strands, 2.68, 4.17 and 6.99 kg per 100 m of polypropylene and 4.32, 6.10
+        and 11.2 of manila at 7.94, 9.53 and 12.7 mm (makers' tables). No bending length of theirs was found: moduli,
+        relaxation and friction are nylon's and, as both are stiffer to the hand, up to three times as much.
     Friction moments of the others: 5 to 20 % of EI at a curvature of 5 /m, the hysteresis of bent ropes; of silicone
         hardly any.
     Air: drag per length `rho C_d d / 2` across; C_d = 1.0 to 1.3 for cylinders and ropes at Reynolds numbers of 10^3 to
@@ -102,7 +105,12 @@ MATERIALS: Mapping[str, Material] = MappingProxyType({
     "nylon": Material((0.008, 0.012), (700, 770), (0.5e6, 5e6), (0.01, 0.06), (5e-5, 5e-4)),
     "silicone": Material((0.008, 0.014), (1100, 1200), (1.6e6, 5.5e6), (0.005, 0.02), (1e-6, 1e-5)),
     "steel-chain": Material((0.002, 0.003), (20_400, 25_500), (1e6, 1e7), (0.005, 0.02), (8e-5, 9e-4), width=2.3),
+    "polypropylene": Material((0.008, 0.012), (540, 590), (0.5e6, 15e6), (0.01, 0.06), (5e-5, 1.5e-3)),
+    "manila": Material((0.008, 0.012), (850, 885), (0.5e6, 15e6), (0.01, 0.06), (5e-5, 1.5e-3)),
 })  # fmt: skip
+
+
+USUAL = ("cotton", "leather", "nylon", "silicone", "steel-chain")  # of which a prior around one's own model is the mean
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -180,14 +188,14 @@ def stock_of_material(name: str, *, diameter: float | None = None, length: float
 
 
 def stock_of_model(model: Model) -> Stock:
-    """Whips around one's own model, as wide as the materials of the table are on average (root mean square).
+    """Whips around one's own model, as wide as usual materials are on average (root mean square).
 
     What the model leaves out (damping, drag, friction of 0) is there with every whip: the middle of the materials.
 
     Raises:
         InputError: The model has values per node.
     """
-    stocks = [stock_of_material(name) for name in MATERIALS]
+    stocks = [stock_of_material(name) for name in USUAL]
     spread = np.sqrt(np.mean([stock.spread**2 for stock in stocks], axis=0))
     usual = np.exp(np.mean([stock.centre for stock in stocks], axis=0))
     profile = profile_of(model, "")

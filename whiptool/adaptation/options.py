@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from tyro.conf import arg
 
 from whiptool.errors import InputError
-from whiptool.options import ResumableOptions, refuse_idle, whole
+from whiptool.options import GoalOptions, ResumableOptions, TargetOptions, refuse_idle, whole
 from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation
     from whiptool.impedance import Controller
+    from whiptool.limits import Limits
+    from whiptool.models import Model
+    from whiptool.target import Target
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
@@ -26,7 +29,7 @@ LONGEST, THICKEST = 10.0, 0.2  # [m], of a whip
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptOptions(ResumableOptions, ArmOptions):
+class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Strike, film, identify again and plan again, until an unknown whip hits."""
 
     in_space: ClassVar[bool] = True
@@ -41,7 +44,7 @@ class AdaptOptions(ResumableOptions, ArmOptions):
     realsense or a RealSense recording."""
     family: Literal["kin", "strange", "stranger"] = "strange"
     """Of the twin's whip: uniform; tapered, with a bead, a soft joint and more; twice that."""
-    material: Literal["cotton", "leather", "nylon", "silicone", "steel-chain"] | None = None
+    material: Literal["cotton", "leather", "nylon", "silicone", "steel-chain", "polypropylene", "manila"] | None = None
     """What the whip is made of. The prior mean is then that of the material, else that of --model; the prior
     covariance is that of materials."""
     diameter: float | None = None
@@ -65,8 +68,9 @@ class AdaptOptions(ResumableOptions, ArmOptions):
     """A short, slow movement first, chosen for what it tells about the whip."""
     starts: int = 3
     """Starts of every identification."""
-    least_speed: float = 0.0
-    """Least predicted speed of the tip at the closest approach [m/s]."""
+    least_speed: float | None = None
+    """Least speed of the tip at the closest approach [m/s], along the direction or angle where there is one; as it is
+    predicted."""
     seed: int = 0
     """Seed of the twin's whip, and of everything random."""
 
@@ -76,8 +80,7 @@ class AdaptOptions(ResumableOptions, ArmOptions):
         from whiptool.models.parameters import number
 
         super().check()
-        if self.port != ROBOT and find_model(self.model).dimension == 3:
-            raise InputError("--model", self.model, "a model in the plane, but with --port robot")
+        self._check_space(find_model(self.model))
         if self.port == "twin" and self.camera not in CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(CAMERAS) + " with --port twin")
         if self.port not in ("twin", ROBOT) and self.camera != "realsense" and not self.camera.endswith(".db3"):
@@ -88,9 +91,25 @@ class AdaptOptions(ResumableOptions, ArmOptions):
                 "--no-still", "beside --wiggle", "one of them", "--wiggle is a look before the first strike, too"
             )
         _stock(self)
-        number("--least-speed", self.least_speed, low=0, high=FASTEST_TIP)
+        if self.least_speed is not None:
+            number("--least-speed", self.least_speed, low=0, high=FASTEST_TIP)
         whole("--max-strikes", self.max_strikes)
         whole("--starts", self.starts, high=1000)
+
+    def _check_space(self, model: Model) -> None:
+        """Refuse servos and images of an arm in space, and directions in the plane."""
+        if model.dimension == 3 and self.port != ROBOT and (self.port, self.camera) != ("twin", "tip"):
+            raise InputError("--model", self.model, "a model in the plane, but with --port robot or --camera tip")
+        asked = {"--direction": self.direction, "--arrival-angle": self.arrival_angle}
+        for flag, given in asked.items():
+            if model.dimension == 2 and given is not None:
+                raise InputError(flag, given, "only for a model in space")
+
+    def build_target(self, model: Model | None = None) -> Target:
+        """Target; in space with what is asked of the tip's arrival."""
+        if len(self.target) == 2 and (model is None or model.dimension == 2):
+            return TargetOptions.build_target(self, model)
+        return GoalOptions.build_target(replace(self, least_speed=self.least_speed or None), model)
 
     def _refuse_idle(self) -> None:
         """Options that would change nothing are not taken for ones that did."""
@@ -106,8 +125,10 @@ class AdaptOptions(ResumableOptions, ArmOptions):
         refuse_idle(self, idle)
 
     def build_controller(self) -> Controller:
-        """The controller that the options describe; a robot's is position control."""
-        if self.port != ROBOT:
+        """The controller that the options describe; of an arm in space it is position control, as robots have it."""
+        from whiptool.models.files import find_model
+
+        if self.port != ROBOT and find_model(self.model).dimension == 2:
             return super().build_controller()
         from whiptool.impedance import Controller, PositionControl
 
@@ -124,7 +145,8 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     Raises:
         InputError: An option breaks its rule.
     """
-    from whiptool.adaptation.loop import Adaptation, Options
+    from whiptool.adaptation.adapter import Options
+    from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.planner import FIRST, NEXT
     from whiptool.adaptation.prior import read_belief
     from whiptool.models.arm_limits import ArmLimits
@@ -149,10 +171,11 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         seed=options.seed,
         t_stay=options.t_stay,
         limits=None if limits is None else limits_preset(limits),
-        speed=options.least_speed,
+        speed=options.least_speed or 0.0,
         bounds=usual if limits is None else slow,
         check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
         admissible=(lambda strikes: strikes) if robot is None else robot.command.shortened,
+        keeps=_kept_in_space(model),
         first=FIRST if limits is None else replace(FIRST, pool=1024),
         later=NEXT if limits is None else replace(NEXT, pool=512),
         still=options.still,
@@ -164,6 +187,17 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     port = _port(options, model, controller, stock)
     _refuse_other_weights(known, prior.plant.controller)
     return Adaptation(prior, port, target, loop, folder, recordings=known)
+
+
+def _kept_in_space(model: Model) -> tuple[Limits, ...]:
+    """The limits of a robot's joints, and that it and the whip keep clear of the robot."""
+    from whiptool.models.arm_limits import ArmLimits
+    from whiptool.models.clearance import Clearance
+
+    if model.dimension == 2:
+        return ()
+    found: list[Limits] = [ArmLimits.of(model.arm, prescribed=True)] if ArmLimits.are_in(model.arm) else []
+    return (*found, Clearance(model)) if Clearance.is_of(model) else tuple(found)
 
 
 def _refuse_other_weights(recordings, controller) -> None:
@@ -226,9 +260,10 @@ def _port(options: AdaptOptions, model, controller, stock):
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.session import TwinRig
 
-    target = options.build_target(model).position
+    goal = options.build_target(model)
+    target = goal.position
     if options.port == ROBOT:
-        return RobotPort(model, options.build_target(model), t_stay=options.t_stay)
+        return RobotPort(model, goal, t_stay=options.t_stay)
     if options.port != "twin":
         rig = hardware_rig(options, model, controller, loop_options(options))
         return RigPort(lambda number: rig, target)

@@ -147,7 +147,7 @@ class TipPort:
         whole = np.isfinite(paths[0]).all(axis=1)
         t = np.arange(int(fine[whole][-1] * self.fps) + 1) / self.fps
         rng = np.random.default_rng([self.twin.seed, number])
-        points = np.stack([np.interp(t, fine[whole], paths[0, whole, i]) for i in range(2)], axis=1)
+        points = np.stack([np.interp(t, fine[whole], paths[0, whole, i]) for i in range(paths.shape[2])], axis=1)
         points += self.twin.noise * rng.standard_normal(points.shape)
         recording = StrikeRecording(
             t=t + self.twin.clock_offset,

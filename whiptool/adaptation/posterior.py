@@ -17,6 +17,7 @@ from whiptool.identification.fit import Fit, Options, fit
 from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
+from whiptool.recording.labels import check_labels
 from whiptool.recording.strike_recording import StrikeRecording
 
 UNMODELLED = 0.003  # [m], error of any model's tip that a better camera does not remove
@@ -185,6 +186,8 @@ def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[St
     """
     if "tip" not in recording.markers or recording.strike is None:
         raise InputError("recording", recording.source or "a recording", "one of the tip, with its strike's command")
+    if lost := tip_mislabelled(recording):
+        return None, lost
     i = recording.markers.index("tip")
     seen, t, points = recording.seen[:, i], recording.t, recording.points[:, i]
     end = recording.strike.D + recording.t_stay
@@ -202,6 +205,18 @@ def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[St
     mask[:, others] = True  # the tip alone: other markers are the tracker's own
     cut = dataclasses.replace(recording.without(mask), sigma=np.hypot(recording.sigma, UNMODELLED))
     return _median(cut, recording.sigma) if _at_rest(recording) else cut, ""
+
+
+def tip_mislabelled(recording: StrikeRecording) -> str:
+    """Return why the label of the tip did not stay with its marker, of motion capture in space; empty: it did.
+
+    Films keep their markers apart by looks, and are not asked.
+    """
+    if recording.points.shape[2] == 2 or len(recording.markers) == 1:
+        return ""
+    labels = check_labels(recording)
+    found = [x for x in (*labels.exchanges, *labels.swallowed) if "tip" in x.markers]
+    return f"the label of the tip left its marker: {'; '.join(map(str, found))}" if found else ""
 
 
 def _at_rest(recording: StrikeRecording) -> bool:

@@ -14,6 +14,7 @@ from whiptool.models.joint_trajectory import RATE, REST, JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.readers import read_recording
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.target import Target
 
 TRAJECTORY, RECORDED = "trajectory", "recorded.csv"  # the first as .csv and as .yaml
@@ -23,12 +24,14 @@ class AwaitsRecording(WhiptoolError):
     """A strike is to be struck by somebody else's robot.
 
     Args:
+        strike: Which.
+        number: Its number in the run.
         trajectory: What the robot is to run.
         recording: Where its recording is looked for.
     """
 
-    def __init__(self, trajectory: Path, recording: Path) -> None:
-        self.trajectory, self.recording = trajectory, recording
+    def __init__(self, strike: Strike, number: int, trajectory: Path, recording: Path) -> None:
+        self.strike, self.number, self.trajectory, self.recording = strike, number, trajectory, recording
         super().__init__(f"run {trajectory}, and put what was recorded into {recording}")
 
 
@@ -58,9 +61,17 @@ class RobotPort:
         assert folder is not None
         file = folder / RECORDED
         if not file.exists():
-            raise AwaitsRecording(self._told(strike, folder), file)
+            raise AwaitsRecording(strike, number, self._told(strike, folder), file)
+        return seen_of(self.read(file, strike), self.target.position)
+
+    def read(self, file: Path, strike: Strike) -> StrikeRecording:
+        """Return what a file has recorded of a strike, whose command need not stand in its sidecar.
+
+        Raises:
+            InputError: It cannot be read.
+        """
         recording = read_recording(file, strike=strike, t_stay=self.t_stay, target=list(self.target.position))
-        return seen_of(recording.ordered(self.model.arm.joints), self.target.position)
+        return recording.ordered(self.model.arm.joints)
 
     def _told(self, strike: Strike, folder: Path) -> Path:
         """Write a strike's trajectory, and return its file."""

@@ -72,6 +72,8 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     joint to joint; arm mass, controller gain and arm friction are not the model's; the camera's clock is off by up to
     8 ms.
     `stranger`: the same, every deviation doubled.
+    In space the arm is a robot's, which goes where it is told: arm and gain are the model's, and rods have no rest
+    curvature.
 
     Args:
         family: One of `FAMILIES`.
@@ -91,8 +93,10 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     rng = np.random.default_rng([FAMILIES.index("strange") if family == "stranger" else FAMILIES.index(family), seed])
     latency, noise = float(rng.uniform(0.0005, 0.0015)), 0.005
     numbers, name = stock.draw(rng), f"{family}-{seed}"
+    in_space = model.dimension == 3  # there the arm is a robot's, which goes where it is told
     if family == "kin":
-        arm = _with_friction(model, rng.uniform(0.0, 0.01, model.arm.n))
+        friction = rng.uniform(0.0, 0.01, model.arm.n)
+        arm = model.arm if in_space else _with_friction(model, friction)
         whip = uniform_whip(numbers, model.whip)
         if own is not None:
             whip = dataclasses.replace(whip, drag=own.drag, dry_friction=own.dry_friction)
@@ -100,6 +104,11 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
         return Twin(family, int(seed), kin, controller, latency, 0.0, noise)
     size = 2.0 if family == "stranger" else 1.0
     strange = _strange_whip(numbers, rng, size)
+    if in_space:
+        strange = _joined_in_space(strange, model.whip)
+        offset = float(size * rng.uniform(-0.008, 0.008))
+        true = Model(strange, model.arm, model.gravity, name)
+        return Twin(family, int(seed), true, controller, latency, offset, noise)
     links = tuple(
         dataclasses.replace(link, mass=link.mass * f, inertia=link.inertia * f, friction=link.friction + mu)  # type: ignore[operator]
         for link, f, mu in zip(
@@ -142,6 +151,13 @@ def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: 
         drag=tuple((numbers["drag"] * l * thickness).tolist()),
         drag_ratio=float(1 - size * rng.uniform(0.2, 0.475)),
     )
+
+
+def _joined_in_space(whip: WhipParameters, like: WhipParameters) -> WhipParameters:
+    """A whip joined as another one in space; rods do not twist with the hand: none says which way they would bend."""
+    rest = 0.0 if like.joints == "rod" else whip.rest_angle
+    inertia = float(like.per_node("node_inertia").mean())
+    return dataclasses.replace(whip, joints=like.joints, rest_angle=rest, node_inertia=inertia)
 
 
 def _waves(x: np.ndarray, rng: np.random.Generator, size: float) -> np.ndarray:

@@ -1,16 +1,24 @@
-"""Learn an unknown whip, strike by strike: `python -m whiptool.adapt --target X Y --port twin --camera twin`."""
+"""Learn an unknown whip, strike by strike: `python -m whiptool.adapt --target X Y --port twin --camera twin`.
+
+`python -m whiptool.adapt next` goes on with the run of a lab's own robot, strike by strike.
+"""
 
 from __future__ import annotations
 
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from whiptool.adaptation.options import AdaptOptions, prepare
-from whiptool.adaptation.robot_port import AwaitsRecording
+from tyro.conf import Positional
+
+from whiptool.adaptation.options import ROBOT, AdaptOptions, prepare
+from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import cli
+from whiptool.errors import InputError
+from whiptool.options import OptionGroup
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -26,23 +34,62 @@ _ABOUT = (
 )
 
 
+_NEXT = (
+    "Tell what was recorded of a strike, and print the next one; the run was begun with `whiptool adapt --port robot`. "
+    "Example: python -m whiptool.adapt next --run runs/adapt recorded.csv"
+)
+NEXT = "next"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextOptions(OptionGroup):
+    """Tell what was recorded of a strike, and print the next one."""
+
+    recording: Positional[Path | None] = None
+    """What was recorded of the strike that was printed last, with its sidecar; none: that strike is printed again."""
+    run: Path
+    """Run folder that `whiptool adapt --port robot` made."""
+    json: bool = False
+    """Print one JSON object."""
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """The command line; the exit status is 0 after a hit, 1 without one, 2 for bad input, 3 where a robot of somebody
     else's is to strike next, 130 when interrupted."""
-    return cli.run(lambda: _main(args))
+    words = list(sys.argv[1:] if args is None else args)
+    return cli.run(lambda: _next(words[1:]) if words[:1] == [NEXT] else _main(words))
 
 
-def _main(args: Sequence[str] | None) -> int:
+def _main(args: Sequence[str]) -> int:
     options = cli.parse_resumable(AdaptOptions, command="adapt", description=_ABOUT, args=args)
     with cli.options_named(options):
         return _adapt(options)
 
 
-def _adapt(options: AdaptOptions) -> int:
+def _next(args: Sequence[str]) -> int:
+    options = cli.parse(NextOptions, prog=f"whiptool adapt {NEXT}", description=_NEXT, args=args)
+    with cli.options_named(options, run_folder="--run"):
+        begun = cli.options_of_run(AdaptOptions, options.run, command="adapt")
+        if begun.port != ROBOT:
+            raise InputError("--run", str(options.run), f"a run that was begun with --port {ROBOT}")
+        return _adapt(replace(begun, resume=options.run, out=None, json=options.json), told=options.recording)
+
+
+def _adapt(options: AdaptOptions, told: Path | None = None) -> int:
+    """Go on to the next strike that has not been recorded, or to the end.
+
+    Args:
+        options: Of the run.
+        told: What a robot's strike was recorded in, which was asked for last.
+    """
     adaptation = prepare(options)
     with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
         steps: list[Step] = []
+        if told is not None:
+            adapter, port = adaptation.adapter(), adaptation.port
+            assert isinstance(port, RobotPort)
+            adapter.tell(port.read(told, adapter.asked))
         try:
             adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
         except AwaitsRecording as waits:
@@ -56,9 +103,17 @@ def _adapt(options: AdaptOptions) -> int:
 
 def _ask(waits: AwaitsRecording, folder: Path, *, as_json: bool) -> int:
     """Say which strike somebody else's robot is to strike next, and how the run goes on."""
-    told = {"awaits": str(waits.recording), "trajectory": str(waits.trajectory)}
-    words = f"{waits} (and recorded.toml beside it); then: python -m whiptool.adapt --resume {folder}"
-    print(json.dumps(told) if as_json else words)
+    strike = waits.strike.vector.tolist()
+    if as_json:
+        told = {"awaits": str(waits.recording), "trajectory": str(waits.trajectory)}
+        print(json.dumps({**told, "number": waits.number, "strike": strike}))
+        return AWAITS
+    which = f"strike {waits.number}" if waits.number else "a look at the whip, before the first strike"
+    print(f"{which}: {' '.join(f'{x:.6g}' for x in strike)}")
+    print(
+        f"{waits} (and recorded.toml beside it); then: python -m whiptool.adapt --resume {folder}; "
+        f"or, wherever it was put: python -m whiptool.adapt {NEXT} --run {folder} RECORDING"
+    )
     return AWAITS
 
 

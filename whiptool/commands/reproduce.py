@@ -45,6 +45,8 @@ class ReproduceOptions(ComparisonOptions):
     """Unknown whips of each family, in adapt."""
     whip_targets: int = 3
     """Targets of each of them."""
+    space: bool = False
+    """Of adapt: ropes on a UR5e in space, aimed at points and directions, one strike after one wiggle."""
     rows: tuple[Row, ...] = ()
     """Of adapt, the ways to strike that are tried, and chain: through servos, images and tracker; default: all."""
     further_episodes: int | None = 100
@@ -81,7 +83,9 @@ class ReproduceOptions(ComparisonOptions):
             idle = {f.name for f in fields(self)} - _OF_ANY_PAPER
             refuse_idle(self, dict.fromkeys(sorted(idle), f"nothing with {self.what}, which has its own"), usual)
         if self.what != "adapt":
-            refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows"), "nothing but with adapt"))
+            refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows", "space"), "nothing but with adapt"))
+        if self.space:
+            refuse_idle(self, {"rows": "nothing with --space, which has one way to strike"})
         further = ("further_zones", "further_methods", "further_observation")
         if self.what not in ("fig6", "all"):
             refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
@@ -130,6 +134,7 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
         options.quick,
         whips=options.whips,
         whip_targets=options.whip_targets,
+        space=options.space,
         rows=tuple(options.rows),
         further=further,
         zones=tuple(options.further_zones),

@@ -53,8 +53,8 @@ def correct(
     for _ in range(_ROUNDS):
         free = np.where(held[:, None, :], 0.0, J)
         rest = residuals + np.einsum("brm,bm->br", J, np.where(held, x, 0.0))
-        dual = np.linalg.solve(free @ free.swapaxes(1, 2) + ridge * np.eye(r), rest[..., None])
-        x = np.where(held, x, -np.einsum("brm,br->bm", free, dual[..., 0]))
+        dual = _solved(free @ free.swapaxes(1, 2) + ridge * np.eye(r), rest)
+        x = np.where(held, x, -np.einsum("brm,br->bm", free, dual))
         out = (x < low) | (x > high)
         x = np.clip(x, low, high)
         downhill = -np.einsum("brm,br->bm", J, residuals + np.einsum("brm,bm->br", J, x)) - ridge[:, 0] * x
@@ -67,3 +67,12 @@ def correct(
         held = (held | out) & ~released
     left = np.linalg.norm(residuals + np.einsum("brm,bm->br", J, x), axis=1)
     return Correction(x * widths, np.linalg.norm(x, axis=1), left)
+
+
+def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the solutions (B, r) of A x = b, A (B, r, r) symmetric; where a slope is beyond all bounds, those of least
+    norm: the damping is then lost in rounding errors."""
+    try:
+        return np.linalg.solve(A, b[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        return np.einsum("brs,bs->br", np.linalg.pinv(A, hermitian=True), b)

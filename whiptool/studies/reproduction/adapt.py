@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from whiptool.adaptation.twins import FAMILIES
+from whiptool.studies.reproduction import ropes_report
 from whiptool.studies.reproduction.calibration import calibration, forecasts, stated
 from whiptool.studies.reproduction.context import Context
 from whiptool.studies.reproduction.scores import Scores
@@ -89,7 +90,9 @@ class Size:
 
 
 def sections(context: Context) -> list[Section]:
-    """Simulated strikes with the tip seen, transfer, the whole chain, calibration."""
+    """Simulated strikes with the tip seen, transfer, the whole chain, calibration; or ropes in space."""
+    if context.space:
+        return ropes_report.sections(context)
     size, quick = Size.of(context), context.quick
     scene = dataclasses.replace(context.comparison.scene, zone=ZONE, targets=POOL)
     study = Study(scene=scene, strikes=2 if quick else 6, thorough=not quick)

@@ -21,6 +21,7 @@ class Context:
         quick: Take the short form of whatever takes long.
         whips: Unknown whips of each family, in `adapt`.
         whip_targets: Targets of each of them.
+        space: Whether they are ropes on a robot in space.
         rows: Ways to strike unknown whips that are tried, and `chain` for the whole chain; empty: all.
         further: Methods and observations that Fig. 6 compares in further zones; None: as `comparison`.
         zones: Those zones (`whiptool.studies.comparison.zones.zone_named`).
@@ -31,6 +32,7 @@ class Context:
     quick: bool = False
     whips: int = 100
     whip_targets: int = 3
+    space: bool = False
     rows: tuple[str, ...] = ()
     further: Comparison | None = None
     zones: tuple[str, ...] = ()

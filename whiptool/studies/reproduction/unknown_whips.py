@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import choose_wiggle
-from whiptool.adaptation.loop import Adaptation, Options
-from whiptool.adaptation.materials import MATERIALS, stock_of_material
+from whiptool.adaptation.loop import Adaptation
+from whiptool.adaptation.materials import USUAL, stock_of_material
 from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import Learned, update
@@ -68,7 +69,7 @@ class Study:
 
     def material(self, seed: int) -> str:
         """Return the material of a whip, by its seed."""
-        return list(MATERIALS)[seed % len(MATERIALS)]
+        return USUAL[seed % len(USUAL)]
 
     def model(self, material: str) -> Model:
         """What the owner of a whip has for it."""

@@ -1,0 +1,165 @@
+"""Aimed strikes at whips that are not known: within the robot's limits, and as probable as they are said to be."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from whiptool.adaptation.adapter import Adapter, Options
+from whiptool.adaptation.aiming import Passes, aim
+from whiptool.adaptation.first_look import FASTEST, choose_wiggle
+from whiptool.adaptation.materials import stock_of_material
+from whiptool.adaptation.model_error import ModelError
+from whiptool.adaptation.planner import Effort
+from whiptool.adaptation.ports import TipPort
+from whiptool.adaptation.posterior import update
+from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
+from whiptool.errors import InputError
+from whiptool.identification.arrival_error import PACE
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.clearance import Clearance
+from whiptool.models.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout import CompiledRollout
+from whiptool.strike_map.striker import Striker
+from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
+from whiptool.target import Target
+
+STOCK = stock_of_material("cotton")
+LIMITS = (ArmLimits.of(MODEL.arm, prescribed=True), Clearance(MODEL, -1.7))
+FEW = Effort(pool=64, polished=4, whips=4, population=4, rounds=1)
+
+
+@pytest.fixture(scope="module")
+def prior() -> Belief:
+    return default_prior(MODEL, CONTROLLER, stock=STOCK)
+
+
+def test_the_probability_is_that_of_draws():
+    """A point that is missed by a Student's t, a direction that is off by as much over what the tip moves on."""
+    rng, error = np.random.default_rng(0), ModelError(0.02, 4.0)
+    goal = Target.arriving((1.6, 0.2, 0.3), 0.5, hit_radius=0.05, speed=1.0).goals
+    miss, angle, speed = 0.03, math.radians(6), 3.0
+    column = {"distance": miss, "angle": angle, "shortfall": 0.0, "speed": speed}
+    found = Passes(**{name: np.array([[x]]) for name, x in column.items()}).probability(goal, error)
+    passed = np.abs(miss + error.scale * rng.standard_t(error.freedom, 400_000)) <= goal.hit_radius
+    turned = np.abs(angle + error.scale / (speed * PACE) * rng.standard_normal(400_000)) <= goal.cone
+    assert found[0] == pytest.approx((passed & turned).mean(), abs=0.01)
+    slow = Passes(**{name: np.array([[x]]) for name, x in {**column, "shortfall": 0.1}.items()})
+    assert slow.probability(goal, error)[0] == 0.0
+    lost = Passes(**{name: np.array([[miss, x]]) for name, x in {**column, "distance": np.inf}.items()})
+    lost = dataclasses.replace(lost, distance=np.array([[miss, np.inf]]), angle=np.array([[angle, np.nan]]))
+    both = dataclasses.replace(lost, shortfall=np.zeros((1, 2)), speed=np.array([[speed, 0.0]]))
+    assert both.probability(goal, error)[0] == pytest.approx(found[0] / 2)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_twins_in_space_have_the_robots_arm(family):
+    twin = draw_twin(family, 3, MODEL, CONTROLLER, STOCK)
+    assert twin.model.arm == MODEL.arm
+    assert twin.controller == CONTROLLER
+    assert twin.model.whip.joints == "rod"
+    assert (MODEL.whip.N if family == "kin" else NODES) == twin.model.whip.N
+    assert twin == draw_twin(family, 3, MODEL, CONTROLLER, STOCK)
+
+
+@pytest.mark.heavy
+def test_a_wiggle_keeps_the_limits_of_the_robot(prior):
+    strike, told = choose_wiggle(prior, rng=np.random.default_rng(0), keeps=LIMITS, candidates=8, t_stay=0.1)
+    assert told > 1
+    rollout = CompiledRollout(prior.at().model, CONTROLLER)
+    striker = Striker(rollout, limits=LIMITS, t_stay=0.1)
+    assert striker.keep(strike.vector[None]).all()
+    path = rollout.trajectory(strike, t_stay=0.1).tip
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < FASTEST  # a sample is far shorter than a second
+    with pytest.raises(InputError, match="wiggle"):
+        choose_wiggle(prior, rng=np.random.default_rng(0), keeps=(Clearance(MODEL, 5.0),), candidates=2, t_stay=0.1)
+
+
+@pytest.fixture(scope="module")
+def reachable(prior) -> tuple[Target, np.ndarray]:
+    """A target as a strike of the mean within all limits passes it at its fastest, and that strike."""
+    striker = Striker(CompiledRollout(prior.at().model, CONTROLLER, timestep=1e-3), limits=LIMITS)
+    rng = np.random.default_rng(1)
+    strikes = striker.admissible(rng.uniform(striker.lower, striker.upper, (32, len(striker.lower))))
+    strike = strikes[striker.keep(strikes)][0]
+    path = striker.rollout.trajectory(strike)
+    velocity = np.gradient(path.tip, path.t, axis=0)
+    fastest = int(np.linalg.norm(velocity, axis=1).argmax())
+    return Target(tuple(path.tip[fastest]), 0.05, tuple(velocity[fastest]), speed=1.0), strike
+
+
+@pytest.mark.heavy
+def test_an_aimed_strike_hits_within_the_limits(prior, reachable):
+    """From a strike nearby; judged by a rollout of the belief's mean alone, and the limits over its whole length."""
+    target, strike = reachable
+    sure = dataclasses.replace(prior, covariance=1e-6 * prior.covariance, model_error=ModelError(1e-3, 10.0))
+    past = [strike + 0.01 * np.random.default_rng(2).standard_normal(len(strike))]
+    chosen = aim(sure, target, rng=np.random.default_rng(0), limits=LIMITS, past=past, effort=FEW)
+    assert chosen.allowed
+    assert chosen.probability is not None
+    assert chosen.probability > 0.9
+    rollout = CompiledRollout(sure.at().model, CONTROLLER, timestep=2.5e-4)
+    path = rollout.trajectory(Strike.from_vector(chosen.strike))
+    near = path.approach(np.array(target.position))
+    assert near.distance[0] < 0.02
+    assert target.goals.arrives(near.velocity)[0]
+    assert all(limits.violation(path) <= 0 for limits in LIMITS)
+
+
+@pytest.mark.slow
+def test_a_rope_in_space_is_hit_as_aimed_after_one_wiggle(prior, reachable):
+    """Motion capture at 100/s with 2 mm; the strike that was known for the mean alone would miss this rope."""
+    target, strike = reachable
+    twin = dataclasses.replace(draw_twin("kin", 0, MODEL, CONTROLLER, STOCK), noise=0.002)
+    truth = CompiledRollout(twin.model, CONTROLLER, timestep=2.5e-4)
+    port = TipPort(twin, target, fps=100.0)
+    assert truth.approach(strike[None], np.array(target.position)).distance[0] > 0.05
+    effort = Effort(pool=256, polished=8, whips=8, population=4, rounds=2)
+    options = Options(max_strikes=1, wiggle=True, keeps=LIMITS, first=effort, later=effort)
+    adapter = Adapter(prior, target, options)
+    while (asked := adapter.ask()) is not None:
+        step = adapter.tell(port.strike(asked, adapter.number, None))
+    near = truth.approach(np.array([step.plan.strike]), np.array(target.position))
+    assert near.distance[0] < 0.05
+    assert target.goals.arrives(near.velocity)[0]
+    assert step.judged is not None
+    assert step.judged.miss == pytest.approx(near.distance[0], abs=0.005)
+    assert step.hit
+
+
+def wiggles(count: int) -> list[Strike]:
+    """Movements of the robot within its speeds, from one posture."""
+    rng, q = np.random.default_rng(3), np.array([0.0, -1.8, 1.2, -1.0, -1.5, 0.0])
+    return [Strike(tuple(q), tuple(q + rng.uniform(-0.5, 0.5, 6)), 0.6) for _ in range(count)]
+
+
+@pytest.mark.slow
+def test_a_rope_that_was_exchanged_and_labels_that_were_are_refused_and_do_no_harm():
+    """What is believed afterwards, and so the next strike, is as if they had never been told."""
+    belief = default_prior(MODEL, CONTROLLER, whip="uniform", stock=STOCK)
+    first, other = (
+        TipPort(dataclasses.replace(draw_twin("kin", seed, MODEL, CONTROLLER, STOCK), noise=0.002), (1.6, 0.0, 0.0))
+        for seed in (0, 1)
+    )
+    seen = [port.strike(w, i, None).recording for i, (port, w) in enumerate(zip((first, first, other), wiggles(3)))]
+    good, exchanged = [dataclasses.replace(x, target=None) for x in seen[:2] if x], seen[2]
+    assert exchanged is not None
+    handle = np.tile(np.array([0.9, 0.0, 0.5]), (len(good[1].t), 1))
+    handle = handle + 0.002 * np.random.default_rng(1).standard_normal(handle.shape)
+    points = np.stack([good[1].points[:, 0], handle], axis=1)
+    points[30:] = points[30:, ::-1]
+    swapped = StrikeRecording(
+        good[1].t, points, ("tip", "handle"), sigma=np.array(0.002), strike=good[1].strike, source="swapped"
+    )
+    alone = update(belief, good, starts=1)
+    both = update(belief, [*good, dataclasses.replace(exchanged, target=None), swapped], guess=alone.belief, starts=1)
+    assert set(alone.rmse) == set(both.rmse) == {x.source for x in good}
+    assert "a whip other than that of the other recordings" in both.refused[exchanged.source]
+    assert "the label of the tip left its marker" in both.refused["swapped"]
+    errors = np.array(list(alone.belief.errors().values()))
+    np.testing.assert_allclose(both.belief.z, alone.belief.z, atol=0.2 * errors.min())

@@ -1,0 +1,348 @@
+"""Ask and tell: which strike is next, and what was seen of it; every step is kept, so that a killed run goes on."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.adaptation.aiming import aim
+from whiptool.adaptation.first_look import choose_wiggle, hanging
+from whiptool.adaptation.judgement import judge, judge_seen
+from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
+from whiptool.adaptation.ports import Seen, checked, seen_of
+from whiptool.adaptation.posterior import AFTER, Learned, tip_mislabelled, update
+from whiptool.adaptation.prior import Belief
+from whiptool.adaptation.sag import Sag, expected_sag
+from whiptool.adaptation.steps import Step, Steps
+from whiptool.errors import InputError
+from whiptool.identification.judgement import Judgement
+from whiptool.limits import Limits
+from whiptool.models import parameters
+from whiptool.models.motor_limits import MotorLimits
+from whiptool.models.parameters import Model
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.target import Target
+from whiptool.whole_files import write_whole
+
+UNSURE = 0.5  # probability of a hit below which a plan is looked for once more, as hard as the first one
+_LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # beside the belief
+PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.json", "recording.npz"
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings of an adaptation.
+
+    Args:
+        max_strikes: Largest number of strikes.
+        stop_at: End after the first strike whose judged miss distance is at most this [m]; None: after the first hit
+            that is claimed; 0: only after `max_strikes`.
+        still: Film the hanging whip before the first strike, as step 0, unless earlier recordings are given.
+        wiggle: Make a short, slow movement as step 0 instead.
+        adapt: Whether to learn; if not, one strike is planned from the prior and repeated.
+        starts: Number of starting points of every identification.
+        seed: Seed of candidate strikes, sampled whips and starting points.
+        t_stay: A strike is watched so long after the movement ended [s].
+        bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.Demands`.
+        admissible: See `whiptool.adaptation.planner.Demands`.
+        check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
+            None if it is.
+        keeps: In space: limits of joints and distances that strikes have to keep.
+        first, later: Planning effort before any recording has been learned from, and after.
+    """
+
+    max_strikes: int = 6
+    stop_at: float | None = None
+    still: bool = True
+    wiggle: bool = False
+    adapt: bool = True
+    starts: int = 3
+    seed: int = 0
+    t_stay: float = T_STAY
+    bounds: StrikeBounds | None = None
+    limits: MotorLimits | None = None
+    speed: float = 0.0
+    check: Callable[[Strike, Model], str | None] | None = None
+    admissible: Callable[[np.ndarray], np.ndarray] = lambda strikes: strikes
+    keeps: tuple[Limits, ...] = ()
+    first: Effort = FIRST
+    later: Effort = NEXT
+
+    def __post_init__(self) -> None:
+        for name in ("max_strikes", "starts"):
+            parameters.whole(name.replace("_", " "), getattr(self, name))
+        parameters.whole("seed", self.seed, low=0)
+        for name, value in {"t_stay": self.t_stay, "speed": self.speed, "stop at": self.stop_at or 0.0}.items():
+            parameters.number(name, value, low=0)
+
+    def demands(self, believed: Model) -> Demands:
+        """What is asked of a strike, where whip and arm are believed to be these."""
+        check = self.check
+        asked = None if check is None else lambda strike: check(strike, believed)
+        return Demands(self.bounds, self.limits, self.speed, asked, self.t_stay, self.admissible)
+
+
+class Adapter:
+    """Learns an unknown whip from strikes that somebody else strikes and records: ask for one, tell what was seen.
+
+    What the folder holds of an earlier run is read and not asked for again; a strike that was asked for and not told
+    is asked for again, the same one.
+
+    Args:
+        prior: Belief about the whip before the first strike.
+        target: Point to hit, and hit radius.
+        options: See `Options`.
+        folder: Run folder; None: nothing is written.
+        recordings: Earlier recordings of the same whip, from which the first strike is planned.
+        known: Belief after those recordings, if it was computed before; None: it is identified from them.
+        opening: The first plan, if it was made before; None: it is computed.
+
+    Attributes:
+        number: Of the strike that is to be asked for or told next, from 1; 0 is a first look at the whip.
+        belief: About the whip, after all that was told.
+        steps: All that were told.
+        done: Whether no strike is left, or the last one hit.
+    """
+
+    def __init__(
+        self,
+        prior: Belief,
+        target: Target,
+        options: Options | None = None,
+        folder: Path | None = None,
+        *,
+        recordings: Sequence[StrikeRecording] = (),
+        known: Belief | None = None,
+        opening: Plan | None = None,
+    ) -> None:
+        self.prior, self.target, self.folder, self.opening = prior, target, folder, opening
+        self.options = o = options or Options()
+        self.belief, self.steps, self.done = known or prior, Steps(), False
+        self._recordings, self._past, self._contacts = list(recordings), [], dict[str, float]()
+        self._taught, self._resting, self._asked = known is not None, set[str](), None
+        if self._recordings and o.adapt and not self._taught:
+            learned = update(prior, self._recordings, starts=o.starts, seed=o.seed)
+            self.belief, self._taught = learned.belief, bool(learned.rmse)
+        self.number = 0 if o.wiggle or (o.still and o.adapt and not self._taught) else 1
+
+    def __repr__(self) -> str:
+        return f"Adapter({self.steps!r}, {'done' if self.done else f'next is strike {self.number}'})"
+
+    @property
+    def place(self) -> Path | None:
+        """Folder of the next strike; None: there is no run folder."""
+        return None if self.folder is None else self.folder / f"strike-{self.number:04d}"
+
+    def ask(self) -> Strike | None:
+        """Return the strike that is to be struck next, the same until it is told; None: no strike is left.
+
+        Raises:
+            InputError: The folder is damaged.
+        """
+        self._catch_up()
+        return None if self.done else Strike.from_vector(self._plan().strike)
+
+    @property
+    def asked(self) -> Strike:
+        """The strike that was asked for and not told.
+
+        Raises:
+            InputError: There is none, or the folder is damaged.
+        """
+        self._catch_up()
+        if self.done or (self._asked is None and self._read(PLAN) is None):
+            raise InputError("told", f"strike {self.number}", "a strike that was asked for")
+        return Strike.from_vector(self._plan().strike)
+
+    def tell(self, told: StrikeRecording | Seen) -> Step:
+        """Learn from the strike that was asked for, and return all that is known of it.
+
+        Args:
+            told: Its recording, time 0 being the start of the command, with the marker `tip`; or a `Seen`, with a fault
+                where there was none.
+
+        Raises:
+            InputError: No strike was asked for, the recording is of another strike or was told before, or the folder is
+                damaged.
+        """
+        strike = self.asked
+        seen = seen_of(told, self.target.position) if isinstance(told, StrikeRecording) else told
+        seen = checked(seen, strike, self.number)
+        if seen.recording is not None:
+            self._refuse_told_before(seen.recording)
+        return self._step(self._keep(seen))
+
+    def kept_steps(self) -> Iterator[Step]:
+        """Go on with the steps of which the folder has what was seen, one after the other.
+
+        Raises:
+            InputError: The folder is damaged.
+        """
+        while not self.done and (seen := self._kept()) is not None:
+            yield self._step(seen)
+
+    def _catch_up(self) -> None:
+        """Go on with all of these."""
+        for _ in self.kept_steps():
+            pass
+
+    def _step(self, seen: Seen) -> Step:
+        """Learn from what was seen of the strike that was asked for, and go on to the next."""
+        o, number, chosen = self.options, self.number, self._plan()
+        if number and not (seen.fault and seen.recording is None):  # a strike that was refused is none
+            self._past.append(chosen.strike)
+        if seen.recording is not None:
+            self._recordings.append(seen.recording)
+            if chosen.contact is not None:
+                self._contacts[seen.recording.source] = chosen.contact
+        learned = None
+        if o.adapt and self._recordings:
+            learned = self._learned()
+            self.belief = learned.belief
+            if number == 0 and not o.wiggle:  # tells the length alone: the next plan is a first one
+                self._resting = set(learned.rmse)
+            self._taught = self._taught or bool(set(learned.rmse) - self._resting)
+        judged = self._judged(chosen, seen, learned) if number else None
+        step = Step(number, chosen, seen, learned, judged)
+        self.steps.append(step)
+        self.number, self._asked = number + 1, None
+        self.done = self.number > o.max_strikes or (judged is not None and self._enough(judged))
+        return step
+
+    def _enough(self, judged: Judgement) -> bool:
+        return judged.hit if self.options.stop_at is None else judged.miss <= self.options.stop_at
+
+    def _plan(self) -> Plan:
+        """The plan of the next strike, made where it was not made before."""
+        if self._asked is None:
+            stored = self._read(PLAN)
+            if stored is None:
+                self._asked = self._planned()
+                self._write(PLAN, asdict(self._asked))
+            else:
+                misses = tuple(stored.get("misses", ()))
+                self._asked = Plan(**{**stored, "strike": tuple(stored["strike"]), "misses": misses})
+        return self._asked
+
+    def _planned(self) -> Plan:
+        o, number, began = self.options, self.number, time.perf_counter()
+        rng = np.random.default_rng([o.seed, number])
+        if number == 0:
+            if o.wiggle:
+                strike, told = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay, keeps=o.keeps)
+                reason = f"a movement that tells {told:.1f} nat about the whip"
+            else:
+                strike, reason = hanging(self.belief, o.bounds), "the whip as it hangs: how long it is"
+            return Plan(tuple(map(float, strike.vector)), None, None, None, None, reason, time.perf_counter() - began)
+        if number > 1 and not o.adapt:
+            return self.steps[-1].plan
+        if number == 1 and self.opening is not None:
+            return self.opening
+        effort, sag = o.later if self._taught else o.first, self._expected_sag()
+        chosen = self._sought(rng, effort, sag)
+        if effort is not o.first and (chosen.probability or 0.0) < UNSURE:
+            both = chosen, self._sought(rng, o.first, sag)
+            chosen = max(both, key=lambda x: (x.allowed, x.probability or 0.0))
+            chosen = replace(chosen, wall_time=time.perf_counter() - began)
+        return chosen
+
+    def _expected_sag(self) -> Sag | None:
+        controller = self.prior.plant.controller
+        assert controller is not None
+        return None if controller.prescribed else expected_sag(controller.law, self._recordings)
+
+    def _sought(self, rng: np.random.Generator, effort: Effort, sag: Sag | None) -> Plan:
+        if self.prior.plant.model.dimension == 3:
+            o = self.options
+            return aim(
+                self.belief,
+                self.target,
+                rng=rng,
+                limits=o.keeps,
+                past=self._past,
+                effort=effort,
+                bounds=o.bounds,
+                t_stay=o.t_stay,
+            )
+        demands = self.options.demands(self.belief.at().model)
+        return plan(self.belief, self.target, rng=rng, past=self._past, demands=demands, effort=effort, sag=sag)
+
+    def _judged(self, chosen: Plan, seen: Seen, learned: Learned | None) -> Judgement | None:
+        recording = seen.recording
+        if recording is None or seen.fault:
+            return None if seen.seen_miss is None else judge_seen(seen.seen_miss, self.target)
+        if tip_mislabelled(recording):
+            return None  # no frame can be trusted to show the tip
+        belief = learned.belief if learned is not None and recording.source in learned.rmse else None
+        until = None if chosen.contact is None else chosen.contact + AFTER
+        return judge(recording, self.target, belief, until=until, seed=(self.options.seed, self.number))
+
+    def _learned(self) -> Learned:
+        stored = self._read(POSTERIOR)
+        if stored is not None:
+            rest = {name: stored[name] for name in _LEARNED}
+            return Learned(Belief.from_table(self.prior.plant, stored), **rest)
+        o = self.options
+        learned = update(
+            self.prior, self._recordings, guess=self.belief, contacts=self._contacts, starts=o.starts, seed=o.seed
+        )
+        told = {name: getattr(learned, name) for name in _LEARNED}
+        self._write(POSTERIOR, learned.belief.to_table() | told)
+        return learned
+
+    def _refuse_told_before(self, recording: StrikeRecording) -> None:
+        """Refuse the recording of an earlier strike.
+
+        Raises:
+            InputError: It was told before.
+        """
+        for step in self.steps:
+            earlier = step.outcome.recording
+            if earlier is None or earlier.points.shape != recording.points.shape:
+                continue
+            if np.array_equal(earlier.points, recording.points, equal_nan=True):
+                fix = "record the strike that was asked for"
+                raise InputError("recording", recording.source, f"another one than strike {step.number}'s", fix)
+
+    def _kept(self) -> Seen | None:
+        """What was seen of the next strike, if the folder has it."""
+        stored = self._read(OUTCOME)
+        if stored is None:
+            return None
+        assert self.place is not None
+        filmed = stored.pop("filmed")
+        recording = None
+        if filmed is not None:  # its name from before it was a file
+            recording = replace(StrikeRecording.load(self.place / RECORDING), source=filmed)
+        return Seen(recording, **stored)
+
+    def _keep(self, seen: Seen) -> Seen:
+        if self.number == 0 and seen.recording is not None:  # meant for no target, and of use to its end
+            seen = replace(seen, recording=replace(seen.recording, target=None))
+        if self.place is not None and seen.recording is not None:
+            self.place.mkdir(parents=True, exist_ok=True)
+            seen.recording.save(self.place / RECORDING)
+        told: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault")}
+        self._write(OUTCOME, told | {"filmed": None if seen.recording is None else seen.recording.source})
+        return seen
+
+    def _read(self, name: str) -> dict[str, Any] | None:
+        place = None if self.place is None else self.place / name
+        if place is None or not place.exists():
+            return None
+        try:
+            return json.loads(place.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(str(place), str(error)[:80], "what whiptool wrote", f"delete {place.parent}") from None
+
+    def _write(self, name: str, table: dict[str, Any]) -> None:
+        if self.place is not None:
+            self.place.mkdir(parents=True, exist_ok=True)
+            write_whole(self.place / name, json.dumps(table, indent=1) + "\n")

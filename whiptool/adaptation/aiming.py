@@ -1,0 +1,272 @@
+"""Plan an aimed strike in space: point, direction and speed, within a robot's limits, over whips of the belief.
+
+A robot's limits and directions leave a thin part of the box of strikes, and derivatives find it: random strikes that
+keep the limits, those whose tips pass the goal best on the mean of the belief, refined there along exact derivatives as
+a strike map's are (`whiptool.strike_map.refinement`), and of these, and steps from the best, the one that hits most of
+the whips that are still possible.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.adaptation.model_error import ModelError
+from whiptool.adaptation.planner import JUDGED, SURE, Effort, Plan
+from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.goals import Goals
+from whiptool.identification.arrival_error import angle_probability, direction_error
+from whiptool.identification.plant import Plant
+from whiptool.limits import Limits
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.strike_map.refinement import refine
+from whiptool.strike_map.striker import Striker
+from whiptool.strike_map.turning import Front
+from whiptool.target import Target
+
+TIMESTEP = 1e-3  # [s]
+RATE = 100.0  # [1/s] of the paths that are compared
+STEPS = 20  # of a refinement
+STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approach that can be trusted
+_BLUR, _PULL, _FAR = 0.005, 0.2, 0.5  # [m], probability per metre, [m]: as `whiptool.adaptation.planner.Worth`
+_SPREAD = 0.02  # of the box's widths, of the first steps from the best strike
+
+
+@dataclass(frozen=True, eq=False)
+class Passes:
+    """How B strikes with each of S whips pass a goal.
+
+    Args:
+        distance: Closest approach [m], (B, S); infinite where it diverged.
+        angle: Between velocity and direction there [rad], (B, S); NaN where no direction is asked for.
+        shortfall: Share of the least speed that is missing, (B, S).
+        speed: Of the tip [m/s], (B, S).
+    """
+
+    distance: np.ndarray
+    angle: np.ndarray
+    shortfall: np.ndarray
+    speed: np.ndarray
+
+    def probability(self, goal: Goals, error: ModelError, *, blur: float = 0.0) -> np.ndarray:
+        """Return the probability of a hit of each strike, (B,): by the point, and where it is asked for by direction.
+
+        The direction errs as the path does, see `direction_error`.
+
+        Args:
+            goal: One.
+            error: Of the model.
+            blur: Least scale of its error [m].
+        """
+        hit = error.hit_probability(self.distance, goal.hit_radius, blur=blur)
+        if goal.directions is not None:
+            scale = max(math.hypot(error.scale, blur), 1e-12)
+            hit = hit * angle_probability(self.angle, goal.cone, direction_error(scale, self.speed))
+        return np.where(np.isfinite(self.distance) & (self.shortfall <= 0), hit, 0.0).mean(axis=1)
+
+
+def aim(
+    belief: Belief,
+    target: Target,
+    *,
+    rng: np.random.Generator,
+    limits: Sequence[Limits] = (),
+    past: Sequence[Sequence[float]] = (),
+    effort: Effort,
+    bounds: StrikeBounds | None = None,
+    t_stay: float = T_STAY,
+    timestep: float = TIMESTEP,
+) -> Plan:
+    """Return the strike with the largest probability of a hit over whips sampled from a belief.
+
+    Args:
+        belief: Distribution of the whip's numbers, of an arm that goes where it is told.
+        target: Point and hit radius, and on request direction and least speed.
+        rng: Generator for candidates and samples.
+        limits: What a strike has to keep, with the mean of the belief.
+        past: Strikes that were tried before; they are candidates, too.
+        effort: How hard to look: `pool` random strikes, `polished` of which are refined.
+        bounds: Box of strikes; default: `default_bounds`.
+        t_stay: A strike is watched so long after the movement ended [s].
+        timestep: Of the integrator [s].
+    """
+    began = time.perf_counter()
+    search = _Aimed(belief, target, limits, bounds, t_stay, timestep)
+    whips = belief.sample(rng, effort.whips)
+    strikes, worth, tried = search.look(rng, past, effort, whips)
+    order = np.argsort(-worth)
+    chosen, allowed = strikes[order[0]], False
+    for x in strikes[order]:
+        if search.striker.keep(x[None])[0]:
+            chosen, allowed = x, True
+            break
+    return search.report(chosen, belief.sample(rng, JUDGED), rng, time.perf_counter() - began, tried, allowed=allowed)
+
+
+class _Aimed:
+    """Rolls strikes out with a belief's mean and samples, and says what they are worth."""
+
+    def __init__(
+        self,
+        belief: Belief,
+        target: Target,
+        limits: Sequence[Limits],
+        bounds: StrikeBounds | None,
+        t_stay: float,
+        timestep: float,
+    ) -> None:
+        plant = belief.at()
+        assert plant.controller is not None
+        self.rollout = CompiledRollout(plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief))
+        self.striker = Striker(self.rollout, bounds=bounds, limits=tuple(limits), t_stay=t_stay)
+        self.front = Front(plant.model)
+        self.target, self.goal, self.error, self.t_stay = target, target.goals, belief.model_error, t_stay
+
+    def look(
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort, whips: Sequence[Plant]
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Strikes within the limits, what each is worth over the whips, and how many candidates there were."""
+        starts = self.starts(rng, effort)
+        if len(past):
+            starts = np.vstack([np.array(past, float), starts])
+        tried = self.refined(starts)
+        worth = self.worth(tried, whips)
+        found = [(tried, worth)]
+        centre, top = tried[int(worth.argmax())], float(worth.max())
+        spread, width = np.full(len(centre), _SPREAD), self.striker.widths
+        for _ in range(effort.rounds):
+            if self.sure(top):
+                break
+            draws = centre + spread * width * rng.standard_normal((effort.population, len(centre)))
+            draws = self.striker.admissible(draws)
+            values = self.worth(draws, whips)
+            found.append((draws, values))
+            elite = draws[np.argsort(-values)[: max(2, effort.population // 4)]]
+            if values.max() > top:
+                centre, top = draws[int(values.argmax())], float(values.max())
+                spread = 0.5 * spread + 0.5 * np.abs(elite - centre).mean(axis=0) / width
+            else:
+                spread = 0.6 * spread
+        number = effort.pool + len(past)
+        return np.vstack([x for x, _ in found]), np.concatenate([x for _, x in found]), number
+
+    def starts(self, rng: np.random.Generator, effort: Effort) -> np.ndarray:
+        """Random strikes whose tips pass the goal best with the mean: those that keep what peaks tell of, (B, m).
+
+        An arm whose first joint turns all of it strikes in all directions alike: at every instant of a path it is
+        turned to where the goal lies.
+        """
+        striker, goal = self.striker, self.goal
+        pool = striker.admissible(rng.uniform(striker.lower, striker.upper, (effort.pool, len(striker.lower))))
+        keep, paths = striker.paths(pool, rate=RATE)
+        tips = paths.reshape(-1, paths.shape[2])
+        velocities = np.gradient(paths, 1 / RATE, axis=1).reshape(tips.shape)
+        turned = self.front.angles(goal.positions)[0] - self.front.angles(tips)
+        left = goal.residuals(self.front.vectors(tips, turned), self.front.vectors(velocities, turned))
+        cost = np.linalg.norm(left, axis=1).reshape(paths.shape[:2])
+        cost = np.where(np.isfinite(cost), cost, np.inf)
+        when, rows = cost.argmin(axis=1), np.arange(len(pool))
+        angles = np.nan_to_num(np.remainder(turned.reshape(cost.shape)[rows, when] + np.pi, 2 * np.pi) - np.pi)
+        ready = self._wrapped(self.front.strikes(pool, angles))
+        inside = keep & striker.inside(ready)
+        worst = cost[rows, when] + np.where(inside, 0.0, goal.largest_cost)
+        return ready[np.argsort(worst)[: effort.polished]]
+
+    def _wrapped(self, strikes: np.ndarray) -> np.ndarray:
+        """Strikes of an arm that turns, a whole turn back where that puts their first joint into the box."""
+        if not self.front.turns:
+            return strikes
+        first = [0, self.rollout.model.arm.n]
+        wrapped = strikes.copy()
+        middle = (self.striker.lower[first] + self.striker.upper[first]) / 2
+        mean = strikes[:, first].mean(axis=1) - middle.mean()
+        wrapped[:, first] -= (2 * np.pi * np.round(mean / (2 * np.pi)))[:, None]
+        return wrapped
+
+    def refined(self, starts: np.ndarray) -> np.ndarray:
+        """Strikes corrected until the mean hits, or they get no better; those without sound derivatives are left out.
+
+        Where the tip is nearest at rest, its direction and the instant of its closest approach have none.
+        """
+        slopes = self.striker.derivatives(starts, self.goals(len(starts)))
+        size = np.abs(slopes).max(axis=(1, 2))
+        sound = np.isfinite(size) & (size < STEEPEST)
+        if not sound.any():
+            return starts
+        return refine(self.striker, self.goals(int(sound.sum())), starts[sound], slopes[sound], steps=STEPS).strikes
+
+    def goals(self, count: int) -> Goals:
+        """The goal of so many strikes."""
+        return self.goal.rows(np.zeros(count, int))
+
+    def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> Passes:
+        """How every strike passes with every whip."""
+        order = [whip for _ in strikes for whip in whips]
+        near = self.rollout.approach(
+            np.repeat(strikes, len(whips), axis=0),
+            np.array(self.target.position),
+            t_stay=self.t_stay,
+            models=[whip.model for whip in order],
+            controllers=[whip.controller for whip in order if whip.controller is not None],
+        )
+        shape, velocity = (len(strikes), len(whips)), np.nan_to_num(near.velocity)
+        arrival = self.goal.arrival_speed(velocity)
+        short = np.zeros(len(order)) if self.goal.speed is None else np.clip(1 - arrival / self.goal.speed, 0, None)
+        distance = np.where(near.diverged, np.inf, near.distance)
+        columns = distance, self.goal.angle(velocity), short, np.linalg.norm(velocity, axis=1)
+        return Passes(*(x.reshape(shape) for x in columns))
+
+    def worth(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
+        """Probability of a hit less a little of the expected miss; what is beyond the limits is behind all else."""
+        passes = self.each(strikes, whips)
+        worth = passes.probability(self.goal, self.error, blur=_BLUR)
+        worth = worth - _PULL * np.minimum(passes.distance, _FAR).mean(axis=1)
+        if self.goal.directions is not None:
+            worth = worth - _PULL * passes.angle.mean(axis=1) / math.pi
+        beyond = self.striker.land(strikes, self.goals(len(strikes))).beyond
+        return worth - np.where(beyond > 0, 10 + np.minimum(beyond, 10), 0)
+
+    def sure(self, worth: float) -> bool:
+        """Whether a strike is worth as much as one that passes every whip's goal by little."""
+        little, middle = SURE * self.goal.hit_radius, np.zeros((1, 1))
+        angle = middle + SURE * self.goal.cone
+        passes = Passes(middle + little, angle, middle, middle + 10.0)
+        best = float(passes.probability(self.goal, self.error, blur=_BLUR)[0]) - _PULL * little
+        return worth >= best - (0 if self.goal.directions is None else _PULL * SURE * self.goal.cone / math.pi)
+
+    def report(
+        self,
+        strike: np.ndarray,
+        whips: Sequence[Plant],
+        rng: np.random.Generator,
+        spent: float,
+        tried: int,
+        *,
+        allowed: bool,
+    ) -> Plan:
+        """The choice in words and numbers."""
+        passes, landed = self.each(strike[None], whips), self.striker.land(strike[None], self.goal)
+        near = self.rollout.approach(strike[None], np.array(self.target.position), t_stay=self.t_stay)
+        miss = passes.distance[0]
+        probability = float(passes.probability(self.goal, self.error)[0])
+        steady = miss[np.isfinite(miss)]
+        expected = float(steady.mean()) if len(steady) else None
+        said = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"
+        if self.goal.directions is not None and len(steady):
+            said += f", {math.degrees(float(passes.angle[0][np.isfinite(miss)].mean())):.1f} degrees off the direction"
+        reason = (
+            f"of {tried} candidates the one that hits most probably: {probability:.0%} over {len(whips)} whips that "
+            f"are still possible, {said}, the tip at {float(near.speed[0]):.1f} m/s"
+        )
+        if not allowed:
+            reason += "; no strike was found within the limits"
+        drawn = np.sort(self.error.drawn(miss, rng))
+        misses = tuple(x if np.isfinite(x) else None for x in drawn.tolist())
+        vector = tuple(map(float, Strike.from_vector(strike).vector))
+        nearest, contact = float(landed.distance[0]), float(near.time[0])
+        return Plan(vector, probability, expected, nearest, None, reason, spent, allowed, misses, contact)
