@@ -24,6 +24,7 @@ OF_WHIPS = (
     "prior",
     "mend_labels",
     "tip",
+    "cameras",
 )  # options that speak of whips and cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
 
@@ -69,6 +70,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     mend_labels: bool = False
     """Put labels of markers back that were exchanged, and leave out points where one marker swallowed another; without
     it, such a recording is refused."""
+    cameras: str | None = None
+    """TOML file of the cameras in space, for recordings in pixels; default: the file that each recording names."""
     tip: str | None = None
     """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
 

@@ -10,9 +10,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
+from whiptool.recording.lens import distort
+from whiptool.recording.opencv import opencv
+from whiptool.recording.space_camera import SpaceCamera
 from whiptool.vision.boards import Board, Corners
-from whiptool.vision.opencv import opencv
-from whiptool.vision.space_camera import SpaceCamera, distort
 
 FEWEST = 6  # corners of a view: four fix a pose, more say whether it is right
 VIEWS = 5  # of a lens: three fix it in theory, tilted differently

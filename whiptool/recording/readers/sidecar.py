@@ -34,15 +34,18 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
 from whiptool.models.tables import read_toml
+from whiptool.recording.camera_files import read_cameras
 from whiptool.recording.readers import plane
 from whiptool.recording.readers.joint_log import read_joint_log
 from whiptool.recording.readers.table import read_columns
+from whiptool.recording.space_camera import SpaceCamera
 
 COMMON = (
     "camera", "exposure", "target", "t_stay", "start", "joints", "joint_columns", "joint_units", "joints_start",
     "strike", "controller",
 )  # fmt: skip
 SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
+VIEW = ("cameras", "sigma")  # of readers whose files hold pixels of a camera in space
 PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic")  # of readers whose files hold pixels
 CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
@@ -177,6 +180,22 @@ class Sidecar:
             start = self.number("joints_start", self.start)
             fields |= {"joints_t": t - start, "joints_q": self.radians(q), "joint_names": names}
         return fields
+
+    def view(self) -> SpaceCamera:
+        """The camera in space that a recording in pixels is of: the one called `camera` in the file `cameras`.
+
+        The file stands beside the sidecar; an option may name any.
+
+        Raises:
+            InputError: A key is missing, the file is none of cameras, or has none of that name.
+        """
+        name, cameras = self.table.get("camera"), self.table.get("cameras")
+        if cameras is None:
+            raise self.refuse("cameras", "the file of cameras in space, for a recording in pixels", "see write_cameras")
+        known = read_cameras(cameras if isinstance(cameras, Path) else self.file("cameras") or "")
+        if not isinstance(name, str) or name not in known:
+            raise self.refuse("camera", f"the camera that saw it, one of {', '.join(known)}")
+        return known[name]
 
     def _joint_columns(self) -> list[str] | None:
         """Names of the joint log's columns in the arm's order; None if the key is not there."""

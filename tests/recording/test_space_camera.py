@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.vision.space_camera import SpaceCamera, looking_at
+from whiptool.recording.space_camera import SpaceCamera, looking_at
 
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 RNG = np.random.default_rng(3)
