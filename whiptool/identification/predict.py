@@ -290,7 +290,7 @@ class _Reading:
             return place.ravel(), changed.reshape(len(dx), x.size), {name: d.ravel() for name, d in by.items()}, one
         slopes = self.view.slopes(place)  # (K', 2, 3)
         seen = {name: np.einsum("kij,kj->ki", slopes, d).ravel() for name, d in by.items()}
-        changed = np.einsum("kij,dkj->dki", slopes, changed).reshape(len(dx), -1)
+        changed = np.einsum("kij,dkj->dki", slopes, changed).reshape(len(dx), len(one))
         return self.view.project(place).ravel(), changed, seen, 1 / np.linalg.norm(slopes, axis=-1).ravel()
 
 
