@@ -49,9 +49,9 @@ def film_in_space(
     """
     path = CubicSpline(t, places)
     frames = np.arange(start, t[-1] - camera.readout - camera.exposure, 1 / camera.fps)
-    shares = (np.arange(40) + 0.5) / 40 - 0.5
+    shares = (np.arange(12) + 0.5) / 12 - 0.5
     pixels = np.zeros((len(frames), len(markers), 2))
-    for _ in range(15):  # a row's time and the marker's row
+    for _ in range(8):  # a row's time and the marker's row
         rows = pixels[..., 1] * camera.readout / camera.height
         for m in range(len(markers)):
             at = frames[:, None] + rows[:, m, None] + shares * camera.exposure

@@ -1,4 +1,4 @@
-"""What cameras in space saw, in pixels: readings beside OpenCV's and MuJoCo's, derivatives, and whips that come back."""
+"""What cameras in space saw, in pixels: readings beside OpenCV's and MuJoCo's, derivatives, whips that come back."""
 
 from __future__ import annotations
 

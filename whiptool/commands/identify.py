@@ -147,6 +147,7 @@ class _Run:
         found = [gather(name, tip=tip, handle=handle, cameras=cameras) for name in (*names, *held_out)]
         recordings = [self._labelled(name, r) for name, (r, _) in zip((*names, *held_out), found, strict=True)]
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
+        _check_cameras(recordings)
         self.plane = fit_plane(recordings) if self.model.dimension == 2 else None
         if self.plane is not None:
             check_one_plane(recordings, self.plane)
@@ -361,6 +362,22 @@ _DRIVEN = {
     "handle": "the tracked handle",
     "passive": "nothing",
 }
+
+
+def _check_cameras(recordings: Sequence[StrikeRecording]) -> None:
+    """Refuse what cameras saw that do not stand where they were calibrated.
+
+    Raises:
+        InputError: Two of them do not agree about where the markers were.
+    """
+    from whiptool.vision.track_agreement import disagreements, moved
+
+    if not (found := disagreements(recordings)):
+        return
+    name, told = moved(found), "; ".join(dict.fromkeys(map(str, found)))
+    which = f"{name} was moved" if name is not None else "one of them was moved, or markers or cameras were exchanged"
+    rule = "cameras that stand as they were calibrated, whose lines of sight to a marker meet"
+    raise InputError("cameras", f"lines of sight that pass each other: {told}", rule, f"{which}: calibrate again")
 
 
 def _file_names(sources: list[str]) -> list[str]:
