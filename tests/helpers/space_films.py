@@ -1,13 +1,32 @@
-"""Cameras in space that film a path by OpenCV's own projection: mean over the exposure, each row in its own time."""
+"""Cameras in space that film a path by OpenCV's own projection: mean over the exposure, each row in its own time.
+
+And a robot in MuJoCo with a whip, whose strikes they film while it writes its joints' log.
+"""
 
 from __future__ import annotations
 
-import cv2
+import dataclasses
+
 import numpy as np
+import pytest
 from scipy.interpolate import CubicSpline
 
+from whiptool.models import Model, WhipParameters, preset
+from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models.strike import Strike
 from whiptool.recording.space_camera import SpaceCamera, looking_at
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.servo_replay import replay_trajectory
+
+cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
+WHIP = WhipParameters(N=5, l=0.2, m=0.02, k=0.05, b=0.004, joints="universal", node_inertia=2e-6)
+ROBOT = dataclasses.replace(preset("ur5e"), whip=WHIP)
+STRIKES = (
+    Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1.6, -0.4, 0.2), 0.6),
+    Strike((-0.3, -1.5, 1.5, -1.2, -0.2, 0.1), (0.4, -1.7, 0.7, -0.7, 0.5, -0.3), 0.5),
+)
+LATE = {"left": 0.004, "right": -0.003}  # [s] of the cameras' clocks
+ENCODER = 2e-5  # [rad]
 
 K = np.array([[430.0, 0, 424], [0, 432.0, 238], [0, 0, 1]])
 LENS = (-0.11, 0.03, 1e-3, -5e-4, 0.01)
@@ -61,3 +80,18 @@ def film_in_space(
     inside = (pixels >= 0).all(axis=2) & (pixels < [camera.width, camera.height]).all(axis=2)
     pixels[~inside] = np.nan
     return StrikeRecording(t=frames + late, points=pixels, markers=markers, sigma=sigma, view=camera, **about)
+
+
+def filmed_by_two(model: Model, strike: Strike, seed: int) -> list[StrikeRecording]:
+    """Return what both cameras saw of a strike by MuJoCo's servos, each with the robot's joint log."""
+    rng, told = np.random.default_rng(seed), JointTrajectory.of_strike(strike, model.arm.joints, rest=0.1, t_stay=0.15)
+    path = replay_trajectory(model, told)
+    log = np.arange(0.0, path.t[-1], 0.02)
+    joints = CubicSpline(path.t, path.q[:, : model.arm.n])(log)
+    about = {
+        "joints_t": log - told.strike_begins,
+        "joints_q": joints + ENCODER * rng.standard_normal(joints.shape),
+        "t_stay": 0.15,
+    }
+    filmed = path.t - told.strike_begins, path.tip[:, None]
+    return [film_in_space(c, *filmed, rng=rng, late=LATE[c.name], **about) for c in (LEFT, RIGHT)]

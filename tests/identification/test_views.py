@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from space_films import LEFT, RIGHT, film_in_space
+from space_films import LEFT, ROBOT, STRIKES, WHIP, film_in_space, filmed_by_two
 
 from whiptool.errors import InputError
 from whiptool.identification.fit import Options, fit
@@ -15,53 +15,29 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.identification.summary import error_words, root_mean_square_pixels
 from whiptool.impedance import Controller, PositionControl
-from whiptool.models import WhipParameters, preset
-from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.servo_replay import replay_trajectory
 
-WHIP = WhipParameters(N=5, l=0.2, m=0.02, k=0.05, b=0.004, joints="universal", node_inertia=2e-6)
-MODEL = dataclasses.replace(preset("ur5e"), whip=WHIP)
-STRIKES = (
-    Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1.6, -0.4, 0.2), 0.6),
-    Strike((-0.3, -1.5, 1.5, -1.2, -0.2, 0.1), (0.4, -1.7, 0.7, -0.7, 0.5, -0.3), 0.5),
-)
 TRUE = {"whip.k": 0.05, "whip.b": 0.004, "whip.l": 0.2}
-ENCODER = 2e-5  # [rad]
 
 
 @pytest.fixture(scope="module")
 def seen():
     """Both strikes by MuJoCo's servos, filmed by two cameras whose clocks differ: a pair of recordings for each."""
-    pairs = []
-    for i, strike in enumerate(STRIKES):
-        rng, told = np.random.default_rng(i), JointTrajectory.of_strike(strike, MODEL.arm.joints, rest=0.1, t_stay=0.15)
-        path = replay_trajectory(MODEL, told)
-        log = np.arange(0.0, path.t[-1], 0.008)
-        joints = CubicSpline(path.t, path.q[:, : MODEL.arm.n])(log)
-        about = {
-            "joints_t": log - told.strike_begins,
-            "joints_q": joints + ENCODER * rng.standard_normal(joints.shape),
-            "t_stay": 0.15,
-        }
-        filmed = path.t - told.strike_begins, path.tip[:, None]
-        late = {"left": 0.004, "right": -0.003}
-        pairs.append([film_in_space(c, *filmed, rng=rng, late=late[c.name], **about) for c in (LEFT, RIGHT)])
-    return pairs
+    return [filmed_by_two(ROBOT, strike, seed) for seed, strike in enumerate(STRIKES)]
 
 
 @pytest.fixture(scope="module")
 def rolled():
     """A strike of the compiled model under its command."""
-    path = CompiledRollout(MODEL, Controller(PositionControl()), timestep=5e-4).trajectory(STRIKES[0], t_stay=0.1)
-    return path
+    return CompiledRollout(ROBOT, Controller(PositionControl()), timestep=5e-4).trajectory(STRIKES[0], t_stay=0.1)
 
 
 def test_a_view_reads_what_opencv_projects_of_the_same_path(rolled):
     """With a lens, rows read one after the other and a late clock; to what a mean over the exposure leaves."""
     film = film_in_space(LEFT, rolled.t, rolled.tip[:, None], late=0.02, strike=STRIKES[0])
-    plant = Plant(MODEL, Controller(PositionControl()))
+    plant = Plant(ROBOT, Controller(PositionControl()))
     predictor = Predictor([film], plant, drive="command", shared=["whip.k", "delay"], timestep=5e-4)
     (found,) = predictor(plant, {"delay": 0.02}, predictor.start, derivatives=False)
     off = found.value.reshape(-1, 2) - film.points[film.seen]
@@ -79,7 +55,7 @@ def test_a_view_reads_what_opencv_projects_of_the_same_path(rolled):
 def test_derivatives_of_views_are_those_of_differences(seen):
     """By numbers of the whip, a clock, the pose of what was measured, and every coefficient of the hand's motion."""
     recordings, shared = seen[0], ["whip.k", "whip.b", "delay"]
-    plant, given = Plant(MODEL, Controller()), {"delay": 0.003}
+    plant, given = Plant(ROBOT, Controller()), {"delay": 0.003}
     own = ("rotation_z", "shift_x", "scale")
     predictor = Predictor(recordings, plant, drive="joints", shared=shared, own=own)
     start = [x.copy() for x in predictor.start]
@@ -108,9 +84,9 @@ def test_derivatives_of_views_are_those_of_differences(seen):
 @pytest.mark.heavy
 def test_two_cameras_tell_a_whip_and_their_clocks(seen):
     """MuJoCo's whip on MuJoCo's robot, 0.3 pixels, nothing triangulated; the other strike is foreseen."""
-    guess = Plant(dataclasses.replace(MODEL, whip=dataclasses.replace(WHIP, k=0.07, b=0.006, l=0.19)), Controller())
+    guess = Plant(dataclasses.replace(ROBOT, whip=dataclasses.replace(WHIP, k=0.07, b=0.006, l=0.19)), Controller())
     how = Options(drive="joints", per_recording=("delay",))
-    found = fit(seen[0], guess, ["k", "b", "l"], held_out=seen[1], options=how)
+    found = fit(seen[0], guess, ["k", "b", "l"], held_out=seen[1][:1], options=how)
     for name, true in TRUE.items():
         low, high = found[name].interval
         assert low <= true <= high, (name, found[name])
@@ -119,15 +95,15 @@ def test_two_cameras_tell_a_whip_and_their_clocks(seen):
     np.testing.assert_allclose(clocks, [0.004, -0.003], atol=2e-3)
     assert root_mean_square_pixels(found.recordings) == pytest.approx(0.3, rel=0.15)
     assert root_mean_square_pixels(found.held_out) < 0.4
-    for film in found.held_out:  # about three metres away, a pixel is some 7 mm
-        assert 5e-3 < film.rmse / film.pixels < 9e-3
+    for film in found.held_out:  # two to three metres away, a pixel is some 5 to 7 mm
+        assert 4e-3 < film.rmse / film.pixels < 9e-3
     assert "pixels" in error_words(found.held_out)
 
 
 def test_one_log_for_two_cameras_is_counted_once(seen):
     """Where the joints err most, a camera's twin beside it must not make the whip better known."""
     pair = seen[0][0], dataclasses.replace(seen[0][0])
-    plant = Plant(MODEL, Controller())
+    plant = Plant(ROBOT, Controller())
     one, two = (Predictor(list(x), plant, drive="joints", shared=["whip.k"]) for x in (pair[:1], pair))
     assert (one.sharing, two.sharing) == ([1], [2, 2])
 

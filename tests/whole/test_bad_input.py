@@ -485,6 +485,8 @@ identify --loss cauchy | huber, none
 identify --prior absent.toml | absent.toml
 identify --prior empty.toml | empty.toml
 identify --tip absent.toml | absent.toml
+identify --cameras absent.toml | --cameras
+identify --drive free --cameras looks.toml | --cameras
 identify --tip zero.toml | zero.toml
 identify --tip looks.toml | --tip
 identify --out taken | new or empty
