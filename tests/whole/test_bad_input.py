@@ -467,7 +467,7 @@ identify --drive free --profile | --profile
 identify --drive free --mend-labels | --mend-labels
 identify --drive free --per-recording delay | --per-recording
 identify --drive joints --controller constant | --controller
-identify --model ur5e --profile --free length --drive handle | joints or command
+identify --model ur5e --profile --free length --drive handle | hand or command
 identify --model ur5e --profile --free length --drive joints --per-recording rotation | rotation_x
 identify --drive handle --preset printed | --preset
 identify --clamp 0.1 | --clamp

@@ -359,6 +359,8 @@ class _Run:
 _DRIVEN = {
     "command": "the command",
     "joints": "the measured joints",
+    "robot": "the command, behind a lag of the robot",
+    "hand": "the hand's measured pose",
     "handle": "the tracked handle",
     "passive": "nothing",
 }

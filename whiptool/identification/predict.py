@@ -18,7 +18,15 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.batch import Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
 
-TIMESTEP = {"command": 2.5e-4, "joints": 1e-3, "handle": 1e-3, "passive": 1e-3, "free": 1e-3}  # [s]
+TIMESTEP = {
+    "command": 2.5e-4,
+    "robot": 1e-3,
+    "joints": 1e-3,
+    "hand": 1e-3,
+    "handle": 1e-3,
+    "passive": 1e-3,
+    "free": 1e-3,
+}  # [s]
 _INTERVAL = 1e-3  # [s] between samples of a path
 
 Recording = StrikeRecording | AngleRecording
@@ -47,7 +55,7 @@ class Predictor:
     Args:
         recordings: What was measured.
         plant: Of which some numbers vary; its structure is kept.
-        drive: What drives the whip: `command`, `joints`, `handle`, `passive`, `free`.
+        drive: What drives the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
         shared: Names of what is free and the same for all recordings: numbers of the plant, or of `NUISANCE`.
         own: Of `NUISANCE`, what is free for each recording on its own; and `start`, its state at the start.
         timestep: Of the integrator [s].
@@ -129,8 +137,9 @@ class Predictor:
         """
         rates = slopes(plant, self._of_plant) if derivatives else []
         counts = [sum(len(x) for x in d.unknowns.values()) for d in self.drives]
-        packed = self.drives[0].pack(plant, rates)
-        shots = [d.shot(plant, packed, x[:k]) for d, x, k in zip(self.drives, own, counts, strict=True)]
+        packed = {d.packed_like: d for d in self.drives}
+        packed = {like: d.pack(plant, rates) for like, d in packed.items()}
+        shots = [d.shot(plant, packed[d.packed_like], x[:k]) for d, x, k in zip(self.drives, own, counts, strict=True)]
         paths = self._roll(shots, derivatives=derivatives)
         found = []
         for i, (path, dpath) in enumerate(paths):
@@ -295,11 +304,17 @@ class _Reading:
 
 
 def _sharing(recording: Recording, recordings: Sequence[Recording]) -> int:
-    """Return how many recordings have the joint log of this one: those of several cameras that saw one strike."""
-    if not isinstance(recording, StrikeRecording) or recording.joints_q is None:
+    """Return how many recordings have the log of this one: those of several cameras that saw one strike."""
+    if (log := _log(recording)) is None:
         return 1
-    logs = [r.joints_q for r in recordings if isinstance(r, StrikeRecording) and r.joints_q is not None]
-    return sum(np.array_equal(log, recording.joints_q) for log in logs)
+    return sum(other is not None and np.array_equal(log, other) for other in map(_log, recordings))
+
+
+def _log(recording: Recording) -> np.ndarray | None:
+    """Return what was measured of the arm or hand; None where nothing was."""
+    if not isinstance(recording, StrikeRecording):
+        return None
+    return recording.joints_q if recording.hand_pose is None else recording.hand_pose
 
 
 def _readings(recording: Recording, drive: Drive) -> _Reading:

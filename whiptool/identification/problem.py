@@ -31,8 +31,9 @@ class Options:
     """How to fit.
 
     Args:
-        drive: What drives the whip: `command`, `joints`, `handle`, `passive` (nothing: it is held still and was
-            released), `free` (of a pendulum's angles).
+        drive: What drives the whip: `command`, `robot` (the command, which a position-controlled arm in space follows
+            behind a lag that is fitted), `joints`, `hand` (its measured pose, in space), `handle`, `passive` (nothing:
+            it is held still and was released), `free` (of a pendulum's angles).
         per_recording: Nuisance that each recording has its own value of: of `NUISANCE`, see
             `whiptool.identification.placement`; `start`, the state at the start (always, in a passive or free swing).
         bounds: Of free numbers, by name.

@@ -112,7 +112,7 @@ def parameters_section(fit: Fit) -> Section:
     return Section("Parameters", said)
 
 
-_KNOWN = {"handle": "the handle's path was", "joints": "the measured joints were"}
+_KNOWN = {"handle": "the handle's path was", "joints": "the measured joints were", "hand": "the hand's pose was"}
 
 
 def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Section:

@@ -56,6 +56,9 @@ class StrikeRecording:
         sha256: Of the source's bytes.
         joint_names: Of the columns of `joints_q`, (a,); empty: they are in the arm's order.
         view: The camera that saw the markers, where they are in pixels; None: they are places.
+        hand_t: Times of the hand's measured poses [s], (S,), strictly increasing.
+        hand_pose: Place [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of the arm's base,
+            (S, 7); the hand's axes are those of a model: the whip hangs along its -z.
 
     Raises:
         InputError: Shapes do not fit, times do not increase, nothing was seen, or the units cannot be right.
@@ -78,6 +81,8 @@ class StrikeRecording:
     sha256: str = ""
     joint_names: tuple[str, ...] = ()
     view: SpaceCamera | None = None
+    hand_t: np.ndarray | None = None
+    hand_pose: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -152,6 +157,11 @@ class StrikeRecording:
         if names and (len(names) != width or len(set(names)) < len(names)):
             raise InputError("joint_names", names, f"{width} different names, one for each column of joints_q, or none")
         put("joint_names", names)
+        if (self.hand_t is None) != (self.hand_pose is None):
+            raise InputError("hand_pose", "one of hand_t and hand_pose", "both or neither")
+        if self.hand_t is not None:
+            put("hand_t", _times("hand_t", self.hand_t))
+            put("hand_pose", _poses(self.hand_pose, len(self.hand_t)))
 
     @property
     def seen(self) -> np.ndarray:
@@ -262,6 +272,20 @@ class StrikeRecording:
         from whiptool.recording.npz import read_npz
 
         return read_npz(path, cls, [f.name for f in dataclasses.fields(cls)], layout=FORMAT)
+
+
+def _poses(value: object, count: int) -> np.ndarray:
+    """Places and unit quaternions (count, 7)."""
+    poses = _numbers("hand_pose", value)
+    if poses.shape != (count, 7) or not np.isfinite(poses).all():
+        raise InputError("hand_pose", f"shape {poses.shape}", f"finite numbers of shape ({count}, 7)")
+    if not (farthest := np.abs(poses[:, :3]).max()) <= FARTHEST:
+        raise InputError("hand_pose", float(farthest), f"places within {FARTHEST:g} m", "are these millimetres?")
+    size = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    if np.abs(size - 1).max() > 1e-2:
+        raise InputError("hand_pose", float(size[np.abs(size - 1).argmax(), 0]), "quaternions (x, y, z, w) of length 1")
+    poses[:, 3:] /= size
+    return poses
 
 
 def _check_in_image(points: np.ndarray, view: SpaceCamera) -> None:

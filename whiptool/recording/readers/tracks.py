@@ -24,6 +24,7 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
+from whiptool.models.joint_trajectory import POSE
 from whiptool.recording.camera_files import write_cameras
 from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.joint_log import POSITION
@@ -177,6 +178,10 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
             named = [POSITION + name for name in recording.joint_names]
             names = ["t", *(named or [f"q_{i + 1}" for i in range(angles.shape[1])])]
             _write_columns(files[-1], names, np.column_stack([recording.joints_t, angles]))
+        if recording.hand_t is not None and recording.hand_pose is not None:
+            files.append(path.with_suffix(".hand.csv"))
+            table["hand"] = files[-1].name
+            _write_columns(files[-1], ["t", *POSE], np.column_stack([recording.hand_t, recording.hand_pose]))
         if recording.strike is not None:
             s = recording.strike
             table["strike"] = {"q_i": list(s.q_i), "q_f": list(s.q_f), "D": s.D}
