@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from recordings import STRIKE, T, same, times, write_rows
+from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.recording.camera_files import write_cameras
@@ -82,6 +83,27 @@ def test_a_table_of_pixels_and_a_file_of_cameras(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     moved = (tmp_path / "cameras.toml").rename(tmp_path / "elsewhere" / "others.toml")
     assert read_recording(tmp_path / "a.csv", cameras=moved, camera="left").view.name == "left"
+
+
+def test_the_hands_poses_come_with_a_recording(tmp_path):
+    """As an exported trajectory has them, by the hand's own clock; a quaternion of another length is none."""
+    poses = np.hstack([np.zeros((T, 3)), Rotation.random(T, rng=np.random.default_rng(0)).as_quat()])
+    film = seen(hand_t=times() - 0.05, hand_pose=poses)
+    assert (tmp_path / "a.hand.csv") in write_csv(film, tmp_path / "a.csv")
+    film.save(tmp_path / "a.npz")
+    for name in ("a.csv", "a.npz"):
+        back = read_recording(tmp_path / name)
+        np.testing.assert_array_equal(back.hand_t, film.hand_t)
+        np.testing.assert_allclose(back.hand_pose, poses, atol=1e-15)
+    assert read_recording(tmp_path / "a.csv", hand_start=2.0).hand_t[0] == -2.05
+    for change, said in (
+        ({"hand_pose": 2 * poses}, "of length 1"),
+        ({"hand_pose": poses[:, :6]}, "shape"),
+        ({"hand_pose": None}, "both or neither"),
+        ({"hand_pose": poses + 1e3 * np.eye(7)[0]}, "millimetres"),
+    ):
+        with pytest.raises(InputError, match=said):
+            dataclasses.replace(film, **change)
 
 
 @pytest.mark.parametrize(
