@@ -51,15 +51,14 @@ STRIKES = default_bounds(ARM.arm).sample(np.random.default_rng(1), 4)
 LATE = {"left": 0.006, "right": -0.004}  # [s] of each camera's clock
 
 
-def camera(name: str, position: tuple[float, float, float], start: float) -> tuple[SpaceCamera, float]:
+def placed(name: str, position: tuple[float, float, float], start: float) -> tuple[SpaceCamera, float]:
     """A camera like a D435's infrared one, but with a rolling shutter, and when its first frame starts [s]."""
     K = np.array([[426.0, 0, 423.5], [0, 426.0, 239.5], [0, 0, 1]])
     turned = looking_at(position, (0.3, 0.0, -0.1))
-    timing = {"fps": 60.0, "exposure": 4e-3, "readout": 12e-3}
-    return SpaceCamera(name, 848, 480, K, turned, np.array(position), **timing), start
+    return SpaceCamera(name, 848, 480, K, turned, np.array(position), fps=60.0, exposure=4e-3, readout=12e-3), start
 
 
-CAMERAS = (camera("left", (2.6, 3.0, 0.5), 0.002), camera("right", (1.4, -3.7, 0.1), 0.009))
+CAMERAS = (placed("left", (2.6, 3.0, 0.5), 0.002), placed("right", (1.4, -3.7, 0.1), 0.009))
 
 
 @dataclass(frozen=True)
