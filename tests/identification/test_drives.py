@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.identification.drives import CommandDrive, FreeDrive
@@ -14,7 +15,7 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
-from whiptool.models.kinematics import chain_motion
+from whiptool.models.kinematics import arm_frames, chain_motion
 from whiptool.models.parameters import ArmLink, WhipParameters
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
@@ -108,3 +109,41 @@ def test_in_space_the_command_drives_a_whip_as_the_rollout_has_it(monkeypatch):
     flat = replace(seen, points=seen.points[..., :2])
     with pytest.raises(InputError, match=r"points: got 'in a plane'.*z up"):
         Predictor([flat], plant, drive="command", shared=["whip.k"])
+
+
+@pytest.mark.heavy
+def test_the_hands_pose_drives_a_whip_as_its_arms_joints_do():
+    """Motion capture of the hand beside the joints' log of the same motion, with quaternions of either sign."""
+    whip = WhipParameters(N=5, l=0.2, m=0.02, k=0.05, b=0.004, joints="universal", node_inertia=2e-6)
+    robot = replace(preset("ur5e"), whip=whip)
+    log, strike = (
+        np.arange(-0.05, 0.7, 0.01),
+        Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1.6, -0.4, 0.2), 0.6),
+    )
+    joints = strike.reference(log)[0]
+    hand = arm_frames(robot.arm, joints)[-1]
+    turned = Rotation.from_matrix(hand.rotation).as_quat()
+    turned[::4] *= -1
+    t = np.arange(0, 0.65, 1 / 60)
+    places = np.random.default_rng(0).normal(size=(len(t), 2, 3))
+    seen = StrikeRecording(
+        t,
+        places,
+        ("tip", "node2"),
+        joints_t=log,
+        joints_q=joints,
+        hand_t=log,
+        hand_pose=np.hstack([hand.origin, turned]),
+    )
+    plant, shared = Plant(robot, Controller()), ["whip.k", "whip.l"]
+    found = {}
+    for drive in ("joints", "hand"):
+        predictor = Predictor([seen], plant, drive=drive, shared=shared)
+        (found[drive],) = predictor(plant, {}, predictor.start, derivatives=True)
+    np.testing.assert_allclose(found["hand"].value, found["joints"].value, atol=1e-4)
+    scale = np.abs(found["joints"].by_shared).max(axis=0)
+    np.testing.assert_allclose(found["hand"].by_shared / scale, found["joints"].by_shared / scale, atol=1e-3)
+    with pytest.raises(InputError, match="one with the hand's pose"):
+        Predictor([replace(seen, hand_t=None, hand_pose=None)], plant, drive="hand", shared=shared)
+    with pytest.raises(InputError, match="for a model in the plane"):
+        Predictor([seen], Plant(preset("lemon2024"), Controller()), drive="hand", shared=shared)

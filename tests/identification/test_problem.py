@@ -66,6 +66,7 @@ class Linear:
                 value=SHARED[i] @ shared + OWN[i][:, : self.width] @ (x - self.start[i]),
                 by_shared=SHARED[i],
                 by_own=OWN[i][:, : self.width],
+                size=np.ones(ROWS),
             )
             for i, x in enumerate(own)
         ]
@@ -85,7 +86,7 @@ Z = np.array([v.z(x) for v, x in zip(VARIABLES, TRUE.values())])
 
 
 def made(*, per_recording=(), prior=None, loss=None, count=2) -> Problem:
-    recordings = [SimpleNamespace(source=f"r{i}", t=np.arange(10.0)) for i in range(count)]
+    recordings = [SimpleNamespace(source=f"r{i}", t=np.arange(10.0), view=None) for i in range(count)]
     options = Options(per_recording=per_recording, prior=prior, loss=loss, tolerance=1e-12)
     return Problem(recordings, Plant(), NAMES, VARIABLES, options)  # type: ignore[arg-type]
 

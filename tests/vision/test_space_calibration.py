@@ -9,9 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
+from whiptool.recording.space_camera import SpaceCamera, looking_at
+from whiptool.vision.board_agreement import agree
 from whiptool.vision.boards import CharucoBoard, Corners
-from whiptool.vision.space_calibration import Lens, Pose, agree, calibrate_cameras, calibrate_lens
-from whiptool.vision.space_camera import SpaceCamera, looking_at
+from whiptool.vision.space_calibration import Lens, Pose, calibrate_cameras, calibrate_lens
 
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 BOARD = CharucoBoard((9, 7), 0.05, 0.035)

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from whiptool.errors import InputError
-from whiptool.vision.space_camera import SpaceCamera, looking_at
+from whiptool.recording.space_camera import SpaceCamera, looking_at
 from whiptool.vision.triangulation import triangulate
 
 pytest.importorskip("cv2", reason="needs the extra `vision`")

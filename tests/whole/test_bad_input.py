@@ -492,7 +492,7 @@ identify --drive free --profile | --profile
 identify --drive free --mend-labels | --mend-labels
 identify --drive free --per-recording delay | --per-recording
 identify --drive joints --controller constant | --controller
-identify --model ur5e --profile --free length --drive handle | joints or command
+identify --model ur5e --profile --free length --drive handle | hand or command
 identify --model ur5e --profile --free length --drive joints --per-recording rotation | rotation_x
 identify --drive handle --preset printed | --preset
 identify --clamp 0.1 | --clamp
@@ -510,6 +510,8 @@ identify --loss cauchy | huber, none
 identify --prior absent.toml | absent.toml
 identify --prior empty.toml | empty.toml
 identify --tip absent.toml | absent.toml
+identify --cameras absent.toml | --cameras
+identify --drive free --cameras looks.toml | --cameras
 identify --tip zero.toml | zero.toml
 identify --tip looks.toml | --tip
 identify --out taken | new or empty

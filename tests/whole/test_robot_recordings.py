@@ -16,6 +16,9 @@ from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import identify
+from whiptool.identification.fit import Options as Fitting
+from whiptool.identification.fit import fit
+from whiptool.identification.plant import Plant
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import Model, WhipParameters, preset, read_model, write_model
 from whiptool.models.arm_limits import ArmLimits
@@ -90,10 +93,26 @@ def flat(text: str) -> str:
     return "\n".join(line.rsplit(",", 1)[0] for line in text.splitlines())
 
 
+def test_without_a_log_the_command_and_a_lag_tell_the_whip(lab):
+    """The lab's robot lags behind what it is told by 20 ms; its joints' log is not looked at."""
+    files = [read_recording(lab / f"strike{i}.csv", strike=strike) for i, strike in enumerate(STRIKES)]
+    bare = [dataclasses.replace(r, joints_t=None, joints_q=None, joint_names=()) for r in files]
+    plant = Plant(read_model(lab / "guess.toml"), Controller())
+    found = fit(bare[0], plant, ["k", "b", "l"], held_out=bare[1:], options=Fitting(drive="robot"))
+    for name, true in TRUE.items():
+        low, high = found[name].interval
+        assert low <= true <= high, found[name]
+    for recording in (*found.recordings, *found.held_out):
+        assert recording.own["lag[0]"] == pytest.approx(robot_lab.LAG, abs=1e-3)
+    assert found.held_out[0].predicted_from is not None
+    assert found.recordings[0].rmse == pytest.approx(robot_lab.MARKER, rel=0.1)
+    assert found.held_out[0].rmse < 5 * robot_lab.MARKER  # its lag is known from the slow half only
+
+
 @pytest.mark.parametrize(
     ("change", "drive", "said"),
     [
-        (str, "handle", "drive: got 'handle'; allowed: joints or command"),
+        (str, "handle", "drive: got 'handle'; allowed: joints, robot, hand or command"),
         (flat, "joints", "points: got 'in a plane'; allowed: places in space"),
     ],
 )

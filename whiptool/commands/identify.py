@@ -140,19 +140,31 @@ class _Run:
             raise InputError(
                 "--tip", self.options.tip, "nothing: no recording is a film, in which the tip is looked for"
             )
-        handle = self.options.drive == "handle"
+        cameras, handle = self._cameras([*names, *held_out]), self.options.drive == "handle"
         if self.model.dimension == 3 and (films := [x for x in (*names, *held_out) if is_film(x)]):
-            rule = "motion capture, of a model in space: a camera sees its strikes in one plane only"
+            rule = "motion capture, or markers in pixels of cameras in space (tip_u, tip_v), of a model in space"
             raise InputError("recording", films[0], rule)
-        found = [gather(name, tip=tip, handle=handle) for name in (*names, *held_out)]
+        found = [gather(name, tip=tip, handle=handle, cameras=cameras) for name in (*names, *held_out)]
         recordings = [self._labelled(name, r) for name, (r, _) in zip((*names, *held_out), found, strict=True)]
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
+        _check_cameras(recordings)
         self.plane = fit_plane(recordings) if self.model.dimension == 2 else None
         if self.plane is not None:
             check_one_plane(recordings, self.plane)
             recordings = [self.plane.project(recording) for recording in recordings]
         self.recordings, self.held_out = recordings[: len(names)], recordings[len(names) :]
         return common_controller(recordings)
+
+    def _cameras(self, names: list[str]) -> Path | None:
+        """The file of the cameras, if it was given and a recording is in pixels."""
+        from whiptool.identification.gather import in_pixels
+
+        if self.options.cameras is None:
+            return None
+        if not any(in_pixels(name) for name in names):
+            nothing = "nothing: no recording is in pixels (columns tip_u, tip_v)"
+            raise InputError("--cameras", self.options.cameras, nothing)
+        return Path(self.options.cameras)
 
     def _check_fit(self) -> None:
         """Refuse what the fit would refuse, before it begins."""
@@ -199,7 +211,7 @@ class _Run:
     def fit(self) -> None:
         """Fit, for every number of nodes that is to be tried."""
         from whiptool.identification.fit import best_nodes, fit
-        from whiptool.identification.summary import root_mean_square
+        from whiptool.identification.summary import error_words, root_mean_square
 
         self.tried: list[tuple[int, float, float]] = []
         fits: dict[int, Fit] = {}
@@ -211,10 +223,8 @@ class _Run:
             fits[N] = fit(self.recordings, plant, self.free, held_out=self.held_out, options=self.how)
             inside, outside = (root_mean_square(x) for x in (fits[N].recordings, fits[N].held_out))
             assert inside is not None
-            self._say(
-                f"{fits[N].status.value}; RMS {1e3 * inside:.3g} mm"
-                + ("" if outside is None else f", held out {1e3 * outside:.3g} mm")
-            )
+            held_out = f", held out {error_words(fits[N].held_out)}" if self.held_out else ""
+            self._say(f"{fits[N].status.value}; RMS {error_words(fits[N].recordings)}{held_out}")
             if self.options.nodes:
                 assert outside is not None
                 self.tried.append((N, inside, outside))
@@ -326,17 +336,16 @@ class _Run:
         return facts | recording_facts([*self.recordings, *self.held_out])
 
     def _text(self, summary: dict[str, Any], path: Path) -> str:
-        from whiptool.identification.summary import bound_lines, misfit_line, parameter_lines
+        from whiptool.identification.summary import bound_lines, error_words, misfit_line, parameter_lines
 
         lines = [
             f"{self.found.status.value}; {summary['fit_time']:.1f} s; 95 % intervals",
             *parameter_lines(self.found),
         ]
-        held_out = summary["held_out_rmse"]
-        said = "none held out" if held_out is None else f"{1e3 * held_out:.3g} mm held out"
+        said = f"{error_words(self.found.held_out)} held out" if self.held_out else "none held out"
         if any(r.predicted_from is not None for r in self.found.held_out):
             said += " (second half; the first half gave what is unknown of each)"
-        lines.append(f"  error RMS   {1e3 * summary['rmse']:.3g} mm fitted, {said}")
+        lines.append(f"  error RMS   {error_words(self.found.recordings)} fitted, {said}")
         if self.plane is not None:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
         lines.append(f"  misfit      {misfit_line(self.found)}")
@@ -350,9 +359,27 @@ class _Run:
 _DRIVEN = {
     "command": "the command",
     "joints": "the measured joints",
+    "robot": "the command, behind a lag of the robot",
+    "hand": "the hand's measured pose",
     "handle": "the tracked handle",
     "passive": "nothing",
 }
+
+
+def _check_cameras(recordings: Sequence[StrikeRecording]) -> None:
+    """Refuse what cameras saw that do not stand where they were calibrated.
+
+    Raises:
+        InputError: Two of them do not agree about where the markers were.
+    """
+    from whiptool.vision.track_agreement import disagreements, moved
+
+    if not (found := disagreements(recordings)):
+        return
+    name, told = moved(found), "; ".join(dict.fromkeys(map(str, found)))
+    which = f"{name} was moved" if name is not None else "one of them was moved, or markers or cameras were exchanged"
+    rule = "cameras that stand as they were calibrated, whose lines of sight to a marker meet"
+    raise InputError("cameras", f"lines of sight that pass each other: {told}", rule, f"{which}: calibrate again")
 
 
 def _file_names(sources: list[str]) -> list[str]:

@@ -12,7 +12,7 @@ from whiptool.options import LawOptions, ModelOptions, Preset, ResumableOptions,
 from whiptool.options.controller import CONTROLLERS
 from whiptool.options.scene import MODELS
 
-Drive = Literal["command", "joints", "handle", "passive", "free"]
+Drive = Literal["command", "joints", "robot", "hand", "handle", "passive", "free"]
 Own = Literal[
     "delay", "scale", "rotation", "shift_x", "shift_y", "start", "rotation_x", "rotation_y", "rotation_z", "shift_z"
 ]
@@ -24,6 +24,7 @@ OF_WHIPS = (
     "prior",
     "mend_labels",
     "tip",
+    "cameras",
 )  # options that speak of whips and cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
 
@@ -39,7 +40,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     free: tuple[str, ...] = ("k", "b", "m")
     """What to fit: names such as k (for whip.k), whip.k[3], arm.mass[0], gravity, law.a, bending_stiffness, delay."""
     drive: Drive = "command"
-    """What drives the whip: command (the strike, controller in the loop), joints (measured), handle (tracked), passive
+    """What drives the whip: command (the strike, controller in the loop), joints (measured), in space robot (the
+    command, followed behind a first-order lag that is fitted) and hand (its measured pose), handle (tracked), passive
     (nothing: held still and released by hand; the first state is free); free: a pendulum of links by its angles."""
     clamp: float | None = None
     """With passive: the whip is clamped, and the clamp points there, 0 straight down [rad]; a first guess if clamp is
@@ -69,6 +71,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     mend_labels: bool = False
     """Put labels of markers back that were exchanged, and leave out points where one marker swallowed another; without
     it, such a recording is refused."""
+    cameras: str | None = None
+    """TOML file of the cameras in space, for recordings in pixels; default: the file that each recording names."""
     tip: str | None = None
     """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
 

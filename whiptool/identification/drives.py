@@ -1,4 +1,5 @@
-"""What drives the whip in a recording: the command, measured joints, the tracked handle, or nothing but a release.
+"""What drives the whip in a recording: the command, a robot that follows it, measured joints, the hand's pose, the
+tracked handle, or nothing but a release.
 
 A drive turns a plant into what the engine rolls out for one recording: parameters, start, inputs, and how each changes
 with the plant's free numbers and with what is unknown about this recording.
@@ -8,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -17,18 +18,21 @@ from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
 from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
+from whiptool.identification.lagged_motion import LaggedReference
 from whiptool.identification.motion import HandleMotion, JointMotion, Motion, SpatialJointMotion, StillMotion
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Identifiable, Plant, Quantities
 from whiptool.impedance.controller import Controller
+from whiptool.models.free_hand import hand_joints
 from whiptool.models.parameters import ArmParameters, Model
+from whiptool.models.spatial_arm import SpatialArm
 from whiptool.recording.strike_recording import StrikeRecording
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
 BEFORE = 0.05  # [s] before a robot's command from which its log is followed: it and the whip are at rest until then
 MARGIN = 0.1  # [s] that a path goes on after the last reading, so that a delay can be found
 _RELEASE = 0.1  # [s] through which a released whip's marker moves along a parabola
-DRIVES = ("command", "joints", "handle", "passive", "free")
+DRIVES = ("command", "joints", "robot", "hand", "handle", "passive", "free")
 
 
 @dataclass
@@ -82,6 +86,11 @@ class Drive:
     steps: int
     hold: int = 1
     unknowns: dict[str, np.ndarray]
+
+    @property
+    def packed_like(self) -> object:
+        """Equal for drives that pack a plant alike."""
+        return None
 
     def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
         """The plant as the engine takes it, the same for all recordings; its quantities change by `slopes`."""
@@ -168,7 +177,7 @@ class CommandDrive(Drive):
 
 
 class SwingDrive(Drive):
-    """The whip alone, its hand's motion prescribed: by measured joints, the tracked handle, or because it is still."""
+    """The whip alone, its hand's motion prescribed: by what was measured, by a robot's command, or for it is still."""
 
     _NAMES: ClassVar = {
         "length": "whip.l", "mass": "whip.m", "stiffness": "whip.k", "damping": "whip.b", "gravity": "gravity",
@@ -190,6 +199,7 @@ class SwingDrive(Drive):
         knots: float | None,
     ) -> None:
         self._arm, whip = plant.model.arm, plant.held.whip
+        self._own_arm = kind == "hand"
         for name in free:
             if name.startswith(("arm.", "law.", "torque_limit")):
                 raise InputError(
@@ -198,6 +208,8 @@ class SwingDrive(Drive):
                     "a number of the whip, where the base's motion is prescribed",
                     "drive by command",
                 )
+        if kind in ("robot", "hand") and plant.model.dimension == 2:
+            raise InputError("drive", kind, "joints, handle, command or passive, for a model in the plane")
         if plant.model.dimension == 3:
             _check_in_space(kind, unknown=unknown, rods=whip.joints == "rod")
         terms = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness")
@@ -211,10 +223,16 @@ class SwingDrive(Drive):
         self.structure = SwingStructure.of(
             n=whip.N, moving=True, point_masses=True, used=tuple(used), joints=whip.joints
         )
-        make = {"joints": self._measured_joints, "handle": self._tracked_handle, "passive": self._still}[kind]
+        make = {
+            "joints": self._measured_joints,
+            "robot": self._followed_command,
+            "hand": self._measured_hand,
+            "handle": self._tracked_handle,
+            "passive": self._still,
+        }[kind]
         # a whip that hangs at rest hangs from a hand at rest: the tip would keep any speed that its base begins with
         self.motion: Motion = make(recording, plant, h, {"knots": knots, "at_rest": not unknown})
-        self.unknowns = {"motion": self.motion.start}
+        self.unknowns = {"lag" if kind == "robot" else "motion": self.motion.start}
         if kind == "passive":
             self.unknowns["start"] = released(recording, plant, _hand(recording))
         elif unknown:
@@ -229,12 +247,35 @@ class SwingDrive(Drive):
                 "or drive by command or handle",
             )
         arm, t = plant.model.arm, recording.joints_t
-        self.start = float(t[0])
         if isinstance(arm, ArmParameters):
+            self.start = float(t[0])
             return JointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
+        return self._in_space(recording, t, recording.joints_q, arm, h, options)
+
+    def _followed_command(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+        if recording.strike is None:
+            fix = "or drive by joints or hand"
+            raise InputError("recording", recording.source or "a recording", "one with its strike's command", fix)
+        arm, self.start = plant.model.arm, 0.0
+        assert isinstance(arm, SpatialArm)
+        if len(recording.strike.q_i) != arm.n:
+            raise InputError("strike", recording.strike.vector.tolist(), f"a strike of the arm's {arm.n} joints")
+        return LaggedReference(recording.strike, arm, self._instants(recording, h))
+
+    def _measured_hand(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+        if recording.hand_t is None or recording.hand_pose is None:
+            fix = "or drive by joints or command"
+            raise InputError("recording", recording.source or "a recording", "one with the hand's pose", fix)
+        self._arm, joints = hand_joints(recording.hand_pose)
+        return self._in_space(recording, recording.hand_t, joints, self._arm, h, options)
+
+    def _in_space(
+        self, recording: StrikeRecording, t: np.ndarray, q: np.ndarray, arm: SpatialArm, h: float, options: dict
+    ) -> Motion:
+        self.start = float(t[0])
         if options["at_rest"]:  # a robot's log holds its way to the start, too
             self.start = max(self.start, -BEFORE)
-        return SpatialJointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
+        return SpatialJointMotion(t, q, arm, self._instants(recording, h), **options)
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
         if "handle" not in recording.markers:
@@ -263,14 +304,24 @@ class SwingDrive(Drive):
         self.steps = math.ceil((_end(recording) + MARGIN - self.start) / h)
         return self.start + h * np.arange(self.steps + 2)
 
+    @property
+    def packed_like(self) -> object:
+        return self._arm if self._own_arm else None
+
+    def _held(self, plant: Plant) -> Model:
+        """The model as it is held, by the hand alone where no arm was measured."""
+        return replace(plant.held, arm=self._arm) if self._own_arm else plant.held
+
     def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
         assert isinstance(plant, Plant)
         assert isinstance(self.structure, SwingStructure)
         each = [{name: of[block] for name, block in self._NAMES.items()} for of in (plant.quantities(), *slopes)]
         p, *dp = (self.structure.pack(numbers) for numbers in each)
         controller = Controller()  # any: only the whip's weight and springs matter for how it hangs
-        S = Structure.of(plant.held, controller, free=[f"whip.{name}" for name in self.structure.optional])
-        hanging = S, *_packed(S, plant.held, controller, slopes)
+        held = self._held(plant)
+        S = Structure.of(held, controller, free=[f"whip.{name}" for name in self.structure.optional])
+        of_whip = [{k: x for k, x in slope.items() if not k.startswith("arm.")} for slope in slopes]
+        hanging = S, *_packed(S, held, controller, of_whip)
         turning = np.array([float(of["clamp"][0]) if "clamp" in of else 0.0 for of in slopes])
         return Packed(p, np.reshape(dp, (len(slopes), len(p))), hanging, turning)
 
@@ -288,14 +339,15 @@ class SwingDrive(Drive):
         if plant.clamp is not None:
             q_i[0] += plant.clamp
             inputs[:, 0] += plant.clamp
-        q = start_posture(plant.held, q_i[None])
+        held = self._held(plant)
+        q = start_posture(held, q_i[None])
         x0[:n] = q[0, a:]
         S, hanging, d_hanging = packed.hanging
         changes = np.vstack([d_hanging, np.zeros((k, len(hanging)))])
         changes[m:, :a] = moved.d_q_i  # q_i stands first
         changes[:m, 0] = packed.turning
         both = np.repeat(q, m + k, axis=0), np.repeat(hanging[None], m + k, axis=0)
-        dx0[: m + k, :n] = start_derivative(plant.held, S, *both, changes)[:, a:]
+        dx0[: m + k, :n] = start_derivative(held, S, *both, changes)[:, a:]
         if len(unknowns) > k:
             x0, dx0[m + k :] = x0 + unknowns[k:], np.eye(2 * n)
         dplace = np.zeros((len(dp), *moved.place.shape))
@@ -315,10 +367,11 @@ def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
     """Refuse what is not identified in space yet.
 
     Raises:
-        InputError: The hand is not that of measured joints, or a whip of rods begins in an unknown state.
+        InputError: Neither joints nor the hand's pose were measured, or a whip of rods begins in an unknown state.
     """
-    if kind != "joints":
-        raise InputError("drive", kind, "joints or command, for a model in space", "record the arm's joints")
+    if kind not in ("joints", "robot", "hand"):
+        fix = "record the arm's joints, or the hand's pose"
+        raise InputError("drive", kind, "joints, robot, hand or command, for a model in space", fix)
     if unknown and rods:
         raise InputError("free per recording", "start", "nothing of that kind, for a whip of rods", "let it hang still")
 

@@ -101,8 +101,8 @@ def predict(
     """Recordings that were not fitted beside what the plant predicts of them.
 
     What drives the whip is known: the command, the measured joints, the tracked handle. Where a recording has unknowns
-    of its own (a first state, nuisance), the first half of its frames fits them, and the second half is predicted; a
-    pendulum's free swing begins at its first sample.
+    of its own (a first state, a robot's lag, nuisance), the first half of its frames fits them, and the second half is
+    predicted; a pendulum's free swing begins at its first sample.
 
     Args:
         recordings: To predict.
@@ -127,7 +127,7 @@ def predict(
     )
     z = np.array([v.z(nuisance[v.name]) for v in problem.variables])
     start = problem.predictor.start
-    every, unknown = range(len(start)), bool(own) or problem.starts_free
+    every, unknown = range(len(start)), bool(own) or problem.starts_free or options.drive == "robot"
     if not unknown and options.drive != "handle":  # the motion begins as the joints alone tell it
         return problem.compare(Solution(z, start, 0.0, Status.CONVERGED))
     known = [problem.first(i, _KNOWN if unknown else 0.0) for i in every]

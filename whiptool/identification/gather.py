@@ -13,11 +13,14 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
 
 
-def gather(path: str, *, tip: Marker | None = None, handle: bool = False) -> tuple[StrikeRecording, bool]:
+def gather(
+    path: str, *, tip: Marker | None = None, handle: bool = False, cameras: Path | None = None
+) -> tuple[StrikeRecording, bool]:
     """One recording, tracked if it is filmed (with progress on stderr).
 
     Args:
         path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
+        cameras: File of the cameras in space, of recordings in pixels; default: the one that each names.
         tip: Looks of the tip's marker; default: those of the virtual camera.
         handle: Whether the handle's path is needed, which is not tracked in images.
 
@@ -31,6 +34,8 @@ def gather(path: str, *, tip: Marker | None = None, handle: bool = False) -> tup
     if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
         path, options["episode"] = episode[1], int(episode[2])
     form = READERS[find_format(path)]
+    if cameras is not None and in_pixels(path):
+        options["cameras"] = cameras
     if form.tracks is not None:
         try:
             return read_recording(path, **options), False
@@ -59,6 +64,14 @@ def is_film(path: str) -> bool:
     """Whether a recording is of a form that holds images and no tracks."""
     form = READERS[find_format(path)]
     return form.tracks is None
+
+
+def in_pixels(path: str) -> bool:
+    """Whether a recording is a CSV of what a camera in space saw, in pixels."""
+    if not Path(path).is_file() or find_format(path) != "csv":
+        return False
+    with Path(path).open(encoding="utf-8-sig", errors="replace") as file:
+        return any(name.strip().strip('"').endswith("_u") for name in file.readline().split(","))
 
 
 def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> StrikeRecording:

@@ -52,11 +52,12 @@ class SmoothSpline:
         return self._basis(t, nu=derivative)
 
     def fit(self, t: np.ndarray, values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Coefficients (size d,) nearest to values (T, d) of standard error sigma (T,), those that are NaN left out."""
+        """Coefficients (size d,) nearest to values (T, d) of standard error sigma (T,) or (T, d), those that are NaN
+        left out."""
         seen = ~np.isnan(values).any(axis=1)
-        weight = 1 / sigma[seen]
-        rows = np.vstack([np.kron(self.basis(t[seen]) * weight[:, None], np.eye(self.d)), self.penalty])
-        right = np.concatenate([(values[seen] * weight[:, None]).ravel(), np.zeros(len(self.penalty))])
+        weight = np.broadcast_to(1 / (sigma if sigma.ndim == 2 else sigma[:, None]), values.shape)[seen]
+        rows = np.vstack([np.kron(self.basis(t[seen]), np.eye(self.d)) * weight.reshape(-1, 1), self.penalty])
+        right = np.concatenate([(values[seen] * weight).ravel(), np.zeros(len(self.penalty))])
         return np.linalg.lstsq(rows, right, rcond=None)[0]
 
 
@@ -202,14 +203,24 @@ class MeasuredJoints:
             start=instants[0], end=instants[-1], knots=knots, jerk=JOINT_JERK, d=arm.n, at_rest=at_rest
         )
         inside = (t >= instants[0] - knots) & (t <= instants[-1] + knots)
-        # the log's noise, from differences that no smooth motion has
-        noise = np.median(np.abs(np.diff(q, n=4, axis=0))) / 0.6745 / math.sqrt(math.comb(8, 4))
-        sigma = np.full(inside.sum(), max(noise, _FINEST))
+        sigma = np.broadcast_to(_noise(q, arm), q[inside].shape)
         self.start = spline.fit(t[inside], q[inside], sigma)
-        log = np.kron(spline.basis(t[inside]) / sigma[:, None], np.eye(arm.n))
+        log = np.kron(spline.basis(t[inside]), np.eye(arm.n)) / sigma.reshape(-1, 1)
         self.rows = np.asarray(np.linalg.qr(np.vstack([log, spline.penalty]), mode="r"))
         self.mean = self.rows @ self.start
         self._arm, self._bases = arm, tuple(spline.basis(instants, i) for i in range(3))
+
+
+def _noise(q: np.ndarray, arm: ArmParameters | SpatialArm) -> np.ndarray:
+    """Return each joint's noise in a log (S, a), from differences that no smooth motion has: one number for all joints
+    that turn, and one for all that slide, (a,)."""
+    slides = np.array([isinstance(arm, SpatialArm) and arm.links[i].kind == "prismatic" for i in range(arm.n)])
+    noise = np.empty(arm.n)
+    for kind in (slides, ~slides):
+        if kind.any():
+            rough = np.median(np.abs(np.diff(q[:, kind], n=4, axis=0))) / 0.6745 / math.sqrt(math.comb(8, 4))
+            noise[kind] = max(rough, _FINEST)
+    return noise
 
 
 class JointMotion(MeasuredJoints):
@@ -246,7 +257,7 @@ class JointMotion(MeasuredJoints):
 
 
 class SpatialJointMotion(MeasuredJoints):
-    """The base is the hand of an arm in space whose joints were measured."""
+    """The base is the hand of an arm in space whose joints, or whose hand's place and turns, were measured."""
 
     def at(self, c: np.ndarray) -> Moved:
         """The motion with coefficients c (C,)."""

@@ -13,11 +13,20 @@ from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NEUTRAL, NUISANCE, PLACED, by_placement, carried, placed
 from whiptool.identification.plant import Identifiable, Plant, slopes
 from whiptool.identification.sampling import Readings
+from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.batch import Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
 
-TIMESTEP = {"command": 2.5e-4, "joints": 1e-3, "handle": 1e-3, "passive": 1e-3, "free": 1e-3}  # [s]
+TIMESTEP = {
+    "command": 2.5e-4,
+    "robot": 1e-3,
+    "joints": 1e-3,
+    "hand": 1e-3,
+    "handle": 1e-3,
+    "passive": 1e-3,
+    "free": 1e-3,
+}  # [s]
 _INTERVAL = 1e-3  # [s] between samples of a path
 
 Recording = StrikeRecording | AngleRecording
@@ -28,14 +37,16 @@ class Prediction:
     """What a recording should have read, flat over its K readings that are not missing.
 
     Args:
-        value: [m] or [rad], (K,).
+        value: [m], [rad], or of a camera's view [pixels], (K,).
         by_shared, by_own: Derivatives by the shared unknowns (K, G) and by this recording's own (K, L); empty if not
             asked for.
+        size: How far a place moves at least that moves a reading by one [m/pixel], (K,); 1 where places are read.
     """
 
     value: np.ndarray
     by_shared: np.ndarray
     by_own: np.ndarray
+    size: np.ndarray
 
 
 class Predictor:
@@ -44,7 +55,7 @@ class Predictor:
     Args:
         recordings: What was measured.
         plant: Of which some numbers vary; its structure is kept.
-        drive: What drives the whip: `command`, `joints`, `handle`, `passive`, `free`.
+        drive: What drives the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
         shared: Names of what is free and the same for all recordings: numbers of the plant, or of `NUISANCE`.
         own: Of `NUISANCE`, what is free for each recording on its own; and `start`, its state at the start.
         timestep: Of the integrator [s].
@@ -101,6 +112,7 @@ class Predictor:
         self.measured = [read.measured for read in self._read]
         self.sigma = [read.sigma for read in self._read]
         self.channels = [read.channels for read in self._read]
+        self.sharing = [_sharing(r, self.recordings) for r in self.recordings]
         self._links = sorted({i for read in self._read for i in read.links if i >= 0})
 
     def names(self, i: int) -> list[str]:
@@ -125,24 +137,25 @@ class Predictor:
         """
         rates = slopes(plant, self._of_plant) if derivatives else []
         counts = [sum(len(x) for x in d.unknowns.values()) for d in self.drives]
-        packed = self.drives[0].pack(plant, rates)
-        shots = [d.shot(plant, packed, x[:k]) for d, x, k in zip(self.drives, own, counts, strict=True)]
+        packed = {d.packed_like: d for d in self.drives}
+        packed = {like: d.pack(plant, rates) for like, d in packed.items()}
+        shots = [d.shot(plant, packed[d.packed_like], x[:k]) for d, x, k in zip(self.drives, own, counts, strict=True)]
         paths = self._roll(shots, derivatives=derivatives)
         found = []
         for i, (path, dpath) in enumerate(paths):
             given = NEUTRAL | nuisance | dict(zip(self._own_nuisance, own[i][counts[i] :], strict=True))
-            value, by_path, by_nuisance = self._read[i].read(
+            value, by_path, by_nuisance, size = self._read[i].read(
                 path, dpath, given, start=self.drives[i].start, interval=self.h * self.stride
             )
             if not derivatives:
-                found.append(Prediction(value, np.zeros((len(value), 0)), np.zeros((len(value), 0))))
+                found.append(Prediction(value, np.zeros((len(value), 0)), np.zeros((len(value), 0)), size))
                 continue
             m = len(self._of_plant)
             column = dict(zip(self._of_plant, by_path[:m], strict=True)) | by_nuisance
             by_shared = np.reshape([column[name] for name in self.shared], (len(self.shared), len(value))).T
             own_rows = [by_nuisance[name] for name in self._own_nuisance]
             by_own = np.vstack([by_path[m:], np.reshape(own_rows, (len(own_rows), len(value)))]).T
-            found.append(Prediction(value, by_shared, by_own))
+            found.append(Prediction(value, by_shared, by_own, size))
         return found
 
     def many(self, i: int, plants: Sequence[Identifiable], delays: Sequence[float]) -> np.ndarray:
@@ -161,13 +174,14 @@ class Predictor:
         self, i: int, plant: Identifiable, nuisance: dict[str, float], own: np.ndarray
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Predicted path of every measured marker of recording i, in the recording's own clock and frame: times (S,)
-        [s], positions by marker, (S, d) [m] (or the angles by link, (S, 1) [rad])."""
+        [s], positions by marker, (S, d) [m] (or the angles by link, (S, 1) [rad], or a view's pixels, (S, 2))."""
         d, read = self.drives[i], self._read[i]
         k = sum(len(x) for x in d.unknowns.values())
         y, _ = self._roll([d.shot(plant, d.pack(plant, []), own[:k])], derivatives=False, which=[i])[0]
         given = NEUTRAL | nuisance | dict(zip(self._own_nuisance, own[k:], strict=True))
         t = d.start + self.h * self.stride * np.arange(len(y)) + given["delay"]
         y = placed(y, given) if read.width > 1 else y
+        y = y if read.view is None else read.view.project(y)
         return t, {name: y[:, j] for j, name in enumerate(read.names)}
 
     def _roll(
@@ -237,27 +251,38 @@ class Predictor:
 
 
 class _Reading:
-    """How one recording reads a path: which marker when, averaged how long, with what error."""
+    """How one recording reads a path: which marker when, averaged how long, with what error, and through which camera.
+
+    A camera's reading is where it sees the mean of the path: that differs from the mean of what it sees by some
+    hundredths of a pixel, where a point comes 10 cm nearer during an exposure.
+    """
 
     def __init__(
-        self, names: list[str], links: list[int], t: np.ndarray, values: np.ndarray, sigma: np.ndarray, exposure: float
+        self,
+        names: list[str],
+        links: list[int],
+        t: np.ndarray,
+        values: np.ndarray,
+        sigma: np.ndarray,
+        exposure: float,
+        view: SpaceCamera | None = None,
     ) -> None:
         seen = np.isfinite(values).all(axis=2)  # (T, M)
         frame, self.which = np.nonzero(seen)
-        self.names, self.links, self.exposure = names, links, exposure
-        self.at, self.width = t[seen], values.shape[2]
+        self.names, self.links, self.exposure, self.view = names, links, exposure, view
+        axes = values.shape[2]
+        self.at, self.width = t[seen], axes if view is None else 3
         self.measured = values[seen].ravel()
-        self.sigma = np.repeat(sigma[seen], self.width)
-        self.channels = np.stack([np.repeat(x, self.width) for x in (frame, self.which)] + [self._axis()], axis=1)
+        self.sigma = np.repeat(sigma[seen], axes)
+        axis = np.tile(np.arange(axes), len(self.at))
+        self.channels = np.stack([*(np.repeat(x, axes) for x in (frame, self.which)), axis], axis=1)
         self._grid: tuple | None = None
-
-    def _axis(self) -> np.ndarray:
-        return np.tile(np.arange(self.width), len(self.at))
 
     def read(
         self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
-    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Readings (K,), their derivatives along the path's directions (D, K), and by the nuisance."""
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
+        """Readings (K,), their derivatives along the path's directions (D, K), and by the nuisance; and the least way
+        of a place that moves a reading by one (K,)."""
         key = (given["delay"], start, interval, len(path))
         if self._grid is None or self._grid[0] != key:  # most fits have no delay: the same grid again and again
             at = self.at - given["delay"]
@@ -265,11 +290,31 @@ class _Reading:
         grid = self._grid[1]
         x = grid.value(path, self.which)  # (K', width)
         dx = grid.value(dpath, self.which) if len(dpath) else np.zeros((0, *x.shape))
+        one = np.ones(len(self.measured))
         if self.width == 1:
-            return x.ravel(), dx.reshape(len(dx), x.size), {}
+            return x.ravel(), dx.reshape(len(dx), x.size), {}, one
         by = by_placement(x, given) | {"delay": -carried(grid.velocity(path, self.which), given)}
-        changed = carried(dx, given).reshape(len(dx), x.size)
-        return placed(x, given).ravel(), changed, {name: d.ravel() for name, d in by.items()}
+        place, changed = placed(x, given), carried(dx, given)
+        if self.view is None:
+            return place.ravel(), changed.reshape(len(dx), x.size), {name: d.ravel() for name, d in by.items()}, one
+        slopes = self.view.slopes(place)  # (K', 2, 3)
+        seen = {name: np.einsum("kij,kj->ki", slopes, d).ravel() for name, d in by.items()}
+        changed = np.einsum("kij,dkj->dki", slopes, changed).reshape(len(dx), len(one))
+        return self.view.project(place).ravel(), changed, seen, 1 / np.linalg.norm(slopes, axis=-1).ravel()
+
+
+def _sharing(recording: Recording, recordings: Sequence[Recording]) -> int:
+    """Return how many recordings have the log of this one: those of several cameras that saw one strike."""
+    if (log := _log(recording)) is None:
+        return 1
+    return sum(other is not None and np.array_equal(log, other) for other in map(_log, recordings))
+
+
+def _log(recording: Recording) -> np.ndarray | None:
+    """Return what was measured of the arm or hand; None where nothing was."""
+    if not isinstance(recording, StrikeRecording):
+        return None
+    return recording.joints_q if recording.hand_pose is None else recording.hand_pose
 
 
 def _readings(recording: Recording, drive: Drive) -> _Reading:
@@ -284,8 +329,10 @@ def _readings(recording: Recording, drive: Drive) -> _Reading:
     if not set(known) - {"shoulder", "handle"}:
         raise InputError("markers", recording.markers, "tip or nodes of the whip among them")
     which, d = [recording.markers.index(name) for name in known], drive.structure.dimension
-    if recording.points.shape[2] < d:
+    if recording.view is not None and d == 2:
+        raise InputError(f"{recording.source}: points", "a camera's pixels", "places, for a model in the plane")
+    if recording.points.shape[2] < d and recording.view is None:
         rule = "places in space (_x, _y, _z; z up), for a model in space"
         raise InputError(f"{recording.source}: points", "in a plane", rule, "record motion capture")
     points, t, sigma = recording.points[:, which, :d], recording.t_points[:, which], recording.sigma[:, which]
-    return _Reading(list(known), list(known.values()), t, points, sigma, recording.exposure)
+    return _Reading(list(known), list(known.values()), t, points, sigma, recording.exposure, recording.view)

@@ -31,8 +31,9 @@ class Options:
     """How to fit.
 
     Args:
-        drive: What drives the whip: `command`, `joints`, `handle`, `passive` (nothing: it is held still and was
-            released), `free` (of a pendulum's angles).
+        drive: What drives the whip: `command`, `robot` (the command, which a position-controlled arm in space follows
+            behind a lag that is fitted), `joints`, `hand` (its measured pose, in space), `handle`, `passive` (nothing:
+            it is held still and was released), `free` (of a pendulum's angles).
         per_recording: Nuisance that each recording has its own value of: of `NUISANCE`, see
             `whiptool.identification.placement`; `start`, the state at the start (always, in a passive or free swing).
         bounds: Of free numbers, by name.
@@ -239,7 +240,9 @@ class Problem:
                 mean = np.zeros(len(x))
             else:
                 motion = drive.motion  # type: ignore[attr-defined]
-                W, mean = motion.rows, motion.mean
+                # each camera of a strike follows the same log on its own: together they know it as well as it is
+                shared = 1 / np.sqrt(predictor.sharing[i])
+                W, mean = shared * motion.rows, shared * motion.mean
             rows.append(np.pad(W, ((0, 0), (at, len(first) - at - len(x)))))
             means.append(mean)
             at += len(x)
@@ -291,6 +294,8 @@ class Problem:
                     own=dict(zip(P.own_names(i), map(float, solution.own[i]), strict=True)),
                     t=t,
                     path=path,
+                    size=p.size[judged],
+                    view=None if isinstance(r := P.recordings[i], AngleRecording) else r.view,
                     predicted_from=float(P.recordings[i].t[first]) if first > frames.min() else None,
                 )
             )

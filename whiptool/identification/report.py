@@ -13,10 +13,10 @@ from matplotlib.ticker import MaxNLocator
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity
 from whiptool.identification.summary import (
+    error_words,
     flat_directions,
     format_interval,
     format_value,
-    root_mean_square,
     seen_ratios,
     similarity_of,
     tip_paths,
@@ -112,22 +112,28 @@ def parameters_section(fit: Fit) -> Section:
     return Section("Parameters", said)
 
 
-_KNOWN = {"handle": "the handle's path was", "joints": "the measured joints were"}
+_KNOWN = {"handle": "the handle's path was", "joints": "the measured joints were", "hand": "the hand's pose was"}
 
 
 def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Section:
     rows = [["recording", "", "frames", "RMS [mm]", "RMS / stated error", "down-weighted"]]
+    in_pixels = any(f.view is not None for _, f, _ in pairs)
+    if in_pixels:
+        rows[0].insert(4, "RMS [pixels]")
     for r, f, kind in pairs:
         down = f"{int((f.weight < 1).sum())} of {len(f.residuals)}"
         rows.append([_name(r), kind, str(len(r.t)), f"{1e3 * f.rmse:.3g}", f"{f.chi:.2f}", down])
-    inside, outside = (root_mean_square(x) for x in (fit.recordings, fit.held_out))
-    said = f"Residuals of all fitted recordings: {1e3 * (inside or 0):.3g} mm RMS per coordinate. "
-    if outside is None:
+        if in_pixels:
+            rows[-1].insert(4, "" if f.pixels is None else f"{f.pixels:.3g}")
+    said = f"Residuals of all fitted recordings: {error_words(fit.recordings)} RMS per coordinate. "
+    if in_pixels:
+        said += "What a camera saw is judged in pixels; its errors in mm are those across its line of sight. "
+    if not fit.held_out:
         said += "No recording was held out: how well the model predicts a new strike was not tested."
     else:
         said += (
-            f"Held-out recordings, which no parameter was fitted to: {1e3 * outside:.3g} mm RMS per coordinate. If "
-            "this is much more than for the fitted ones, the model does not hold for new strikes."
+            f"Held-out recordings, which no parameter was fitted to: {error_words(fit.held_out)} RMS per coordinate. "
+            "If this is much more than for the fitted ones, the model does not hold for new strikes."
         )
         if any(f.predicted_from is not None for f in fit.held_out):
             said += (
@@ -137,7 +143,8 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
         if fit.drive in _KNOWN:
             said += f" Of the motion of a held-out recording only {_KNOWN[fit.drive]} known."
     alike = [(r, kind, s) for r, f, kind in pairs if (s := similarity_of(r, f)) is not None]
-    return Section("Fit and held-out error", [Text(said), Table(rows), _similarities(alike), Text(_RHO)])
+    similar = [_similarities(alike), Text(_RHO)] if alike or not in_pixels else []
+    return Section("Fit and held-out error", [Text(said), Table(rows), *similar])
 
 
 _SIMILARITY = (
@@ -176,7 +183,7 @@ def _nodes(nodes: Sequence[tuple[int, float, float]], chosen: int) -> Section:
 
 def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Picture:
     t, measured, _, name = tip_paths(recording, found)
-    path, axes_of = found.path[name], "xyz"[: measured.shape[1]]
+    path, axes_of, unit = found.path[name], _axes(recording), "m" if recording.view is None else "pixels"
     side = [0, len(axes_of) - 1]  # forward and upward
     figure = Figure(figsize=(10, 0.4 + 1.9 * len(axes_of)), layout="constrained")
     axes = figure.subplot_mosaic([["plane", axis] for axis in axes_of], width_ratios=[1, 1.25])
@@ -192,25 +199,42 @@ def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Pict
     line = {"color": COLORS["blue"], "linewidth": 1.4, "zorder": 3}
     axes["plane"].plot(*path[shown][:, side].T, label="modelled", **line)
     axes["plane"].plot(*measured[:, side].T, label="measured", **dots)
-    if recording.target is not None:
-        where = [recording.target[i] for i in side]
+    if (target := _target(recording)) is not None:
+        where = [target[i] for i in side]
         axes["plane"].plot(*where, "x", color=COLORS["black"], markersize=9, label="target")
     up = axes_of[-1]
-    axes["plane"].set(xlabel="x [m]", ylabel=f"{up} [m]", title=f"{_name(recording)}: {name}, {kind}")
+    axes["plane"].set(xlabel=f"{axes_of[0]} [{unit}]", ylabel=f"{up} [{unit}]")
+    axes["plane"].set_title(f"{_name(recording)}: {name}, {kind}")
     axes["plane"].set_aspect("equal", adjustable="datalim")
+    if recording.view is not None:
+        axes["plane"].invert_yaxis()
     figure.legend(*axes["plane"].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     for i, axis in enumerate(axes_of):
         axes[axis].plot(found.t[shown], path[shown, i], **line)
         axes[axis].plot(t, measured[:, i], **dots)
-        axes[axis].set(ylabel=f"{axis} [m]")
+        axes[axis].set(ylabel=f"{axis} [{unit}]")
         axes[axis].tick_params(labelbottom=axis == up)
     axes[up].set(xlabel="time from the command's start [s]")
-    seen = "in the strike plane" if up == "y" else "seen from the side"
     caption = (
-        f"{_name(recording)}, {kind}: {name} {seen} and over time. RMS {1e3 * found.rmse:.3g} mm per "
+        f"{_name(recording)}, {kind}: {name} {_SEEN[axes_of]} and over time. RMS {error_words([found])} per "
         "coordinate. Points are means over an exposure, the line is the path itself."
     )
     return Picture(figure, caption)
+
+
+_SEEN = {"xy": "in the strike plane", "xyz": "seen from the side", "uv": "in the camera's image"}
+
+
+def _axes(recording: StrikeRecording) -> str:
+    """Return the names of a recording's coordinates."""
+    return "xyz"[: recording.points.shape[2]] if recording.view is None else "uv"
+
+
+def _target(recording: StrikeRecording) -> Sequence[float] | np.ndarray | None:
+    """Return where the target is in a recording's coordinates; None where it is not known."""
+    if recording.view is None or recording.target is None:
+        return recording.target
+    return recording.view.project(np.array(recording.target)) if len(recording.target) == 3 else None
 
 
 def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Picture:
@@ -222,12 +246,13 @@ def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Pi
     for ax, (recording, found, kind) in zip(grid, pairs, strict=False):
         t, measured, predicted, name = tip_paths(recording, found)
         sigma = np.interp(t, *_stated(recording, name))
-        ax.fill_between(t, -2e3 * sigma, 2e3 * sigma, color="0.88", linewidth=0, label="±2 stated errors")
-        axes_of = (("x", "blue", "o"), ("y", "vermilion", "s"), ("z", "black", "^"))[: measured.shape[1]]
-        for i, (axis, color, mark) in enumerate(axes_of):
+        unit = 1e3 if recording.view is None else 1.0
+        ax.fill_between(t, -2 * unit * sigma, 2 * unit * sigma, color="0.88", linewidth=0, label="±2 stated errors")
+        looks = (("blue", "o"), ("vermilion", "s"), ("black", "^"))
+        for i, (axis, (color, mark)) in enumerate(zip(_axes(recording), looks, strict=False)):
             ax.plot(
                 t,
-                1e3 * (predicted - measured)[:, i],
+                unit * (predicted - measured)[:, i],
                 mark,
                 linestyle="-",
                 linewidth=0.7,
@@ -238,7 +263,8 @@ def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Pi
         ax.set_title(f"{_name(recording)}: {name}, {kind}")
     for ax in grid[max(len(pairs) - 2, 0) : len(pairs)]:
         ax.set_xlabel("time from the command's start [s]")
-    figure.supylabel("modelled - measured [mm]", fontsize=11)
+    units = sorted({"mm" if r.view is None else "pixels" for r, _, _ in pairs})
+    figure.supylabel(f"modelled - measured [{' or '.join(units)}]", fontsize=11)
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     caption = (
         "Residuals. What is left over should look like noise within the grey band; waves are what the model, or what "

@@ -17,6 +17,7 @@ from whiptool.identification.solver import Solution, Status
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import with_unit
 from whiptool.models.parameters import Model
+from whiptool.recording.space_camera import SpaceCamera
 
 _FAR = 0.999  # level of the region around the best end that another start's end has to lie in
 
@@ -27,7 +28,7 @@ class RecordingFit:
 
     Args:
         source: Where it came from.
-        residuals: Predicted minus measured [m] or [rad], (K,).
+        residuals: Predicted minus measured [m], [rad], or [pixels] of a camera's view, (K,).
         measured: (K,).
         sigma: Stated standard errors, (K,).
         weight: From Huber's loss, 1 for what fits, (K,).
@@ -35,9 +36,12 @@ class RecordingFit:
         markers: Names of the markers that `channels` counts.
         own: The recording's own unknowns by name.
         t: Times of the predicted path [s], (S,).
-        path: Predicted path of each marker, (S, 2) [m] or (S, 1) [rad], in the recording's frame and clock.
+        path: Predicted path of each marker, (S, d) [m], (S, 2) [pixels] or (S, 1) [rad], in the recording's frame and
+            clock.
         predicted_from: Frame time from which on it was predicted [s]; what was read before fitted its own unknowns and
             is not among the residuals. None: all of it was fitted or predicted.
+        size: Of a view: how far a place moves at least that moves a reading by a pixel [m], (K,); None: there is none.
+        view: The camera whose pixels it holds.
     """
 
     source: str
@@ -51,11 +55,23 @@ class RecordingFit:
     t: np.ndarray
     path: dict[str, np.ndarray]
     predicted_from: float | None = None
+    size: np.ndarray | None = None
+    view: SpaceCamera | None = None
+
+    @property
+    def errors(self) -> np.ndarray:
+        """The residuals [m] or [rad], (K,); of a view how far the place is off at least that the camera saw."""
+        return self.residuals if self.view is None or self.size is None else self.residuals * self.size
 
     @property
     def rmse(self) -> float:
-        """Root mean square of the residuals [m] or [rad]."""
-        return float(np.sqrt(np.mean(self.residuals**2)))
+        """Root mean square of the errors [m] or [rad]."""
+        return float(np.sqrt(np.mean(self.errors**2)))
+
+    @property
+    def pixels(self) -> float | None:
+        """Root mean square of the residuals in a camera's view [pixels]; None: there is none."""
+        return None if self.view is None else float(np.sqrt(np.mean(self.residuals**2)))
 
     @property
     def chi(self) -> float:

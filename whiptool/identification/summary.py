@@ -80,7 +80,8 @@ def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
 
 
 def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Times [s], (T,), measured and predicted places [m], (T, d), of the tip, or of the last marker, and its name."""
+    """Times [s], (T,), measured and predicted places [m], (T, d), or a view's pixels, of the tip, or of the last
+    marker, and its name."""
     which = found.markers.index("tip") if "tip" in found.markers else len(found.markers) - 1
     mine = found.channels[:, 1] == which
     frames = np.unique(found.channels[mine, 0])
@@ -93,7 +94,9 @@ def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarr
 
 
 def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity | None:
-    """How alike measured and predicted tip are; None where too little of it was seen."""
+    """How alike measured and predicted tip are; None where too little of it was seen, or a camera saw it."""
+    if recording.view is not None:
+        return None
     t, measured, predicted, _ = tip_paths(recording, found)
     try:
         return similarity(t, measured, predicted, target=recording.target)
@@ -102,8 +105,20 @@ def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity
 
 
 def root_mean_square(found: Sequence[RecordingFit]) -> float | None:
-    """Of all residuals of several recordings, per coordinate [m]; None if there are none."""
-    return float(np.sqrt(np.mean(np.concatenate([r.residuals for r in found]) ** 2))) if found else None
+    """Of all errors of several recordings, per coordinate [m]; None if there are none."""
+    return float(np.sqrt(np.mean(np.concatenate([r.errors for r in found]) ** 2))) if found else None
+
+
+def root_mean_square_pixels(found: Sequence[RecordingFit]) -> float | None:
+    """Of all residuals in cameras' views, per coordinate [pixels]; None if there are none."""
+    seen = [r.residuals for r in found if r.view is not None]
+    return float(np.sqrt(np.mean(np.concatenate(seen) ** 2))) if seen else None
+
+
+def error_words(found: Sequence[RecordingFit]) -> str:
+    """Return the root mean square error of recordings in words: in mm, of cameras' views in pixels, too."""
+    metres, pixels = root_mean_square(found), root_mean_square_pixels(found)
+    return f"{1e3 * (metres or 0.0):.3g} mm" + ("" if pixels is None else f" ({pixels:.3g} pixels)")
 
 
 def flat_directions(uncertainty: Uncertainty) -> list[str]:
@@ -197,6 +212,8 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
         "nuisance": fit.nuisance,
         "rmse": root_mean_square(fit.recordings),
         "held_out_rmse": root_mean_square(fit.held_out),
+        "rmse_pixels": root_mean_square_pixels(fit.recordings),
+        "held_out_rmse_pixels": root_mean_square_pixels(fit.held_out),
         "recordings": [_recording_table(*pair) for pair in pairs],
         "starts": [
             {
@@ -223,6 +240,7 @@ def _recording_table(recording: Recording, found: RecordingFit, held_out: bool) 
         "held_out": held_out,
         "predicted_from": finite(found.predicted_from),
         "rmse": found.rmse,
+        "rmse_pixels": found.pixels,
         "rms_over_stated_error": found.chi,
         "n_residuals": len(found.residuals),
         "down_weighted": int((found.weight < 1).sum()),

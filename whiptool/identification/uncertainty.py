@@ -127,7 +127,7 @@ def assess(
     J = np.vstack([reduce(block)[1][:, :G] for block in blocks])
     count = sum(len(c) for c in channels)
     squares = sum(float(b.r[: len(c)] @ b.r[: len(c)]) for b, c in zip(blocks, channels, strict=True))
-    own = sum(min(b.B.shape[1], len(c)) - _regularised(b, len(c)) for b, c in zip(blocks, channels, strict=True))
+    own = sum(_taken_up(b, len(c)) for b, c in zip(blocks, channels, strict=True))
     freedom = max(count - G - own, 1.0)
     variance = squares / freedom
     root = np.sqrt(max(variance, 1e-300))
@@ -174,13 +174,16 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
     return covariance / np.outer(sd, sd)
 
 
-def _regularised(block: Block, count: int) -> float:
-    """How many of a recording's own unknowns its regularising rows determine, rather than its readings."""
-    rest = block.B[count:]
+def _taken_up(block: Block, count: int) -> float:
+    """How many of a recording's own unknowns its readings determine, rather than the rows that regularise them.
+
+    There may be more unknowns than readings: a hand's motion has hundreds of coefficients.
+    """
+    rest, unknowns = block.B[count:], block.B.shape[1]
     if not len(rest):
-        return 0.0
+        return min(unknowns, count)
     whole = block.B.T @ block.B
-    return float(np.trace(np.linalg.lstsq(whole, rest.T @ rest, rcond=None)[0]))
+    return unknowns - float(np.trace(np.linalg.lstsq(whole, rest.T @ rest, rcond=None)[0]))
 
 
 def _sandwich(

@@ -29,7 +29,7 @@ REST = 3.0  # [s] in which the whip comes to hang still
 GENTLE = 0.2  # share of the joints' limits that the way to the start uses
 SPEED, ACCELERATION = 1.0, 2.0  # [rad/s or m/s], [rad/s2 or m/s2] of the way to the start at most
 _QUANTITIES = ("position", "velocity", "acceleration")
-_POSE = tuple(f"hand_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))  # columns
+POSE = tuple(f"hand_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))  # columns: place [m], unit quaternion
 _UNIT = 1e-6  # by which the length of a quaternion may differ from 1
 _ROUNDING = 1e-9  # by which a sample may be beyond a limit
 
@@ -58,7 +58,7 @@ class JointTrajectory:
 
     def __post_init__(self) -> None:
         T, n = len(self.t), len(self.joints)
-        shapes = {"q": (T, n), "v": (T, n), "a": (T, n)} | ({} if self.hand is None else {"hand": (T, len(_POSE))})
+        shapes = {"q": (T, n), "v": (T, n), "a": (T, n)} | ({} if self.hand is None else {"hand": (T, len(POSE))})
         for name, shape in shapes.items():
             values = getattr(self, name)
             if values.shape != shape or not np.isfinite(values).all():
@@ -158,7 +158,7 @@ class JointTrajectory:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         poses = np.empty((len(self.t), 0)) if self.hand is None else self.hand
-        writer.writerow(_header(self.joints) + list(_POSE[: poses.shape[1]]))
+        writer.writerow(_header(self.joints) + list(POSE[: poses.shape[1]]))
         for row in np.column_stack([self.t, self.q, self.v, self.a, poses]).tolist():
             writer.writerow(map(repr, row))
         write_whole(path, text.getvalue())
@@ -176,13 +176,13 @@ class JointTrajectory:
         except (OSError, ValueError, UnicodeDecodeError) as error:
             raise InputError("trajectory", str(path), f"a CSV file of numbers with a header ({error})"[:200]) from None
         names = [name.removeprefix("position_") for name in header if name.startswith("position_")]
-        with_hand = header[-len(_POSE) :] == list(_POSE)
-        if header != _header(names) + list(_POSE) * with_hand or values.ndim != 2 or values.shape[1] != len(header):
+        with_hand = header[-len(POSE) :] == list(POSE)
+        if header != _header(names) + list(POSE) * with_hand or values.ndim != 2 or values.shape[1] != len(header):
             raise InputError(
                 "trajectory", str(path), "the columns time, position_JOINT ..., velocity_..., acceleration_..."
             )
         q, v, a = np.split(values[:, 1 : 1 + 3 * len(names)], 3, axis=1)
-        return cls(tuple(names), values[:, 0], q, v, a, values[:, -len(_POSE) :] if with_hand else None)
+        return cls(tuple(names), values[:, 0], q, v, a, values[:, -len(POSE) :] if with_hand else None)
 
     def save_goal(self, path: Path) -> None:
         """Write the goal of a ROS 2 `FollowJointTrajectory` action as YAML, with the fields of `trajectory_msgs`."""

@@ -86,10 +86,12 @@ def check_labels(recording: StrikeRecording) -> Labels:
     """Return where labels were exchanged, and where one marker swallowed another.
 
     What markers do between frames sets the limit: an exchange of two that are nearer to each other than their paths
-    bend between frames cannot be told from their motion, and is not claimed.
+    bend between frames cannot be told from their motion, and is not claimed. In a camera's image markers do lie on each
+    other, where one is behind the other.
     """
     order, exchanges = _followed(recording)
-    return Labels(tuple(exchanges), tuple(_swallowed(recording, order)), order)
+    swallowed = [] if recording.view is not None else _swallowed(recording, order)
+    return Labels(tuple(exchanges), tuple(swallowed), order)
 
 
 def put_back(recording: StrikeRecording, labels: Labels) -> StrikeRecording:

@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
+from whiptool.recording.camera_files import camera_of
 from whiptool.recording.parsing import LARGEST, parsing, sha256, whole_file
 
 R = TypeVar("R")
@@ -63,6 +64,8 @@ def read_npz(path: Path | str, build: Callable[..., R], keys: Sequence[str], *, 
             values["strike"] = Strike.from_vector(values["strike"])
         if "controller" in values:
             values["controller"] = json.loads(str(values["controller"]))
+        if "view" in values:
+            values["view"] = camera_of("view", json.loads(str(values["view"])))
         if not values.get("sha256"):
             values |= {"source": values.get("source") or str(path), "sha256": sha256(path)}
         return build(**values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,12 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.space_camera import SpaceCamera
 from whiptool.whole_files import write_npz
 
 FORMAT = 1  # of the NPZ file; raised when a key changes its meaning
 DEFAULT_SIGMA = 1e-3  # [m]
+DEFAULT_PIXELS = 0.5  # of a camera's view
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
 WIDEST = 50.0  # [rad], eight turns of a joint
 SLOWEST = 1.0  # [s] between frames; frame numbers and milliseconds are beyond it
@@ -28,16 +30,20 @@ NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's coun
 class StrikeRecording:
     """One strike as it was recorded, M markers over T frames.
 
+    With a `view` it holds what one camera in space saw: `points` and `sigma` are then in pixels, and `t` is the middle
+    of the first row's exposure. What several cameras saw of a strike are several recordings, each with its own clock.
+
     Args:
         t: Frame times [s], (T,), strictly increasing; 0 is the command's start by the recording's own clock.
         points: Marker positions [m], (T, M, 2) or (T, M, 3), NaN where missing (one NaN coordinate makes the whole
             point missing); in the strike plane x is forward, y up, the origin at the shoulder; of an arm in space they
             are in the axes of its base: x forward, y to the left, z up.
         markers: M different names: `tip`, `handle`, `node1` .. `nodeN`, `shoulder`, `elbow`, or free ones.
-        sigma: Standard error of each point, per coordinate [m], (T, M) or what broadcasts to it; default: 1 mm.
+        sigma: Standard error of each point, per coordinate [m], (T, M) or what broadcasts to it; default: 1 mm, with a
+            view half a pixel.
         t_points: Middle of each point's exposure [s], (T, M) or what broadcasts to it (a rolling shutter reads rows at
-            different times); default: t for all.
-        exposure: A point is the mean of its marker's path over this span around `t_points` [s].
+            different times); default: t for all, with a view when its row was read.
+        exposure: A point is the mean of its marker's path over this span around `t_points` [s]; 0 with a view: its own.
         strike: What was commanded, a `Strike`, or its vector, (2 a + 1,), which is kept as one.
         controller: Of the arm: a `Controller`, which is kept as its table, or that table as
             `whiptool.impedance.files.controller_to_table` writes it.
@@ -49,6 +55,10 @@ class StrikeRecording:
         source: Where the recording came from.
         sha256: Of the source's bytes.
         joint_names: Of the columns of `joints_q`, (a,); empty: they are in the arm's order.
+        view: The camera that saw the markers, where they are in pixels; None: they are places.
+        hand_t: Times of the hand's measured poses [s], (S,), strictly increasing.
+        hand_pose: Place [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of the arm's base,
+            (S, 7); the hand's axes are those of a model: the whip hangs along its -z.
 
     Raises:
         InputError: Shapes do not fit, times do not increase, nothing was seen, or the units cannot be right.
@@ -57,8 +67,8 @@ class StrikeRecording:
     t: np.ndarray
     points: np.ndarray
     markers: tuple[str, ...]
-    sigma: np.ndarray = field(default=None)  # type: ignore[assignment]  # never None once constructed
-    t_points: np.ndarray = field(default=None)  # type: ignore[assignment]  # likewise
+    sigma: np.ndarray | Any = None  # always an array once constructed, of a number, too
+    t_points: np.ndarray | Any = None  # likewise
     exposure: float = 0.0
     strike: Strike | Any = None  # always a Strike once constructed, or None
     controller: dict | Any = None
@@ -70,6 +80,9 @@ class StrikeRecording:
     source: str = ""
     sha256: str = ""
     joint_names: tuple[str, ...] = ()
+    view: SpaceCamera | None = None
+    hand_t: np.ndarray | None = None
+    hand_pose: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -88,15 +101,25 @@ class StrikeRecording:
         points = np.where(seen[..., None], points, np.nan)
         if not seen.any():
             raise InputError("points", "none", "at least one point that is not missing")
-        farthest = np.abs(points[seen]).max()
-        if not farthest <= FARTHEST:
-            raise InputError(
-                "points", float(farthest), f"coordinates within {FARTHEST:g} m", "are these millimetres or pixels?"
-            )
-        for name, value, default in (("sigma", self.sigma, DEFAULT_SIGMA), ("t_points", self.t_points, t[:, None])):
+        sigma, t_points = DEFAULT_SIGMA, np.broadcast_to(t[:, None], seen.shape)
+        if self.view is None:
+            farthest = np.abs(points[seen]).max()
+            if not farthest <= FARTHEST:
+                raise InputError(
+                    "points", float(farthest), f"coordinates within {FARTHEST:g} m", "are these millimetres or pixels?"
+                )
+        else:
+            _check_in_image(points, self.view)
+            sigma = DEFAULT_PIXELS
+            t_points = t[:, None] + np.where(seen, self.view.row_delay(points[..., 1]), 0.0)
+            put("camera", self.camera or self.view.name)
+            put("exposure", self.exposure or self.view.exposure)
+        for name, value, default in (("sigma", self.sigma, sigma), ("t_points", self.t_points, t_points)):
             put(name, _spread(name, default if value is None else value, seen.shape))
         if not ((self.sigma[seen] > 0) & np.isfinite(self.sigma[seen])).all():
-            raise InputError("sigma", float(np.nanmin(self.sigma[seen])), "finite and > 0 m wherever there is a point")
+            unit = "m" if self.view is None else "pixels"
+            allowed = f"finite and > 0 {unit} wherever there is a point"
+            raise InputError("sigma", float(np.nanmin(self.sigma[seen])), allowed)
         if not (np.abs((self.t_points - t[:, None])[seen]) <= SLOWEST).all():
             raise InputError("t_points", "times far from their frame's", f"within {SLOWEST:g} s of t")
         for name, value in (("t", t), ("points", points), ("markers", markers)):
@@ -134,6 +157,11 @@ class StrikeRecording:
         if names and (len(names) != width or len(set(names)) < len(names)):
             raise InputError("joint_names", names, f"{width} different names, one for each column of joints_q, or none")
         put("joint_names", names)
+        if (self.hand_t is None) != (self.hand_pose is None):
+            raise InputError("hand_pose", "one of hand_t and hand_pose", "both or neither")
+        if self.hand_t is not None:
+            put("hand_t", _times("hand_t", self.hand_t))
+            put("hand_pose", _poses(self.hand_pose, len(self.hand_t)))
 
     @property
     def seen(self) -> np.ndarray:
@@ -186,7 +214,7 @@ class StrikeRecording:
         return dataclasses.replace(self, joints_q=self.joints_q[:, order], joint_names=tuple(joints))
 
     def marker(self, name: str) -> np.ndarray:
-        """Positions of one marker [m], (T, d), NaN where missing.
+        """Positions of one marker [m], with a view [pixels], (T, d), NaN where missing.
 
         Raises:
             InputError: There is none of this name.
@@ -212,7 +240,7 @@ class StrikeRecording:
 
         Its keys are the names of the fields, with those that are None left out, and `format`, the number of this
         layout (1). `markers` and `joint_names` are arrays of strings, `strike` the vector
-        `[q_i, q_f, D]`, `controller` a JSON text.
+        `[q_i, q_f, D]`, `controller` and `view` JSON texts.
 
         Raises:
             InputError: It cannot be written.
@@ -221,6 +249,7 @@ class StrikeRecording:
         arrays["strike"] = None if self.strike is None else self.strike.vector
         arrays["controller"] = None if self.controller is None else json.dumps(self.controller)
         arrays["joint_names"] = self.joint_names or None
+        arrays["view"] = None if self.view is None else json.dumps(self.view.table())
         arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
         try:
             write_npz(Path(path), {"format": np.int64(FORMAT), **arrays})
@@ -230,7 +259,8 @@ class StrikeRecording:
     def __repr__(self) -> str:
         span = f"{len(self.t)} frames from {self.t[0]:.3f} to {self.t[-1]:.3f} s"
         of = "" if self.strike is None else f", {self.strike}"
-        return f"StrikeRecording({', '.join(self.markers)}: {span}{of})"
+        by = "" if self.view is None else f", seen by {self.view.name}"
+        return f"StrikeRecording({', '.join(self.markers)}: {span}{of}{by})"
 
     @classmethod
     def load(cls, path: Path | str) -> StrikeRecording:
@@ -242,6 +272,33 @@ class StrikeRecording:
         from whiptool.recording.npz import read_npz
 
         return read_npz(path, cls, [f.name for f in dataclasses.fields(cls)], layout=FORMAT)
+
+
+def _poses(value: object, count: int) -> np.ndarray:
+    """Places and unit quaternions (count, 7)."""
+    poses = _numbers("hand_pose", value)
+    if poses.shape != (count, 7) or not np.isfinite(poses).all():
+        raise InputError("hand_pose", f"shape {poses.shape}", f"finite numbers of shape ({count}, 7)")
+    if not (farthest := np.abs(poses[:, :3]).max()) <= FARTHEST:
+        raise InputError("hand_pose", float(farthest), f"places within {FARTHEST:g} m", "are these millimetres?")
+    size = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    if np.abs(size - 1).max() > 1e-2:
+        raise InputError("hand_pose", float(size[np.abs(size - 1).argmax(), 0]), "quaternions (x, y, z, w) of length 1")
+    poses[:, 3:] /= size
+    return poses
+
+
+def _check_in_image(points: np.ndarray, view: SpaceCamera) -> None:
+    """Refuse points (T, M, d) that are not where a camera has pixels, or just beside them."""
+    if points.shape[2] != 2:
+        raise InputError("points", f"shape {points.shape}", "shape (T, M, 2) in pixels, with a view")
+    seen = points[~np.isnan(points[..., 0])]
+    size = np.array([view.width, view.height])
+    outside = (seen < -size / 2) | (seen > 1.5 * size)
+    if outside.any():
+        pixel = seen[outside.any(axis=1)][0].tolist()
+        pixels = f"pixels of {view.name}, {view.width} x {view.height}"
+        raise InputError("points", pixel, pixels, "is it another camera's view?")
 
 
 def _numbers(name: str, value: object) -> np.ndarray:

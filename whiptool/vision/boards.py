@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.recording.opencv import opencv
 from whiptool.vision.calibration import find_checkerboard
-from whiptool.vision.opencv import opencv
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.recording.lens import undistort
+from whiptool.recording.opencv import opencv
 from whiptool.vision.camera_model import apply_homography
-from whiptool.vision.opencv import opencv
 
 _LARGEST_CONDITION = 1e4  # of the design matrix in normalised coordinates; four corners of a rectangle have about 3
 
@@ -40,21 +41,6 @@ class PlaneCalibration:
     def to_plane(self, pixels: np.ndarray) -> np.ndarray:
         """Points on the strike plane [m], (..., 2), that pixels (..., 2) show."""
         return apply_homography(self.homography, undistort(pixels, self.camera_matrix, self.distortion))
-
-
-def undistort(
-    pixels: np.ndarray, camera_matrix: np.ndarray | None = None, distortion: Sequence[float] = ()
-) -> np.ndarray:
-    """Pixels (..., 2) as a lens without distortion would have shown them."""
-    pixels = np.asarray(pixels, float)
-    if not len(distortion) or camera_matrix is None or not pixels.size:
-        return pixels
-    cv2 = opencv()
-    precise = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
-    flat = cv2.undistortImagePoints(
-        pixels.reshape(-1, 1, 2), np.asarray(camera_matrix, float), np.array(distortion, float), None, precise
-    )
-    return flat.reshape(pixels.shape)
 
 
 def calibrate_points(

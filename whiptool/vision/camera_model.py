@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -115,6 +115,16 @@ class CameraSettings:
         depth = (np.append(point, 0.0) - np.array(self.position)) @ self.rotation_matrix[2]
         return float(np.sqrt(self.fx * self.fy) / depth)
 
+    def slant(self, point: np.ndarray) -> float:
+        """How much longer than wide a ball's image is, at a point (2,) [m] of the plane: beside the axis an ellipse."""
+        ray = np.append(point, 0.0) - np.array(self.position)
+        return float(np.linalg.norm(ray) / (ray @ self.rotation_matrix[2]))
+
+    def pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation from MuJoCo's axes to the camera's (right, down, forward), (3, 3), and its place there [m], (3,)."""
+        x, y, z = self.position  # MuJoCo's z is our y
+        return self.rotation_matrix @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]), np.array([x, -z, y])
+
     def row_delay(self, row: float | np.ndarray) -> np.ndarray:
         """How long after the first row a row starts to collect light [s]."""
         return np.asarray(row, float) * self.readout / self.height
@@ -159,7 +169,7 @@ class Exposed:
 
     Args:
         t_points: Middle of each exposure of the point [s], (F,).
-        points: Mean of its path over the exposure [m], (F, 2).
+        points: Mean of its path over the exposure [m], (F, 2), in space (F, 3).
         pixels: Mean of its image [pixels], (F, 2).
         duration: How long it was seen [s], (F,): the exposure, stretched where it runs along with the rows.
         speed: Mean speed meanwhile [m/s], (F,).
@@ -177,7 +187,7 @@ def expose(settings: CameraSettings, t: np.ndarray, path: np.ndarray, starts: np
 
     Args:
         settings: The camera.
-        t, path: Times [s], (T,), and positions [m], (T, 2); before and after, the point rests.
+        t, path: Times [s], (T,), and positions [m], (T, 2), in space (T, 3); before and after, the point rests.
         starts: Start of exposure of the first row, of each frame [s], (F,).
     """
 
@@ -192,7 +202,8 @@ def expose(settings: CameraSettings, t: np.ndarray, path: np.ndarray, starts: np
     share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     times = ends[0, :, None] + (ends[1] - ends[0])[:, None] * share  # (F, S)
     points = at(times)
-    length = np.hypot(*np.moveaxis(np.diff(points, axis=1), -1, 0)).sum(axis=1) / (1 - 1 / _SAMPLES)
+    ways = reduce(np.hypot, np.moveaxis(np.diff(points, axis=1), -1, 0))
+    length = ways.sum(axis=1) / (1 - 1 / _SAMPLES)
     duration = ends[1] - ends[0]
     return Exposed(
         t_points=ends.mean(axis=0),

@@ -12,7 +12,7 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
-from whiptool.vision.opencv import opencv
+from whiptool.recording.opencv import opencv
 from whiptool.vision.source import Frame
 
 

@@ -73,6 +73,7 @@ class MarkerTracker:
         background: Image of the scene without the marker, like the frames; default: the first frame, without the blob
             that is taken for the marker. Whatever else of the marker's colour is in it is never mistaken for it.
         start: Where the marker is in the first frame (2,) [pixels], if something there looks like it.
+        light: How its light is learned; that of a marker that comes nearer changes.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class MarkerTracker:
         calibration: PlaneCalibration | None = None,
         background: np.ndarray | None = None,
         start: np.ndarray | None = None,
+        light: Light = _LIGHT,
     ) -> None:
         if (marker.hue is None) != (settings.kind == "infrared"):
             raise InputError(
@@ -91,7 +93,7 @@ class MarkerTracker:
         self.marker, self.settings = marker, settings
         self._to_plane = (calibration or settings).to_plane
         self._background = None if background is None else marker.strength(background)
-        self._start, self._begun = start, False
+        self._start, self._begun, self._light = start, False, light
         self._noise, self._mass = 0.0, np.nan  # noise of the strength; light of the whole marker [pixels]
         self._motion: MotionFilter | None = None
         self._locked = False  # on something that the gate is around
@@ -146,7 +148,7 @@ class MarkerTracker:
     def _could_be_first(self, blob: Blob) -> bool:
         size = np.pi * (self.marker.radius * self._pixels_per_metre(blob.pixel)) ** 2
         low, high = self.marker.value
-        right_size = 1 / _LIGHT.most_size_error < blob.mass / blob.peak / size < _LIGHT.most_size_error
+        right_size = 1 / self._light.most_size_error < blob.mass / blob.peak / size < self._light.most_size_error
         return right_size and not blob.cut and (self.marker.hue is not None or low <= blob.peak <= high)
 
     def _gated(self, frame: Frame) -> tuple[Blob | None, float]:
@@ -189,7 +191,7 @@ class MarkerTracker:
 
     def _likeness(self, frame: Frame, blob: Blob) -> float:
         """How much a blob's light is that of the whole marker, in [0, 1]."""
-        off = self._missing(frame, blob) / _LIGHT.tolerance
+        off = self._missing(frame, blob) / self._light.tolerance
         return float(np.exp(-0.5 * off**2)) * (0.3 if blob.cut else 1.0)
 
     def _stretch(self, frame: Frame, blob: Blob) -> float:
@@ -204,11 +206,11 @@ class MarkerTracker:
         assert self._motion is not None
         per_metre, stretch = self._pixels_per_metre(blob.pixel), self._stretch(frame, blob)
         # Light that is missing at one end moves the centroid by half its share of the blob's length
-        doubt = max(0.0, self._missing(frame, blob) - _LIGHT.usual) * max(blob.box[2:]) / 2  # [pixels]
+        doubt = max(0.0, self._missing(frame, blob) - self._light.usual) * max(blob.box[2:]) / 2  # [pixels]
         self._motion.update(self._time_of(frame, blob.pixel[1]), blob.pixel)
         speed = float(np.hypot(*self._motion.velocity)) / per_metre
-        if speed < _LIGHT.slow:
-            self._mass += _LIGHT.weight * (blob.mass / stretch - self._mass)
+        if speed < self._light.slow:
+            self._mass += self._light.weight * (blob.mass / stretch - self._mass)
         return Sighting(
             self._time_of(frame, blob.pixel[1]),
             blob.pixel,

@@ -1,5 +1,7 @@
 """The virtual camera: films a strike of the MuJoCo model as a real camera would, and knows what was really there.
 
+In space several of them film one strike, each a `SpaceView` from its own place.
+
 Its images are synthetic, and whatever is written from them says so. Exposure is integrated over sub-frames; each row of
 a rolling shutter in its own time; light arrives in electrons, with shot and read noise. The sensor is taken to be
 linear, the lens free of distortion, both markers evenly lit to an eighth of their brightness.
@@ -9,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -18,6 +21,8 @@ from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.vision.camera_model import CameraSettings, Exposed, expose
 from whiptool.vision.scene import Scene
 from whiptool.vision.source import Frame
+from whiptool.vision.space_view import SpaceView
+from whiptool.viz.posture import as_mujoco_shows
 
 
 @dataclass(frozen=True)
@@ -85,10 +90,10 @@ class Truth:
 
     Args:
         t_point: Middle of the tip's exposure [s].
-        point, pixel: Its mean position meanwhile [m], [pixels], (2,); whether it was seen or not.
+        point, pixel: Its mean position meanwhile [m], (d,), [pixels], (2,); whether it was seen or not.
         visible: Share of the marker's light that reached the image: 0 hidden, 1 wholly seen.
         speed: Of the tip, meanwhile [m/s].
-        target: Centre of the target [m], (2,), or None.
+        target: Centre of the target [m], (d,), or None.
     """
 
     t_point: float
@@ -104,10 +109,10 @@ class VirtualCamera:
     """A `FrameSource` that films a trajectory; synthetic, and with exact ground truth for every frame read.
 
     Args:
-        settings: The camera.
+        settings: The camera; of a strike in space a `SpaceView`.
         model, trajectory: The strike, and the model that it was rolled out with.
         rng: For the noise and nothing else.
-        target: [m], (2,), or None.
+        target: [m], (d,), or None.
         marker_radius, target_radius: Of the tip's ball and of the target's disc [m].
         noise: Of the sensor; None for none.
         boards: What may hide the tip.
@@ -134,15 +139,17 @@ class VirtualCamera:
         for name in ("marker_radius", "target_radius"):
             if not 0 < getattr(self, name) < np.inf:
                 raise InputError(name, getattr(self, name), "a radius > 0 m")
-        if self.trajectory.q.shape[1] != self.model.n:
-            raise InputError("trajectory", f"{self.trajectory.q.shape[1]} joints", f"{self.model.n}, as the model has")
+        if (count := self.trajectory.q.shape[1]) != self.model.coordinates:
+            raise InputError("trajectory", f"{count} joints", f"{self.model.coordinates}, as the model has")
+        if (self.model.dimension == 3) != isinstance(self.settings, SpaceView):
+            raise InputError("settings", self.settings.name, "a SpaceView of strikes in space, and of no others")
         if self.target is not None:
             self.target = np.asarray(self.target, float)
         self.truths: list[Truth] = []  # of the frames read so far
         t = self.trajectory.t
         n = max(1, int(np.floor((t[-1] - self.start) * self.settings.fps + 1e-9)) + 1)
         self.starts: np.ndarray = self.start + np.arange(n) / self.settings.fps  # of all frames [s], (F,)
-        self._points = joint_points(self.model, self.trajectory.q)  # (T, n + 1, 2)
+        self._points = joint_points(self.model, self.trajectory.q)  # (T, n + 1, d)
         self._exposed: Exposed = expose(self.settings, t, self._points[:, -1], self.starts)
         self._scene: Scene | None = None
 
@@ -153,7 +160,7 @@ class VirtualCamera:
         s = self.settings
         self._scene = Scene(
             s,
-            self.model,
+            as_mujoco_shows(self.model, self.trajectory.q[0])[0],
             target=self.target,
             marker_radius=self.marker_radius,
             target_radius=self.target_radius,
@@ -184,9 +191,7 @@ class VirtualCamera:
                 seen[rows, columns] = 0
         # Light of the whole marker: the ball's disc, for as long as the shutter is open to it
         s = self.settings
-        scale = s.scale(exposed.points[k])
-        ray = np.append(exposed.points[k], 0.0) - np.array(s.position)
-        slant = np.linalg.norm(ray) / (ray @ s.rotation_matrix[2])  # a ball beside the axis shows as an ellipse
+        scale, slant = s.scale(exposed.points[k]), s.slant(exposed.points[k])
         whole = slant * np.pi * (self.marker_radius * scale) ** 2 * exposed.duration[k] / s.exposure
         self.truths.append(
             Truth(
@@ -222,17 +227,18 @@ class VirtualCamera:
         t = self.trajectory.t
         window = np.r_[start, t[(t > start) & (t < start + s.readout + s.exposure)], start + s.readout + s.exposure]
         moving = np.stack([np.interp(window, t, x) for x in self._points.reshape(len(t), -1).T], axis=1)
-        box = self._box(moving.reshape(len(window), -1, 2), 0.05 * self.model.reach)
+        moving = moving.reshape(len(window), *self._points.shape[1:])
+        box = self._box(moving, 0.05 * self.model.reach)
         if box is not None:
             frames = int(np.clip(np.ceil(blur / _SAMPLING.whip_step), _SAMPLING.shares, 16))
             self._expose(box, start, 1, s.exposure / frames, light, None)
         # The tip, finely
         reach = self.marker_radius * 1.1 + 3 / scale
-        rows = s.project(moving.reshape(len(window), -1, 2)[:, -1])[:, 1]
+        rows = s.project(moving[:, -1])[:, 1]
         opens = start + s.row_delay(rows)
         slack = s.row_delay(2 * reach * scale)
         near = (window >= opens - slack) & (window <= opens + s.exposure + slack)
-        tips = moving.reshape(len(window), -1, 2)[near, -1:]
+        tips = moving[near, -1:]
         tips = np.concatenate([tips, self._exposed.points[k][None, None]])
         box = self._box(tips, reach)
         if box is not None:
@@ -275,7 +281,9 @@ class VirtualCamera:
             part = slice(rows[0], rows[-1] + 1)
             dx, dy = _SAMPLING.shifts[i % len(_SAMPLING.shifts)] if scale == 1 else (0.0, 0.0)
             drawn = scene.draw(
-                q[min(i, len(q) - 1)], (left + dx, top + rows[0] + dy, width, rows[-1] + 1 - rows[0]), scale
+                as_mujoco_shows(self.model, q[min(i, len(q) - 1)])[1],
+                (left + dx, top + rows[0] + dy, width, rows[-1] + 1 - rows[0]),
+                scale,
             )
             w = weights[part, i, None]
             sum_light[part] += w[..., None] * _shrink(drawn.astype(np.float32), scale)
@@ -294,10 +302,10 @@ class VirtualCamera:
         return float(np.ptp(points, axis=0).max()) * self.settings.scale(points[0, -1])
 
     def _box(self, points: np.ndarray, margin: float) -> tuple[int, int, int, int] | None:
-        """Left, top, width and height of what holds the points (..., 2) and a margin [m]; None outside the image."""
-        points = points.reshape(-1, 2)
+        """Left, top, width and height of what holds the points (..., d) and a margin [m]; None outside the image."""
+        points = points.reshape(-1, points.shape[-1])
         low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-        corners = self.settings.project(np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])]))
+        corners = self.settings.project(np.array(list(product(*zip(low, high, strict=True)))))
         limits = (self.settings.width, self.settings.height)
         (left, top), (right, bottom) = (
             np.clip(np.floor(corners.min(axis=0)), 0, limits).astype(int),

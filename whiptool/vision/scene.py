@@ -8,6 +8,7 @@ from whiptool.errors import WhiptoolError
 from whiptool.models.parameters import Model
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
+from whiptool.rollout.mujoco_scene import add_ball
 from whiptool.vision.camera_model import CameraSettings
 from whiptool.viz.opengl import gl_context
 
@@ -26,12 +27,13 @@ class Scene:
     """Draws rectangles of the image that a camera has of arm, whip, tip marker and target.
 
     The target is a disc in the strike plane itself, so that its image has no parallax; the tip's ball stands out of it.
+    In space the target is a ball.
 
     Args:
         settings: The camera.
         model: Whip and arm.
-        target: Its centre [m], (2,), or None.
-        marker_radius, target_radius: Of the tip's ball and of the target's disc [m].
+        target: Its centre [m], (2,) or (3,), or None.
+        marker_radius, target_radius: Of the tip's ball and of the target's disc or ball [m].
 
     Raises:
         WhiptoolError: There is no OpenGL here.
@@ -54,7 +56,9 @@ class Scene:
         whip = [geom for geom in spec.geoms if geom.material == "whip"]
         for geom, radius in zip(whip, np.linspace(*_WHIP, len(whip)), strict=True):
             geom.size = [radius, 0, 0]
-        if target is not None:
+        if target is not None and len(target) == 3:
+            add_ball(spec.worldbody, target_radius, "target", target.tolist())
+        elif target is not None:
             spec.worldbody.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_CYLINDER,
                 fromto=[float(target[0]), 0, float(target[1]), float(target[0]), 1e-3, float(target[1])],
@@ -115,11 +119,11 @@ class Scene:
             mujoco.mjtCatBit.mjCAT_STATIC if q is None else mujoco.mjtCatBit.mjCAT_ALL,
             self._scene,
         )
-        _, down, forward = s.rotation_matrix @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # MuJoCo's z is our y
+        (_, down, forward), position = s.pose()
         x = (np.array([left, left + width]) - 0.5 - s.cx) / s.fx * _NEAR
         y = -(np.array([top, top + height]) - 0.5 - s.cy) / s.fy * _NEAR
         for camera in self._scene.camera:  # one per eye; a picture for one eye is drawn from between the two
-            camera.pos[:] = s.position[0], -s.position[2], s.position[1]
+            camera.pos[:] = position
             camera.forward[:], camera.up[:] = forward, -down
             camera.orthographic = 0
             camera.frustum_near, camera.frustum_far = _NEAR, _FAR

@@ -10,9 +10,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
+from whiptool.recording.lens import distort
+from whiptool.recording.opencv import opencv
+from whiptool.recording.space_camera import SpaceCamera
 from whiptool.vision.boards import Board, Corners
-from whiptool.vision.opencv import opencv
-from whiptool.vision.space_camera import SpaceCamera, distort
 
 FEWEST = 6  # corners of a view: four fix a pose, more say whether it is right
 VIEWS = 5  # of a lens: three fix it in theory, tilted differently
@@ -163,64 +164,9 @@ def calibrate_cameras(
     cameras, boards = _chained(seen, lenses, board, instant, placed)
     cameras, boards = _refined(seen, lenses, board, cameras, boards, instant)
     misses = {key: _missed(lenses[key[0]], cameras[key[0]] @ boards[key[1]], view, board) for key, view in seen.items()}
-    own = {name: {i: _rms(miss) for (other, i), miss in misses.items() if other == name} for name in lenses}
-    together = {n: _rms(np.concatenate([miss for (other, _), miss in misses.items() if other == n])) for n in lenses}
+    own = {name: {i: rms(miss) for (other, i), miss in misses.items() if other == name} for name in lenses}
+    together = {n: rms(np.concatenate([miss for (other, _), miss in misses.items() if other == n])) for n in lenses}
     return SpaceCalibration({n: _camera(n, lenses[n], cameras[n]) for n in lenses}, together, own, boards)
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """How well cameras agree on where a board is.
-
-    Args:
-        misfit: Root mean square distance of its corners from where all see them, at the pose that they agree on best
-            [pixels].
-        without: The same without one of them, by its name: of three or more, the one without which the others agree
-            was moved. Empty for two.
-    """
-
-    misfit: float
-    without: dict[str, float]
-
-
-def agree(cameras: Mapping[str, SpaceCamera], views: Mapping[str, Corners | None], board: Board) -> Agreement:
-    """Return whether cameras still stand as they were calibrated, from one look of all at the board.
-
-    Args:
-        cameras: As they were calibrated.
-        views: What each sees of the board now, at one instant; None where it does not.
-        board: The board.
-
-    Raises:
-        InputError: Fewer than two cameras see enough of the board, or a name is none of the cameras'.
-    """
-    if unknown := set(views) - set(cameras):
-        raise InputError("views", ", ".join(sorted(unknown)), f"the cameras: {', '.join(cameras)}")
-    seen = {name: view for name, view in views.items() if view is not None and len(view.ids) >= FEWEST}
-    if len(seen) < 2:
-        given = ", ".join(seen) or "none"
-        raise InputError("views", given, f"two cameras or more that see {FEWEST} corners or more of the board")
-    without = {name: _misfit({n: cameras[n] for n in seen if n != name}, seen, board) for name in seen}
-    together = _misfit({name: cameras[name] for name in seen}, seen, board)
-    return Agreement(together, without if len(seen) > 2 else {})
-
-
-def _misfit(cameras: Mapping[str, SpaceCamera], views: Mapping[str, Corners], board: Board) -> float:
-    """Return the root mean square distance in the images at the pose of the board that cameras agree on best."""
-    name, first = next(iter(cameras.items()))
-    lens = Lens(first.width, first.height, first.camera_matrix, first.distortion)
-    in_camera = board_pose(lens, views[name], board)
-    back = Rotation.from_matrix(first.rotation.T)
-    start = Pose(back, first.position) @ in_camera
-
-    def misses(x: np.ndarray) -> np.ndarray:
-        turned = Rotation.from_rotvec(x[:3]) * start.rotation
-        places = turned.apply(board.points) + start.position + x[3:]
-        each = [c.project(places[views[n].ids]) - views[n].pixels for n, c in cameras.items()]
-        return np.concatenate(each).ravel()
-
-    best = least_squares(misses, np.zeros(6), method="lm", x_scale="jac")
-    return _rms(best.fun.reshape(-1, 2))
 
 
 Seen = Mapping[tuple[str, int], Corners]
@@ -309,5 +255,6 @@ def _missed(lens: Lens, pose: Pose, view: Corners, board: Board) -> np.ndarray:
     return _image(lens, pose, board.points[view.ids]) - view.pixels
 
 
-def _rms(misses: np.ndarray) -> float:
+def rms(misses: np.ndarray) -> float:
+    """Return the root mean square length of distances in an image (P, 2) [pixels]."""
     return float(np.sqrt((misses**2).sum(axis=1).mean()))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.vision.space_camera import SpaceCamera
+from whiptool.recording.space_camera import SpaceCamera
 
 _ROUNDS = 6  # Gauss-Newton from the point nearest to all sights: quadratic, so that these do
 _NARROWEST = 1e-4  # smallest eigenvalue over the number of sights: about the squared sine of half the angle between two

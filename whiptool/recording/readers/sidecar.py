@@ -12,6 +12,8 @@ Common to all formats:
     joint_columns = ["actual_q_0", "actual_q_1"]   # which of its columns are the arm's joints, in the arm's order
     joint_units = "rad"              # or "deg"
     joints_start = 1.25              # when the command started by that file's clock [s]; default: start
+    hand = "NAME.hand.csv"           # the hand's measured poses: t [s], hand_x, ... hand_z [m], hand_qx, ... hand_qw
+    hand_start = 1.25                # likewise; default: start
 
     [strike]                         # what was commanded
     q_i = [-1.36, 0.47]              # [rad]
@@ -32,17 +34,21 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.joint_trajectory import POSE
 from whiptool.models.strike import Strike
 from whiptool.models.tables import read_toml
+from whiptool.recording.camera_files import read_cameras
 from whiptool.recording.readers import plane
 from whiptool.recording.readers.joint_log import read_joint_log
 from whiptool.recording.readers.table import read_columns
+from whiptool.recording.space_camera import SpaceCamera
 
 COMMON = (
     "camera", "exposure", "target", "t_stay", "start", "joints", "joint_columns", "joint_units", "joints_start",
-    "strike", "controller",
+    "hand", "hand_start", "strike", "controller",
 )  # fmt: skip
 SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
+VIEW = ("cameras", "sigma")  # of readers whose files hold pixels of a camera in space
 PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic")  # of readers whose files hold pixels
 CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
@@ -176,7 +182,26 @@ class Sidecar:
             t, q, names = read_joint_log(file, self._joint_columns())
             start = self.number("joints_start", self.start)
             fields |= {"joints_t": t - start, "joints_q": self.radians(q), "joint_names": names}
+        if (file := self.file("hand")) is not None:
+            t, poses, _ = read_joint_log(file, list(POSE))
+            fields |= {"hand_t": t - self.number("hand_start", self.start), "hand_pose": poses}
         return fields
+
+    def view(self) -> SpaceCamera:
+        """The camera in space that a recording in pixels is of: the one called `camera` in the file `cameras`.
+
+        The file stands beside the sidecar; an option may name any.
+
+        Raises:
+            InputError: A key is missing, the file is none of cameras, or has none of that name.
+        """
+        name, cameras = self.table.get("camera"), self.table.get("cameras")
+        if cameras is None:
+            raise self.refuse("cameras", "the file of cameras in space, for a recording in pixels", "see write_cameras")
+        known = read_cameras(cameras if isinstance(cameras, Path) else self.file("cameras") or "")
+        if not isinstance(name, str) or name not in known:
+            raise self.refuse("camera", f"the camera that saw it, one of {', '.join(known)}")
+        return known[name]
 
     def _joint_columns(self) -> list[str] | None:
         """Names of the joint log's columns in the arm's order; None if the key is not there."""

@@ -8,6 +8,10 @@
 forward, y up, origin at the shoulder), empty or NaN where it is missing; `_sigma` [m] its standard error per
 coordinate; `_t` [s] the middle of its exposure, where it is not the frame's. `NAME.toml` beside it may hold what
 `whiptool.recording.readers.sidecar` lists, and `units`, `axes`, `origin`, and `sigma` for all points.
+
+What one camera in space saw has columns in pixels, `tip_u`, `tip_v`[, `tip_sigma`], ..., and its sidecar says which
+camera it was, `camera = "left"`, and in which file the cameras stand, `cameras = "cameras.toml"`. `t` is then the
+middle of the first row's exposure.
 """
 
 from __future__ import annotations
@@ -20,13 +24,16 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
+from whiptool.models.joint_trajectory import POSE
+from whiptool.recording.camera_files import write_cameras
 from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.joint_log import POSITION
-from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.readers.sidecar import SPACE, UNITS, VIEW, Sidecar
 from whiptool.recording.readers.table import read_columns
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.strike_recording import DEFAULT_PIXELS, StrikeRecording
 
 AXES = ("x", "y", "z")
+PIXELS = ("u", "v")  # to the right, down
 
 
 def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
@@ -40,12 +47,12 @@ def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
         InputError: A column is missing or unknown, a cell is not a number, or what they say breaks a rule.
     """
     path = whole_file(path)
-    side = Sidecar.of(path, options, *SPACE, "sigma")
     names, table = read_columns(path)
+    if any(name.endswith("_u") for name in names):
+        return _read_view(path, names, table, options)
+    side = Sidecar.of(path, options, *SPACE, "sigma")
     with parsing(path, "CSV"):
-        if "t" not in names:
-            raise InputError("columns", ", ".join(names)[:80], "a column t [s]")
-        t = table[:, names.index("t")] - side.start
+        t = _times_of(names, table, side)
         markers, columns = split_columns([name for name in names if name != "t"], ("sigma", "t"))
         pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
         dimension = len(columns[markers[0]].keys() & set(AXES))
@@ -66,8 +73,43 @@ def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
         )
 
 
-def split_columns(names: list[str], more: tuple[str, ...] = ()) -> tuple[list[str], dict[str, dict[str, str]]]:
+def _read_view(path: Path, names: list[str], table: np.ndarray, options: dict[str, Any]) -> StrikeRecording:
+    """Read what one camera in space saw, in pixels."""
+    side = Sidecar.of(path, options, *VIEW)
+    view, default = side.view(), side.number("sigma", DEFAULT_PIXELS, low=1e-6, high=100.0)
+    with parsing(path, "CSV"):
+        t = _times_of(names, table, side)
+        markers, columns = split_columns([name for name in names if name != "t"], ("sigma",), axes=PIXELS)
+        pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
+        sigma = [pick(m, "sigma") if "sigma" in columns[m] else np.full(len(t), default) for m in markers]
+        return StrikeRecording(
+            t=t,
+            points=np.stack([np.stack([pick(m, axis) for axis in PIXELS], 1) for m in markers], 1),
+            markers=tuple(markers),
+            sigma=np.stack(sigma, 1),
+            source=str(path),
+            sha256=sha256(path),
+            view=view,
+            **side.fields(),
+        )
+
+
+def _times_of(names: list[str], table: np.ndarray, side: Sidecar) -> np.ndarray:
+    """Times of the frames from the command's start [s], (T,)."""
+    if "t" not in names:
+        raise InputError("columns", ", ".join(names)[:80], "a column t [s]")
+    return table[:, names.index("t")] - side.start
+
+
+def split_columns(
+    names: list[str], more: tuple[str, ...] = (), *, axes: tuple[str, ...] = AXES
+) -> tuple[list[str], dict[str, dict[str, str]]]:
     """Markers in order of appearance, and for each its columns by what they hold (`x`, `y`, `z` and `more`).
+
+    Args:
+        names: Of the columns.
+        more: What columns of a marker may hold beside its coordinates.
+        axes: What its coordinates are called.
 
     Raises:
         InputError: A name does not end in `_x`, ..., a marker has no x or y, or only some have a z.
@@ -75,15 +117,16 @@ def split_columns(names: list[str], more: tuple[str, ...] = ()) -> tuple[list[st
     columns: dict[str, dict[str, str]] = {}
     for name in names:
         marker, _, what = name.rpartition("_")
-        if not marker or what not in (*AXES, *more):
-            endings = ", ".join("_" + x for x in (*AXES, *more))
-            raise InputError("column", name, f"MARKER with one of {endings}", "as in tip_x, tip_y")
+        if not marker or what not in (*axes, *more):
+            endings = ", ".join("_" + x for x in (*axes, *more))
+            raise InputError("column", name, f"MARKER with one of {endings}", f"as in tip_{axes[0]}, tip_{axes[1]}")
         columns.setdefault(marker, {})[what] = name
     if not columns:
         raise InputError("columns", "no markers", "at least tip_x and tip_y")
     for marker, found in columns.items():
-        if not {"x", "y"} <= found.keys():
-            raise InputError(f"marker {marker}", ", ".join(found.values()), f"{marker}_x and {marker}_y")
+        if not set(axes[:2]) <= found.keys():
+            both = f"{marker}_{axes[0]} and {marker}_{axes[1]}"
+            raise InputError(f"marker {marker}", ", ".join(found.values()), both)
     if len({"z" in found for found in columns.values()}) > 1:
         raise InputError("columns", ", ".join(names)[:80], "_z for all markers or for none")
     return list(columns), columns
@@ -91,6 +134,8 @@ def split_columns(names: list[str], more: tuple[str, ...] = ()) -> tuple[list[st
 
 def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
     """Write a recording as `NAME.csv`, `NAME.toml` and, with a joint log, `NAME.joints.csv`; all numbers exact.
+
+    With a view, the camera is written as `NAME.cameras.toml`, and times of points are those of the camera's rows.
 
     Provenance is not written: read back, the recording comes from this file.
 
@@ -106,16 +151,25 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
     bad = [m for m in recording.markers if m != m.strip() or f"{m}_x" == "t" or any(c in m for c in '\r\n",')]
     if bad:
         raise InputError("marker", bad[0], "a name without commas, quotes, line breaks or outer blanks")
-    d = recording.points.shape[2]
+    d, view = recording.points.shape[2], recording.view
+    axes = AXES[:d] if view is None else PIXELS
     header, columns = ["t"], [recording.t]
     for j, marker in enumerate(recording.markers):
-        header += [f"{marker}_{what}" for what in (*AXES[:d], "sigma", "t")]
-        columns += [*recording.points[:, j].T, recording.sigma[:, j], recording.t_points[:, j]]
-    table: dict[str, Any] = {"units": "m", "t_stay": recording.t_stay, "exposure": recording.exposure}
+        header += [f"{marker}_{what}" for what in (*axes, "sigma")]
+        columns += [*recording.points[:, j].T, recording.sigma[:, j]]
+        if view is None:
+            header.append(f"{marker}_t")
+            columns.append(recording.t_points[:, j])
+    table: dict[str, Any] = {"units": "m"} if view is None else {}
+    table |= {"t_stay": recording.t_stay, "exposure": recording.exposure}
     table |= {"camera": recording.camera} if recording.camera else {}
     table |= {} if recording.target is None else {"target": list(recording.target)}
     files = [path, path.with_suffix(".toml")]
     try:
+        if view is not None:
+            files.append(path.with_suffix(".cameras.toml"))
+            table |= {"camera": view.name, "cameras": files[-1].name}
+            write_cameras(files[-1], {view.name: view})
         _write_columns(path, header, np.stack(columns, 1))
         if recording.joints_t is not None and recording.joints_q is not None:
             files.append(path.with_suffix(".joints.csv"))
@@ -124,6 +178,10 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
             named = [POSITION + name for name in recording.joint_names]
             names = ["t", *(named or [f"q_{i + 1}" for i in range(angles.shape[1])])]
             _write_columns(files[-1], names, np.column_stack([recording.joints_t, angles]))
+        if recording.hand_t is not None and recording.hand_pose is not None:
+            files.append(path.with_suffix(".hand.csv"))
+            table["hand"] = files[-1].name
+            _write_columns(files[-1], ["t", *POSE], np.column_stack([recording.hand_t, recording.hand_pose]))
         if recording.strike is not None:
             s = recording.strike
             table["strike"] = {"q_i": list(s.q_i), "q_f": list(s.q_f), "D": s.D}

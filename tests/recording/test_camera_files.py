@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.vision.camera_files import read_cameras, write_cameras
-from whiptool.vision.space_camera import SpaceCamera, looking_at
+from whiptool.recording.camera_files import read_cameras, write_cameras
+from whiptool.recording.space_camera import SpaceCamera, looking_at
 
 K = np.array([[610.1, 0, 420.5], [0, 605.0, 238.0], [0, 0, 1]])
 PLACE = np.array([2.0, -1.5, 0.8])

@@ -6,15 +6,16 @@ x forward, y to the left, z up, in metres. `camera_model.CameraSettings` is the 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.vision.calibration import undistort
+from whiptool.recording.lens import COEFFICIENTS, distort, distortion_slopes, undistort
 
-COEFFICIENTS = (0, 4, 5, 8)  # of OpenCV's lens models: k1, k2, p1, p2[, k3[, k4, k5, k6]]
 _UNIT = 1e-6  # how far from orthonormal a rotation may be
 
 
@@ -81,15 +82,31 @@ class SpaceCamera:
         """Where the optical axis meets the image [pixels], (2,)."""
         return self.camera_matrix[:2, 2]
 
+    def table(self) -> dict[str, Any]:
+        """Return all its numbers as plain data, by the names of the fields."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: np.asarray(value).tolist() for name, value in values.items()}
+
     def to_camera(self, points: np.ndarray) -> np.ndarray:
         """Return points of the world (..., 3) [m] in the camera's axes (right, down, forward), (..., 3) [m]."""
         return (np.asarray(points, float) - self.position) @ self.rotation.T
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return the pixels (..., 2) of points of the world (..., 3) [m]; NaN behind the camera."""
+        flat, _ = self._flat(points)
+        return distort(flat, self.distortion) * self.focal_lengths + self.principal_point
+
+    def slopes(self, points: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `project` by the points (..., 3) [m]: (..., 2, 3) [pixels/m]."""
+        flat, z = self._flat(points)
+        by_place = (self.rotation[:2] - flat[..., None] * self.rotation[2]) / z[..., None, None]  # of x/z and y/z
+        return self.focal_lengths[:, None] * (distortion_slopes(flat, self.distortion) @ by_place)
+
+    def _flat(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return normalised image coordinates without distortion (..., 2), and depths [m], (...); NaN behind."""
         x, y, z = np.moveaxis(self.to_camera(points), -1, 0)
         z = np.where(z > 0, z, np.nan)
-        return distort(np.stack([x / z, y / z], axis=-1), self.distortion) * self.focal_lengths + self.principal_point
+        return np.stack([x / z, y / z], axis=-1), z
 
     def sights(self, pixels: np.ndarray) -> np.ndarray:
         """Return the directions in the world (..., 3), of unit length, in which pixels (..., 2) look; NaN for NaN."""
@@ -109,19 +126,6 @@ class SpaceCamera:
     def row_delay(self, row: float | np.ndarray) -> np.ndarray:
         """Return how long after the first row a row starts to collect light [s]."""
         return np.asarray(row, float) * self.readout / self.height
-
-
-def distort(flat: np.ndarray, distortion: tuple[float, ...]) -> np.ndarray:
-    """Return normalised image coordinates (..., 2) as a lens distorts them: Brown and Conrady's model, as in OpenCV."""
-    if not distortion:
-        return flat
-    k1, k2, p1, p2, k3, k4, k5, k6 = (*distortion, *(0.0,) * (8 - len(distortion)))
-    x, y = np.moveaxis(flat, -1, 0)
-    r2 = x**2 + y**2
-    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
-    v = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
-    return np.stack([u, v], axis=-1)
 
 
 def looking_at(position: Sequence[float] | np.ndarray, point: Sequence[float] | np.ndarray) -> np.ndarray:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.models.tables import build_from, read_toml
-from whiptool.vision.space_camera import SpaceCamera
+from whiptool.recording.space_camera import SpaceCamera
 from whiptool.whole_files import write_whole
 
 TABLE = "cameras"
@@ -19,10 +17,7 @@ TABLE = "cameras"
 
 def write_cameras(path: str | Path, cameras: Mapping[str, SpaceCamera]) -> None:
     """Write cameras to a file, to the last digit."""
-    keys = [field.name for field in dataclasses.fields(SpaceCamera) if field.name != "name"]
-    tables = {
-        name: {key: np.asarray(getattr(camera, key)).tolist() for key in keys} for name, camera in cameras.items()
-    }
+    tables = {name: {key: x for key, x in camera.table().items() if key != "name"} for name, camera in cameras.items()}
     write_whole(Path(path), tomli_w.dumps({TABLE: tables}))
 
 
@@ -37,17 +32,25 @@ def read_cameras(path: str | Path) -> dict[str, SpaceCamera]:
     cameras = table.get(TABLE)
     if set(table) != {TABLE} or not isinstance(cameras, dict) or not cameras:
         raise InputError(str(path), ", ".join(table) or "nothing", f"tables [{TABLE}.NAME], one for each camera")
-    return {name: _camera(name, of_camera) for name, of_camera in cameras.items()}
+    for name, of_camera in cameras.items():
+        if not isinstance(of_camera, dict) or "name" in of_camera:
+            raise InputError(f"{TABLE}.{name}", of_camera, "a table of a camera, whose name stands in its head")
+    return {name: camera_of(f"{TABLE}.{name}", {**of_camera, "name": name}) for name, of_camera in cameras.items()}
 
 
-def _camera(name: str, table: object) -> SpaceCamera:
-    if not isinstance(table, dict) or "name" in table:
-        raise InputError(f"{TABLE}.{name}", table, "a table of a camera, whose name stands in its head")
+def camera_of(place: str, table: object) -> SpaceCamera:
+    """Return the camera of a table, as `SpaceCamera.table` writes it.
+
+    Args:
+        place: Where the table stands, for errors.
+        table: By the names of the fields.
+
+    Raises:
+        InputError: It is no table, lacks a key, has one too many, or is no camera.
+    """
     try:
-        return build_from(SpaceCamera, table, f"{TABLE}.{name}.", name=name)
+        return build_from(SpaceCamera, table, f"{place}.")
     except (TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(
-            f"{TABLE}.{name}", str(error), "numbers, in arrays where `write_cameras` writes arrays"
-        ) from None
+        raise InputError(place, str(error), "numbers, in arrays where `write_cameras` writes arrays") from None

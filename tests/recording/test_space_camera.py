@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.vision.space_camera import SpaceCamera, looking_at
+from whiptool.recording.space_camera import SpaceCamera, looking_at
 
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 RNG = np.random.default_rng(3)
@@ -84,3 +84,13 @@ def test_what_is_no_camera_is_refused(changed, told):
     whole = {"name": "x", "width": 848, "height": 480, "camera_matrix": K, **pose}
     with pytest.raises(InputError, match=told):
         SpaceCamera(**(whole | changed))
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=len)
+def test_slopes_are_those_of_differences(lens):
+    """Pixels by places, through every lens."""
+    seen = camera(lens)
+    points = np.random.default_rng(3).uniform([-0.2, -0.7, -0.1], [1.2, 0.7, 1.3], (20, 3))
+    steps = 1e-6 * np.eye(3)
+    differences = [(seen.project(points + step) - seen.project(points - step)) / 2e-6 for step in steps]
+    np.testing.assert_allclose(seen.slopes(points), np.stack(differences, axis=-1), rtol=1e-5, atol=1e-3)
