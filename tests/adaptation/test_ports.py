@@ -17,6 +17,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
+from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.target import Target
 
@@ -65,6 +66,15 @@ def test_a_gap_holds_no_tip():
 def test_a_port_is_told_what_it_should_return(returned, said):
     with pytest.raises(InputError, match=f"(?s){said}"):
         checked(returned, STRIKE, 2)
+
+
+def test_what_one_camera_saw_in_pixels_is_refused():
+    camera = SpaceCamera("left", 640, 480, np.diag([500.0, 500.0, 1.0]), np.eye(3), np.zeros(3))
+    pixels = dataclasses.replace(circle(), view=camera)
+    with pytest.raises(InputError, match="pixels.*in m"):
+        seen_of(pixels, (0.2, 1.0, 0.0))
+    with pytest.raises(InputError, match="pixels.*in m"):
+        checked(Seen(pixels, 0.1), STRIKE, 2)
 
 
 def test_what_the_loop_knows_is_added():

@@ -10,7 +10,7 @@ import pytest
 from recordings import write_rows
 
 from whiptool.adaptation import adapter
-from whiptool.adaptation.options import AdaptOptions, _kept_in_space
+from whiptool.adaptation.options import AdaptOptions, kept_in_space
 from whiptool.adaptation.planner import Plan
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
@@ -100,12 +100,12 @@ def test_a_rope_in_space_is_aimed_at_within_the_limits_of_its_robot():
     options.check()
     assert options.build_target(UR5E) == Target.arriving((1.5, 0.3, 0.5), np.pi / 2, speed=1.0)
     assert options.build_controller().prescribed
-    assert [type(x) for x in _kept_in_space(UR5E)] == [ArmLimits, Clearance]
+    assert [type(x) for x in kept_in_space(UR5E)] == [ArmLimits, Clearance]
     still = AdaptOptions(model="ur5e", camera="tip", target=(1.5, 0.3, 0.5), direction=(0.0, 1.0, 0.0), least_speed=0.0)
     assert still.build_target(UR5E).speed is None
     planar = AdaptOptions(target=(1.2, 0.1), least_speed=5.0)
     assert planar.build_target(preset("lemon2024")) == Target((1.2, 0.1))  # the planner's own demand there
-    assert _kept_in_space(preset("lemon2024")) == ()
+    assert kept_in_space(preset("lemon2024")) == ()
 
 
 @pytest.mark.parametrize(

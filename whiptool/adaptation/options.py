@@ -175,7 +175,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         bounds=usual if limits is None else slow,
         check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
         admissible=(lambda strikes: strikes) if robot is None else robot.command.shortened,
-        keeps=_kept_in_space(model),
+        keeps=kept_in_space(model),
         first=FIRST if limits is None else replace(FIRST, pool=1024),
         later=NEXT if limits is None else replace(NEXT, pool=512),
         still=options.still,
@@ -189,7 +189,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     return Adaptation(prior, port, target, loop, folder, recordings=known)
 
 
-def _kept_in_space(model: Model) -> tuple[Limits, ...]:
+def kept_in_space(model: Model) -> tuple[Limits, ...]:
     """The limits of a robot's joints, and that it and the whip keep clear of the robot."""
     from whiptool.models.arm_limits import ArmLimits
     from whiptool.models.clearance import Clearance

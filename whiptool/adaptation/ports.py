@@ -56,8 +56,9 @@ def seen_of(
         fault: Why the strike was broken off; empty: it was not. After a fault no miss distance is computed.
 
     Raises:
-        InputError: The recording has no marker `tip`.
+        InputError: The recording has no marker `tip`, or is in pixels.
     """
+    _refuse_pixels(recording)
     d = len(target)
     points = recording.marker("tip")[:, :d]
     seen = np.isfinite(points).all(axis=1)
@@ -93,7 +94,7 @@ def checked(seen: Any, strike: Strike, number: int) -> Seen:
     """Check what a port returned, and add the strike and a source to a recording that does not state them.
 
     Raises:
-        InputError: It is not a `Seen`, or its recording lacks the tip or belongs to another strike.
+        InputError: It is not a `Seen`, or its recording lacks the tip, is in pixels or belongs to another strike.
     """
     if not isinstance(seen, Seen):
         given = f"{type(seen).__name__} from strike {number}"
@@ -104,6 +105,7 @@ def checked(seen: Any, strike: Strike, number: int) -> Seen:
     if not isinstance(recording, StrikeRecording):
         given = f"{type(recording).__name__} from strike {number}"
         raise InputError("port: recording", given, "a StrikeRecording, or None where nothing was seen")
+    _refuse_pixels(recording)
     if "tip" not in recording.markers:
         raise InputError("port: markers", recording.markers, "the tip among them")
     if recording.strike is not None and not np.allclose(recording.strike.vector, strike.vector, rtol=0, atol=_SAME):
@@ -112,6 +114,13 @@ def checked(seen: Any, strike: Strike, number: int) -> Seen:
     named = f"strike {number}"
     source = recording.source if recording.source.endswith(named) else f"{recording.source or 'port'}, {named}"
     return dataclasses.replace(seen, recording=dataclasses.replace(recording, strike=strike, source=source))
+
+
+def _refuse_pixels(recording: StrikeRecording) -> None:
+    """Refuse what one camera in space saw: where the tip was is not told by it alone."""
+    if recording.view is not None:
+        fix = "use whiptool.vision.triangulation or motion capture"
+        raise InputError("recording", f"{recording.source or 'one'} in pixels", "places of the tip in m", fix)
 
 
 class TipPort:
