@@ -71,9 +71,9 @@ def test_a_port_is_told_what_it_should_return(returned, said):
 def test_what_one_camera_saw_in_pixels_is_refused():
     camera = SpaceCamera("left", 640, 480, np.diag([500.0, 500.0, 1.0]), np.eye(3), np.zeros(3))
     pixels = dataclasses.replace(circle(), view=camera)
-    with pytest.raises(InputError, match="pixels.*in m"):
+    with pytest.raises(InputError, match=r"pixels.*in m"):
         seen_of(pixels, (0.2, 1.0, 0.0))
-    with pytest.raises(InputError, match="pixels.*in m"):
+    with pytest.raises(InputError, match=r"pixels.*in m"):
         checked(Seen(pixels, 0.1), STRIKE, 2)
 
 
