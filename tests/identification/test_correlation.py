@@ -131,7 +131,8 @@ ERRORS = {
 }
 
 
-@pytest.mark.parametrize("kind", [pytest.param(x, marks=[pytest.mark.heavy] * (x != "a tracker's")) for x in ERRORS])
+@pytest.mark.heavy
+@pytest.mark.parametrize("kind", ERRORS)
 def test_intervals_cover_with_any_errors(kind):
     """600 fits of a linear model, two-sided: 95 % intervals cover in 92 to 97.5 %."""
     rng = np.random.default_rng(4)

@@ -84,6 +84,7 @@ def test_derivatives_are_those_of_differences(case):
         np.testing.assert_allclose(exact.by_own[:, j], slope, atol=1e-5 * max(np.abs(slope).max(), 0.01))
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("drive", "own"), [("joints", ()), ("handle", ()), ("joints", ("shift_x",))])
 def test_a_held_out_recording_is_predicted_without_a_look_at_what_is_judged(drive, own):
     """Tips that are moved aside leave the prediction where it was; from joints it errs hardly more than the camera."""

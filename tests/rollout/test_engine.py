@@ -225,6 +225,7 @@ def test_derivatives_of_the_tip_at_its_closest_approach_against_differences():
     assert moving > 0.8 * 4 * 2 * 2 * len(strikes)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("rung", EVERY_RUNG[1:])
 def test_engines_agree_on_the_derivatives_of_the_tip(rung):
     strikes, targets = STRIKES[:6], TARGETS[:6]
@@ -254,6 +255,7 @@ def test_a_parameter_whose_term_is_zero_can_be_freed():
         rollout.gradient(STRIKES[:1], TARGET, t_stay=0.3, names=["whip.colour"])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", EVERY_RUNG)
 def test_tip_paths_and_their_derivatives(name):
     """Paths at a given rate against the trajectory's own steps; derivatives against differences at fixed times."""

@@ -185,6 +185,7 @@ def test_a_number_that_is_zero_can_be_freed():
         np.testing.assert_allclose(slopes[:, k], (sides[1] - sides[0]) / 1e-7, rtol=2e-3, atol=1e-6)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", EVERY_RUNG)
 def test_tip_paths_in_space_and_their_derivatives(name: str):
     rollout = CompiledRollout(MODEL, CONSTANT, timestep=1e-3, engine=name)

@@ -109,6 +109,7 @@ def test_mujoco_and_the_compiled_rollout_make_the_same_strike(model, pose):
     assert not np.isnan(path.q_d).any()
 
 
+@pytest.mark.heavy
 @small
 def test_joints_that_follow_the_hands_path_exactly(model, pose):
     controller = of_hand(PositionControl(), model, pose=pose)

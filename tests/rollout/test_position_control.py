@@ -28,7 +28,8 @@ STRIKES = np.c_[RNG.uniform(-0.8, 0.8, (24, 2 * A)), RNG.uniform(0.4, 0.8, 24)]
 POSITION = Controller(PositionControl())
 
 
-@pytest.mark.parametrize("model", [HEAVY_STIFF, LIGHT, HEAVY_RODS], ids=["stiff", "light", "rod"])
+@pytest.mark.heavy
+@pytest.mark.parametrize("model", [MODEL, LIGHT, RODS], ids=["stiff", "light", "rod"])
 def test_all_engines_agree(model):
     results = {}
     for name in RUNGS:

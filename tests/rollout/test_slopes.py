@@ -37,6 +37,7 @@ def test_effort_of_a_mass_on_a_minimum_jerk_path_has_a_closed_form():
     assert near.effort[0, 0] == pytest.approx((inertia * span) ** 2 * 120 / 7 / D**3, rel=2e-5)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("controller", [CONSTANT, Controller(OIAC()), HELD], ids=["constant", "oiac", "held"])
 def test_effort_is_that_of_mujoco(controller):
     """By Simpson's rule over MuJoCo's own steps."""
@@ -48,9 +49,8 @@ def test_effort_is_that_of_mujoco(controller):
     np.testing.assert_allclose(near.effort[0], expected, rtol=2e-3)
 
 
-@pytest.mark.parametrize(
-    "controller", [CONSTANT, pytest.param(HELD, marks=pytest.mark.heavy)], ids=["continuous", "held"]
-)
+@pytest.mark.heavy
+@pytest.mark.parametrize("controller", [CONSTANT, HELD], ids=["continuous", "held"])
 def test_engines_agree_on_effort_and_on_derivatives(controller):
     strikes, found = np.c_[STRIKES[:2, :4], [0.4, 0.5]], []
     for rung in RUNGS:

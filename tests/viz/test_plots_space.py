@@ -22,7 +22,9 @@ from whiptool.viz.report import Picture
 NAH = preset("nah2023")
 
 
-@pytest.fixture(scope="module", params=["nah2023", "ur5e", pytest.param("panda", marks=pytest.mark.heavy)])
+@pytest.fixture(
+    scope="module", params=["nah2023", *(pytest.param(x, marks=pytest.mark.heavy) for x in ("ur5e", "panda"))]
+)
 def model(request):
     return preset(request.param)
 

@@ -72,6 +72,7 @@ def test_one_strike_does_for_the_papers_zone_and_not_for_a_wider_one(found):
     assert found[0.3]["one_strike_hits"] < 0.6
 
 
+@pytest.mark.heavy
 def test_few_random_strikes_are_varied_too():
     """At least one of them, which then hits no fewer targets than itself: played again by hand."""
     where = scene(0.1)
