@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.planner import JUDGED, SURE, Effort, Plan
+from whiptool.adaptation.planner import JUDGED, SURE, WORTH, Effort, Plan
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.goals import Goals
 from whiptool.identification.arrival_error import angle_probability, direction_error
@@ -33,7 +33,6 @@ TIMESTEP = 1e-3  # [s]
 RATE = 100.0  # [1/s] of the paths that are compared
 STEPS = 20  # of a refinement
 STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approach that can be trusted
-_BLUR, _PULL, _FAR = 0.005, 0.2, 0.5  # [m], probability per metre, [m]: as `whiptool.adaptation.planner.Worth`
 _SPREAD = 0.02  # of the box's widths, of the first steps from the best strike
 
 
@@ -224,10 +223,10 @@ class _Aimed:
     def worth(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Probability of a hit less a little of the expected miss; what is beyond the limits is behind all else."""
         passes = self.each(strikes, whips)
-        worth = passes.probability(self.goal, self.error, blur=_BLUR)
-        worth = worth - _PULL * np.minimum(passes.distance, _FAR).mean(axis=1)
+        worth = passes.probability(self.goal, self.error, blur=WORTH.blur)
+        worth = worth - WORTH.pull * np.minimum(passes.distance, WORTH.far).mean(axis=1)
         if self.goal.directions is not None:
-            worth = worth - _PULL * passes.angle.mean(axis=1) / math.pi
+            worth = worth - WORTH.pull * passes.angle.mean(axis=1) / math.pi
         beyond = self.striker.land(strikes, self.goals(len(strikes))).beyond
         return worth - np.where(beyond > 0, 10 + np.minimum(beyond, 10), 0)
 
@@ -236,8 +235,8 @@ class _Aimed:
         little, middle = SURE * self.goal.hit_radius, np.zeros((1, 1))
         angle = middle + SURE * self.goal.cone
         passes = Passes(middle + little, angle, middle, middle + 10.0)
-        best = float(passes.probability(self.goal, self.error, blur=_BLUR)[0]) - _PULL * little
-        return worth >= best - (0 if self.goal.directions is None else _PULL * SURE * self.goal.cone / math.pi)
+        best = float(passes.probability(self.goal, self.error, blur=WORTH.blur)[0]) - WORTH.pull * little
+        return worth >= best - (0 if self.goal.directions is None else WORTH.pull * SURE * self.goal.cone / math.pi)
 
     def report(
         self,

@@ -63,7 +63,7 @@ class Worth:
     far: float = 0.5
 
 
-_WORTH = Worth()
+WORTH = Worth()
 
 
 @dataclass(frozen=True)
@@ -332,12 +332,12 @@ class _Search:
 
     def probability(self, miss: np.ndarray) -> np.ndarray:
         """Of a hit, per strike, from (strikes, whips) miss distances; smoothed for the search."""
-        return self.error.hit_probability(miss, self.target.hit_radius, blur=_WORTH.blur).mean(axis=1)
+        return self.error.hit_probability(miss, self.target.hit_radius, blur=WORTH.blur).mean(axis=1)
 
     def score(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Probability of a hit less a little of the expected miss; what the motors cannot do is behind all else."""
         miss = self.each(strikes, whips)
-        score = self.probability(miss) - _WORTH.pull * np.minimum(miss, _WORTH.far).mean(axis=1)
+        score = self.probability(miss) - WORTH.pull * np.minimum(miss, WORTH.far).mean(axis=1)
         if self.limits is None and not self.speed:
             return score
         excess = self.excess(self.mean(strikes))
@@ -346,7 +346,7 @@ class _Search:
     def sure(self, score: float) -> bool:
         """Whether a strike is worth as much as one that misses every whip by little."""
         little = SURE * self.target.hit_radius
-        return score >= float(self.probability(np.array([[little]]))[0]) - _WORTH.pull * little
+        return score >= float(self.probability(np.array([[little]]))[0]) - WORTH.pull * little
 
     def report(
         self,

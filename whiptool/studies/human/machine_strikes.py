@@ -14,7 +14,7 @@ from whiptool.impedance import Controller
 from whiptool.models.presets import preset
 from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective
-from whiptool.optimizers import Status, search
+from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
 from whiptool.target import Target
 
@@ -73,9 +73,7 @@ def found_by(method: str, seed: int, hit_radius: float, trials: int, rollout: Co
     bounds = default_bounds(rollout.model.arm)
     criteria = [find_criterion("robustness", bounds, noise=(NOISE,))] if method == ROBUST else []
     objective = Objective(rollout, target_of(hit_radius), max_trials=trials, criteria=criteria)
-    result = search(objective, METHODS[method], seed=seed)
-    if result.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
+    result = search(objective, METHODS[method], seed=seed).uninterrupted()
     assert result.strike is not None
     assert result.outcome is not None
     return {
