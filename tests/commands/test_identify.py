@@ -40,7 +40,7 @@ KEYS = {
     "warning",
     "status", "message", "drive", "parameters", "intervals_from", "correlation", "singular_values", "condition_number",
     "flat_directions", "ratios", "residual_variance", "residual_correlation", "nuisance", "rmse", "held_out_rmse",
-    "rmse_pixels", "held_out_rmse_pixels",
+    "rmse_pixels", "held_out_rmse_pixels", "rmse_depth", "held_out_rmse_depth",
     "recordings", "starts", "fit_time", "model", "N", "nodes", "controller", "controller_assumed", "plane", "synthetic",
     "identified", "report", "seed", "version",
 }  # fmt: skip

@@ -60,11 +60,13 @@ def film_in_space(
     rng: np.random.Generator | None = None,
     late: float = 0.0,
     start: float = 0.011,
+    deep: bool = False,
     **about,
 ) -> StrikeRecording:
     """Return what a camera saw of paths (T, M, 3) at times t: pixels, with noise of `sigma` where there is a generator.
 
-    Its clock is `late` [s]; its first frame's first row is in the middle of its exposure at `start`.
+    Its clock is `late` [s]; its first frame's first row is in the middle of its exposure at `start`. A deep one
+    measures depth, too, with the errors of a D435: of 0.08 pixels in disparity over 50 mm; not in every seventh frame.
     """
     path = CubicSpline(t, places)
     frames = np.arange(start, t[-1] - camera.readout - camera.exposure, 1 / camera.fps)
@@ -77,9 +79,23 @@ def film_in_space(
             pixels[:, m] = by_opencv(camera, path(at)[:, :, m]).mean(axis=1)
     if rng is not None:
         pixels += sigma * rng.standard_normal(pixels.shape)
+    if deep:
+        about["depth"] = mean_depths(camera, path, frames, pixels)
+        if rng is not None:
+            disparity = K[0, 0] * 0.05 / about["depth"] + 0.08 * rng.standard_normal(about["depth"].shape)
+            about["depth"] = K[0, 0] * 0.05 / disparity
+            about["depth"][::7] = 0.0
     inside = (pixels >= 0).all(axis=2) & (pixels < [camera.width, camera.height]).all(axis=2)
     pixels[~inside] = np.nan
     return StrikeRecording(t=frames + late, points=pixels, markers=markers, sigma=sigma, view=camera, **about)
+
+
+def mean_depths(camera: SpaceCamera, path: CubicSpline, frames: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return the markers' mean depths while the rows of their pixels are exposed [m], (T, M)."""
+    shares = (np.arange(12) + 0.5) / 12 - 0.5
+    at = frames[:, None, None] + (pixels[..., 1] * camera.readout / camera.height)[..., None] + shares * camera.exposure
+    ahead = (path(at) - camera.position) @ camera.rotation[2]  # (T, M, shares, M)
+    return np.einsum("tmsm->tm", ahead) / len(shares)
 
 
 def filmed_by_two(model: Model, strike: Strike, seed: int) -> list[StrikeRecording]:

@@ -20,6 +20,7 @@ from whiptool.identification.solver import Solution, Status
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.variables import Variable, variable
 from whiptool.models.parameters import ArmLink
+from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import StrikeRecording
 
 K, M, B = (variable(f"whip.{name}", 1.0) for name in "kmb")
@@ -135,6 +136,31 @@ def test_the_tips_paths_or_the_last_markers(markers, which):
     np.testing.assert_allclose(t, T[kept] + 0.004 * which)
     np.testing.assert_allclose(measured, (TIP + 5.0 * which)[kept])
     np.testing.assert_allclose(predicted, (TIP + 5.0 * which + OFF)[kept])
+
+
+def test_depth_is_told_in_metres_beside_pixels():
+    """It is read as its inverse [1/m], whose size is the squared depth; a frame without it has none in its path."""
+    view = SpaceCamera("left", 640, 480, np.diag([400.0, 400.0, 1.0]), np.eye(3), np.zeros(3))
+    seen, depth = np.full((12, 1, 2), 100.0), np.full((12, 1), 2.0)
+    depth[3] = np.nan
+    recording = StrikeRecording(T, seen, ("tip",), view=view, depth=depth)
+    channels = np.array([(i, 0, axis) for i in range(12) for axis in range(3) if (i, axis) != (3, 2)])
+    deep = channels[:, 2] == 2
+    measured = np.where(deep, 0.5, 100.0)
+    modelled = np.where(deep, 1 / 2.02, 100.3)
+    told = {"measured": measured, "channels": channels, "view": view, "size": np.where(deep, 2.02**2, 5e-3)}
+    found = residuals_of(modelled - measured, **told)
+    assert found.pixels == pytest.approx(0.3)
+    assert found.rmse == pytest.approx(1.5e-3)
+    assert found.depth == pytest.approx(0.02, rel=0.02)
+    assert summary.root_mean_square([found]) == pytest.approx(1.5e-3)
+    assert summary.root_mean_square_pixels([found]) == pytest.approx(0.3)
+    assert summary.root_mean_square_depth([found, residuals_of(np.ones(2))]) == found.depth
+    assert summary.root_mean_square_depth([residuals_of(np.ones(2))]) is None
+    assert summary.error_words([found]) == "1.5 mm (0.3 pixels, depth 20.2 mm)"
+    _, was, expected, _ = summary.tip_paths(recording, found)
+    np.testing.assert_allclose(was[:, 2], depth[:, 0])
+    np.testing.assert_allclose(expected[:, 2], np.where(np.isnan(depth[:, 0]), np.nan, 2.02))
 
 
 def test_similarity_is_that_of_the_tips_paths():

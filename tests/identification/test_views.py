@@ -100,6 +100,77 @@ def test_two_cameras_tell_a_whip_and_their_clocks(seen):
     assert "pixels" in error_words(found.held_out)
 
 
+def test_depth_is_read_where_the_camera_has_it(rolled):
+    """As the mean along the optical axis, also of a frame without depth; the delay shifts it like the pixels."""
+    film = film_in_space(LEFT, rolled.t, rolled.tip[:, None], late=0.02, strike=STRIKES[0], deep=True)
+    film = dataclasses.replace(film, depth=np.where(np.arange(len(film.t))[:, None] == 5, 0.0, film.depth))
+    plant = Plant(ROBOT, Controller(PositionControl()))
+    predictor = Predictor([film], plant, drive="command", shared=["delay"], timestep=5e-4)
+    (found,) = predictor(plant, {"delay": 0.02}, predictor.start, derivatives=False)
+    deep = predictor.channels[0][:, 2] == 2
+    assert (deep.sum(), (~deep).sum()) == (film.seen.sum() - 1, 2 * film.seen.sum())
+    assert 5 not in predictor.channels[0][deep, 0]
+    assert np.abs(1 / found.value[deep] - film.depth[np.isfinite(film.depth)]).max() < 2e-4
+    np.testing.assert_allclose(predictor.sigma[0][deep], 0.08 / (430.0 * 0.05))  # of its inverse: the same everywhere
+    seconds, path = predictor.path(0, plant, {"delay": 0.02}, predictor.start[0])
+    moment = int(np.argmin(np.abs(seconds - 0.32)))
+    place = CubicSpline(rolled.t, rolled.tip)(seconds[moment] - 0.02)
+    assert path["tip"][moment, 2] == pytest.approx(LEFT.rotation[2] @ (place - LEFT.position), abs=1e-4)
+
+
+@pytest.mark.heavy
+def test_derivatives_of_depth_are_those_of_differences(rolled):
+    film = film_in_space(
+        LEFT, rolled.t, rolled.tip[:, None], rng=np.random.default_rng(0), deep=True, strike=STRIKES[0]
+    )
+    plant, shared = Plant(ROBOT, Controller(PositionControl())), ["whip.k", *UNSEEN, "delay"]
+    predictor = Predictor([film], plant, drive="command", shared=shared, timestep=5e-4)
+    given = {"delay": 0.003, "scale": 1.02, "shift_x": 0.01, "shift_y": -0.02, "shift_z": 0.03}
+    (found,) = predictor(plant, given, predictor.start, derivatives=True)
+    deep = predictor.channels[0][:, 2] == 2
+    for j, name in enumerate(shared):
+        values = []
+        for step in (1e-4, -1e-4):
+            if name == "whip.k":
+                moved = plant.changed({name: TRUE[name] * (1 + step)}), given
+            else:
+                moved = plant, given | {name: given[name] + step}
+            values.append(predictor(*moved, predictor.start, derivatives=False)[0].value)
+        slope = (values[0] - values[1]) / 2e-4 / (TRUE[name] if name == "whip.k" else 1.0)
+        for part in (deep, ~deep):
+            np.testing.assert_allclose(found.by_shared[part, j], slope[part], atol=2e-4 * np.abs(slope[part]).max())
+    assert np.abs(1 / found.size[deep] - found.value[deep] ** 2).max() < 1e-12
+
+
+UNSEEN = ("scale", "shift_x", "shift_y", "shift_z")
+
+
+@pytest.mark.heavy
+def test_one_camera_with_depth_tells_how_far_away_the_whip_is(rolled):
+    """Without, a base that is farther away and a larger strike look the same; the intervals hold the truth."""
+    plant = Plant(ROBOT, Controller(PositionControl()))
+    guess, how = plant.changed({"whip.k": 0.06}), Options(drive="command", timestep=5e-4)
+    true = {"whip.k": 0.05, "scale": 1.0, "shift_x": 0.0, "shift_y": 0.0, "shift_z": 0.0}
+    held = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        film = film_in_space(LEFT, rolled.t, rolled.tip[:, None], rng=rng, deep=True, strike=STRIKES[0])
+        found = fit(film, guess, ["k", *UNSEEN], options=how)
+        assert {p.kind for p in found.parameters} <= {"pinned", "traded"}
+        intervals = {p.name: p.interval for p in found.parameters}
+        assert intervals["shift_y"][1] - intervals["shift_y"][0] < 0.03  # the axis is mostly along y
+        held += [low <= true[name] <= high for name, (low, high) in intervals.items()]
+        (deep,) = found.recordings
+        assert deep.depth == pytest.approx(np.sqrt(np.nanmean(film.depth_sigma**2)), rel=0.25)
+        assert deep.pixels == pytest.approx(0.3, rel=0.2)
+        assert deep.chi == pytest.approx(1.0, abs=0.15)
+        assert f"depth {1e3 * deep.depth:.3g} mm" in error_words([deep])
+    assert sum(held) >= 18  # of 20
+    alone = fit(dataclasses.replace(film, depth=None, depth_sigma=None), guess, ["k", *UNSEEN], options=how)
+    assert {alone[name].kind for name in UNSEEN[1:]} == {"flat"}
+    assert alone.recordings[0].depth is None
+
+
 def test_one_log_for_two_cameras_is_counted_once(seen):
     """Where the joints err most, a camera's twin beside it must not make the whip better known."""
     pair = seen[0][0], dataclasses.replace(seen[0][0])

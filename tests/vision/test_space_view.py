@@ -14,6 +14,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
 from whiptool.models.strike import Strike
+from whiptool.recording.depth_noise import depth_error
 from whiptool.rollout import CompiledRollout
 from whiptool.vision.camera_model import CAMERAS
 from whiptool.vision.space_view import SpaceView, track_view
@@ -77,6 +78,13 @@ def test_the_tip_is_followed_while_it_nears_and_moves_away(camera, path):
     assert np.abs(off).max() < 0.5
     at = np.array([x.t_point for x in virtual.truths])
     np.testing.assert_allclose(recording.t_points[seen, 0], at[seen], atol=1e-4)
+    true = np.array([x.depth for x in virtual.truths])
+    assert true.min() >= depth.min()
+    assert true.max() <= depth.max()
+    measured = dataclasses.replace(recording, depth=virtual.depths(np.random.default_rng(1)))
+    off = (measured.depth[:, 0] - true) / depth_error(true, camera.focal_lengths[0])
+    assert np.isfinite(measured.depth).mean() > 0.9
+    assert np.nanstd(off) == pytest.approx(1.0, abs=0.35)
     assert recording.view.name == camera.name
     assert recording.strike == FAST
 

@@ -37,10 +37,11 @@ class Prediction:
     """What a recording should have read, flat over its K readings that are not missing.
 
     Args:
-        value: [m], [rad], or of a camera's view [pixels], (K,).
+        value: [m], [rad], or of a camera's view [pixels] and, of depth, its inverse [1/m], (K,).
         by_shared, by_own: Derivatives by the shared unknowns (K, G) and by this recording's own (K, L); empty if not
             asked for.
-        size: How far a place moves at least that moves a reading by one [m/pixel], (K,); 1 where places are read.
+        size: How far a place moves at least that moves a reading by one [m/pixel], of depth [m^2], (K,); 1 where places
+            are read.
     """
 
     value: np.ndarray
@@ -174,14 +175,16 @@ class Predictor:
         self, i: int, plant: Identifiable, nuisance: dict[str, float], own: np.ndarray
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Predicted path of every measured marker of recording i, in the recording's own clock and frame: times (S,)
-        [s], positions by marker, (S, d) [m] (or the angles by link, (S, 1) [rad], or a view's pixels, (S, 2))."""
+        [s], positions by marker, (S, d) [m] (or the angles by link, (S, 1) [rad], or of a view pixels, (S, 2), and
+        where depth was measured [m] in a third column)."""
         d, read = self.drives[i], self._read[i]
         k = sum(len(x) for x in d.unknowns.values())
         y, _ = self._roll([d.shot(plant, d.pack(plant, []), own[:k])], derivatives=False, which=[i])[0]
         given = NEUTRAL | nuisance | dict(zip(self._own_nuisance, own[k:], strict=True))
         t = d.start + self.h * self.stride * np.arange(len(y)) + given["delay"]
         y = placed(y, given) if read.width > 1 else y
-        y = y if read.view is None else read.view.project(y)
+        if read.view is not None:
+            y = np.dstack([read.view.project(y), read.view.depth(y)])[..., : read.axes]
         return t, {name: y[:, j] for j, name in enumerate(read.names)}
 
     def _roll(
@@ -254,7 +257,9 @@ class _Reading:
     """How one recording reads a path: which marker when, averaged how long, with what error, and through which camera.
 
     A camera's reading is where it sees the mean of the path: that differs from the mean of what it sees by some
-    hundredths of a pixel, where a point comes 10 cm nearer during an exposure.
+    hundredths of a pixel, where a point comes 10 cm nearer during an exposure. Depth is read as its inverse, which is
+    the stereo pair's disparity but for a factor: its errors are normal and as large at all distances, while depths that
+    err to the near side would state smaller errors than those that err to the far side, and draw the fit to them.
     """
 
     def __init__(
@@ -267,15 +272,15 @@ class _Reading:
         exposure: float,
         view: SpaceCamera | None = None,
     ) -> None:
-        seen = np.isfinite(values).all(axis=2)  # (T, M)
+        seen = np.isfinite(values[..., 0])  # (T, M)
         frame, self.which = np.nonzero(seen)
         self.names, self.links, self.exposure, self.view = names, links, exposure, view
-        axes = values.shape[2]
-        self.at, self.width = t[seen], axes if view is None else 3
-        self.measured = values[seen].ravel()
-        self.sigma = np.repeat(sigma[seen], axes)
-        axis = np.tile(np.arange(axes), len(self.at))
-        self.channels = np.stack([*(np.repeat(x, axes) for x in (frame, self.which)), axis], axis=1)
+        self.axes = values.shape[2]
+        self.at, self.width = t[seen], self.axes if view is None else 3
+        self._there = np.isfinite(values[seen])  # (K', axes): a point may be seen whose depth was not measured
+        self.measured, self.sigma = values[seen][self._there], sigma[seen][self._there]
+        self._point, axis = np.nonzero(self._there)
+        self.channels = np.stack([frame[self._point], self.which[self._point], axis], axis=1)
         self._grid: tuple | None = None
 
     def read(
@@ -292,15 +297,23 @@ class _Reading:
         dx = grid.value(dpath, self.which) if len(dpath) else np.zeros((0, *x.shape))
         one = np.ones(len(self.measured))
         if self.width == 1:
-            return x.ravel(), dx.reshape(len(dx), x.size), {}, one
+            return x[self._there], dx[:, self._there], {}, one
         by = by_placement(x, given) | {"delay": -carried(grid.velocity(path, self.which), given)}
         place, changed = placed(x, given), carried(dx, given)
         if self.view is None:
-            return place.ravel(), changed.reshape(len(dx), x.size), {name: d.ravel() for name, d in by.items()}, one
-        slopes = self.view.slopes(place)  # (K', 2, 3)
-        seen = {name: np.einsum("kij,kj->ki", slopes, d).ravel() for name, d in by.items()}
-        changed = np.einsum("kij,dkj->dki", slopes, changed).reshape(len(dx), len(one))
-        return self.view.project(place).ravel(), changed, seen, 1 / np.linalg.norm(slopes, axis=-1).ravel()
+            return place[self._there], changed[:, self._there], {k: d[self._there] for k, d in by.items()}, one
+        value, slopes = _seen(self.view, place)
+        value, slopes, point = value[:, : self.axes][self._there], slopes[:, : self.axes][self._there], self._point
+        nuisance = {name: np.einsum("kj,kj->k", slopes, d[point]) for name, d in by.items()}
+        return value, np.einsum("kj,dkj->dk", slopes, changed[:, point]), nuisance, 1 / np.linalg.norm(slopes, axis=-1)
+
+
+def _seen(view: SpaceCamera, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return pixels and inverse depths [1/m] of places (K', 3), (K', 3), and their derivatives by these, (K', 3, 3)."""
+    inverse = 1 / view.depth(places)
+    deeper = -(inverse**2)[:, None] * view.rotation[2]
+    pixels, slopes = view.project(places), view.slopes(places)
+    return np.column_stack([pixels, inverse]), np.concatenate([slopes, deeper[:, None]], axis=1)
 
 
 def _sharing(recording: Recording, recordings: Sequence[Recording]) -> int:
@@ -321,7 +334,7 @@ def _readings(recording: Recording, drive: Drive) -> _Reading:
     if isinstance(recording, AngleRecording):
         n = recording.angles.shape[1]
         t = np.repeat(recording.t[:, None], n, axis=1)
-        sigma = np.full(t.shape, recording.sigma)
+        sigma = np.full((*t.shape, 1), recording.sigma)
         names = [f"link{i + 1}" for i in range(n)]
         return _Reading(names, list(range(n)), t, recording.angles[..., None], sigma, 0.0)
     links = {name: drive.link_of(name) for name in recording.markers}
@@ -334,5 +347,9 @@ def _readings(recording: Recording, drive: Drive) -> _Reading:
     if recording.points.shape[2] < d and recording.view is None:
         rule = "places in space (_x, _y, _z; z up), for a model in space"
         raise InputError(f"{recording.source}: points", "in a plane", rule, "record motion capture")
-    points, t, sigma = recording.points[:, which, :d], recording.t_points[:, which], recording.sigma[:, which]
+    points, t = recording.points[:, which, :d], recording.t_points[:, which]
+    sigma = np.repeat(recording.sigma[:, which, None], points.shape[2], axis=2)
+    if recording.depth is not None:
+        depth = recording.depth[:, which]
+        points, sigma = np.dstack([points, 1 / depth]), np.dstack([sigma, recording.depth_sigma[:, which] / depth**2])
     return _Reading(list(known), list(known.values()), t, points, sigma, recording.exposure, recording.view)

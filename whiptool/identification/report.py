@@ -120,14 +120,20 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
     in_pixels = any(f.view is not None for _, f, _ in pairs)
     if in_pixels:
         rows[0].insert(4, "RMS [pixels]")
+    deep = any(f.depth is not None for _, f, _ in pairs)
+    if deep:
+        rows[0].insert(5, "RMS of depth [mm]")
     for r, f, kind in pairs:
         down = f"{int((f.weight < 1).sum())} of {len(f.residuals)}"
         rows.append([_name(r), kind, str(len(r.t)), f"{1e3 * f.rmse:.3g}", f"{f.chi:.2f}", down])
         if in_pixels:
             rows[-1].insert(4, "" if f.pixels is None else f"{f.pixels:.3g}")
+        if deep:
+            rows[-1].insert(5, "" if f.depth is None else f"{1e3 * f.depth:.3g}")
     said = f"Residuals of all fitted recordings: {error_words(fit.recordings)} RMS per coordinate. "
     if in_pixels:
-        said += "What a camera saw is judged in pixels; its errors in mm are those across its line of sight. "
+        said += "What a camera saw is judged in pixels; its errors in mm are those across its line of sight"
+        said += ", those of depth along its optical axis. " if deep else ". "
     if not fit.held_out:
         said += "No recording was held out: how well the model predicts a new strike was not tested."
     else:
@@ -183,8 +189,8 @@ def _nodes(nodes: Sequence[tuple[int, float, float]], chosen: int) -> Section:
 
 def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Picture:
     t, measured, _, name = tip_paths(recording, found)
-    path, axes_of, unit = found.path[name], _axes(recording), "m" if recording.view is None else "pixels"
-    side = [0, len(axes_of) - 1]  # forward and upward
+    path, axes_of = found.path[name], _axes(recording)
+    side = [0, 1 if recording.view is not None else len(axes_of) - 1]  # forward and upward
     figure = Figure(figsize=(10, 0.4 + 1.9 * len(axes_of)), layout="constrained")
     axes = figure.subplot_mosaic([["plane", axis] for axis in axes_of], width_ratios=[1, 1.25])
     shown = (found.t >= t[0] - 0.02) & (found.t <= t[-1] + 0.02)
@@ -202,8 +208,9 @@ def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Pict
     if (target := _target(recording)) is not None:
         where = [target[i] for i in side]
         axes["plane"].plot(*where, "x", color=COLORS["black"], markersize=9, label="target")
-    up = axes_of[-1]
-    axes["plane"].set(xlabel=f"{axes_of[0]} [{unit}]", ylabel=f"{up} [{unit}]")
+    axes["plane"].set(
+        **{f"{which}label": _with_unit(recording, axes_of[i]) for which, i in zip("xy", side, strict=True)}
+    )
     axes["plane"].set_title(f"{_name(recording)}: {name}, {kind}")
     axes["plane"].set_aspect("equal", adjustable="datalim")
     if recording.view is not None:
@@ -212,22 +219,33 @@ def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Pict
     for i, axis in enumerate(axes_of):
         axes[axis].plot(found.t[shown], path[shown, i], **line)
         axes[axis].plot(t, measured[:, i], **dots)
-        axes[axis].set(ylabel=f"{axis} [{unit}]")
-        axes[axis].tick_params(labelbottom=axis == up)
-    axes[up].set(xlabel="time from the command's start [s]")
+        axes[axis].set(ylabel=_with_unit(recording, axis))
+        axes[axis].tick_params(labelbottom=axis == axes_of[-1])
+    axes[axes_of[-1]].set(xlabel="time from the command's start [s]")
     caption = (
-        f"{_name(recording)}, {kind}: {name} {_SEEN[axes_of]} and over time. RMS {error_words([found])} per "
+        f"{_name(recording)}, {kind}: {name} {_seen(recording)} and over time. RMS {error_words([found])} per "
         "coordinate. Points are means over an exposure, the line is the path itself."
     )
     return Picture(figure, caption)
 
 
-_SEEN = {"xy": "in the strike plane", "xyz": "seen from the side", "uv": "in the camera's image"}
-
-
-def _axes(recording: StrikeRecording) -> str:
+def _axes(recording: StrikeRecording) -> tuple[str, ...]:
     """Return the names of a recording's coordinates."""
-    return "xyz"[: recording.points.shape[2]] if recording.view is None else "uv"
+    if recording.view is None:
+        return ("x", "y", "z")[: recording.points.shape[2]]
+    return ("u", "v") if recording.depth is None else ("u", "v", "depth")
+
+
+def _seen(recording: StrikeRecording) -> str:
+    """Return how a recording's path is shown, in words."""
+    if recording.view is not None:
+        return "in the camera's image"
+    return "in the strike plane" if recording.points.shape[2] == 2 else "seen from the side"
+
+
+def _with_unit(recording: StrikeRecording, axis: str) -> str:
+    """Return the name of a coordinate with its unit."""
+    return f"{axis} [{'m' if recording.view is None or axis == 'depth' else 'pixels'}]"
 
 
 def _target(recording: StrikeRecording) -> Sequence[float] | np.ndarray | None:
@@ -238,21 +256,25 @@ def _target(recording: StrikeRecording) -> Sequence[float] | np.ndarray | None:
 
 
 def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Picture:
-    rows = -(-len(pairs) // 2)
+    panels = [(pair, axes) for pair in pairs for axes in _panels(pair[0])]
+    rows = -(-len(panels) // 2)
     figure = Figure(figsize=(10, 2.2 * rows + 0.6), layout="constrained")
     grid = figure.subplots(rows, 2, squeeze=False).ravel()
-    for ax in grid[len(pairs) :]:
+    for ax in grid[len(panels) :]:
         ax.remove()
-    for ax, (recording, found, kind) in zip(grid, pairs, strict=False):
+    labels = {}
+    for ax, ((recording, found, kind), axes) in zip(grid, panels, strict=False):
         t, measured, predicted, name = tip_paths(recording, found)
-        sigma = np.interp(t, *_stated(recording, name))
-        unit = 1e3 if recording.view is None else 1.0
-        ax.fill_between(t, -2 * unit * sigma, 2 * unit * sigma, color="0.88", linewidth=0, label="±2 stated errors")
-        looks = (("blue", "o"), ("vermilion", "s"), ("black", "^"))
-        for i, (axis, (color, mark)) in enumerate(zip(_axes(recording), looks, strict=False)):
+        deep = axes == ("depth",)
+        unit, factor = ("mm", 1e3) if recording.view is None or deep else ("pixels", 1.0)
+        stated = 2 * factor * _stated(recording, name, t, deep=deep)
+        ax.fill_between(t, -stated, stated, color="0.88", linewidth=0, label="±2 stated errors")
+        for axis in axes:
+            i = _axes(recording).index(axis)
+            color, mark = (("blue", "o"), ("vermilion", "s"), ("black", "^"))[i]
             ax.plot(
                 t,
-                unit * (predicted - measured)[:, i],
+                factor * (predicted - measured)[:, i],
                 mark,
                 linestyle="-",
                 linewidth=0.7,
@@ -260,12 +282,12 @@ def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Pi
                 color=COLORS[color],
                 label=axis,
             )
-        ax.set_title(f"{_name(recording)}: {name}, {kind}")
-    for ax in grid[max(len(pairs) - 2, 0) : len(pairs)]:
+        ax.set(title=f"{_name(recording)}: {name}{', depth' if deep else ''}, {kind}", ylabel=f"[{unit}]")
+        labels |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    for ax in grid[max(len(panels) - 2, 0) : len(panels)]:
         ax.set_xlabel("time from the command's start [s]")
-    units = sorted({"mm" if r.view is None else "pixels" for r, _, _ in pairs})
-    figure.supylabel(f"modelled - measured [{' or '.join(units)}]", fontsize=11)
-    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+    figure.supylabel("modelled - measured", fontsize=11)
+    figure.legend(labels.values(), labels.keys(), loc="outside upper right", ncols=len(labels))
     caption = (
         "Residuals. What is left over should look like noise within the grey band; waves are what the model, or what "
         "is said of the camera, cannot explain."
@@ -273,10 +295,18 @@ def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Pi
     return Picture(figure, caption)
 
 
-def _stated(recording: StrikeRecording, name: str) -> tuple[np.ndarray, np.ndarray]:
+def _panels(recording: StrikeRecording) -> list[tuple[str, ...]]:
+    """Return which coordinates share a panel: depth, in metres, has one of its own beside pixels."""
+    axes = _axes(recording)
+    return [axes] if recording.depth is None else [axes[:2], axes[2:]]
+
+
+def _stated(recording: StrikeRecording, name: str, t: np.ndarray, *, deep: bool) -> np.ndarray:
+    """Return the stated errors of a marker, or of its depth, at times t, (T,)."""
     at = recording.markers.index(name)
-    seen = recording.seen[:, at]
-    return recording.t_points[seen, at], recording.sigma[seen, at]
+    sigma = recording.depth_sigma[:, at] if deep else recording.sigma[:, at]
+    there = recording.seen[:, at] & np.isfinite(sigma)
+    return np.interp(t, recording.t_points[there, at], sigma[there]) if there.any() else np.zeros(len(t))
 
 
 def knowledge_section(fit: Fit) -> Section:

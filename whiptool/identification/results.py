@@ -19,6 +19,7 @@ from whiptool.identification.units import with_unit
 from whiptool.models.parameters import Model
 from whiptool.recording.space_camera import SpaceCamera
 
+DEPTH_AXIS = 2  # of a view's readings: after u and v
 _FAR = 0.999  # level of the region around the best end that another start's end has to lie in
 
 
@@ -28,19 +29,21 @@ class RecordingFit:
 
     Args:
         source: Where it came from.
-        residuals: Predicted minus measured [m], [rad], or [pixels] of a camera's view, (K,).
-        measured: (K,).
+        residuals: Predicted minus measured [m], [rad], or of a camera's view [pixels] and, of depth, of its inverse
+            [1/m], (K,).
+        measured: Likewise, (K,).
         sigma: Stated standard errors, (K,).
         weight: From Huber's loss, 1 for what fits, (K,).
-        channels: Frame, marker and axis of each residual, (K, 3).
+        channels: Frame, marker and axis of each residual, (K, 3); axis 2 of a view is depth.
         markers: Names of the markers that `channels` counts.
         own: The recording's own unknowns by name.
         t: Times of the predicted path [s], (S,).
         path: Predicted path of each marker, (S, d) [m], (S, 2) [pixels] or (S, 1) [rad], in the recording's frame and
-            clock.
+            clock; where depth was measured, [m] in a third column after pixels.
         predicted_from: Frame time from which on it was predicted [s]; what was read before fitted its own unknowns and
             is not among the residuals. None: all of it was fitted or predicted.
-        size: Of a view: how far a place moves at least that moves a reading by a pixel [m], (K,); None: there is none.
+        size: Of a view: how far a place moves at least that moves a reading by one [m/pixel], [m^2], (K,); None: there
+            is none.
         view: The camera whose pixels it holds.
     """
 
@@ -59,19 +62,30 @@ class RecordingFit:
     view: SpaceCamera | None = None
 
     @property
+    def deep(self) -> np.ndarray:
+        """Which residuals are of depth, (K,)."""
+        return (self.channels[:, 2] == DEPTH_AXIS) & (self.view is not None)
+
+    @property
     def errors(self) -> np.ndarray:
-        """The residuals [m] or [rad], (K,); of a view how far the place is off at least that the camera saw."""
+        """The residuals [m] or [rad], (K,); of pixels how far the place is off at least, across the line of sight, of
+        depth how far it is off along the optical axis, too far being negative."""
         return self.residuals if self.view is None or self.size is None else self.residuals * self.size
 
     @property
     def rmse(self) -> float:
-        """Root mean square of the errors [m] or [rad]."""
-        return float(np.sqrt(np.mean(self.errors**2)))
+        """Root mean square of the errors [m] or [rad], those of depth left out."""
+        return float(np.sqrt(np.mean(self.errors[~self.deep] ** 2)))
 
     @property
     def pixels(self) -> float | None:
         """Root mean square of the residuals in a camera's view [pixels]; None: there is none."""
-        return None if self.view is None else float(np.sqrt(np.mean(self.residuals**2)))
+        return None if self.view is None else float(np.sqrt(np.mean(self.residuals[~self.deep] ** 2)))
+
+    @property
+    def depth(self) -> float | None:
+        """Root mean square of the errors of depth [m]; None: none was measured."""
+        return float(np.sqrt(np.mean(self.errors[self.deep] ** 2))) if self.deep.any() else None
 
     @property
     def chi(self) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.predict import Recording
-from whiptool.identification.results import Fit, RecordingFit
+from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import unit_of, with_unit
@@ -80,16 +80,19 @@ def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
 
 
 def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Times [s], (T,), measured and predicted places [m], (T, d), or a view's pixels, of the tip, or of the last
-    marker, and its name."""
+    """Times [s], (T,), measured and predicted places [m], (T, d), or a view's pixels and depth [m], of the tip, or of
+    the last marker, and its name."""
     which = found.markers.index("tip") if "tip" in found.markers else len(found.markers) - 1
     mine = found.channels[:, 1] == which
     frames = np.unique(found.channels[mine, 0])
-    measured, predicted = np.full((2, len(frames), int(found.channels[:, 2].max()) + 1), np.nan)
+    axes = int(found.channels[:, 2].max()) + 1 if recording.depth is None else DEPTH_AXIS + 1
+    measured, predicted = np.full((2, len(frames), axes), np.nan)
     at = np.searchsorted(frames, found.channels[mine, 0]), found.channels[mine, 2]
     measured[at] = found.measured[mine]
     predicted[at] = (found.measured + found.residuals)[mine]
     name = found.markers[which]
+    if recording.depth is not None:  # its inverse was read
+        measured[:, DEPTH_AXIS], predicted[:, DEPTH_AXIS] = 1 / measured[:, DEPTH_AXIS], 1 / predicted[:, DEPTH_AXIS]
     return recording.t_points[frames, recording.markers.index(name)], measured, predicted, name
 
 
@@ -105,20 +108,28 @@ def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity
 
 
 def root_mean_square(found: Sequence[RecordingFit]) -> float | None:
-    """Of all errors of several recordings, per coordinate [m]; None if there are none."""
-    return float(np.sqrt(np.mean(np.concatenate([r.errors for r in found]) ** 2))) if found else None
+    """Of all errors of several recordings, per coordinate [m], those of depth left out; None if there are none."""
+    return float(np.sqrt(np.mean(np.concatenate([r.errors[~r.deep] for r in found]) ** 2))) if found else None
 
 
 def root_mean_square_pixels(found: Sequence[RecordingFit]) -> float | None:
     """Of all residuals in cameras' views, per coordinate [pixels]; None if there are none."""
-    seen = [r.residuals for r in found if r.view is not None]
+    seen = [r.residuals[~r.deep] for r in found if r.view is not None]
     return float(np.sqrt(np.mean(np.concatenate(seen) ** 2))) if seen else None
 
 
+def root_mean_square_depth(found: Sequence[RecordingFit]) -> float | None:
+    """Of all errors of depth of several recordings [m]; None where none was measured."""
+    deep = [r.errors[r.deep] for r in found if r.deep.any()]
+    return float(np.sqrt(np.mean(np.concatenate(deep) ** 2))) if deep else None
+
+
 def error_words(found: Sequence[RecordingFit]) -> str:
-    """Return the root mean square error of recordings in words: in mm, of cameras' views in pixels, too."""
-    metres, pixels = root_mean_square(found), root_mean_square_pixels(found)
-    return f"{1e3 * (metres or 0.0):.3g} mm" + ("" if pixels is None else f" ({pixels:.3g} pixels)")
+    """Return the root mean square error of recordings in words: in mm, of cameras in pixels, too, and of depth."""
+    metres, pixels, depth = (of(found) for of in (root_mean_square, root_mean_square_pixels, root_mean_square_depth))
+    said = [] if pixels is None else [f"{pixels:.3g} pixels"]
+    said += [] if depth is None else [f"depth {1e3 * depth:.3g} mm"]
+    return f"{1e3 * (metres or 0.0):.3g} mm" + (f" ({', '.join(said)})" if said else "")
 
 
 def flat_directions(uncertainty: Uncertainty) -> list[str]:
@@ -214,6 +225,8 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
         "held_out_rmse": root_mean_square(fit.held_out),
         "rmse_pixels": root_mean_square_pixels(fit.recordings),
         "held_out_rmse_pixels": root_mean_square_pixels(fit.held_out),
+        "rmse_depth": root_mean_square_depth(fit.recordings),
+        "held_out_rmse_depth": root_mean_square_depth(fit.held_out),
         "recordings": [_recording_table(*pair) for pair in pairs],
         "starts": [
             {
@@ -241,6 +254,7 @@ def _recording_table(recording: Recording, found: RecordingFit, held_out: bool) 
         "predicted_from": finite(found.predicted_from),
         "rmse": found.rmse,
         "rmse_pixels": found.pixels,
+        "rmse_depth": found.depth,
         "rms_over_stated_error": found.chi,
         "n_residuals": len(found.residuals),
         "down_weighted": int((found.weight < 1).sum()),

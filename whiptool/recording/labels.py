@@ -96,9 +96,8 @@ def check_labels(recording: StrikeRecording) -> Labels:
 
 def put_back(recording: StrikeRecording, labels: Labels) -> StrikeRecording:
     """Return the recording with exchanged labels put back, and without the points that swallowed or were swallowed."""
-    columns = {
-        name: np.take_along_axis(getattr(recording, name), labels.order, axis=1) for name in ("sigma", "t_points")
-    }
+    told = ("sigma", "t_points", *(() if recording.depth is None else ("depth", "depth_sigma")))
+    columns = {name: np.take_along_axis(getattr(recording, name), labels.order, axis=1) for name in told}
     points = np.take_along_axis(recording.points, labels.order[..., None], axis=1)
     for found in labels.swallowed:
         during = (recording.t >= found.start) & (recording.t <= found.end)

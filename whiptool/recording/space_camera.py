@@ -91,6 +91,11 @@ class SpaceCamera:
         """Return points of the world (..., 3) [m] in the camera's axes (right, down, forward), (..., 3) [m]."""
         return (np.asarray(points, float) - self.position) @ self.rotation.T
 
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """Return how far points of the world (..., 3) [m] are along the optical axis [m], (...); NaN behind."""
+        z = self.to_camera(points)[..., 2]
+        return np.where(z > 0, z, np.nan)
+
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return the pixels (..., 2) of points of the world (..., 3) [m]; NaN behind the camera."""
         flat, _ = self._flat(points)
@@ -104,8 +109,8 @@ class SpaceCamera:
 
     def _flat(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised image coordinates without distortion (..., 2), and depths [m], (...); NaN behind."""
-        x, y, z = np.moveaxis(self.to_camera(points), -1, 0)
-        z = np.where(z > 0, z, np.nan)
+        x, y, _ = np.moveaxis(self.to_camera(points), -1, 0)
+        z = self.depth(points)
         return np.stack([x / z, y / z], axis=-1), z
 
     def sights(self, pixels: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.depth_noise import depth_error
 from whiptool.recording.space_camera import SpaceCamera
 from whiptool.whole_files import write_npz
 
@@ -32,6 +33,7 @@ class StrikeRecording:
 
     With a `view` it holds what one camera in space saw: `points` and `sigma` are then in pixels, and `t` is the middle
     of the first row's exposure. What several cameras saw of a strike are several recordings, each with its own clock.
+    A camera that measures depth, such as a D435, adds that of each marker.
 
     Args:
         t: Frame times [s], (T,), strictly increasing; 0 is the command's start by the recording's own clock.
@@ -59,6 +61,10 @@ class StrikeRecording:
         hand_t: Times of the hand's measured poses [s], (S,), strictly increasing.
         hand_pose: Place [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of the arm's base,
             (S, 7); the hand's axes are those of a model: the whip hangs along its -z.
+        depth: With a view, how far each marker is along the camera's optical axis [m], (T, M); 0 or NaN where it was
+            not measured, and NaN wherever the point is missing. None: it was measured nowhere.
+        depth_sigma: Standard error of the depth [m], (T, M) or what broadcasts to it; default: that of a D435 whose
+            images are the view's (`whiptool.recording.depth_noise`).
 
     Raises:
         InputError: Shapes do not fit, times do not increase, nothing was seen, or the units cannot be right.
@@ -83,6 +89,8 @@ class StrikeRecording:
     view: SpaceCamera | None = None
     hand_t: np.ndarray | None = None
     hand_pose: np.ndarray | None = None
+    depth: np.ndarray | None = None
+    depth_sigma: np.ndarray | Any = None  # an array where there is depth
 
     def __post_init__(self) -> None:
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -124,6 +132,9 @@ class StrikeRecording:
             raise InputError("t_points", "times far from their frame's", f"within {SLOWEST:g} s of t")
         for name, value in (("t", t), ("points", points), ("markers", markers)):
             put(name, value)
+        depth, depth_sigma = _depths(self.depth, self.depth_sigma, seen, self.view)
+        put("depth", depth)
+        put("depth_sigma", depth_sigma)
 
         for name in ("exposure", "t_stay"):
             value = float(_numbers(name, getattr(self, name)))
@@ -299,6 +310,32 @@ def _check_in_image(points: np.ndarray, view: SpaceCamera) -> None:
         pixel = seen[outside.any(axis=1)][0].tolist()
         pixels = f"pixels of {view.name}, {view.width} x {view.height}"
         raise InputError("points", pixel, pixels, "is it another camera's view?")
+
+
+def _depths(
+    depth: object, sigma: object, seen: np.ndarray, view: SpaceCamera | None
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Depths of the points that were seen and their standard errors [m], (T, M) each; None where there are none."""
+    if depth is None:
+        if sigma is not None:
+            raise InputError("depth_sigma", "given", "none without depth")
+        return None, None
+    if view is None:
+        raise InputError("depth", "measured", "none without a view, the camera that measured it")
+    z = _spread("depth", depth, seen.shape)
+    z[(z == 0) | ~seen] = np.nan
+    there = ~np.isnan(z)
+    if not there.any():
+        return None, None
+    allowed = f"depths > 0 and at most {FARTHEST:g} m"
+    if z[there].min() < 0:
+        raise InputError("depth", float(z[there].min()), allowed)
+    if z[there].max() > FARTHEST:
+        raise InputError("depth", float(z[there].max()), allowed, "are these millimetres?")
+    error = _spread("depth_sigma", depth_error(z, view.focal_lengths[0]) if sigma is None else sigma, seen.shape)
+    if not ((error[there] > 0) & np.isfinite(error[there])).all():
+        raise InputError("depth_sigma", float(np.min(error[there])), "finite and > 0 m wherever there is a depth")
+    return z, np.where(there, error, np.nan)
 
 
 def _numbers(name: str, value: object) -> np.ndarray:

@@ -17,6 +17,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
+from whiptool.recording.depth_noise import stereo_depth
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.vision.camera_model import CameraSettings, Exposed, expose
 from whiptool.vision.scene import Scene
@@ -94,6 +95,7 @@ class Truth:
         visible: Share of the marker's light that reached the image: 0 hidden, 1 wholly seen.
         speed: Of the tip, meanwhile [m/s].
         target: Centre of the target [m], (d,), or None.
+        depth: Of `point`, in space: how far it is along the optical axis [m].
     """
 
     t_point: float
@@ -102,6 +104,7 @@ class Truth:
     visible: float
     speed: float
     target: np.ndarray | None = None
+    depth: float = np.nan
 
 
 @dataclass
@@ -201,10 +204,29 @@ class VirtualCamera:
                 visible=float(np.clip(seen.sum() / whole, 0, 1)),
                 speed=float(exposed.speed[k]),
                 target=self.target,
+                depth=float(s.seen_by.depth(exposed.points[k])) if isinstance(s, SpaceView) else np.nan,
             )
         )
         image = self._develop(light)
         return Frame(image if s.kind == "color" else image[..., 0].copy(), start, "strike", k, s)
+
+    def depths(self, rng: np.random.Generator) -> np.ndarray:
+        """Return the depth of the tip that a D435 in this place measures in the frames read so far [m], (F, 1).
+
+        It is that of the ball's middle, with the errors of `whiptool.recording.depth_noise`; 0 where most of the ball
+        is hidden. The truth stands in `truths`.
+
+        Args:
+            rng: Of the errors.
+
+        Raises:
+            InputError: The camera faces the strike plane, where all depths are alike.
+        """
+        if not isinstance(self.settings, SpaceView):
+            raise InputError("settings", self.settings.name, "a SpaceView of strikes in space, for depth")
+        true = np.array([truth.depth for truth in self.truths])
+        hidden = np.array([truth.visible < 0.5 for truth in self.truths])
+        return np.where(hidden, 0.0, stereo_depth(true, self.settings.fx, rng))[:, None]
 
     def _develop(self, light: np.ndarray) -> np.ndarray:
         """From mean brightness (H, W, 3) in [0, 255] to an image of uint8, with noise."""

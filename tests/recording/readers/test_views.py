@@ -133,6 +133,76 @@ def test_slips_are_named(tmp_path, side, damage, said):
     assert "\n" not in str(caught.value)
 
 
+def depths() -> np.ndarray:
+    """Of both markers [m]; of the second not measured in two frames."""
+    found = np.random.default_rng(2).uniform(1, 3, (T, 2))
+    found[10:12, 1] = 0
+    return found
+
+
+def test_depth_is_kept_where_it_was_measured():
+    """0 means missing, a hidden marker has none, and the default error is that of a D435."""
+    film = seen(depth=depths())
+    there = np.isfinite(pixels()[..., 0]) & (depths() > 0)
+    np.testing.assert_array_equal(np.isfinite(film.depth), there)
+    np.testing.assert_array_equal(film.depth[there], depths()[there])
+    np.testing.assert_allclose(film.depth_sigma[there], depths()[there] ** 2 * 0.08 / (430 * 0.05))
+    assert film.seen[10, 1]
+    assert seen(depth=np.zeros((T, 2))).depth is None
+    assert seen(depth=depths(), depth_sigma=0.01).depth_sigma[0, 0] == 0.01
+    assert np.isnan(film.without(film.t > 0.2).depth[film.t > 0.2]).all()
+
+
+def test_depth_goes_through_files(tmp_path):
+    film = seen(depth=depths(), depth_sigma=np.random.default_rng(3).uniform(0.01, 0.02, (T, 2)))
+    write_csv(film, tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text().startswith("t,tip_u,tip_v,tip_sigma,tip_depth,tip_depth_sigma,node3_u")
+    film.save(tmp_path / "a.npz")
+    for name in ("a.csv", "a.npz"):
+        back = read_recording(tmp_path / name)
+        np.testing.assert_array_equal(back.depth, film.depth)
+        np.testing.assert_array_equal(back.depth_sigma, film.depth_sigma)
+    write_csv(seen(), tmp_path / "b.csv")
+    assert read_recording(tmp_path / "b.csv").depth is None
+
+
+def test_a_table_says_depth_in_millimetres_and_of_which_pair(tmp_path):
+    """Of one marker alone; the other has none."""
+    head, *table = rows()
+    deep = [[*row, 1e3 * z] for row, z in zip(table, depths()[:, 0], strict=True)]
+    write_rows(tmp_path / "a.csv", [[*head, "tip_depth"], *deep])
+    write_cameras(tmp_path / "cameras.toml", {"left": LEFT})
+    said = 'camera = "left"\ncameras = "cameras.toml"\n'
+    (tmp_path / "a.toml").write_text(f'{said}depth_units = "mm"\nbaseline = 0.1\nsubpixel = 0.04\n')
+    film = read_recording(tmp_path / "a.csv")
+    np.testing.assert_allclose(film.depth[:, 0], depths()[:, 0])
+    np.testing.assert_allclose(film.depth_sigma[:, 0], depths()[:, 0] ** 2 * 0.04 / (430 * 0.1))
+    assert np.isnan(film.depth[:, 1]).all()
+    (tmp_path / "a.toml").write_text(said)
+    with pytest.raises(InputError, match="are these millimetres"):
+        read_recording(tmp_path / "a.csv")
+    write_rows(tmp_path / "a.csv", [[*head, "tip_depth_sigma"], *deep])
+    with pytest.raises(InputError, match="tip_depth beside its sigma"):
+        read_recording(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"depth": -depths()}, "depths > 0"),
+        ({"depth": 1e3 * depths()}, "are these millimetres"),
+        ({"depth": depths()[:9]}, "broadcasts"),
+        ({"depth": depths(), "depth_sigma": 0.0}, "> 0 m wherever there is a depth"),
+        ({"depth_sigma": 0.1}, "none without depth"),
+        ({"depth": depths(), "view": None, "points": pixels() / 1e3}, "none without a view"),
+    ],
+)
+def test_depths_that_cannot_be(change, said):
+    with pytest.raises(InputError, match=said) as caught:
+        dataclasses.replace(seen(), **change)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_view_has_two_coordinates():
     with pytest.raises(InputError, match="in pixels, with a view"):
         StrikeRecording(times(), np.zeros((T, 1, 3)), ("tip",), view=LEFT)

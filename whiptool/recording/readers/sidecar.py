@@ -48,7 +48,7 @@ COMMON = (
     "hand", "hand_start", "strike", "controller",
 )  # fmt: skip
 SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
-VIEW = ("cameras", "sigma")  # of readers whose files hold pixels of a camera in space
+VIEW = ("cameras", "sigma", "depth_units", "baseline", "subpixel")  # of readers whose files hold what a camera saw
 PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic")  # of readers whose files hold pixels
 CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}

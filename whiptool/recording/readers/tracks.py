@@ -11,12 +11,16 @@ coordinate; `_t` [s] the middle of its exposure, where it is not the frame's. `N
 
 What one camera in space saw has columns in pixels, `tip_u`, `tip_v`[, `tip_sigma`], ..., and its sidecar says which
 camera it was, `camera = "left"`, and in which file the cameras stand, `cameras = "cameras.toml"`. `t` is then the
-middle of the first row's exposure.
+middle of the first row's exposure. Of a camera that measures depth, `_depth` [m] is how far the marker is along its
+optical axis, 0 or empty where that is missing, and `_depth_sigma` [m] the standard error. Without the latter the error
+is that of a D435, or of a stereo pair with the sidecar's `baseline` [m] and `subpixel`, the standard error of its
+disparity [pixels] (`whiptool.recording.depth_noise`). `depth_units = "mm"` where depths are in millimetres.
 """
 
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +30,17 @@ import tomli_w
 from whiptool.errors import InputError
 from whiptool.models.joint_trajectory import POSE
 from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.depth_noise import BASELINE, SUBPIXEL, depth_error
 from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.joint_log import POSITION
 from whiptool.recording.readers.sidecar import SPACE, UNITS, VIEW, Sidecar
 from whiptool.recording.readers.table import read_columns
+from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import DEFAULT_PIXELS, StrikeRecording
 
 AXES = ("x", "y", "z")
 PIXELS = ("u", "v")  # to the right, down
+DEPTH = ("depth", "depth_sigma")
 
 
 def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
@@ -79,19 +86,40 @@ def _read_view(path: Path, names: list[str], table: np.ndarray, options: dict[st
     view, default = side.view(), side.number("sigma", DEFAULT_PIXELS, low=1e-6, high=100.0)
     with parsing(path, "CSV"):
         t = _times_of(names, table, side)
-        markers, columns = split_columns([name for name in names if name != "t"], ("sigma",), axes=PIXELS)
+        markers, columns = split_columns([name for name in names if name != "t"], ("sigma", *DEPTH), axes=PIXELS)
         pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
         sigma = [pick(m, "sigma") if "sigma" in columns[m] else np.full(len(t), default) for m in markers]
+        depths = [_depths(m, columns[m], pick, side, view) for m in markers]
         return StrikeRecording(
             t=t,
             points=np.stack([np.stack([pick(m, axis) for axis in PIXELS], 1) for m in markers], 1),
             markers=tuple(markers),
             sigma=np.stack(sigma, 1),
+            depth=np.stack([depth for depth, _ in depths], 1),
+            depth_sigma=np.stack([error for _, error in depths], 1),
             source=str(path),
             sha256=sha256(path),
             view=view,
             **side.fields(),
         )
+
+
+def _depths(
+    marker: str, columns: dict[str, str], pick: Callable[[str, str], np.ndarray], side: Sidecar, view: SpaceCamera
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depths of a marker and their standard errors [m], (T,) each; NaN without columns of depth."""
+    baseline = side.number("baseline", BASELINE, low=1e-3, high=10.0)
+    subpixel = side.number("subpixel", SUBPIXEL, low=1e-4, high=10.0)
+    unit = UNITS[side.word("depth_units", UNITS, "m")]
+    if "depth" not in columns:
+        if "depth_sigma" in columns:
+            raise InputError(f"marker {marker}", ", ".join(columns.values()), f"{marker}_depth beside its sigma")
+        nowhere = np.full(len(pick(marker, "u")), np.nan)
+        return nowhere, nowhere
+    depth = unit * pick(marker, "depth")
+    if "depth_sigma" in columns:
+        return depth, unit * pick(marker, "depth_sigma")
+    return depth, depth_error(depth, view.focal_lengths[0], baseline=baseline, subpixel=subpixel)
 
 
 def _times_of(names: list[str], table: np.ndarray, side: Sidecar) -> np.ndarray:
@@ -108,16 +136,17 @@ def split_columns(
 
     Args:
         names: Of the columns.
-        more: What columns of a marker may hold beside its coordinates.
+        more: What columns of a marker may hold beside its coordinates; of two that end alike, the longer is meant.
         axes: What its coordinates are called.
 
     Raises:
-        InputError: A name does not end in `_x`, ..., a marker has no x or y, or only some have a z.
+        InputError: A name does not end in `_x`, ..., a marker lacks one of the first two axes, or only some have a z.
     """
     columns: dict[str, dict[str, str]] = {}
     for name in names:
-        marker, _, what = name.rpartition("_")
-        if not marker or what not in (*axes, *more):
+        what = max((x for x in (*axes, *more) if name.endswith("_" + x)), key=len, default="")
+        marker = name.removesuffix("_" + what)
+        if not what or not marker:
             endings = ", ".join("_" + x for x in (*axes, *more))
             raise InputError("column", name, f"MARKER with one of {endings}", f"as in tip_{axes[0]}, tip_{axes[1]}")
         columns.setdefault(marker, {})[what] = name
@@ -160,6 +189,9 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
         if view is None:
             header.append(f"{marker}_t")
             columns.append(recording.t_points[:, j])
+        if recording.depth is not None:
+            header += [f"{marker}_{what}" for what in DEPTH]
+            columns += [recording.depth[:, j], recording.depth_sigma[:, j]]
     table: dict[str, Any] = {"units": "m"} if view is None else {}
     table |= {"t_stay": recording.t_stay, "exposure": recording.exposure}
     table |= {"camera": recording.camera} if recording.camera else {}
