@@ -1,19 +1,27 @@
-"""A whip in space from two cameras' tables of pixels, on the command line."""
+"""A whip in space from two cameras' tables of pixels, or from their films, on the command line."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import tomllib
 
 import numpy as np
 import pytest
+import tomli_w
+from command_line import assert_one_line, called
 from scipy.spatial.transform import Rotation
-from space_films import LEFT, RIGHT, ROBOT, STRIKES, WHIP, filmed_by_two
+from space_films import LATE, LEFT, RIGHT, ROBOT, STRIKES, WHIP, filmed_by_two
 
 from whiptool.commands import identify
+from whiptool.impedance import Controller, PositionControl
+from whiptool.impedance.files import controller_to_table
 from whiptool.models import write_model
+from whiptool.models.strike import Strike
 from whiptool.recording.camera_files import write_cameras
-from whiptool.recording.readers import write_csv
+from whiptool.recording.readers import open_video, write_csv
+from whiptool.recording.readers.video import video_frames
+from whiptool.rollout import CompiledRollout
 
 pytestmark = pytest.mark.slow
 TRUE = {"whip.k": 0.05, "whip.b": 0.004}
@@ -76,3 +84,95 @@ def test_pixels_need_their_cameras(lab, monkeypatch, capsys):
     np.savetxt("plain.csv", np.zeros((3, 3)), delimiter=",", header="t,tip_x,tip_y", comments="")
     assert identify.main(["plain.csv", *WORDS, "--cameras", "cameras.toml"]) == 2
     assert "--cameras: got 'cameras.toml'; allowed: nothing: no recording is in pixels" in capsys.readouterr().err
+
+
+FAST = Strike(STRIKES[0].q_i, (0.1, -0.9, 1.4, -0.9, 0.3, 0.0), 0.3)
+FILMS = ["--model", "guess.toml", "--starts", "1", "--free", "k", "b", "--per-recording", "delay"]
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory):
+    """One strike as two virtual cameras filmed it, each by its own clock; sidecars that name no file of cameras."""
+    render = pytest.importorskip("whiptool.vision.render")
+    from whiptool.vision.film_files import write_video
+    from whiptool.vision.source import frames_of
+    from whiptool.vision.space_view import SpaceView
+
+    folder, controller = tmp_path_factory.mktemp("films"), Controller(PositionControl())
+    path = CompiledRollout(ROBOT, controller, timestep=5e-4).trajectory(FAST, t_stay=0.3)
+    lens = np.array([[322.0, 0, 318], [0, 324.0, 178], [0, 0, 1]])
+    small = {"camera_matrix": lens, "width": 640, "height": 360, "distortion": (), "fps": 60.0}
+    cameras = {c.name: dataclasses.replace(c, **small) for c in (LEFT, RIGHT)}
+    write_cameras(folder / "cameras.toml", cameras)
+    write_model(dataclasses.replace(ROBOT, whip=dataclasses.replace(WHIP, k=0.07, b=0.006)), folder / "guess.toml")
+    for seed, (name, camera) in enumerate(cameras.items()):
+        virtual = render.VirtualCamera(SpaceView.of(camera), ROBOT, path, np.random.default_rng(seed), start=-0.03)
+        try:
+            virtual.open()
+        except Exception as error:  # a machine without OpenGL
+            pytest.skip(f"no OpenGL: {error}")
+        side = write_video(folder / f"{name}.mkv", frames_of(virtual), synthetic=True, strike=FAST, t_stay=0.3)
+        view = open_video(folder / f"{name}.mkv").view
+        assert (view.exposure, view.readout) == (camera.exposure, pytest.approx(camera.readout))
+        np.testing.assert_array_equal(view.rotation, camera.rotation)
+        table = tomllib.loads(side.read_text()) | {"start": -LATE[name], "controller": controller_to_table(controller)}
+        side.write_text(tomli_w.dumps({key: x for key, x in table.items() if key != "cameras"}))
+    return folder
+
+
+def test_films_of_two_cameras_give_the_whip(films, tmp_path):
+    """Each is tracked in pixels; the clocks come out as they were set, and the run says that it is synthetic."""
+    words = ["left.mkv", "right.mkv", "--cameras", "cameras.toml", *FILMS, "--out", tmp_path / "out", "--json"]
+    done = called("identify", *words, cwd=films)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["warning"] is None
+    for found in summary["parameters"]:
+        low, high = found["interval"]
+        assert low <= TRUE[found["name"]] <= high, found
+        assert high - low < 0.1 * TRUE[found["name"]]
+    assert summary["rmse_pixels"] < 0.12
+    assert summary["rmse_depth"] is None
+    assert summary["synthetic"]
+    assert [r["camera"] for r in summary["recordings"]] == ["left (virtual)", "right (virtual)"]
+    clocks = [r["own"]["delay"] for r in summary["recordings"]]
+    np.testing.assert_allclose(clocks, [LATE["left"], LATE["right"]], atol=1e-3)  # the whip's end hides some light
+
+
+def test_slips_with_films_are_told_in_one_line(films, tmp_path):
+    """Before anything is tracked, which takes minutes with a real film."""
+    side, film = (films / "left.toml").read_text(), tmp_path / "slip.mkv"
+    film.write_bytes((films / "left.mkv").read_bytes())
+    write_cameras(films / "small.toml", {"left": dataclasses.replace(LEFT, width=320)})
+    homography = "homography = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n"
+    given, small = ["--cameras", "cameras.toml"], ["--cameras", "small.toml"]
+    for told, cameras, parts in (
+        (side.replace('"left"', '"top"'), given, ("slip.toml: camera: got 'top'", "one of left, right")),
+        (side.replace('camera = "left"', ""), given, ("slip.toml: camera: got None", "one of left, right")),
+        (side, small, ("slip.toml: images: got '640 x 360 pixels'", "320 x 480, as left has in the file of cameras")),
+        (homography + side, [], ("slip.mkv", "a film of a camera in space, for a model in space", "--cameras FILE")),
+    ):
+        film.with_suffix(".toml").write_text(told)
+        assert_one_line(called("identify", film, *FILMS, *cameras, "--out", tmp_path / "out", cwd=films), *parts)
+    planar = ["left.mkv", "--model", "lemon2024", "--cameras", "cameras.toml", "--out", tmp_path / "out"]
+    assert_one_line(called("identify", *planar, cwd=films), "left.mkv", "for a model in the plane")
+    assert not (tmp_path / "out").exists()
+
+
+def test_films_of_different_strikes_are_refused(films, tmp_path):
+    """The right one shows another strike than its sidecar says: this one, backwards."""
+    import cv2
+
+    frames = list(video_frames(films / "right.mkv"))
+    writer = cv2.VideoWriter(str(films / "other.mkv"), cv2.VideoWriter.fourcc(*"FFV1"), 60.0, (640, 360))
+    for frame in frames[::-1]:
+        writer.write(frame)
+    writer.release()
+    (films / "other.toml").write_text((films / "right.toml").read_text())
+    words = ["left.mkv", "other.mkv", "--cameras", "cameras.toml", *FILMS, "--out", tmp_path / "out"]
+    done = called("identify", *words, cwd=films)
+    assert done.returncode == 2
+    (said,) = [line for line in done.stderr.splitlines() if line.startswith("whiptool: ")]  # beside a progress bar
+    assert "left and right by" in said
+    assert "or they saw different strikes" in said
+    assert not (tmp_path / "out").exists()

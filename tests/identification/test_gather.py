@@ -6,7 +6,7 @@ import pytest
 import tomli_w
 
 from whiptool.errors import InputError
-from whiptool.identification.gather import gather
+from whiptool.identification.gather import opened, tracked
 
 pytestmark = pytest.mark.slow
 
@@ -18,10 +18,10 @@ def test_an_episode_of_a_dataset_is_named_behind_its_folder(tmp_path):
     write_lerobot(tmp_path / "set")
     sidecar = {"homography": H.tolist(), "episode": {"1": {"strike": TABLE}}}
     (tmp_path / "set" / "whiptool.toml").write_text(tomli_w.dumps(sidecar))
-    recording, synthetic = gather(f"{tmp_path / 'set'}#1")
+    recording, synthetic = tracked(opened(f"{tmp_path / 'set'}#1"), name="set#1")
     assert recording.strike is not None
     assert (len(recording.t), recording.markers, synthetic) == (T, ("tip", "handle"), False)
     with pytest.raises(InputError, match="episode"):
-        gather(f"{tmp_path / 'set'}#7")
+        opened(f"{tmp_path / 'set'}#7")
     with pytest.raises(InputError, match="exists"):
-        gather(f"{tmp_path / 'none'}#1")
+        opened(f"{tmp_path / 'none'}#1")

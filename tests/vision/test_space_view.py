@@ -108,7 +108,7 @@ def test_cameras_of_the_plane_and_of_space_are_told_apart(path):
     with pytest.raises(InputError, match="SpaceView of strikes in space"):
         VirtualCamera(CAMERAS["d435-color"], ROBOT, path, np.random.default_rng(0))
     with pytest.raises(InputError, match="none, of a camera whose images are drawn"):
-        SpaceView.of(LEFT)
+        VirtualCamera(SpaceView.of(LEFT), ROBOT, path, np.random.default_rng(0))
     with pytest.raises(InputError, match="at least one frame"):
         track_view([])
     planar = CompiledRollout(preset("lemon2024"), Controller()).trajectory(Strike((-1.0, 0.4), (1.0, 0.6), 0.6))

@@ -172,11 +172,11 @@ def test_every_key_of_a_model_file_is_documented():
 
 
 def test_every_key_of_a_sidecar_is_documented():
-    from whiptool.recording.readers.sidecar import CLOCK, COMMON, PIXELS, SPACE, VIEW
+    from whiptool.recording.readers.sidecar import CLOCK, COMMON, FILM, PIXELS, SPACE, VIEW
 
     text = (DOCS / "file-formats.md").read_text(encoding="utf-8")
     keys = " ".join(row[0] for row in tables(text, "| key | of | what |"))
-    for key in (*COMMON, *SPACE, *VIEW, *PIXELS, *CLOCK):
+    for key in (*COMMON, *SPACE, *VIEW, *PIXELS, *FILM, *CLOCK):
         assert re.search(rf"`{key}\b", keys), key
 
 

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from whiptool.identification.results import Fit
     from whiptool.impedance import Controller
     from whiptool.models import WhipProfile
+    from whiptool.recording.readers import VideoSource
     from whiptool.recording.strike_recording import StrikeRecording
     from whiptool.runs import RunFolder
 
@@ -131,7 +132,7 @@ class _Run:
 
     def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
         """Read or track all recordings, and find their plane; the controller that they hold."""
-        from whiptool.identification.gather import gather, is_film, may_be_filmed
+        from whiptool.identification.gather import may_be_filmed, opened, tracked
         from whiptool.identification.inputs import common_controller, read_marker
         from whiptool.recording.strike_plane import check_one_plane, fit_plane
 
@@ -141,11 +142,10 @@ class _Run:
                 "--tip", self.options.tip, "nothing: no recording is a film, in which the tip is looked for"
             )
         cameras, handle = self._cameras([*names, *held_out]), self.options.drive == "handle"
-        if self.model.dimension == 3 and (films := [x for x in (*names, *held_out) if is_film(x)]):
-            rule = "motion capture, or markers in pixels of cameras in space (tip_u, tip_v), of a model in space"
-            raise InputError("recording", films[0], rule)
-        found = [gather(name, tip=tip, handle=handle, cameras=cameras) for name in (*names, *held_out)]
-        recordings = [self._labelled(name, r) for name, (r, _) in zip((*names, *held_out), found, strict=True)]
+        every = {name: opened(name, handle=handle, cameras=cameras) for name in (*names, *held_out)}
+        self._check_films(every)  # before hours of film are tracked
+        found = [tracked(x, name=name, tip=tip) for name, x in every.items()]
+        recordings = [self._labelled(name, r) for name, (r, _) in zip(every, found, strict=True)]
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
         _check_cameras(recordings)
         self.plane = fit_plane(recordings) if self.model.dimension == 2 else None
@@ -155,14 +155,28 @@ class _Run:
         self.recordings, self.held_out = recordings[: len(names)], recordings[len(names) :]
         return common_controller(recordings)
 
+    def _check_films(self, recordings: Mapping[str, StrikeRecording | VideoSource]) -> None:
+        """Refuse films that do not show what the model moves in: a plane, or space."""
+        from whiptool.recording.strike_recording import StrikeRecording
+
+        for name, film in recordings.items():
+            if isinstance(film, StrikeRecording):
+                continue
+            if self.model.dimension == 3 and film.view is None:
+                fix = 'say camera = "NAME" in its sidecar, and cameras = "FILE" or --cameras FILE'
+                raise InputError("recording", name, "a film of a camera in space, for a model in space", fix)
+            if self.model.dimension == 2 and film.view is not None:
+                rule = "a film whose strike plane is calibrated, for a model in the plane"
+                raise InputError("recording", name, rule, "a camera in space is for a --model in space")
+
     def _cameras(self, names: list[str]) -> Path | None:
-        """The file of the cameras, if it was given and a recording is in pixels."""
-        from whiptool.identification.gather import in_pixels
+        """The file of the cameras, if it was given and a recording is in pixels or a film."""
+        from whiptool.identification.gather import in_pixels, may_be_filmed
 
         if self.options.cameras is None:
             return None
-        if not any(in_pixels(name) for name in names):
-            nothing = "nothing: no recording is in pixels (columns tip_u, tip_v)"
+        if not any(in_pixels(name) or may_be_filmed(name) for name in names):
+            nothing = "nothing: no recording is in pixels (columns tip_u, tip_v) or a film"
             raise InputError("--cameras", self.options.cameras, nothing)
         return Path(self.options.cameras)
 
@@ -377,7 +391,8 @@ def _check_cameras(recordings: Sequence[StrikeRecording]) -> None:
     if not (found := disagreements(recordings)):
         return
     name, told = moved(found), "; ".join(dict.fromkeys(map(str, found)))
-    which = f"{name} was moved" if name is not None else "one of them was moved, or markers or cameras were exchanged"
+    either = "one of them was moved, markers or cameras were exchanged, or they saw different strikes"
+    which = f"{name} was moved" if name is not None else either
     rule = "cameras that stand as they were calibrated, whose lines of sight to a marker meet"
     raise InputError("cameras", f"lines of sight that pass each other: {told}", rule, f"{which}: calibrate again")
 

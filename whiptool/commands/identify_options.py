@@ -72,7 +72,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Put labels of markers back that were exchanged, and leave out points where one marker swallowed another; without
     it, such a recording is refused."""
     cameras: str | None = None
-    """TOML file of the cameras in space, for recordings in pixels; default: the file that each recording names."""
+    """TOML file of the cameras in space, for recordings in pixels and for films; default: the file that each names."""
     tip: str | None = None
     """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
 

@@ -13,32 +13,26 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
 
 
-def gather(
-    path: str, *, tip: Marker | None = None, handle: bool = False, cameras: Path | None = None
-) -> tuple[StrikeRecording, bool]:
-    """One recording, tracked if it is filmed (with progress on stderr).
+def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> StrikeRecording | VideoSource:
+    """One recording, or the images that it is to be tracked in.
 
     Args:
         path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
-        cameras: File of the cameras in space, of recordings in pixels; default: the one that each names.
-        tip: Looks of the tip's marker; default: those of the virtual camera.
+        cameras: File of the cameras in space, of recordings in pixels and of films; default: the one that each names.
         handle: Whether the handle's path is needed, which is not tracked in images.
 
-    Returns:
-        The recording, and whether it says of itself that it is synthetic.
-
     Raises:
-        InputError: It is no recording, is damaged, or its images show no tip; or they are to show the handle.
+        InputError: It is no recording or is damaged; or images are to show the handle.
     """
     options: dict[str, Any] = {}
     if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
         path, options["episode"] = episode[1], int(episode[2])
     form = READERS[find_format(path)]
-    if cameras is not None and in_pixels(path):
+    if cameras is not None and (in_pixels(path) or form.tracks is None):
         options["cameras"] = cameras
     if form.tracks is not None:
         try:
-            return read_recording(path, **options), False
+            return read_recording(path, **options)
         except InputError as error:
             if form.video is None or not error.name.endswith("features"):
                 raise
@@ -49,8 +43,28 @@ def gather(
             "tracks that hold a marker handle: in images the tip alone is tracked",
             "track both elsewhere (DeepLabCut, CSV), or drive passive, for a hand that stays still",
         )
-    video = open_video(path, **options)
-    return track_video(video, name=path, tip=tip), video.synthetic
+    return open_video(path, **options)
+
+
+def tracked(
+    found: StrikeRecording | VideoSource, *, name: str, tip: Marker | None = None
+) -> tuple[StrikeRecording, bool]:
+    """One recording, tracked if it is filmed (with progress on stderr).
+
+    Args:
+        found: What `opened` returned.
+        name: Of its file.
+        tip: Looks of the tip's marker; default: those of the virtual camera.
+
+    Returns:
+        The recording, and whether it says of itself that it is synthetic.
+
+    Raises:
+        InputError: The images show no tip, or their strike plane is not calibrated.
+    """
+    if isinstance(found, StrikeRecording):
+        return found, False
+    return track_video(found, name=name, tip=tip), found.synthetic
 
 
 def may_be_filmed(path: str) -> bool:
@@ -60,14 +74,8 @@ def may_be_filmed(path: str) -> bool:
     return READERS[find_format(path)].video is not None
 
 
-def is_film(path: str) -> bool:
-    """Whether a recording is of a form that holds images and no tracks."""
-    form = READERS[find_format(path)]
-    return form.tracks is None
-
-
 def in_pixels(path: str) -> bool:
-    """Whether a recording is a CSV of what a camera in space saw, in pixels."""
+    """Whether a recording is a CSV of where a camera in space saw markers, in pixels."""
     if not Path(path).is_file() or find_format(path) != "csv":
         return False
     with Path(path).open(encoding="utf-8-sig", errors="replace") as file:
@@ -75,15 +83,16 @@ def in_pixels(path: str) -> bool:
 
 
 def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> StrikeRecording:
-    """The tip's track through a video, as a recording.
+    """The tip's track through a video, as a recording: on the strike plane, or in pixels of a camera in space.
 
     Raises:
-        InputError: The strike plane is not calibrated, or the tip is never seen.
+        InputError: There is neither a calibrated strike plane nor a camera in space, or the tip is never seen.
     """
     from tqdm import tqdm
 
     from whiptool.vision.recorded import RecordedCamera
     from whiptool.vision.source import frames_of
+    from whiptool.vision.space_view import track_view
     from whiptool.vision.tracking import track
 
     camera = RecordedCamera(video)
@@ -96,8 +105,12 @@ def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> 
         dynamic_ncols=True,
         leave=False,
     )
-    found = track(frames, calibration=camera.calibration, tip=tip)
     try:
-        return found.to_recording(**video.about)
+        if video.view is None:
+            return track(frames, calibration=camera.calibration, tip=tip).to_recording(**video.about)
+        about: dict[str, Any] = dict(video.about)
+        if video.synthetic:
+            about["camera"] = f"{video.view.name} (virtual)"
+        return track_view(frames, tip=tip, **about)
     except InputError as error:
-        raise error.within(f"{name}: ") from None
+        raise (error if name in error.name else error.within(f"{name}: ")) from None

@@ -12,8 +12,11 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
+from whiptool.recording.camera_files import write_cameras
 from whiptool.recording.opencv import opencv
+from whiptool.vision.camera_model import CameraSettings
 from whiptool.vision.source import Frame
+from whiptool.vision.space_view import SpaceView
 
 
 def write_video(
@@ -30,14 +33,15 @@ def write_video(
 
     The sidecar holds `fps`, `timestamps` (start of the first row's exposure [s]; so `stamp = "start"`), `exposure`,
     `readout` (from the first row to the last [s]), `shutter`, `homography` (metres from pixels), `kind`, `camera`,
-    `synthetic`, and what else is given.
+    `synthetic`, and what else is given. Of a camera in space, a `SpaceView`, it holds `cameras` instead of the
+    homography: `NAME.cameras.toml`, the file of that camera.
 
     Args:
         path: An MKV or AVI file; missing folders are made.
         frames: At least one, in the order of time.
         synthetic: Whether no real camera took them.
         homography: Metres on the strike plane from pixels, (3, 3), of a calibration; default: from the pose.
-        strike, target, t_stay: What was commanded, where the target is [m], (2,), how long the strike was watched [s].
+        strike, target, t_stay: What was commanded, where the target is [m], (d,), how long the strike was watched [s].
 
     Returns:
         The sidecar's path.
@@ -73,7 +77,7 @@ def write_video(
         raise InputError("frames", "none", "at least one frame")
     table: dict[str, Any] = {
         "synthetic": synthetic,
-        "camera": settings.name + (" (virtual)" if synthetic else ""),
+        **_which_camera(settings, path, homography, synthetic=synthetic),
         "kind": settings.kind,
         "fps": float(settings.fps),
         "stamp": "start",
@@ -81,7 +85,6 @@ def write_video(
         "exposure": settings.exposure,
         "shutter": "rolling" if settings.readout else "global",
         "readout": float(settings.row_delay(settings.height - 1)),
-        "homography": np.asarray(settings.homography if homography is None else homography, float).tolist(),
     }
     if target is not None:
         table["target"] = np.asarray(target, float).tolist()
@@ -92,3 +95,15 @@ def write_video(
     sidecar = path.with_suffix(".toml")
     sidecar.write_text(tomli_w.dumps(table), encoding="utf-8")
     return sidecar
+
+
+def _which_camera(
+    settings: CameraSettings, path: Path, homography: np.ndarray | None, *, synthetic: bool
+) -> dict[str, Any]:
+    """What a sidecar says of which camera it was, and of the way to metres."""
+    if isinstance(settings, SpaceView):
+        file = path.with_suffix(".cameras.toml")
+        write_cameras(file, {settings.name: settings.seen_by})
+        return {"camera": settings.name, "cameras": file.name}
+    H = np.asarray(settings.homography if homography is None else homography, float)
+    return {"camera": settings.name + (" (virtual)" if synthetic else ""), "homography": H.tolist()}

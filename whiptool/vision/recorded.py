@@ -11,6 +11,7 @@ from whiptool.recording.readers.video import VideoSource
 from whiptool.vision.calibration import PlaneCalibration
 from whiptool.vision.camera_model import CameraSettings, apply_homography
 from whiptool.vision.source import Frame
+from whiptool.vision.space_view import SpaceView
 
 _DISTANCE = 3.5  # [m]; the images fix the ratio of focal length and distance only
 _INSTANT = 1e-6  # [s], where the exposure is not known
@@ -74,18 +75,26 @@ class RecordedCamera:
         video: The images, with times, size and calibration.
 
     Attributes:
-        settings: Of the camera; see `recorded_settings`.
-        calibration: Of the strike plane, for the tracker.
+        settings: Of the camera; see `recorded_settings`. Of a camera in space a `SpaceView`.
+        calibration: Of the strike plane, for the tracker; None of a camera in space.
 
     Raises:
         InputError: The strike plane is not calibrated, an image cannot be decoded or is of another kind than stated.
     """
 
+    settings: CameraSettings
+    calibration: PlaneCalibration | None
+
     def __init__(self, video: VideoSource) -> None:
         self.video = video
-        self.calibration = calibration_of(video)
+        if video.view is None:
+            calibration_of(video)  # before an image is decoded
         kind = video.kind or ("infrared" if next(iter(video.frames())).ndim == 2 else "color")
-        self.settings = recorded_settings(video, kind)
+        if video.view is None:
+            self.settings, self.calibration = recorded_settings(video, kind), calibration_of(video)
+        else:  # markers are about as far away as the arm's base
+            distance = float(np.linalg.norm(video.view.position))
+            self.settings, self.calibration = SpaceView.of(video.view, distance=distance, kind=kind), None
         self._images: Iterator[np.ndarray] | None = None
         self._next = 0
 

@@ -122,7 +122,7 @@ class VirtualCamera:
         start: When the first frame starts, relative to the strike [s]; before it the arm rests.
 
     Raises:
-        InputError: A radius is not positive, or the trajectory has other joints than the model.
+        InputError: A radius is not positive, the trajectory has other joints than the model, or the lens distorts.
         WhiptoolError: On `open`, where there is no OpenGL.
     """
 
@@ -146,6 +146,8 @@ class VirtualCamera:
             raise InputError("trajectory", f"{count} joints", f"{self.model.coordinates}, as the model has")
         if (self.model.dimension == 3) != isinstance(self.settings, SpaceView):
             raise InputError("settings", self.settings.name, "a SpaceView of strikes in space, and of no others")
+        if isinstance(self.settings, SpaceView) and any(self.settings.seen_by.distortion):
+            raise InputError("distortion", self.settings.seen_by.distortion, "none, of a camera whose images are drawn")
         if self.target is not None:
             self.target = np.asarray(self.target, float)
         self.truths: list[Truth] = []  # of the frames read so far

@@ -23,10 +23,11 @@ NEARING = Light(tolerance=0.35, usual=0.15, most_size_error=2.5, slow=np.inf, we
 class SpaceView(CameraSettings):
     """Settings of a camera in space: places are those of the world, and its plane faces the camera.
 
-    What is tracked on that plane is as far off as the markers are nearer or farther than it: only pixels are used.
+    What is tracked on that plane is as far off as the markers are nearer or farther than it, and as the lens distorts:
+    only pixels are used.
 
     Args:
-        camera: In space, without distortion.
+        camera: In space.
     """
 
     camera: SpaceCamera | None = None
@@ -36,10 +37,8 @@ class SpaceView(CameraSettings):
         """Return the settings of a camera whose markers are about so far away [m].
 
         Raises:
-            InputError: Its lens distorts: images are drawn, and blurs measured, without.
+            InputError: The distance is not positive, or the exposure longer than the time between frames.
         """
-        if any(camera.distortion):
-            raise InputError("distortion", camera.distortion, "none, of a camera whose images are drawn")
         (fx, fy), (cx, cy) = camera.focal_lengths.tolist(), camera.principal_point.tolist()
         size = {"width": camera.width, "height": camera.height, "fps": camera.fps, "exposure": camera.exposure}
         lens = {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "readout": camera.readout, "kind": kind}
@@ -72,6 +71,7 @@ class SpaceView(CameraSettings):
 
 def track_view(
     source: FrameSource | Iterable[Frame],
+    /,
     *,
     tip: Marker | None = None,
     start: np.ndarray | None = None,

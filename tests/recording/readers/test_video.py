@@ -1,16 +1,20 @@
 """Films as frames with times, and every kind of damage."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import tomli_w
 from recordings import FPS, STRIKE, TABLE, H, T, fuzz, images, times, write_rows, write_video
 
 from whiptool.errors import InputError
+from whiptool.recording.camera_files import write_cameras
 from whiptool.recording.readers import (
     open_video,
     read_recording,
     video_frames,
 )
+from whiptool.recording.space_camera import SpaceCamera
 
 
 @pytest.mark.parametrize(("name", "fourcc"), [("a.avi", "MJPG"), ("a.mp4", "mp4v")])
@@ -34,6 +38,35 @@ def test_video(tmp_path, name, fourcc):
             assert np.argwhere(image[..., 0] > 127).mean(axis=0)[1] == pytest.approx(k + 3.5, abs=0.5)
     with pytest.raises(InputError, match="track"):
         read_recording(tmp_path / name)
+
+
+def test_a_film_of_a_camera_in_space(tmp_path):
+    """Exposure and readout are the camera's, or those of this film; rows of a rolling shutter end after the last."""
+    write_video(tmp_path / "a.avi", images())
+    lens = np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]])
+    left = SpaceCamera("left", 64, 48, lens, np.eye(3), np.ones(3), exposure=2e-3, readout=0.012)
+    write_cameras(tmp_path / "cameras.toml", {"left": left})
+    given = {"fps": FPS, "stamp": "start", "camera": "left", "cameras": "cameras.toml"}
+    video = open_video(tmp_path / "a.avi", **given)
+    assert video.homography is None
+    assert (video.exposure, video.view.exposure, video.view.name) == (2e-3, 2e-3, "left")
+    assert video.view.readout == pytest.approx(0.012)
+    assert video.time_of(0, 47) - video.time_of(0, 0) == pytest.approx(0.012 * 47 / 48)
+    assert video.times[0] == pytest.approx(1e-3)
+    assert video.view.fps == pytest.approx(FPS)
+    video = open_video(tmp_path / "a.avi", **given, exposure=4e-3, readout=0.0047, shutter="rolling")
+    assert (video.view.exposure, video.times[0]) == (4e-3, pytest.approx(2e-3))
+    assert video.view.readout == pytest.approx(0.0048)
+    for slip, said in (
+        ({"camera": "top"}, "camera: got 'top'; allowed: the camera that saw it, one of left"),
+        ({"cameras": "none.toml"}, "none.toml"),
+        ({"scale": 0.01, "origin": [1, 2]}, "not both"),
+        ({"cameras": "wide.toml"}, "got '64 x 48 pixels'; allowed: 128 x 48"),
+    ):
+        write_cameras(tmp_path / "wide.toml", {"left": dataclasses.replace(left, width=128)})
+        with pytest.raises(InputError, match=said) as caught:
+            open_video(tmp_path / "a.avi", **given | slip)
+        assert "\n" not in str(caught.value)
 
 
 def test_video_damage(tmp_path):

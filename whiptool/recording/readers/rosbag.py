@@ -21,7 +21,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.recording.parsing import need, parsing, sha256, whole_file
-from whiptool.recording.readers.sidecar import CLOCK, PIXELS, Sidecar
+from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
 from whiptool.recording.readers.video import VideoSource, source
 
 IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"
@@ -106,7 +106,7 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
     """
     path = Path(path)
     folder = path.is_dir()
-    side = Sidecar.of(path, options, *CLOCK, *PIXELS, "topic", file=path / "whiptool.toml" if folder else None)
+    side = Sidecar.of(path, options, *CLOCK, *PIXELS, *FILM, "topic", file=path / "whiptool.toml" if folder else None)
     topic = _one_topic(path, side.table.get("topic"))
     own = _camera_times(path, topic)
     shapes, stamps, bag_times = set(), [], []

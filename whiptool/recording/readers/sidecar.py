@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,7 @@ COMMON = (
 SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
 VIEW = ("cameras", "sigma", "depth_units", "baseline", "subpixel")  # of readers whose files hold what a camera saw
 PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic")  # of readers whose files hold pixels
+FILM = ("cameras",)  # of readers whose files hold frames that a camera in space may have taken
 CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 KINDS = ("color", "infrared")  # of light
@@ -203,6 +205,11 @@ class Sidecar:
             raise self.refuse("camera", f"the camera that saw it, one of {', '.join(known)}")
         return known[name]
 
+    @cached_property
+    def filmed_by(self) -> SpaceCamera | None:
+        """The camera in space that took frames; None where the key `cameras` is not there."""
+        return None if self.table.get("cameras") is None else self.view()
+
     def _joint_columns(self) -> list[str] | None:
         """Names of the joint log's columns in the arm's order; None if the key is not there."""
         columns = self.names("joint_columns")
@@ -286,12 +293,19 @@ class Sidecar:
         else:
             hint = f" (the file itself says {fps_hint:g}; true only if no frame was dropped)" if fps_hint > 0 else ""
             raise InputError(f"{self.place}fps", None, "fps or timestamps" + hint, "write one into the sidecar .toml")
-        shift = STAMPS[self.word("stamp", STAMPS, "middle")] * self.number("exposure", 0.0, low=0, high=60)
+        shift = STAMPS[self.word("stamp", STAMPS, "middle")] * self.exposure()
         return times + shift - self.start
 
+    def exposure(self) -> float:
+        """How long each row collected light [s]; where it is not stated that of the camera in space, 0 without one."""
+        camera = self.filmed_by
+        return self.number("exposure", 0.0 if camera is None else camera.exposure, low=0.0, high=1.0)
+
     def readout(self) -> float:
-        """Time from the first row's exposure to the last's [s]; 0 with a global shutter."""
-        readout = self.number("readout", 0.0, low=0.0, high=1.0)
+        """Time from the first row's exposure to the last's [s], 0 with a global shutter; not stated: likewise."""
+        camera = self.filmed_by
+        usual = 0.0 if camera is None else float(camera.row_delay(camera.height - 1))
+        readout = self.number("readout", usual, low=0.0, high=1.0)
         shutter = self.word("shutter", ("global", "rolling"), "rolling" if readout else "global")
         if (shutter == "rolling") != (readout > 0):
             raise self.refuse("readout", "> 0 with a rolling shutter, 0 or absent with a global one")

@@ -14,10 +14,13 @@ The sidecar `NAME.toml` of `NAME.mp4` says what the file does not, beside the co
     origin = [424, 240]              # the shoulder's pixel
     kind = "infrared"                # or "color"; needed only where grey images are stored with three channels
     synthetic = false                # true where no real camera took them
+    camera = "left"                  # of a camera in space, instead of the way to metres: which one it was, of those in
+    cameras = "cameras.toml"         # this file; exposure and readout are those of the camera where none are stated
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import os
 from collections.abc import Callable, Iterator
@@ -29,7 +32,8 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.recording.parsing import need, sha256, whole_file
-from whiptool.recording.readers.sidecar import CLOCK, KINDS, PIXELS, Sidecar
+from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, Sidecar
+from whiptool.recording.space_camera import SpaceCamera
 
 MOST_FRAMES = 200_000
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
@@ -51,6 +55,7 @@ class VideoSource:
         kind: Of light, `color` or `infrared`; empty where the images themselves show it by their number of channels.
         synthetic: Whether no real camera took them.
         fps: Images per second, the inverse of the median step of `times`.
+        view: The camera in space that took them, with their exposure, readout and rate; None where they are of a plane.
         about: What else is known, as arguments of `StrikeRecording`: strike, controller, target, t_stay, joints_t,
             joints_q, camera, source, sha256, exposure.
     """
@@ -64,6 +69,7 @@ class VideoSource:
     kind: str = ""
     synthetic: bool = False
     fps: float = 0.0
+    view: SpaceCamera | None = None
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -124,7 +130,8 @@ def read_video(path: Path | str, **options: Any) -> VideoSource:
             breaks its rule; or OpenCV is not installed.
     """
     path = whole_file(path, largest=np.inf)
-    side = Sidecar.of(path, options, *CLOCK, *PIXELS)
+    side = Sidecar.of(path, options, *CLOCK, *PIXELS, *FILM)
+    _ = side.filmed_by  # a slip is told before the file is decoded
     count, shape = 0, (0, 0)
     for image in video_frames(path):
         count, shape = count + 1, image.shape[:2]
@@ -144,12 +151,12 @@ def source(
     """A source of images with what its sidecar says of the camera and the strike.
 
     Raises:
-        InputError: A key breaks its rule, or the times do not increase.
+        InputError: A key breaks its rule, the times do not increase, or the images are not of the camera's size.
     """
     about = {**side.fields(), "source": str(path), "sha256": digest}
-    about["exposure"] = side.number("exposure", 0.0, low=0.0, high=1.0)
+    about["exposure"] = side.exposure()
     try:
-        return VideoSource(
+        found = VideoSource(
             frames=frames,
             times=times,
             shape=(int(shape[0]), int(shape[1])),
@@ -160,8 +167,23 @@ def source(
             synthetic=side.flag("synthetic"),
             about=about,
         )
+        return found if side.filmed_by is None else _in_space(found, side.filmed_by)
     except InputError as error:
         raise (error if error.name.startswith(side.place) else error.within(side.place)) from None
+
+
+def _in_space(video: VideoSource, camera: SpaceCamera) -> VideoSource:
+    """The images of a camera in space, with that camera as it took them."""
+    if video.homography is not None:
+        raise InputError("homography", "beside cameras", "a calibrated strike plane or a camera in space, not both")
+    height, width = video.shape
+    if (height, width) != (camera.height, camera.width):
+        allowed = f"{camera.width} x {camera.height}, as {camera.name} has in the file of cameras"
+        raise InputError("images", f"{width} x {height} pixels", allowed)
+    readout = video.readout * height / max(height - 1, 1)  # to the row after the last
+    exposure = video.exposure or camera.exposure
+    view = dataclasses.replace(camera, fps=video.fps, exposure=exposure, readout=readout)
+    return dataclasses.replace(video, view=view)
 
 
 def segment(path: Path, first: float, count: int, fps: float) -> Iterator[np.ndarray]:
