@@ -25,7 +25,7 @@ class Cap(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
+class HitPoint:
     """Measures (k,) and constraints (c,) at a strike, at most 0 where kept, and their slopes in the unit box."""
 
     measures: np.ndarray
@@ -34,7 +34,7 @@ class _Point:
     constraint_slopes: np.ndarray
 
 
-class _Problem:
+class HitProblem:
     """Measures and constraints of strikes in the unit box; one trial for each new strike.
 
     Args:
@@ -50,9 +50,9 @@ class _Problem:
         self.size = 1.0
         self.ended: list[BaseException] = []
         self._at: np.ndarray | None = None
-        self._point: _Point | None = None
+        self._point: HitPoint | None = None
 
-    def __call__(self, u: np.ndarray) -> _Point:
+    def __call__(self, u: np.ndarray) -> HitPoint:
         """Return the point at a strike; what ends a search is kept for later, as NLopt has to end first."""
         if self._at is None or not np.array_equal(u, self._at):
             try:
@@ -65,17 +65,17 @@ class _Problem:
         assert self._point is not None
         return self._point
 
-    def begin(self, u: np.ndarray) -> _Point:
+    def begin(self, u: np.ndarray) -> HitPoint:
         """Return the first point, whose measure becomes the unit of measures."""
         found = self(u)
         self.size = max(float(np.abs(found.measures).max()), np.finfo(float).tiny)
         self._at = None if self.size == 1.0 else u.copy()
-        self._point = _Point(
+        self._point = HitPoint(
             found.measures / self.size, found.measure_slopes / self.size, found.constraints, found.constraint_slopes
         )
         return self._point
 
-    def _look(self, struck: StrikesAtGoal) -> _Point:
+    def _look(self, struck: StrikesAtGoal) -> HitPoint:
         constraints, slopes = [hit_excess(struck)[0] + _INSIDE], [hit_excess_slopes(struck)[0]]
         for criterion, value in self.caps:
             bound = criterion.measure_of(value)
@@ -85,19 +85,19 @@ class _Problem:
         measures, measure_slopes = self.criterion.measures(struck)[0], self.criterion.measure_slopes(struck)[0]
         if not all(np.isfinite(x).all() for x in (measures, measure_slopes, *constraints, *slopes)):
             return self._lost()  # a strike beside this one diverged
-        return _Point(
+        return HitPoint(
             measures / self.size,
             measure_slopes / self.size * self.scale,
             np.concatenate(constraints),
             np.concatenate(slopes) * self.scale,
         )
 
-    def _lost(self) -> _Point:
+    def _lost(self) -> HitPoint:
         """Return a bad point: a line search turns back from it."""
         last = self._point
         if last is None:
-            raise _NoStart
-        return _Point(
+            raise NoStart
+        return HitPoint(
             np.full_like(last.measures, np.abs(last.measures).max() + 1),
             np.zeros_like(last.measure_slopes),
             np.maximum(last.constraints, 0) + 1,
@@ -105,7 +105,7 @@ class _Problem:
         )
 
 
-class _NoStart(Exception):
+class NoStart(Exception):
     """The first strike is lost."""
 
 
@@ -133,12 +133,12 @@ def descend(
         SearchStopped: The objective ended the search.
         InputError: The simulator has no derivatives.
     """
-    problem = _Problem(objective, criterion, caps)
+    problem = HitProblem(objective, criterion, caps)
     u = np.clip((start - problem.lower) / problem.scale, 0, 1)
     try:
         first = problem.begin(u)
     except nlopt.ForcedStop:
-        if isinstance(problem.ended[0], _NoStart):
+        if isinstance(problem.ended[0], NoStart):
             return
         raise problem.ended[0] from None
     several, n = len(first.measures) > 1, len(u)

@@ -7,13 +7,15 @@ from collections import Counter
 import numpy as np
 from scipy.stats import rankdata
 
-from whiptool.objective import Objective
+from whiptool.objective import Objective, Trial
 from whiptool.optimizers.constrained import Cap, descend
 from whiptool.optimizers.front import Front, oriented
+from whiptool.optimizers.linear_steps import step_down
 
 BATCH = 64  # random strikes from which a front begins
-STARTS = 3  # of them are followed to the best hit by the first criterion
-FAR = 150  # gradient evaluations of each of them at most: from afar, in many numbers, it takes so many
+STEPS = 40  # of each descent in short steps at most
+KEPT = 3  # best hits beside which such descents begin anew
+BESIDE = 0.03  # standard deviation of that in each number, in parts of the bounds
 END = 0.01  # part of a criterion's range within which hits are as good as the best by it
 FRESH = 16  # random strikes of which one is a new start
 
@@ -22,10 +24,10 @@ def pareto_search(objective: Objective, *, seed: int) -> None:
     """Find the front of an objective's two criteria until the objective stops it.
 
     First the best hits by each criterion alone, and of those that are as good the best by the other (the payoff table
-    of Mavrotas 2009): from random strikes that are near the target and good by the first criterion, and from the best
-    hit by the first. Then, again and again, the widest gap of the front: one criterion is held at the gap's middle and
-    the other minimised, from either end of the gap and from a new random strike in turn. A gap that was tried counts
-    half as wide.
+    of Mavrotas 2009): by the first criterion by an iterated local search (Lourenço, Martin and Stützle 2003) from
+    random strikes that are near the target and good by it, and by the other from there. Then, again and again, the
+    widest gap of the front: one criterion is held at the gap's middle and the other minimised, from either end of the
+    gap and from a new random strike in turn. A gap that was tried counts half as wide.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -36,18 +38,55 @@ def pareto_search(objective: Objective, *, seed: int) -> None:
     outcomes = objective.batch(strikes)
     worth = [-np.inf if not x.values else x.values[0] * (1 if first.largest else -1) for x in outcomes]
     placed = rankdata([x.cost for x in outcomes]) + rankdata(-np.array(worth))
-    for i in np.argsort(placed, kind="stable")[:STARTS]:
-        descend(objective, strikes[i], first, steps=FAR)
+    _search_locally(objective, strikes[np.argsort(placed, kind="stable")], rng)
     while not (hits := [trial for trial in objective.trials if trial.outcome.hit]):
-        descend(objective, _fresh(objective, rng), first, steps=FAR)
-    costs = oriented(objective.criteria, [trial.outcome.values for trial in hits])
-    descend(objective, np.array(hits[int(costs[:, 0].argmin())].strike), second)
-    while len(Front.of((first, second), objective.trials).trials) < 2:
         descend(objective, _fresh(objective, rng), first)
-    _improve_ends(objective, Front.of((first, second), objective.trials))
+    costs = oriented(objective.criteria, [trial.outcome.values for trial in hits])
+    best = np.array(hits[int(costs[:, 0].argmin())].strike)
+    descend(objective, best, first)
+    descend(objective, best, second)
+    front = _front_with_gaps(objective, rng)
+    _improve_ends(objective, front)
     tried: Counter[tuple[int, int]] = Counter()
     while True:
-        _fill(objective, Front.of((first, second), objective.trials), tried, rng)
+        _fill(objective, _front_with_gaps(objective, rng), tried, rng)
+
+
+def _search_locally(objective: Objective, strikes: np.ndarray, rng: np.random.Generator) -> None:
+    """Look for the best hit by the first criterion, beginning from the first of some strikes (B, m).
+
+    In many numbers there are many valleys: descents begin beside the best ends of those before.
+    """
+    m = strikes.shape[1]
+    ends = [_end(objective, strike) for strike in strikes[: (m + 1) // 2]]
+    for turn in range(2 * m):
+        ends.sort(key=lambda trial: trial.outcome.cost)
+        k = turn % KEPT
+        end = _end(objective, _beside(objective, np.array(ends[k].strike), rng))
+        ends[k] = min(ends[k], end, key=lambda trial: trial.outcome.cost)
+
+
+def _end(objective: Objective, strike: np.ndarray) -> Trial:
+    """Return the best trial of a descent by the first criterion in short steps."""
+    before = len(objective.trials)
+    step_down(objective, strike, objective.criteria[0], steps=STEPS)
+    return min(objective.trials[before:], key=lambda trial: trial.outcome.cost)
+
+
+def _beside(objective: Objective, strike: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return a random strike beside one."""
+    lower, upper = objective.bounds.box
+    beside = strike + BESIDE * (upper - lower) * rng.normal(size=len(strike))
+    return objective.admissible(np.clip(beside, lower, upper)[None])[0]
+
+
+def _front_with_gaps(objective: Objective, rng: np.random.Generator) -> Front:
+    """Return the front; while it is one hit, which is the best by both criteria, descend beside it."""
+    first, second = objective.criteria
+    while len((front := Front.of((first, second), objective.trials)).trials) < 2:
+        descend(objective, _beside(objective, front.strikes[0], rng), second)
+        descend(objective, _fresh(objective, rng), first)
+    return front
 
 
 def _improve_ends(objective: Objective, front: Front) -> None:
