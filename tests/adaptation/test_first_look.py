@@ -42,7 +42,7 @@ def tips(b: Belief, z: np.ndarray, strike: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_information_is_half_the_logarithm_of_the_determinant(delay):
     b = belief(delay)
-    told, fastest = information(b, STRIKES)
+    told, fastest, _ = information(b, STRIKES)
     for strike, nats, speed in zip(STRIKES, told, fastest, strict=True):
         h = np.array([1e-3, 1e-3, 1e-3, 0.05])
         columns = [(tips(b, b.z + s, strike) - tips(b, b.z - s, strike)).ravel() for s in np.diag(h)]
@@ -67,7 +67,7 @@ def test_a_hanging_whip_is_filmed_in_the_middle_of_where_strikes_begin():
     np.testing.assert_allclose(still.vector, [-0.7, 0.4, -0.7, 0.4, 0.5])
     default = hanging(belief()).vector
     np.testing.assert_allclose(default[:2], default[2:4])
-    told, fastest = information(belief(), still.vector[None])
+    told, fastest, _ = information(belief(), still.vector[None])
     assert fastest[0] < 0.02
     assert told[0] > 1  # the length is seen
 

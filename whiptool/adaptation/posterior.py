@@ -33,7 +33,8 @@ class Starts:
 
     Args:
         explained: Standard errors, RMSE up to which no other start is tried.
-        near: Or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by millimetres.
+        near: In the plane, or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by
+            millimetres. In space a bead at a wrong place is off by millimetres, too.
         close: Fall of the cost per mean squared residual that is not worth another step: 0.08 standard errors.
         valley: RMSE from which two starts that agree may both be wrong [m].
         same: Difference in cost, the logarithm of a likelihood, up to which two fits are one.
@@ -294,7 +295,8 @@ def _cost(found: Fit) -> float:
 def _explains(prior: Belief, found: Fit | None) -> bool:
     if found is None or not _plausible(prior, found):
         return False
-    return all(r.chi <= STARTS.explained or r.rmse <= STARTS.near for r in found.recordings)
+    near = STARTS.near if prior.plant.model.dimension == 2 else 0.0
+    return all(r.chi <= STARTS.explained or r.rmse <= near for r in found.recordings)
 
 
 def _grown(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:
