@@ -20,6 +20,7 @@ from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
 from whiptool.errors import InputError
 from whiptool.identification.arrival_error import PACE
+from whiptool.identification.plant import Plant
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
 from whiptool.models.strike import Strike
@@ -136,6 +137,31 @@ def wiggles(count: int) -> list[Strike]:
     """Movements of the robot within its speeds, from one posture."""
     rng, q = np.random.default_rng(3), np.array([0.0, -1.8, 1.2, -1.0, -1.5, 0.0])
     return [Strike(tuple(q), tuple(q + rng.uniform(-0.5, 0.5, 6)), 0.6) for _ in range(count)]
+
+
+def captured(plant: Plant, strike: Strike) -> StrikeRecording:
+    """The tip of a rope by motion capture, 100 times a second with 2 mm."""
+    rollout = CompiledRollout(plant.model, CONTROLLER, timestep=5e-4)
+    t, paths, _ = rollout.tip_path(strike.vector[None], t_stay=0.3, rate=1000.0)
+    at = np.arange(0, strike.D + 0.29, 0.01)
+    points = np.stack([np.interp(at, t, x) for x in paths[0].T], axis=1)
+    points += 0.002 * np.random.default_rng(0).standard_normal(points.shape)
+    return StrikeRecording(at, points[:, None], ("tip",), sigma=np.array(0.002), strike=strike)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bead", [0.0, 0.008])
+def test_a_bead_that_nobody_told_of_is_found_where_it_is(prior, bead):
+    """8 g at 0.8 of the rope, from one movement, where it is expected at 0.6; of a rope without one none is found."""
+    numbers = {"profile.bead_mass": bead, "profile.bead_place": 0.8, "whip.drag_ratio": 0.3}
+    rope = prior.at().changed(numbers | {"profile.linear_density": 0.08})
+    learned = update(prior, [captured(rope, wiggles(1)[0])])
+    found, errors = learned.belief.values(), learned.belief.errors()
+    assert next(iter(learned.rmse.values())) < 0.0025
+    assert found["profile.bead_mass"] == pytest.approx(bead, abs=2 * errors["profile.bead_mass"])
+    assert errors["profile.bead_mass"] < 0.003
+    if bead:
+        assert found["profile.bead_place"] == pytest.approx(0.8, abs=0.03)
 
 
 @pytest.mark.slow

@@ -7,10 +7,11 @@ import pytest
 
 from whiptool.adaptation import first_look
 from whiptool.adaptation.first_look import choose_wiggle, hanging, information
-from whiptool.adaptation.prior import Belief
+from whiptool.adaptation.materials import stock_of_material
+from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.errors import InputError
 from whiptool.identification.plant import Plant
-from whiptool.impedance import OIAC, Controller
+from whiptool.impedance import OIAC, Controller, PositionControl
 from whiptool.models import preset
 from whiptool.models.strike import StrikeBounds
 from whiptool.rollout import CompiledRollout
@@ -42,15 +43,17 @@ def tips(b: Belief, z: np.ndarray, strike: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_information_is_half_the_logarithm_of_the_determinant(delay):
     b = belief(delay)
-    told, fastest = information(b, STRIKES)
-    for strike, nats, speed in zip(STRIKES, told, fastest, strict=True):
+    told, fastest, widest = information(b, STRIKES)
+    for strike, nats, speed, width in zip(STRIKES, told, fastest, widest, strict=True):
         h = np.array([1e-3, 1e-3, 1e-3, 0.05])
         columns = [(tips(b, b.z + s, strike) - tips(b, b.z - s, strike)).ravel() for s in np.diag(h)]
         J = np.array(columns).T / (2 * h) / 0.005
         posterior = np.linalg.inv(np.linalg.inv(b.covariance) + J.T @ J)
         expected = 0.5 * np.log(np.linalg.det(b.covariance) / np.linalg.det(posterior))
         assert nats == pytest.approx(expected, rel=0.01)
-        path = tips(b, b.z, strike)
+        path, spread = tips(b, b.z, strike), 0.005 * J
+        variance = np.diag(spread @ b.covariance @ spread.T).reshape(-1, 2).sum(axis=1)
+        assert width == pytest.approx(np.sqrt(variance.max()), rel=0.02)
         assert speed == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).max() * 60, rel=0.01)
 
 
@@ -67,7 +70,7 @@ def test_a_hanging_whip_is_filmed_in_the_middle_of_where_strikes_begin():
     np.testing.assert_allclose(still.vector, [-0.7, 0.4, -0.7, 0.4, 0.5])
     default = hanging(belief()).vector
     np.testing.assert_allclose(default[:2], default[2:4])
-    told, fastest = information(belief(), still.vector[None])
+    told, fastest, _ = information(belief(), still.vector[None])
     assert fastest[0] < 0.02
     assert told[0] > 1  # the length is seen
 
@@ -79,7 +82,8 @@ def asked(monkeypatch):
 
     def stated(belief, strikes, *, t_stay):
         seen["strikes"], seen["t_stay"] = strikes, t_stay
-        return strikes[:, -1].copy(), np.where(strikes[:, -1] > seen.get("limit", 0.7), 8.01, 8.0)
+        wide = np.where(strikes[:, -1] > seen.get("foreseen", 1.0), 0.36, 0.34)
+        return strikes[:, -1].copy(), np.where(strikes[:, -1] > seen.get("limit", 0.7), 8.01, 8.0), wide
 
     monkeypatch.setattr(first_look, "information", stated)
     return seen
@@ -113,3 +117,19 @@ def test_where_all_are_fast_there_is_no_wiggle(asked):
         choose_wiggle(belief(), rng=np.random.default_rng(0))
     assert asked["strikes"].shape == (32, 5)
     assert asked["t_stay"] == 0.3
+
+
+@pytest.mark.parametrize("foreseen", [0.6, 0.0])
+def test_in_space_the_wiggle_is_one_that_the_prior_foresees_if_there_is_one(asked, foreseen):
+    """The longest is told most of; among those whose tip is known to 0.35 m, or where there are none, among all."""
+    asked["foreseen"] = foreseen
+    prior = default_prior(preset("ur5e"), Controller(PositionControl()), stock=stock_of_material("nylon"))
+    _, told = choose_wiggle(prior, rng=np.random.default_rng(0), candidates=300)
+    durations = asked["strikes"][:, -1]
+    assert told == durations[durations <= (foreseen or 0.7)].max()
+
+
+def test_in_the_plane_the_wiggle_may_be_one_that_is_hardly_foreseen(asked):
+    asked["foreseen"] = 0.5
+    _, told = choose_wiggle(belief(), rng=np.random.default_rng(0), candidates=300)
+    assert told > 0.6

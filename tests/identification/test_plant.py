@@ -15,7 +15,9 @@ from whiptool.models.parameters import WhipParameters
 from whiptool.models.profile import WhipProfile
 
 LEMON = preset("lemon2024")
-PROFILE_OF_ALL = WhipProfile(0.9, 0.2, 0.02, 0.007, 0.3, 0.4, 0.5, 0.1, 0.01, 0.003)
+PROFILE_OF_ALL = WhipProfile(
+    0.9, 0.2, 0.02, 0.007, 0.3, 0.4, 0.5, 0.1, 0.01, 0.003, 0.02, 0.55, (0.1, -0.2, 0.05), (0.3, 0.1, -0.1)
+)
 PLANT = Plant(LEMON, Controller(OIAC(), torque_limit=3.0))
 PROFILED = Plant(LEMON, Controller(), PROFILE_OF_ALL)
 
@@ -50,8 +52,8 @@ def test_a_profile_stands_in_place_of_the_whips_numbers():
     longer = PROFILED.changed({"profile.length": 1.2, "whip.dry_friction": 1e-3})
     assert longer.model.whip.length == pytest.approx(1.2)
     np.testing.assert_allclose(longer.model.whip.dry_friction, 1e-3)
-    tip = np.r_[np.zeros(11), 0.003]  # does not grow with the whip
-    mass, before = longer.model.whip.per_node("m") - tip, PROFILED.model.whip.per_node("m") - tip
+    held = np.r_[np.zeros(5), 0.008, 0.012, np.zeros(4), 0.003]  # bead and tip do not grow with the whip
+    mass, before = longer.model.whip.per_node("m") - held, PROFILED.model.whip.per_node("m") - held
     np.testing.assert_allclose(mass, before * 1.2 / 0.9)
 
 
@@ -129,7 +131,7 @@ def test_slopes_are_those_of_differences(plant):
 def test_lumping_in_casadi_is_that_of_numpy():
     """Two derivations of the same hats, at two numbers of nodes."""
     for N in (3, 12):
-        found = dict(zip(LUMPED, lumping(N)[0](np.array([getattr(PROFILE_OF_ALL, x) for x in PROFILE])), strict=True))
+        found = dict(zip(LUMPED, lumping(N)[0](np.array([*PROFILE_OF_ALL.numbers.values()])), strict=True))
         lumped = PROFILE_OF_ALL.lump(N)
         for name, block in found.items():
             own = lumped.hinge_mass if name == "hinge_mass" else lumped.per_node(name)

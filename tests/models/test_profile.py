@@ -100,6 +100,66 @@ def test_a_joints_stiffness_and_damping_are_what_its_hat_sees(profile: WhipProfi
     assert [whip.per_node(name)[0] for name in ("k", "b", "rest_angle")] == [0, 0, 0]  # the free hinge
 
 
+waves = st.tuples(*[st.floats(-0.5, 0.5)] * 3)
+
+
+@examples
+@given(profiles, waves, waves, st.floats(0.0, 0.05), st.floats(0.0, 1.0), st.integers(8, 60), st.data())
+def test_waves_and_a_bead_are_kept_as_the_taper_is(profile, heavier, stiffer, bead, place, N, data):
+    """Factors exp(sum w_i cos(i pi s / L)) on mass, and on stiffness and damping alike; the bead's mass and moment. By
+    adaptive quadrature, to 1e-7."""
+    uneven = replace(
+        profile, density_waves=heavier, stiffness_waves=stiffer, bead_mass=bead, bead_place=place, tip_mass=0.002
+    )
+    whip, L, l = uneven.lump(N), profile.length, profile.length / N
+    j = data.draw(st.integers(1, N - 1))
+
+    def waved(value: float, ratio: float, w: tuple[float, ...]):
+        return lambda s: (
+            value * ratio ** (s / L) * np.exp(sum(w[i] * np.cos((i + 1) * np.pi * s / L) for i in range(3)))
+        )
+
+    density = waved(profile.linear_density, profile.density_taper, heavier)
+    EI = waved(profile.bending_stiffness, profile.stiffness_taper, stiffer)
+    eta = waved(profile.bending_damping, profile.damping_taper, stiffer)
+    m, s = whip.per_node("m"), np.cumsum(whip.per_node("l"))
+    mass = integral(density, low=0, high=L) + bead + 0.002
+    moment = integral(lambda x: density(x) * x, low=0, high=L) + bead * place * L + 0.002 * L
+    assert whip.mass == pytest.approx(mass, rel=1e-7)
+    assert m @ s == pytest.approx(moment, rel=1e-7)
+
+    def seen(f) -> float:
+        up = integral(lambda x: f(x) * (x / l - j + 1), low=(j - 1) * l, high=j * l)
+        return up + integral(lambda x: f(x) * (j + 1 - x / l), low=j * l, high=(j + 1) * l)
+
+    k = 1 / seen(lambda x: 1 / EI(x))
+    assert whip.per_node("k")[j] == pytest.approx(k, rel=1e-7)
+    assert whip.per_node("b")[j] == pytest.approx(k**2 * seen(lambda x: eta(x) / EI(x) ** 2), rel=1e-7)
+
+
+def test_a_bead_rides_on_the_two_nodes_beside_it_and_on_no_other():
+    """0.3 of the way from the fourth node to the fifth of twelve: 7 and 3 parts in ten."""
+    plain, beaded = UNIFORM.lump(12), replace(UNIFORM, bead_mass=0.01, bead_place=4.3 / 12).lump(12)
+    more = beaded.per_node("m") - plain.per_node("m")
+    np.testing.assert_allclose(more, 0.01 * np.array([0, 0, 0, 0.7, 0.3, 0, 0, 0, 0, 0, 0, 0]), atol=1e-15)
+    assert beaded.hinge_mass == plain.hinge_mass
+
+
+def test_numbers_name_every_wave_and_change_one_alone():
+    changed = UNIFORM.changed({"density_waves[1]": 0.2, "length": 1.0})
+    assert changed == replace(UNIFORM, density_waves=(0.0, 0.2, 0.0), length=1.0)
+    assert {"stiffness_waves[0]", "stiffness_waves[2]", "bead_place"} <= set(changed.numbers)
+    assert changed.changed(UNIFORM.numbers) == UNIFORM
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"bead_place": 1.2}, {"bead_mass": -0.1}, {"density_waves": (0.1, 0.2)}, {"stiffness_waves": 0.1}]
+)
+def test_beads_and_waves_are_checked(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        replace(UNIFORM, **wrong)
+
+
 def test_a_uniform_profile_in_closed_form():
     N = 12
     whip = replace(UNIFORM, rest_curvature=0.4, drag=0.02).lump(N)

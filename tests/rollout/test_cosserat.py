@@ -96,9 +96,9 @@ def test_a_rod_without_damping_keeps_its_energy():
 
 
 def test_a_hinged_chain_moves_as_a_rod_of_as_many_elements():
-    """A strike in MuJoCo, drag and a mass at the tip included: the tip to 0.3 mm on 1 m, at 5 m/s and more."""
+    """A strike in MuJoCo, drag, a bead and a mass at the tip included: the tip to 0.3 mm on 1 m, at 5 m/s and more."""
     needs_elastica()
-    profile = WhipProfile(0.8, 0.15, 0.015, 0.004, drag=0.02, tip_mass=0.01)
+    profile = WhipProfile(0.8, 0.15, 0.015, 0.004, drag=0.02, tip_mass=0.01, bead_mass=0.008, bead_place=3 / 8)
     model = replace(preset("lemon2024"), whip=profile.lump(8))
     rollout = ReferenceRollout(model, Controller(constant_preset("nah2020")), timestep=2e-4)
     path = rollout.trajectory(np.array([-1.2, 0.2, 1.2, 1.0, 0.5]), t_stay=0.1)

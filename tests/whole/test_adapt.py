@@ -413,7 +413,7 @@ def test_a_look_alone_does_not_count_as_having_struck(prior, monkeypatch):
 def test_the_wiggle_is_slow_and_tells_much(prior):
     rng = np.random.default_rng(0)
     chosen, told = choose_wiggle(prior, rng=rng, candidates=16)
-    some, fastest = information(prior, np.array([chosen.vector, [-1.0, 1.0, -0.9, 1.0, 0.8]]))
+    some, fastest, _ = information(prior, np.array([chosen.vector, [-1.0, 1.0, -0.9, 1.0, 0.8]]))
     assert fastest[0] <= FASTEST
     assert told == pytest.approx(some[0])
     assert some[0] > some[1] > 0

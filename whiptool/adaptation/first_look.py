@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from whiptool.adaptation.posterior import TIMESTEPS
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
@@ -19,11 +20,13 @@ SWING = 0.7  # [rad] that a joint turns at most
 DURATION = (0.4, 0.8)  # [s]
 FASTEST = 8.0  # [m/s] of the tip: a strike has it at 10 to 40
 STILL = 0.5  # [s] that a hanging whip is filmed, and `t_stay` more
-TIMESTEP = 5e-4  # [s]
+WIDEST = 0.35  # [m], largest standard error of the tip's place, to which a linearised prior is believed in space
 FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
 
 
-def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY) -> tuple[np.ndarray, np.ndarray]:
+def information(
+    belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the information gain of recording each strike, for a belief linearised around its mean.
 
     Args:
@@ -33,24 +36,25 @@ def information(belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY) 
 
     Returns:
         Half the logarithm of the determinant of prior over posterior covariance [nat], (B,); largest speed of the tip
-        between two frames [m/s], (B,).
+        between two frames [m/s], (B,); largest standard error of its place in a frame beforehand [m], (B,).
     """
     recordings, d = [], belief.plant.model.dimension
     for vector in strikes:
         t = np.arange(int((vector[-1] + t_stay) * FPS) + 1) / FPS
         nothing = np.zeros((len(t), 1, d))
         recordings.append(StrikeRecording(t, nothing, ("tip",), np.array(NOISE), strike=Strike.from_vector(vector)))
-    predictor = Predictor(recordings, belief.plant, drive="command", shared=belief.names, timestep=TIMESTEP)
+    predictor = Predictor(recordings, belief.plant, drive="command", shared=belief.names, timestep=TIMESTEPS[d])
     own = [np.zeros(0)] * len(recordings)
     nuisance = {"delay": belief.values().get("delay", 0.0)} if "delay" in belief.names else {}
     units = np.array([v.slope(x) for v, x in zip(belief.variables, belief.z, strict=True)])
     root = np.linalg.cholesky(belief.covariance)
-    told, fastest = np.empty(len(strikes)), np.empty(len(strikes))
+    told, fastest, widest = np.empty((3, len(strikes)))
     for i, p in enumerate(predictor(belief.at(), nuisance, own, derivatives=True)):
         J = p.by_shared * units / NOISE @ root  # by the whitened numbers
+        widest[i] = NOISE * np.sqrt((J**2).sum(axis=1).reshape(-1, d).sum(axis=1).max())
         told[i] = np.linalg.slogdet(np.eye(J.shape[1]) + J.T @ J)[1] / 2 if np.isfinite(J).all() else -np.inf
         fastest[i] = np.linalg.norm(np.diff(p.value.reshape(-1, d), axis=0), axis=1).max() * FPS
-    return told, np.where(np.isfinite(fastest), fastest, np.inf)
+    return told, np.where(np.isfinite(fastest), fastest, np.inf), np.where(np.isfinite(widest), widest, np.inf)
 
 
 def hanging(belief: Belief, bounds: StrikeBounds | None = None) -> Strike:
@@ -77,6 +81,9 @@ def choose_wiggle(
 ) -> tuple[Strike, float]:
     """The movement that tells most (D-optimal), among short ones in which the tip stays slow, and how much [nat].
 
+    In space, of an unevener whip, a linearised prior promises most of movements that are hardly foreseen, and whose
+    recordings many whips explain; those it leaves out.
+
     Args:
         belief: Beforehand.
         rng: Of the candidates.
@@ -96,8 +103,10 @@ def choose_wiggle(
     strikes = np.hstack([q_i, q_f, rng.uniform(*DURATION, (candidates, 1))])
     if keeps:
         strikes = _kept(belief, strikes, bounds, keeps, t_stay)
-    told, fastest = information(belief, strikes, t_stay=t_stay)
+    told, fastest, widest = information(belief, strikes, t_stay=t_stay)
     told = np.where(fastest <= FASTEST, told, -np.inf)
+    foreseen = told if belief.plant.model.dimension == 2 else np.where(widest <= WIDEST, told, -np.inf)
+    told = foreseen if np.isfinite(foreseen).any() else told
     best = int(told.argmax())
     if not np.isfinite(told[best]):
         raise InputError("wiggle", f"{fastest.min():.1f} m/s at the tip", f"{FASTEST:g} m/s", "strike without it")
@@ -110,7 +119,9 @@ def _kept(
     """Those of some strikes, made as slow as their joints must be, that keep the limits."""
     plant = belief.at()
     assert plant.controller is not None
-    rollout = CompiledRollout(plant.model, plant.controller, timestep=TIMESTEP, free=fresh_terms(belief))
+    rollout = CompiledRollout(
+        plant.model, plant.controller, timestep=TIMESTEPS[plant.model.dimension], free=fresh_terms(belief)
+    )
     striker = Striker(rollout, bounds=bounds, limits=tuple(keeps), t_stay=t_stay)
     slow = striker.admissible(strikes)
     kept = slow[striker.keep(slow)]

@@ -33,7 +33,8 @@ class Starts:
 
     Args:
         explained: Standard errors, RMSE up to which no other start is tried.
-        near: Or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by millimetres.
+        near: In the plane, or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by
+            millimetres. In space a bead at a wrong place is off by millimetres, too.
         close: Fall of the cost per mean squared residual that is not worth another step: 0.08 standard errors.
         valley: RMSE from which two starts that agree may both be wrong [m].
         same: Difference in cost, the logarithm of a likelihood, up to which two fits are one.
@@ -64,13 +65,14 @@ class Inconsistent:
     unmoved: float = 0.02
 
 
+BEADS = (0.35, 0.8)  # parts of the length where a bead is sought, if not where it is expected
 _INCONSISTENT = Inconsistent()
 _HORIZONS = (0.5, 0.75)  # of a recording's frames, before all of them
 _POSE = {2: ("rotation", "shift_x", "shift_y"), 3: PLACED[3][1:]}  # by dimension
 _LEAST = 6  # frames
 _OF_MEDIAN = math.sqrt(math.pi / 2)  # its standard error over that of the mean
 _SHARPEST = 1e8  # information over the prior's, at most: rounding errors spoil the covariance beyond
-TIMESTEP = 5e-4  # [s]
+TIMESTEPS = {2: 5e-4, 3: 1e-3}  # of the integrator, by dimension: the whip of a prescribed arm is not stiff [s]
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def update(
     starts: int = 3,
     screened: int = 24,
     seed: int = 0,
-    timestep: float = TIMESTEP,
+    timestep: float | None = None,
 ) -> Learned:
     """Return the belief after all recordings, fitted by maximum a posteriori from several starts.
 
@@ -119,7 +121,7 @@ def update(
         starts: How many.
         screened: Samples of the prior among which the other starts are sought.
         seed: Of the samples.
-        timestep: Of the integrator [s].
+        timestep: Of the integrator [s]; None: that of `TIMESTEPS`.
 
     Raises:
         InputError: A recording lacks its command or its tip.
@@ -139,7 +141,7 @@ def update(
         options = Options(
             drive=driven_by(prior.plant, used),
             prior=prior.as_prior(),
-            timestep=timestep,
+            timestep=timestep or TIMESTEPS[prior.plant.model.dimension],
             max_iterations=25,
             tolerance=STARTS.close,
         )
@@ -250,7 +252,11 @@ def _best(
     found: list[Fit | None] = []
     for way in (_fit, _grown):
         found.append(way(recordings, guess.at(), prior.names, options))
-        if _explains(prior, found[-1]) or _again(found):
+        if _explains(prior, found[-1]) or (_again(found) and not _beaded(prior)):
+            return found[-1]
+    for plant in _beaded(prior):
+        found.append(_grown(recordings, plant, prior.names, options))
+        if _explains(prior, found[-1]):
             return found[-1]
     samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
     early = [_until(r, _HORIZONS[0]) for r in recordings]
@@ -261,6 +267,14 @@ def _best(
         if _explains(prior, found[-1]) or _again(found):
             break
     return min((f for f in found if f is not None), key=_cost, default=None)
+
+
+def _beaded(prior: Belief) -> list[Plant]:
+    """The prior's mean with a bead at other places, where its place is unknown: a fit does not move one along the whip
+    once it has vanished."""
+    if "profile.bead_place" not in prior.names:
+        return []
+    return [prior.at().changed({"profile.bead_place": place}) for place in BEADS]
 
 
 def _again(found: Sequence[Fit | None]) -> bool:
@@ -281,7 +295,8 @@ def _cost(found: Fit) -> float:
 def _explains(prior: Belief, found: Fit | None) -> bool:
     if found is None or not _plausible(prior, found):
         return False
-    return all(r.chi <= STARTS.explained or r.rmse <= STARTS.near for r in found.recordings)
+    near = STARTS.near if prior.plant.model.dimension == 2 else 0.0
+    return all(r.chi <= STARTS.explained or r.rmse <= near for r in found.recordings)
 
 
 def _grown(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:

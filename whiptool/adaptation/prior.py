@@ -20,6 +20,7 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.variables import Prior, Variable, variable
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.parameters import Model, number
+from whiptool.models.profile import WAVES, WhipProfile
 from whiptool.models.tables import read_toml
 from whiptool.rig.emulator.motor import Motor
 
@@ -35,7 +36,15 @@ class Spread:
         thickness_taper: Of the taper of the whip's thickness, whose powers density, stiffness and damping go by.
         own_taper: Of a quantity's own taper beside, where it goes by the square.
         rest_curvature: [1/m]: a twentieth of that of a coil of 0.15 m radius, which a stored rope keeps.
-        air_form: The prior's air resists alike along the whip and across, real air mostly across.
+        air_form: Of drag in the plane, where the prior's air resists alike along the whip and across, real air mostly
+            across.
+        along: Of drag along a whip in space over that across; anything between 0 and 1 is half as much, give or take
+            this.
+        bead: Of the mass of a bead or knot in space, over the whip's; it is about as large as this.
+        bead_place: Of its place, in parts of the length.
+        density_wave, stiffness_wave: In space, of the first wave that a taper leaves out; a thickness that is off by
+            7 % weighs 15 % and bends by 30 %.
+        wave_falls: The error of each further wave over the one before it.
         arm_friction: [N m s/rad]
         arm_mass: Of the arm's links.
         gain: Of the controller's gains.
@@ -48,6 +57,12 @@ class Spread:
     own_taper: float = 0.2
     rest_curvature: float = 0.3
     air_form: float = 0.5
+    along: float = 0.3
+    bead: float = 0.1
+    bead_place: float = 0.25
+    density_wave: float = 0.15
+    stiffness_wave: float = 0.25
+    wave_falls: float = 0.8
     arm_friction: float = 0.01
     arm_mass: float = 0.1
     gain: float = 0.1
@@ -210,7 +225,7 @@ def _uniform(plant: Plant, stock: Stock) -> Belief:
 
 
 def _profile(plant: Plant, stock: Stock) -> Belief:
-    """A stock's numbers, tapers that go together, rest curvature, and a marker's mass."""
+    """A stock's numbers, tapers that go together, a marker's mass; rest curvature, or in space what is uneven."""
     names = [f"profile.{name}" for name in NUMBERS[:-1]] + ["whip.dry_friction"]
     entries: dict[str, tuple[float | None, float]] = dict.fromkeys(names, (None, 1.0))
     entries |= dict.fromkeys(_TAPERS, (None, 1.0))
@@ -218,7 +233,10 @@ def _profile(plant: Plant, stock: Stock) -> Belief:
     assert profile is not None
     half = profile.linear_density * profile.length / plant.model.whip.N / 2  # what point masses have beyond half a hat
     entries |= {"profile.tip_mass": (half, half)}
-    if plant.model.dimension == 2:  # in space a bend has a direction, too
+    in_space = plant.model.dimension == 3
+    if in_space:
+        entries |= _uneven(profile)
+    else:  # in space a bend has a direction, too
         entries |= {"profile.rest_curvature": (None, _SPREAD.rest_curvature)}
     belief = _belief(plant, entries)
     covariance = np.array(belief.covariance)
@@ -226,11 +244,25 @@ def _profile(plant: Plant, stock: Stock) -> Belief:
     size = [1.0 if v.log else x for v, x in zip(belief.variables, belief.z, strict=True)][: len(names)]
     covariance[: len(names), : len(names)] = stock.covariance * np.outer(size, size)
     drag = belief.names.index("profile.drag")
-    covariance[drag, drag] += (_SPREAD.air_form * belief.z[drag]) ** 2
+    if not in_space:
+        covariance[drag, drag] += (_SPREAD.air_form * belief.z[drag]) ** 2
     powers, tapers = np.array([*_TAPERS.values()]), slice(len(names), len(names) + len(_TAPERS))
     common = _SPREAD.thickness_taper**2 * np.outer(powers, powers)
     covariance[tapers, tapers] = common + np.diag((_SPREAD.own_taper * powers) ** 2 / 4)
     return dataclasses.replace(belief, covariance=covariance)
+
+
+def _uneven(profile: WhipProfile) -> dict[str, tuple[float | None, float]]:
+    """What makes a rope in space differ from a tapered one: air along it, a bead, waves of thickness."""
+    bead = _SPREAD.bead * profile.linear_density * profile.length
+    entries: dict[str, tuple[float | None, float]] = {
+        "whip.drag_ratio": (0.5, _SPREAD.along),
+        "profile.bead_mass": (bead, bead),
+        "profile.bead_place": (0.6, _SPREAD.bead_place),
+    }
+    for name, first in (("density", _SPREAD.density_wave), ("stiffness", _SPREAD.stiffness_wave)):
+        entries |= {f"profile.{name}_waves[{i}]": (0.0, first * _SPREAD.wave_falls**i) for i in range(WAVES)}
+    return entries
 
 
 def _joined(belief: Belief, entries: Mapping[str, tuple[float | None, float]]) -> Belief:

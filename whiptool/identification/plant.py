@@ -19,7 +19,7 @@ from whiptool.models.profile import WhipProfile, lump
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.whip import UNIVERSAL_ONLY, WhipParameters
 
-PROFILE = tuple(f.name for f in dataclasses.fields(WhipProfile))
+PROFILE = tuple(WhipProfile(1.0, 1.0, 1.0, 0.0).numbers)
 LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
 _BESIDE_PROFILE = ("dry_friction", "friction_velocity", "drag_ratio", "cubic_stiffness")  # of the whip, not its profile
 # the hinge's numbers over those of a joint between two links, where half a link bends at the hinge
@@ -95,7 +95,7 @@ class Plant:
             if not isinstance(value := getattr(whip, name), tuple)
         }
         if self.profile is not None:
-            blocks = lumping(whip.N, clamped=True)[0](np.array([getattr(self.profile, name) for name in PROFILE]))
+            blocks = lumping(whip.N, clamped=True)[0](np.array([*self.profile.numbers.values()]))
             lumped = dict(zip(LUMPED, (block.full().ravel() for block in blocks), strict=True))
             numbers |= {name: tuple(lumped[name].tolist()) for name in ("k", "b", "rest_angle")}
         return dataclasses.replace(self.model, whip=dataclasses.replace(whip, **numbers))
@@ -105,8 +105,10 @@ class Plant:
         named = self.model.parameters()
         if self.profile is not None:
             named = {k: v for k, v in named.items() if not k.startswith("whip.") or _quantity(k) in _BESIDE_PROFILE}
-            of_profile = [x for x in PROFILE if self.model.dimension == 2 or x != "rest_curvature"]
-            named |= {f"profile.{name}": float(getattr(self.profile, name)) for name in of_profile}
+            of_profile = self.profile.numbers
+            if self.model.dimension == 3:
+                del of_profile["rest_curvature"]
+            named |= {f"profile.{name}": value for name, value in of_profile.items()}
         named |= {} if self.clamp is None else {"clamp": self.clamp}
         return named | ({} if self.controller is None else self.controller.parameters())
 
@@ -131,7 +133,7 @@ class Plant:
         profile, controller = self.profile, self.controller
         if groups["profile"]:
             assert profile is not None
-            profile = dataclasses.replace(profile, **{k.split(".")[1]: v for k, v in groups["profile"].items()})
+            profile = profile.changed({k.split(".")[1]: v for k, v in groups["profile"].items()})
         if groups["law"]:
             assert controller is not None
             controller = _with_law(controller, groups["law"])
@@ -227,7 +229,7 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
 
 
 def _profile_slopes(profile: WhipProfile, N: int, clamped: bool) -> dict[str, Quantities]:
-    jacobians = [J.full() for J in lumping(N, clamped)[1](np.array([getattr(profile, name) for name in PROFILE]))]
+    jacobians = [J.full() for J in lumping(N, clamped)[1](np.array([*profile.numbers.values()]))]
     return {
         f"profile.{name}": {f"whip.{block}": J[:, i] for block, J in zip(LUMPED, jacobians, strict=True)}
         for i, name in enumerate(PROFILE)

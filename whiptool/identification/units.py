@@ -13,7 +13,7 @@ _UNITS = {
     "link": {**_LINK, "dry_friction": "N m", "drag": "N s^2/m^2"},
     "profile": {
         "length": "m", "linear_density": "kg/m", "bending_stiffness": "N m^2", "bending_damping": "N m^2 s",
-        "rest_curvature": "1/m", "drag": "N s^2/m^3", "tip_mass": "kg",
+        "rest_curvature": "1/m", "drag": "N s^2/m^3", "tip_mass": "kg", "bead_mass": "kg",
     },
     "law": {"beta": "s", "K": "N m/rad", "B": "N m s/rad"},
     "": {

@@ -14,14 +14,15 @@ _FACTOR = 1e3  # a positive number is sought within this factor of its first val
 _ZERO_OR_MORE = {
     "drag": 1e-3, "drag_ratio": 1.0, "dry_friction": 1e-3,
     "cubic_stiffness": 1.0, "hinge_mass": 1e-2, "node_inertia": 1e-6, "tip_mass": 1e-2, "friction": 1e-2,
-    "bending_damping": 1e-3,
+    "bending_damping": 1e-3, "bead_mass": 1e-2, "bead_place": 0.1,
 }  # fmt: skip
 _ANY_SIGN = {
     "rest_angle": 0.1, "rest_angle_x": 0.1, "rest_curvature": 0.1, "delay": 0.01, "clamp": 0.1,
     "rotation": 0.01, "rotation_x": 0.01, "rotation_y": 0.01, "rotation_z": 0.01,
     "shift_x": 0.01, "shift_y": 0.01, "shift_z": 0.01,
-    "K": 1.0, "B": 0.1,
+    "density_waves": 0.1, "stiffness_waves": 0.1, "K": 1.0, "B": 0.1,
 }  # fmt: skip
+_AT_MOST = {"bead_place": 1.0}
 _ARBITRARY_ZERO = (  # whose smallness says nothing
     "delay", "rotation", "rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", "shift_z", "clamp",
 )  # fmt: skip
@@ -79,6 +80,7 @@ def variable(name: str, value: float, bounds: tuple[float, float] | None = None)
     if bounds is not None and not bounds[0] < bounds[1]:
         raise InputError(f"bounds of {name}", bounds, "lower < upper")
     low, high = (-np.inf, np.inf) if bounds is None else bounds
+    high = min(high, _AT_MOST.get(quantity, np.inf))
     if quantity in _ZERO_OR_MORE:
         scale = _ZERO_OR_MORE[quantity]
         return Variable(name, False, scale, max(low, 0.0) / scale, high / scale)

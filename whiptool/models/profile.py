@@ -13,6 +13,13 @@ from whiptool.errors import InputError
 from whiptool.models.numbers import number, whole
 from whiptool.models.whip import Joints, WhipParameters
 
+WAVES = 3  # of what a taper leaves out
+_GRADED = {  # taper and waves of each quantity that varies along a whip
+    "linear_density": ("density_taper", "density_waves"),
+    "bending_stiffness": ("stiffness_taper", "stiffness_waves"),
+    "bending_damping": ("damping_taper", "stiffness_waves"),
+}
+_WAVES = ("density_waves", "stiffness_waves")
 _QUADRATURE = np.polynomial.legendre.leggauss(8)  # exact to degree 15 on each half hat
 
 
@@ -21,7 +28,7 @@ class WhipProfile:
     """Continuous whip: an inextensible beam whose properties vary along it, from handle (s = 0) to tip (s = length).
 
     Each tapered quantity runs geometrically, `q(s) = q taper^(s / length)`: `q` is its value at the handle, `taper`
-    the ratio of tip to handle.
+    the ratio of tip to handle. What a taper leaves out are waves, factors `exp(sum_i w_i cos(i pi s / length))`.
 
     Args:
         length: [m]
@@ -32,9 +39,13 @@ class WhipProfile:
         rest_curvature: Curvature of the slack whip [1/m].
         drag: Quadratic drag per length [N s^2/m^3].
         tip_mass: At the tip, such as a cracker or a marker [kg].
+        bead_mass: Of a bead or knot somewhere along the whip [kg].
+        bead_place: Where it is, in parts of the length from the handle.
+        density_waves: w_1, w_2, w_3 of the mass per length.
+        stiffness_waves: Those of bending stiffness and damping alike: a thicker place has more of both.
 
     Raises:
-        InputError: A value is not finite or out of range.
+        InputError: A value is not finite or out of range, or there are not three waves.
     """
 
     length: float
@@ -47,15 +58,51 @@ class WhipProfile:
     rest_curvature: float = 0.0
     drag: float = 0.0
     tip_mass: float = 0.0
+    bead_mass: float = 0.0
+    bead_place: float = 0.5
+    density_waves: tuple[float, ...] = (0.0,) * WAVES
+    stiffness_waves: tuple[float, ...] = (0.0,) * WAVES
 
     def __post_init__(self) -> None:
         for name in ("length", "linear_density", "bending_stiffness"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
         for name in ("density_taper", "stiffness_taper", "damping_taper"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=1e-6, high=1e6))
-        for name in ("bending_damping", "drag", "tip_mass"):
+        for name in ("bending_damping", "drag", "tip_mass", "bead_mass"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
         object.__setattr__(self, "rest_curvature", number("rest_curvature", self.rest_curvature))
+        object.__setattr__(self, "bead_place", number("bead_place", self.bead_place, low=0, high=1))
+        for name in _WAVES:
+            waves = getattr(self, name)
+            if np.shape(waves) != (WAVES,):
+                raise InputError(name, waves, f"{WAVES} numbers")
+            object.__setattr__(self, name, tuple(number(f"{name}[{i}]", x) for i, x in enumerate(waves)))
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Every number by its name: those of the waves are `density_waves[0]` and so on."""
+        found: dict[str, float] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, tuple):
+                found |= {f"{field.name}[{i}]": x for i, x in enumerate(value)}
+            else:
+                found[field.name] = value
+        return found
+
+    def changed(self, changes: Mapping[str, float]) -> WhipProfile:
+        """Return a copy with some of `numbers` changed.
+
+        Raises:
+            InputError: A value is not finite or out of range.
+        """
+        numbers = self.numbers | dict(changes)
+        waves = {name: tuple(numbers.pop(f"{name}[{i}]") for i in range(WAVES)) for name in _WAVES}
+        return WhipProfile(**numbers, **waves)
+
+    def at(self, quantity: str, place: np.ndarray) -> np.ndarray:
+        """Return `linear_density`, `bending_stiffness` or `bending_damping` at places in parts of the length."""
+        return graded(self.numbers, quantity, place)
 
     def lump(self, N: int, *, joints: Joints = "hinge", node_inertia: float = 0.0) -> WhipParameters:
         """The whip as N nodes, its mass, drag and compliance shared out by hat functions.
@@ -76,7 +123,7 @@ class WhipProfile:
         N = whole("N", N)
         if self.rest_curvature and joints != "hinge":
             raise InputError("rest_curvature", self.rest_curvature, "0 in space, where a bend has a direction, too")
-        blocks = lump({f.name: getattr(self, f.name) for f in fields(self)}, N)
+        blocks = lump(self.numbers, N)
         per_node = {name: tuple(column[:, 0].tolist()) for name, column in blocks.items()}
         return WhipParameters(
             N=N,
@@ -108,13 +155,43 @@ def lumped_from(whip: WhipParameters) -> WhipProfile | None:
     return profile if same and math.isclose(again.hinge_mass, whip.hinge_mass, rel_tol=1e-9) else None
 
 
+def graded(
+    profile: Mapping[str, Any], quantity: str, place: np.ndarray, constant: Callable[[np.ndarray], Any] = np.asarray
+) -> Any:
+    """Return a quantity that varies along the whip, like `place`, for numbers and symbols alike.
+
+    Args:
+        profile: Each of `WhipProfile.numbers`.
+        quantity: `linear_density`, `bending_stiffness` or `bending_damping`.
+        place: In parts of the length.
+        constant: Makes of an array what numbers of the profile are multiplied with.
+    """
+    taper, waves = _GRADED[quantity]
+    exponent = constant(np.zeros_like(place))
+    for i in range(WAVES):
+        exponent = exponent + profile[f"{waves}[{i}]"] * constant(np.cos((i + 1) * np.pi * place))
+    return profile[quantity] * profile[taper] ** constant(place) * math.e**exponent
+
+
+def shares(place: Any, N: int, constant: Callable[[np.ndarray], Any] = np.asarray) -> Any:
+    """Return what each of N + 1 points at equal distances carries of a mass between two of them, (N + 1, 1).
+
+    Args:
+        place: Of the mass, in parts of the length.
+        N: Links between the points.
+        constant: See `graded`.
+    """
+    near = 1 - abs(place * N - constant(np.arange(N + 1.0)[:, None]))
+    return (near + abs(near)) / 2
+
+
 def lump(
     profile: Mapping[str, Any], N: int, *, clamped: bool = False, constant: Callable[[np.ndarray], Any] = np.asarray
 ) -> dict[str, Any]:
     """Return a profile's N nodes, for numbers and symbols alike; see `WhipProfile.lump`.
 
     Args:
-        profile: Each field of `WhipProfile`.
+        profile: Each of `WhipProfile.numbers`.
         N: Nodes.
         clamped: The whip's first joint has its share of the bending; otherwise it is a free hinge.
         constant: Makes of an array what numbers of the profile are multiplied with.
@@ -124,7 +201,7 @@ def lump(
     """
     x, w = _QUADRATURE
     x, w = (x[:, None] + 1) / 2, w[:, None] / 2  # on [0, 1]
-    along = constant((np.arange(N)[:, None] + x.T) / N)  # (N, 8) points of each link
+    along = (np.arange(N)[:, None] + x.T) / N  # (N, 8) points of each link
     to_start, to_end = constant((1 - x) * w), constant(x * w)
     starts, ends = constant(np.eye(N + 1, N)), constant(np.eye(N + 1, N, -1))
     uniform, joints = constant(np.ones((N, 8))), constant(np.r_[float(clamped), np.ones(N - 1)][:, None])
@@ -134,10 +211,9 @@ def lump(
         """Integrals over the hats, (N + 1, 1), of values (N, 8)."""
         return (starts @ (density @ to_start) + ends @ (density @ to_end)) * l
 
-    mass = hats(profile["linear_density"] * profile["density_taper"] ** along)
-    mass = mass + profile["tip_mass"] * constant(np.eye(1, N + 1, N).T)
-    EI = profile["bending_stiffness"] * profile["stiffness_taper"] ** along
-    eta = profile["bending_damping"] * profile["damping_taper"] ** along
+    density, EI, eta = (graded(profile, name, along, constant) for name in _GRADED)
+    mass = hats(density) + profile["tip_mass"] * constant(np.eye(1, N + 1, N).T)
+    mass = mass + profile["bead_mass"] * shares(profile["bead_place"], N, constant)
     k = 1 / hats(1 / EI)[:N]  # the tip's half hat carries no moment
     b = k**2 * hats(eta / EI**2)[:N]
     return {

@@ -2,8 +2,8 @@
 
 The rod hangs on the hand by a ball joint, as a whip's free first joint has it, and the hand's path is given. It is what
 a `WhipProfile` describes before it is lumped: linear density, bending stiffness and damping are taken where they stand,
-the tip's mass rides on the last node. What an inextensible beam without sections has not, a rod must have; it is chosen
-so that it does not matter:
+the tip's mass rides on the last node, a bead on the two nodes beside it. What an inextensible beam without sections has
+not, a rod must have; it is chosen so that it does not matter:
 
 - Extension and shear have the stiffness `linear_density wave_speed^2`, so that stretching waves run at `wave_speed`: a
   whip whose parts move with v stretches by the order of (v / wave_speed)^2.
@@ -27,7 +27,7 @@ from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.numbers import number, whole
 from whiptool.models.parameters import Model
-from whiptool.models.profile import WhipProfile
+from whiptool.models.profile import WhipProfile, shares
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.energy import joint_velocities
 from whiptool.rollout.trajectory import Trajectory, joint_points
@@ -176,9 +176,8 @@ class CosseratWhip:
         profile, n = self.profile, self.elements
         element = profile.length / n
         middles, inner = (np.arange(n) + 0.5) / n, np.arange(1, n) / n  # of the elements, and nodes between them
-        density = profile.linear_density * profile.density_taper**middles  # [kg/m]
-        stiffness = profile.bending_stiffness * profile.stiffness_taper**inner
-        damping = profile.bending_damping * profile.damping_taper**inner
+        density = profile.at("linear_density", middles)  # [kg/m]
+        stiffness, damping = profile.at("bending_stiffness", inner), profile.at("bending_damping", inner)
         rod = self._elastica.CosseratRod.straight_rod(
             n,
             place,
@@ -198,6 +197,7 @@ class CosseratWhip:
         if not self.spins:
             rod.bend_matrix[2, 2] = 0.0
         rod.mass[-1] += profile.tip_mass
+        rod.mass[:] += profile.bead_mass * shares(profile.bead_place, n).ravel()
         below = np.cumsum(rod.mass[:0:-1])[::-1]  # what hangs on each element [kg]
         strain = self.gravity * below / (density * self.wave_speed**2)
         rod.position_collection[2, 1:] -= np.cumsum(strain * element)

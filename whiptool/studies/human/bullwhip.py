@@ -117,9 +117,8 @@ def cascades(
 
 
 def _packed(structure: SwingStructure, whip: Bullwhip) -> np.ndarray:
-    profile = whip.profile
-    fields = {name: getattr(profile, name) for name in profile.__dataclass_fields__}
-    lumped = {name: np.ravel(column) for name, column in lump(fields, structure.n, clamped=True).items()}
+    blocks = lump(whip.profile.numbers, structure.n, clamped=True)
+    lumped = {name: np.ravel(column) for name, column in blocks.items()}
     return structure.pack(
         {
             "length": lumped["l"],

@@ -35,7 +35,7 @@ from whiptool.zone import Sector
 MATERIALS = ("cotton", "nylon", "polypropylene", "manila")  # in turn, by seed
 BASE = 1.7  # [m] above the floor
 FIRST = Effort(pool=2048, polished=32, whips=16, population=12, rounds=4)  # where the usual effort is not half sure
-USUAL = Effort(pool=768, polished=16, whips=16, population=8, rounds=4)
+USUAL = Effort(pool=512, polished=8, whips=16, population=8, rounds=4)
 BRIEF = Effort(pool=64, polished=4, whips=4, population=4, rounds=1)
 POOL = 200  # goals
 _CLEAR = 0.15  # [m] by which a goal has to be within the rope's reach
