@@ -33,6 +33,7 @@ nb_execution_mode = "off"  # the tests execute the notebooks; here they come wit
 autodoc_default_options = {"members": True, "ignore-module-all": True}
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
+autodoc_use_type_comments = False  # there are none, and looking for them parses every function
 # of the extra `oracle`, which a base class comes from
 autodoc_mock_imports = [name for name in ("elastica", "numba") if find_spec(name) is None]
 autodoc_typehints = "signature"
