@@ -39,7 +39,7 @@ def thoughts(family: str, seed: int, strikes: int) -> list[tuple[float, float]]:
 
 
 def mujoco_strike(tries: int) -> float:
-    """Seconds that the reference rollout takes for one strike, at best of so many times."""
+    """Seconds that the reference rollout takes for one strike, the least of so many tries."""
     rollout = ReferenceRollout(wt.preset("lemon2024"), wt.Controller(wt.oiac_preset("printed")))
     times = []
     for _ in range(tries):
