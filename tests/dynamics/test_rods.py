@@ -144,7 +144,10 @@ def hand_jacobian(arm: pin.Model, q: np.ndarray, hand: pin.SE3) -> np.ndarray:
     return np.vstack([J[:3] - pin.skew(r) @ J[3:], J[3:]])
 
 
-@pytest.mark.parametrize(("a", "N"), [(1, 1), (2, 3), (3, 6), (7, 12), pytest.param(4, 25, marks=pytest.mark.heavy)])
+LARGE = [pytest.param(a, N, marks=pytest.mark.heavy) for a, N in ((7, 12), (4, 25))]
+
+
+@pytest.mark.parametrize(("a", "N"), [(1, 1), (2, 3), (3, 6), *LARGE])
 def test_a_dense_solve_with_multipliers_gives_the_same_accelerations(a: int, N: int):
     """Point masses at fixed distances, forces from energy and dissipation; the hand's drift is a difference of 1e-9."""
     for seed in range(3):
@@ -256,7 +259,7 @@ def test_small_planar_motion_is_that_of_universal_joints_to_the_second_order():
     assert np.log2(np.array(gaps[:-1]) / gaps[1:]).min() > 2.8
 
 
-@pytest.mark.parametrize(("seed", "a"), [(0, 1), (1, 3)])
+@pytest.mark.parametrize(("seed", "a"), [pytest.param(0, 1, marks=pytest.mark.heavy), (1, 3)])
 def test_energy_error_shrinks_with_the_second_order_or_faster(seed: int, a: int):
     model = random_rods(seed, a, 5, forces=False)
     links = tuple(replace(link, friction=0.0) for link in model.arm.links)

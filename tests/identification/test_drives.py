@@ -64,6 +64,7 @@ def test_a_swing_is_rolled_out_to_its_last_sample_and_no_further(first, last, h,
     assert FreeDrive(swing, ONE_LINK, free=(), h=h, unknown=True).steps == steps
 
 
+@pytest.mark.heavy
 def test_a_rod_that_swings_a_little_is_a_harmonic_oscillator():
     """A uniform rod about its end: omega^2 = 3 g / (2 l)."""
     t = np.linspace(0, 2, 81)

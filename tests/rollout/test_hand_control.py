@@ -64,10 +64,10 @@ def strikes_of(controller: Controller, model: Model, count: int, rng: np.random.
 PLACES = [(x, False) for x in (LEMON, THREE, SMALL, preset("ur5e"), preset("panda"))]
 POSES = [(x, True) for x in (THREE, SEVEN, preset("ur5e"), preset("panda"))]
 of_each = [pytest.param(*case, id=case[0].name + "-pose" * case[1]) for case in PLACES + POSES]
-HEAVY_POSE = pytest.param(SEVEN, True, marks=pytest.mark.heavy)
+HEAVY_POSES = [pytest.param(model, True, marks=pytest.mark.heavy) for model in (THREE, SEVEN)]
 small = pytest.mark.parametrize(
     ("model", "pose"),
-    [(THREE, False), (SMALL, False), (THREE, True), HEAVY_POSE],
+    [(THREE, False), (SMALL, False), *HEAVY_POSES],
     ids=["plane", "space", "pose in the plane", "pose in space"],
 )
 
@@ -172,7 +172,7 @@ def test_damping_of_what_the_hand_does_not_see_hardly_moves_the_hand():
 
 
 @pytest.mark.parametrize("law", ["constant", "position"])
-@pytest.mark.parametrize(("model", "pose"), [(THREE, False), HEAVY_POSE], ids=["plane", "pose in space"])
+@pytest.mark.parametrize(("model", "pose"), [(THREE, False), HEAVY_POSES[1]], ids=["plane", "pose in space"])
 def test_derivatives_by_the_hands_numbers_against_central_differences(model, pose, law):
     given = PositionControl() if law == "position" else constant(model, 200.0, 30.0, pose=pose)
     controller = of_hand(given, model, pose=pose)

@@ -12,20 +12,14 @@ from whiptool.dynamics.chain import Chain
 
 def lagrangian(chain: Chain, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Kinetic and potential energy [J] from the positions of all masses, `v` entering through their Jacobians."""
-    n = chain.n
-    length, mass, com = (ca.SX(x) for x in (chain.length, chain.mass, chain.com))
+    mass, com = ca.SX(chain.mass), ca.SX(chain.com)
+    angles, ends = _links(chain, q)
+    centres = [end + com[i] * _along(angle) for i, (end, angle) in enumerate(zip(ends, angles, strict=False))]
+    velocities = _pairs(ca.jtimes(ca.vertcat(*centres), q, v))
     T, V = ca.SX(0), ca.SX(0)
-    for i in range(n):
-        angles = [ca.sum1(q[: j + 1]) for j in range(i + 1)]
-        arms = [length[j] for j in range(i)] + [com[i]]
-        centre = ca.vertcat(
-            sum((r * ca.sin(t) for r, t in zip(arms, angles, strict=True)), ca.SX(0)),
-            -sum((r * ca.cos(t) for r, t in zip(arms, angles, strict=True)), ca.SX(0)),
-        )
-        velocity = ca.jtimes(centre, q, v)
-        T += mass[i] * ca.sumsqr(velocity) / 2 + ca.SX(chain.inertia)[i] * ca.sum1(v[: i + 1]) ** 2 / 2
-        V += mass[i] * chain.gravity * centre[1]
-    for i in range(n):
+    for i in range(chain.n):
+        T += mass[i] * ca.sumsqr(velocities[i]) / 2 + ca.SX(chain.inertia)[i] * ca.sum1(v[: i + 1]) ** 2 / 2
+        V += mass[i] * chain.gravity * centres[i][1]
         bent = q[i] - ca.SX(chain.rest_angle)[i]
         V += ca.SX(chain.stiffness)[i] * bent**2 / 2 + ca.SX(chain.cubic_stiffness)[i] * bent**4 / 4
     return T, V
@@ -43,17 +37,30 @@ def lagrangian_dynamics(chain: Chain, torque: ca.SX, q: ca.SX, v: ca.SX) -> tupl
     Q = torque - ca.SX(chain.damping) * v
     Q -= ca.SX(chain.dry_friction) * v / ca.sqrt(v**2 + chain.friction_velocity**2)
     drag = ca.SX(chain.drag)
-    for i in range(chain.n):
-        if drag[i].is_zero():
-            continue
-        angles = [ca.sum1(q[: j + 1]) for j in range(i + 1)]
-        end = ca.vertcat(
-            sum((ca.SX(chain.length)[j] * ca.sin(angles[j]) for j in range(i + 1)), ca.SX(0)),
-            -sum((ca.SX(chain.length)[j] * ca.cos(angles[j]) for j in range(i + 1)), ca.SX(0)),
-        )
-        u = ca.jtimes(end, q, v)
-        along = ca.vertcat(ca.sin(angles[i]), -ca.cos(angles[i]))
-        across = ca.vertcat(ca.cos(angles[i]), ca.sin(angles[i]))
-        braked = across * ca.dot(across, u) + chain.drag_ratio * along * ca.dot(along, u)
-        Q += ca.jtimes(end, q, -drag[i] * ca.sqrt(ca.sumsqr(u) + 1e-12) * braked, True)
+    if not drag.is_zero():
+        angles, (_, *ends) = _links(chain, q)
+        velocities, forces = _pairs(ca.jtimes(ca.vertcat(*ends), q, v)), []
+        for i, (u, angle) in enumerate(zip(velocities, angles, strict=True)):
+            along, across = _along(angle), ca.vertcat(ca.cos(angle), ca.sin(angle))
+            braked = across * ca.dot(across, u) + chain.drag_ratio * along * ca.dot(along, u)
+            forces.append(-drag[i] * ca.sqrt(ca.sumsqr(u) + 1e-12) * braked)
+        Q += ca.jtimes(ca.vertcat(*ends), q, ca.vertcat(*forces), True)
     return M, Q - ca.jtimes(momentum, q, v) + ca.gradient(T - V, q)
+
+
+def _links(chain: Chain, q: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Angles of the n links against the vertical, and their n + 1 ends from the base to the tip, (2, 1) each."""
+    length, angles, ends = ca.SX(chain.length), [], [ca.SX.zeros(2)]
+    for i in range(chain.n):
+        angles.append(q[i] if i == 0 else angles[-1] + q[i])
+        ends.append(ends[-1] + length[i] * _along(angles[-1]))
+    return angles, ends
+
+
+def _along(angle: ca.SX) -> ca.SX:
+    """Along a link, (2, 1)."""
+    return ca.vertcat(ca.sin(angle), -ca.cos(angle))
+
+
+def _pairs(column: ca.SX) -> list[ca.SX]:
+    return ca.vertsplit(column, 2)

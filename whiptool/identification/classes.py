@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats would take half a second to import
 
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.variables import Variable
@@ -55,7 +55,7 @@ def classify(uncertainty: Uncertainty, starts: Sequence[float], level: float = 0
     """
     U = uncertainty
     errors, alone = np.sqrt(np.diag(U.stated)), _alone(U)
-    half = student.ppf((1 + level) / 2, U.freedom) * errors
+    half = stdtrit(U.freedom, (1 + level) / 2) * errors
     unseen = np.linalg.norm(U.flat_changes, axis=0) > _UNSEEN
     sizes = [_own_size(v, z) for v, z in zip(U.variables, U.z, strict=True)]
     explained = U.residual_variance <= MISFIT**2

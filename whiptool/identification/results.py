@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.inputs import names_of
@@ -133,7 +133,8 @@ def judge_starts(runs: Sequence[Run], readings: int) -> list[Run]:
     best = ordered[0].solution.cost
     if not np.isfinite(best) or best <= 0:
         return ordered
-    far = 1 + float(chi2.ppf(_FAR, len(ordered[0].values))) / readings
+    quantile = 2 * gammaincinv(len(ordered[0].values) / 2, _FAR)  # of chi-squared
+    far = 1 + float(quantile) / readings
     over = [run.solution.cost / best for run in ordered]
     return [dataclasses.replace(run, over_best=x, failed=x > far) for run, x in zip(ordered, over, strict=True)]
 

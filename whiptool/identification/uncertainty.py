@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats would take half a second to import
 
 from whiptool.errors import InputError
 from whiptool.identification.correlation import Autoregression, Grid, error_correlation, spread
@@ -96,7 +96,7 @@ class Uncertainty:
         middle = float(weights @ self.z)
         if np.linalg.norm((self.directions[self.flat] * self.units) @ weights) > _SHARE * np.linalg.norm(weights):
             return float(np.exp(middle)), None
-        half = float(np.sqrt(weights @ self.stated @ weights) * student.ppf((1 + level) / 2, self.freedom))
+        half = float(np.sqrt(weights @ self.stated @ weights) * stdtrit(self.freedom, (1 + level) / 2))
         return float(np.exp(middle)), (float(np.exp(middle - half)), float(np.exp(middle + half)))
 
 

@@ -85,8 +85,8 @@ class Arm:
         self._axes = np.eye(3) if model.dimension == 3 else _UPRIGHT  # of Pinocchio's in ours
         self._friction = arm.per_link("friction")
         self._frames = [self._model.getFrameId(f"com{i + 1}") for i in range(arm.n)] + [self._model.getFrameId("end")]
-        self._gravity = model.gravity
-        self._weights = np.append(arm.per_link("mass"), model.whip.mass) * model.gravity  # [N]
+        self._masses = (*arm.per_link("mass").tolist(), float(model.whip.mass))
+        self._loaded: dict[tuple[float, ...], tuple[pin.Model, pin.Data]] = {}
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
         """Inertia matrix I(q) of the bare arm [kg m^2; kg where a joint slides], shape (n, n), as in Eq. 7."""
@@ -117,8 +117,21 @@ class Arm:
             q: Posture [rad], (n,).
             masses: Of the links and, last, of the whip [kg], in place of the model's, (n + 1,).
         """
-        weights = self._weights if masses is None else np.asarray(masses) * self._gravity
-        return weights @ self.gravity_jacobians(q)[:, -1]  # sum of J^T f, f upward
+        carried = self._masses if masses is None else tuple(masses)
+        if carried not in self._loaded:
+            self._loaded[carried] = self._loaded_with(carried)
+        return pin.computeGeneralizedGravity(*self._loaded[carried], np.asarray(q, float)).copy()
+
+    def _loaded_with(self, masses: tuple[float, ...]) -> tuple[pin.Model, pin.Data]:
+        """The arm with other masses of its links, and a point mass at the hand."""
+        model = pin.Model(self._model)
+        joints = [*range(1, self.n + 1), self.n]
+        for joint in joints[:-1]:
+            model.inertias[joint] = pin.Inertia.Zero()
+        for joint, frame, mass in zip(joints, self._frames, masses, strict=True):
+            place = model.frames[frame].placement.translation
+            model.inertias[joint] += pin.Inertia(mass, place, np.zeros((3, 3)))
+        return model, model.createData()
 
     def feedforward(self, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray) -> np.ndarray:
         """Torque [N m], shape (n,), of the bare arm along the reference, without gravity."""

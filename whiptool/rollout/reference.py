@@ -195,8 +195,12 @@ class ReferenceRollout(Rollout):
             # node i sits at its body's centre of mass, where MuJoCo applies forces
             lever = data.xipos[self._nodes] - data.subtree_com[self._root]
             spin, u = data.cvel[self._nodes, :3], data.cvel[self._nodes, 3:].copy()  # u: at the chain's centre of mass
-            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # + spin x lever; NumPy's `cross` is ten times slower
-                u[:, i] += spin[:, j] * lever[:, k] - spin[:, k] * lever[:, j]
+            if self.model.dimension == 2:  # + spin x lever, and the spin is about y
+                u[:, 0] += spin[:, 1] * lever[:, 2]
+                u[:, 2] -= spin[:, 1] * lever[:, 0]
+            else:  # NumPy's `cross` is ten times slower
+                for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+                    u[:, i] += spin[:, j] * lever[:, k] - spin[:, k] * lever[:, j]
             braked = u
             if self.model.whip.drag_ratio != 1:
                 axes = data.xmat[self._nodes].reshape(-1, 3, 3)[:, :, 2]  # from the node to its joint, (N, 3)
