@@ -150,6 +150,8 @@ def test_numbers_name_every_wave_and_change_one_alone():
     assert changed == replace(UNIFORM, density_waves=(0.0, 0.2, 0.0), length=1.0)
     assert {"stiffness_waves[0]", "stiffness_waves[2]", "bead_place"} <= set(changed.numbers)
     assert changed.changed(UNIFORM.numbers) == UNIFORM
+    with pytest.raises(InputError, match="colour"):
+        UNIFORM.changed({"colour": 1.0})
 
 
 @pytest.mark.parametrize(

@@ -94,11 +94,15 @@ class WhipProfile:
         """Return a copy with some of `numbers` changed.
 
         Raises:
-            InputError: A value is not finite or out of range.
+            InputError: A name is unknown, or a value is not finite or out of range.
         """
-        numbers = self.numbers | dict(changes)
-        waves = {name: tuple(numbers.pop(f"{name}[{i}]") for i in range(WAVES)) for name in _WAVES}
-        return WhipProfile(**numbers, **waves)
+        known = self.numbers
+        for name in changes:
+            if name not in known:
+                raise InputError(name, changes[name], "one of the numbers " + ", ".join(known))
+        numbers = known | dict(changes)
+        density, stiffness = (tuple(numbers.pop(f"{name}[{i}]") for i in range(WAVES)) for name in _WAVES)
+        return WhipProfile(**numbers, density_waves=density, stiffness_waves=stiffness)
 
     def at(self, quantity: str, place: np.ndarray) -> np.ndarray:
         """Return `linear_density`, `bending_stiffness` or `bending_damping` at places in parts of the length."""
