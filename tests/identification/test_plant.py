@@ -74,7 +74,11 @@ def test_a_clamp_bends_at_the_hand_as_half_a_link():
     np.testing.assert_allclose(stiffness[1:], free[1:])
     assert free[0] == 0
     p = PROFILE_OF_ALL
-    bend = lambda s: (1 - s / l[0]) * p.stiffness_taper ** (-s / p.length) / p.bending_stiffness  # noqa: E731
+
+    def bend(s: float) -> float:
+        waves = sum(w * np.cos(i * np.pi * s / p.length) for i, w in enumerate(p.stiffness_waves, start=1))
+        return (1 - s / l[0]) * p.stiffness_taper ** (-s / p.length) / p.bending_stiffness / np.exp(waves)
+
     assert stiffness[0] == pytest.approx(1 / quad(bend, 0, l[0])[0])  # what the half hat at the hand sees
 
 
