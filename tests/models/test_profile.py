@@ -61,6 +61,12 @@ def along(value: float, ratio: float, length: float):
     return lambda s: value * ratio ** (s / length)
 
 
+def under_hat(f, j: int, l: float) -> float:
+    """What the hat of joint j, between links of length l, sees of a function along the whip."""
+    up = integral(lambda s: f(s) * (s / l - j + 1), low=(j - 1) * l, high=j * l)
+    return up + integral(lambda s: f(s) * (j + 1 - s / l), low=j * l, high=(j + 1) * l)
+
+
 # ---------------------------------------------------------------------------------------------------------------------
 # What is kept
 
@@ -89,13 +95,9 @@ def test_a_joints_stiffness_and_damping_are_what_its_hat_sees(profile: WhipProfi
     EI = along(profile.bending_stiffness, profile.stiffness_taper, L)
     eta = along(profile.bending_damping, profile.damping_taper, L)
 
-    def seen(f) -> float:
-        up = integral(lambda s: f(s) * (s / l - j + 1), low=(j - 1) * l, high=j * l)
-        return up + integral(lambda s: f(s) * (j + 1 - s / l), low=j * l, high=(j + 1) * l)
-
-    k = 1 / seen(lambda s: 1 / EI(s))
+    k = 1 / under_hat(lambda s: 1 / EI(s), j, l)
     assert whip.per_node("k")[j] == pytest.approx(k, rel=1e-9)
-    assert whip.per_node("b")[j] == pytest.approx(k**2 * seen(lambda s: eta(s) / EI(s) ** 2), rel=1e-9)
+    assert whip.per_node("b")[j] == pytest.approx(k**2 * under_hat(lambda s: eta(s) / EI(s) ** 2, j, l), rel=1e-9)
     assert whip.per_node("rest_angle")[j] == pytest.approx(profile.rest_curvature * l, rel=1e-9)
     assert [whip.per_node(name)[0] for name in ("k", "b", "rest_angle")] == [0, 0, 0]  # the free hinge
 
@@ -128,13 +130,9 @@ def test_waves_and_a_bead_are_kept_as_the_taper_is(profile, heavier, stiffer, be
     assert whip.mass == pytest.approx(mass, rel=1e-7)
     assert m @ s == pytest.approx(moment, rel=1e-7)
 
-    def seen(f) -> float:
-        up = integral(lambda x: f(x) * (x / l - j + 1), low=(j - 1) * l, high=j * l)
-        return up + integral(lambda x: f(x) * (j + 1 - x / l), low=j * l, high=(j + 1) * l)
-
-    k = 1 / seen(lambda x: 1 / EI(x))
+    k = 1 / under_hat(lambda s: 1 / EI(s), j, l)
     assert whip.per_node("k")[j] == pytest.approx(k, rel=1e-7)
-    assert whip.per_node("b")[j] == pytest.approx(k**2 * seen(lambda x: eta(x) / EI(x) ** 2), rel=1e-7)
+    assert whip.per_node("b")[j] == pytest.approx(k**2 * under_hat(lambda s: eta(s) / EI(s) ** 2, j, l), rel=1e-7)
 
 
 def test_a_bead_rides_on_the_two_nodes_beside_it_and_on_no_other():
