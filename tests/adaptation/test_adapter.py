@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation.adapter import PLAN as PLANNED
-from whiptool.adaptation.adapter import RECORDING, UNSURE, Adapter, Options
-from whiptool.adaptation.planner import FIRST, NEXT, Effort, Plan
+from whiptool.adaptation.adapter import RECORDING, Adapter, Options
+from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, Effort, Plan
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.errors import InputError
@@ -48,8 +48,8 @@ class Told(Adapter):
         return dataclasses.replace(PLAN, probability=self.probability)
 
 
-def told(prior: Belief, folder: Path | None = None, probability: float = 0.9, strikes: int = 1, **changes) -> Told:
-    options = Options(max_strikes=strikes, adapt=False, still=False)
+def told(prior: Belief, folder: Path | None = None, probability: float = 0.9, strikes: int = 1, retries: int = 1, **changes) -> Told:
+    options = Options(max_strikes=strikes, adapt=False, still=False, retries=retries)
     adapter = Told(prior, Target((0.5, 0.5), 0.001), options, folder, **changes)
     adapter.probability = probability
     return adapter
@@ -70,6 +70,8 @@ def test_a_whip_that_is_known_needs_no_first_plan(prior):
 def test_a_plan_that_is_less_than_half_sure_is_looked_for_again(prior):
     assert run(prior, UNSURE, known=prior) == [NEXT]
     assert run(prior, UNSURE - 0.01, known=prior) == [NEXT, FIRST]
+    assert run(prior, UNSURE - 0.01, known=prior, retries=3) == [NEXT, FIRST, FIRST, FIRST]
+    assert run(prior, UNSURE - 0.01, known=prior, retries=0) == [NEXT]
     assert run(prior, UNSURE - 0.01) == [FIRST]  # it was sought as hard as can be
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from whiptool.adaptation import planner
-from whiptool.adaptation.planner import NEXT, Demands, Effort, Plan, plan
+from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, Demands, Effort, Plan, plan, surest
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.plant import Plant
@@ -278,6 +278,29 @@ def test_what_is_refused_leaves_more_of_the_motors_free():
     without: list[Strike] = []
     planned(0.02, strong, check=lambda strike: without.append(strike) or "no")
     assert len(without) == planner.CHECKED
+
+
+@pytest.mark.parametrize(
+    ("looks", "best", "number"),
+    [
+        ([(0.4, True), (UNSURE, True), (0.9, True)], 1, 2),  # half sure is enough
+        ([(0.4, True), (0.2, True), (0.3, True)], 0, 3),
+        ([(0.2, True), (0.4, False), (None, True)], 0, 3),  # what is not allowed comes behind all else
+        ([(None, True), (0.1, True), (0.3, True)], 2, 3),
+    ],
+)
+def test_the_surest_of_several_searches_is_taken(looks, best, number):
+    asked = []
+
+    def look(effort: Effort) -> Plan:
+        asked.append(effort)
+        probability, allowed = looks[len(asked) - 1]
+        return Plan((float(len(asked)),), probability, None, None, None, "a strike", 100.0, allowed)
+
+    found = surest(look, [NEXT, FIRST, FIRST])
+    assert found.strike == (best + 1.0,)
+    assert asked == [NEXT, FIRST, FIRST][:number]
+    assert found.wall_time < 100.0  # of all searches, here of none
 
 
 def test_efforts_are_checked():

@@ -14,7 +14,7 @@ import numpy as np
 from whiptool.adaptation.aiming import aim
 from whiptool.adaptation.first_look import choose_wiggle, hanging
 from whiptool.adaptation.judgement import judge, judge_seen
-from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
+from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan, surest
 from whiptool.adaptation.ports import Seen, checked, seen_of
 from whiptool.adaptation.posterior import AFTER, Learned, tip_mislabelled, update
 from whiptool.adaptation.prior import Belief
@@ -31,7 +31,6 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.target import Target
 from whiptool.whole_files import write_whole
 
-UNSURE = 0.5  # probability of a hit below which a plan is looked for once more, as hard as the first one
 _LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # beside the belief
 PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.json", "recording.npz"
 
@@ -56,6 +55,8 @@ class Options:
             None if it is.
         keeps: In space: limits of joints and distances that strikes have to keep.
         first, later: Planning effort before any recording has been learned from, and after.
+        retries: Largest number of searches with the first effort for a strike that, after recordings have been learned
+            from, is less than half sure to hit.
     """
 
     max_strikes: int = 6
@@ -74,11 +75,13 @@ class Options:
     keeps: tuple[Limits, ...] = ()
     first: Effort = FIRST
     later: Effort = NEXT
+    retries: int = 1
 
     def __post_init__(self) -> None:
         for name in ("max_strikes", "starts"):
             parameters.whole(name.replace("_", " "), getattr(self, name))
-        parameters.whole("seed", self.seed, low=0)
+        for name in ("seed", "retries"):
+            parameters.whole(name, getattr(self, name), low=0)
         for name, value in {"t_stay": self.t_stay, "speed": self.speed, "stop at": self.stop_at or 0.0}.items():
             parameters.number(name, value, low=0)
 
@@ -245,13 +248,9 @@ class Adapter:
             return self.steps[-1].plan
         if number == 1 and self.opening is not None:
             return self.opening
-        effort, sag = o.later if self._taught else o.first, self._expected_sag()
-        chosen = self._sought(rng, effort, sag)
-        if effort is not o.first and (chosen.probability or 0.0) < UNSURE:
-            both = chosen, self._sought(rng, o.first, sag)
-            chosen = max(both, key=lambda x: (x.allowed, x.probability or 0.0))
-            chosen = replace(chosen, wall_time=time.perf_counter() - began)
-        return chosen
+        sag = self._expected_sag()
+        efforts = (o.later, *[o.first] * o.retries) if self._taught else (o.first,)
+        return surest(lambda effort: self._sought(rng, effort, sag), efforts)
 
     def _expected_sag(self) -> Sag | None:
         controller = self.prior.plant.controller

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from tyro.conf import arg
 
@@ -147,7 +147,6 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     """
     from whiptool.adaptation.adapter import Options
     from whiptool.adaptation.loop import Adaptation
-    from whiptool.adaptation.planner import FIRST, NEXT
     from whiptool.adaptation.prior import read_belief
     from whiptool.models.arm_limits import ArmLimits
     from whiptool.models.motor_limits import limits_preset
@@ -176,10 +175,9 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
         admissible=(lambda strikes: strikes) if robot is None else robot.command.shortened,
         keeps=kept_in_space(model),
-        first=FIRST if limits is None else replace(FIRST, pool=1024),
-        later=NEXT if limits is None else replace(NEXT, pool=512),
         still=options.still,
         wiggle=options.wiggle,
+        **_efforts(model, limited=limits is not None),
     )
     known = [read_recording(path).ordered(model.arm.joints) for path in options.known]
     motor = None if tip else HARDWARE if options.friction else Motor()
@@ -187,6 +185,17 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     port = _port(options, model, controller, stock)
     _refuse_other_weights(known, prior.plant.controller)
     return Adaptation(prior, port, target, loop, folder, recordings=known)
+
+
+def _efforts(model: Model, *, limited: bool) -> dict[str, Any]:
+    """How hard strikes are looked for: harder within the motors' limits, hardest where they are aimed in space."""
+    from whiptool.adaptation import aiming, planner
+
+    if model.dimension == 3:
+        return {"first": aiming.FIRST, "later": aiming.NEXT, "retries": aiming.RETRIES}
+    if limited:
+        return {"first": replace(planner.FIRST, pool=1024), "later": replace(planner.NEXT, pool=512)}
+    return {"first": planner.FIRST, "later": planner.NEXT}
 
 
 def kept_in_space(model: Model) -> tuple[Limits, ...]:

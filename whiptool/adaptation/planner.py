@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; mo
 SURE = 0.25  # of the hit radius: where a strike that misses all whips by no more is worth no better one
 CHECKED = 3  # strikes that are asked about before more is kept free
 JUDGED = 64  # whips over which the probability is stated
+UNSURE = 0.5  # probability of a hit below which a strike is looked for again
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,22 @@ class Plan:
     allowed: bool = True
     misses: tuple[float | None, ...] = ()
     contact: float | None = None
+
+
+def surest(look: Callable[[Effort], Plan], efforts: Iterable[Effort]) -> Plan:
+    """Return the best plan of one search after another; a plan that hits with a probability of `UNSURE` ends them.
+
+    Args:
+        look: Search for a strike with an effort.
+        efforts: Of the searches, at least one.
+    """
+    began, found = time.perf_counter(), list[Plan]()
+    for effort in efforts:
+        found.append(look(effort))
+        if (found[-1].probability or 0.0) >= UNSURE:
+            break
+    best = max(found, key=lambda x: (x.allowed, x.probability or 0.0))
+    return replace(best, wall_time=time.perf_counter() - began)
 
 
 def plan(

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.adaptation.adapter import UNSURE
-from whiptool.adaptation.aiming import aim
+from whiptool.adaptation.aiming import FIRST, NEXT, RETRIES, aim
 from whiptool.adaptation.first_look import choose_wiggle
 from whiptool.adaptation.materials import stock_of_material
-from whiptool.adaptation.planner import Effort, Plan
+from whiptool.adaptation.planner import Effort, Plan, surest
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.arrival_rule import ArrivalRule
@@ -34,8 +33,6 @@ from whiptool.zone import Sector
 
 MATERIALS = ("cotton", "nylon", "polypropylene", "manila")  # in turn, by seed
 BASE = 1.7  # [m] above the floor
-FIRST = Effort(pool=2048, polished=32, whips=16, population=12, rounds=4)  # where the usual effort is not half sure
-USUAL = Effort(pool=512, polished=8, whips=16, population=8, rounds=4)
 BRIEF = Effort(pool=64, polished=4, whips=4, population=4, rounds=1)
 POOL = 200  # goals
 _CLEAR = 0.15  # [m] by which a goal has to be within the rope's reach
@@ -83,13 +80,8 @@ class RopeStudy:
     def plan(self, belief: Belief, target: Target, seed: tuple[int, ...]) -> Plan:
         """Return the strike that most probably hits, looked for harder where it is less than half sure."""
         rng = np.random.default_rng(seed)
-        if not self.thorough:
-            return aim(belief, target, rng=rng, limits=limits(), effort=BRIEF)
-        found = aim(belief, target, rng=rng, limits=limits(), effort=USUAL)
-        if (found.probability or 0.0) >= UNSURE:
-            return found
-        both = found, aim(belief, target, rng=rng, limits=limits(), effort=FIRST)
-        return max(both, key=lambda x: (x.allowed, x.probability or 0.0))
+        efforts = (NEXT, *[FIRST] * RETRIES) if self.thorough else (BRIEF,)
+        return surest(lambda effort: aim(belief, target, rng=rng, limits=limits(), effort=effort), efforts)
 
 
 @dataclass(frozen=True, kw_only=True)
