@@ -285,7 +285,7 @@ def test_what_is_refused_leaves_more_of_the_motors_free():
     [
         ([(0.4, True), (UNSURE, True), (0.9, True)], 1, 2),  # half sure is enough
         ([(0.4, True), (0.2, True), (0.3, True)], 0, 3),
-        ([(0.2, True), (0.4, False), (None, True)], 0, 3),  # what is not allowed comes behind all else
+        ([(0.2, True), (0.9, False), (None, True)], 0, 3),  # what is not allowed comes behind all else
         ([(None, True), (0.1, True), (0.3, True)], 2, 3),
     ],
 )

@@ -22,7 +22,7 @@ MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; mo
 SURE = 0.25  # of the hit radius: where a strike that misses all whips by no more is worth no better one
 CHECKED = 3  # strikes that are asked about before more is kept free
 JUDGED = 64  # whips over which the probability is stated
-UNSURE = 0.5  # probability of a hit below which a strike is looked for again
+UNSURE = 0.5  # probability of a hit of an allowed strike, below which one is looked for again
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class Plan:
 
 
 def surest(look: Callable[[Effort], Plan], efforts: Iterable[Effort]) -> Plan:
-    """Return the best plan of one search after another; a plan that hits with a probability of `UNSURE` ends them.
+    """Return the best plan of one search after another; an allowed plan that hits with `UNSURE` or more ends them.
 
     Args:
         look: Search for a strike with an effort.
@@ -162,7 +162,7 @@ def surest(look: Callable[[Effort], Plan], efforts: Iterable[Effort]) -> Plan:
     began, found = time.perf_counter(), list[Plan]()
     for effort in efforts:
         found.append(look(effort))
-        if (found[-1].probability or 0.0) >= UNSURE:
+        if found[-1].allowed and (found[-1].probability or 0.0) >= UNSURE:
             break
     best = max(found, key=lambda x: (x.allowed, x.probability or 0.0))
     return replace(best, wall_time=time.perf_counter() - began)
