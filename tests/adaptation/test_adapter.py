@@ -48,7 +48,9 @@ class Told(Adapter):
         return dataclasses.replace(PLAN, probability=self.probability)
 
 
-def told(prior: Belief, folder: Path | None = None, probability: float = 0.9, strikes: int = 1, retries: int = 1, **changes) -> Told:
+def told(
+    prior: Belief, folder: Path | None = None, probability: float = 0.9, strikes: int = 1, retries: int = 1, **changes
+) -> Told:
     options = Options(max_strikes=strikes, adapt=False, still=False, retries=retries)
     adapter = Told(prior, Target((0.5, 0.5), 0.001), options, folder, **changes)
     adapter.probability = probability

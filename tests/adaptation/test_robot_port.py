@@ -12,6 +12,7 @@ from recordings import write_rows
 from whiptool.adaptation import adapter
 from whiptool.adaptation.options import AdaptOptions, kept_in_space
 from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.ports import Seen, checked
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import adapt
@@ -21,6 +22,8 @@ from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
+from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.readers import write_csv
 from whiptool.target import Target
 
 UR5E = preset("ur5e")
@@ -48,6 +51,27 @@ def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_pat
     assert seen.recording.joints_q is not None
     np.testing.assert_array_equal(seen.recording.joints_q[0], [1.0, 2.0, 3.0, 4.0, 5.0, 9.0])
     assert (seen.recording.strike, seen.recording.t_stay) == (STRIKE, 0.2)
+
+
+def test_what_two_cameras_saw_comes_back_as_one_recording_of_places(tmp_path):
+    """A tip that moves along a line; the command is that which was asked for, and need not stand in the sidecars."""
+    space_films = pytest.importorskip("space_films")
+    cameras = {"left": space_films.LEFT, "right": space_films.RIGHT}
+    t = np.linspace(0.0, 1.0, 1001)
+    line = np.array([0.5, -0.2, 0.4]) + t[:, None] * [0.3, 0.4, 0.2]
+    for camera in cameras.values():
+        film = space_films.film_in_space(camera, t, line[:, None])
+        write_csv(film, tmp_path / f"{camera.name}.csv")
+    write_cameras(tmp_path / "cameras.toml", cameras)
+    port = RobotPort(UR5E, Target((0.65, 0.0, 0.6)), t_stay=0.2)
+    files = [tmp_path / f"{name}.csv" for name in cameras]
+    seen = port.read_cameras(files, STRIKE, tmp_path / "cameras.toml")
+    assert (seen.strike, seen.t_stay, seen.target, seen.view) == (STRIKE, 0.2, (0.65, 0.0, 0.6), None)
+    true = np.array([0.5, -0.2, 0.4]) + seen.t_points * [0.3, 0.4, 0.2]
+    assert np.nanmax(np.abs(seen.points[:, 0] - true)) < 1e-3
+    assert np.isfinite(seen.points).mean() > 0.8
+    with pytest.raises(InputError, match="pixels'; allowed: places of the tip"):
+        checked(Seen(film, None), STRIKE, 1)
 
 
 @pytest.mark.heavy
@@ -81,6 +105,10 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     go_on = ["next", "--run", str(out), "--json"]
     assert adapt.main(go_on) == adapt.AWAITS
     assert json.loads(capsys.readouterr().out)["number"] == 0
+    assert adapt.main([*go_on, str(recorded), "--cameras", "cameras.toml"]) == 2
+    assert "only with the recordings of two cameras or more" in capsys.readouterr().err
+    assert adapt.main([*go_on, str(recorded), str(recorded)]) == 2
+    assert "allowed: pixels of a camera" in capsys.readouterr().err
     assert adapt.main([*go_on, str(recorded)]) == adapt.AWAITS
     asked = json.loads(capsys.readouterr().out)
     assert (asked["number"], asked["strike"]) == (1, list(planned.strike))

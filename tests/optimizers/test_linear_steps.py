@@ -52,6 +52,20 @@ def test_strikes_that_diverge_are_left():
     assert len(lost.trials) == 1
 
 
+def test_a_tip_at_rest_has_no_speed_that_others_could_be_measured_by():
+    """As of a strike that is nearest to its target before it begins: steps go on where derivatives lead."""
+
+    class Resting(LinearRollout):
+        def approach(self, strikes, target, *, t_stay=0.3):
+            near = super().approach(strikes, target, t_stay=t_stay)
+            near.velocity[(strikes == START).all(axis=1)] = 0.0
+            return near
+
+    objective = stepped(Speed(), rollout=Resting())
+    assert objective.best is not None
+    assert objective.best.outcome.hit
+
+
 def test_the_budget_ends_the_steps():
     with pytest.raises(SearchStopped, match="trials"):
         stepped(Effort(), max_trials=4)

@@ -65,8 +65,8 @@ def test_speed_against_effort_keeps_more_of_what_is_maximised():
     assert (np.diff(effort) < 0).all()
     x, y = np.meshgrid(np.linspace(-2, 2, 801), np.linspace(-2, 2, 801))
     least = (AWAY - 0.3) ** 2 + (x - LEAST[2]) ** 2 + (y - LEAST[3]) ** 2
-    for v, e in found.values[:: max(1, len(speed) // 8)]:
-        assert e == pytest.approx(least[np.hypot(x + 3, y) >= v - 1e-9].min(), rel=0.02, abs=0.02)
+    for v, e in found.values:
+        assert e == pytest.approx(least[np.hypot(x + 3, y) >= v - 1e-9].min(), rel=0.04, abs=0.02)
 
 
 def test_the_same_seed_makes_the_same_trials():
@@ -80,6 +80,14 @@ def test_the_end_of_a_front_is_not_in_the_valley_nearest_to_a_random_strike(seed
     """Of 169 valleys one is the deepest, with (AWAY - 0.3)²; the next ones are 0.09 above it."""
     found = front((Effort(), Miss()), seed=seed, rollout=WavyRollout())[0]
     assert found.values[0, 0] < (AWAY - 0.3) ** 2 + 0.3
+
+
+def test_starts_that_lead_to_one_hit_end_the_search_for_the_first_end(monkeypatch):
+    """On a slope without valleys the first descents agree; none begins beside their ends."""
+    beside = []
+    monkeypatch.setattr("whiptool.optimizers.pareto_search._beside", lambda *args: beside.append(args) or 1 / 0)
+    front((Effort(), Miss()), trials=300)
+    assert not beside
 
 
 def test_a_front_of_one_hit_does_not_end_the_search(monkeypatch):

@@ -5,7 +5,10 @@ The adaptation waits by ending: begun again with its run folder, it reads what t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from whiptool.adaptation.ports import Seen, seen_of
 from whiptool.errors import WhiptoolError
@@ -70,8 +73,32 @@ class RobotPort:
         Raises:
             InputError: It cannot be read.
         """
-        recording = read_recording(file, strike=strike, t_stay=self.t_stay, target=list(self.target.position))
+        recording = read_recording(file, strike=strike, **self._about)
         return recording.ordered(self.model.arm.joints)
+
+    def read_cameras(self, files: Sequence[Path], strike: Strike, cameras: Path | None = None) -> StrikeRecording:
+        """Return what two cameras or more saw of a strike, in places; films are tracked, with progress on stderr.
+
+        Args:
+            files: A film or a table of pixels of each camera.
+            strike: Its command, which need not stand in their sidecars.
+            cameras: File of the calibrated cameras; default: the one that each sidecar names.
+
+        Raises:
+            InputError: One cannot be read, or they are not of one strike, see
+                `whiptool.vision.strike_in_space.strike_in_space`.
+        """
+        from whiptool.identification.gather import opened, tracked
+        from whiptool.vision.strike_in_space import strike_in_space
+
+        found = [opened(str(file), cameras=cameras) for file in files]
+        views = [tracked(one, name=file.name)[0] for one, file in zip(found, files, strict=True)]
+        seen = strike_in_space([replace(view, strike=strike, **self._about) for view in views])
+        return seen.ordered(self.model.arm.joints)
+
+    @property
+    def _about(self) -> dict[str, Any]:
+        return {"t_stay": self.t_stay, "target": list(self.target.position)}
 
     def _told(self, strike: Strike, folder: Path) -> Path:
         """Write a strike's trajectory, and return its file."""

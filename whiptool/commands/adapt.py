@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.prior import Belief
     from whiptool.adaptation.steps import Step
+    from whiptool.models.strike import Strike
+    from whiptool.recording.strike_recording import StrikeRecording
 
 REPORT = "report.html"
 AWAITS = 3  # exit status
@@ -45,10 +47,13 @@ NEXT = "next"
 class NextOptions(OptionGroup):
     """Tell what was recorded of a strike, and print the next one."""
 
-    recording: Positional[Path | None] = None
-    """What was recorded of the strike that was printed last, with its sidecar; none: that strike is printed again."""
+    recordings: Positional[tuple[Path, ...]] = ()
+    """What was recorded of the strike that was printed last, with its sidecar; of cameras in space a film or a table of
+    pixels each, two or more; none: that strike is printed again."""
     run: Path
     """Run folder that `whiptool adapt --port robot` made."""
+    cameras: Path | None = None
+    """TOML file of the calibrated cameras in space; default: the one that each sidecar names."""
     json: bool = False
     """Print one JSON object."""
 
@@ -72,10 +77,12 @@ def _next(args: Sequence[str]) -> int:
         begun = cli.options_of_run(AdaptOptions, options.run, command="adapt")
         if begun.port != ROBOT:
             raise InputError("--run", str(options.run), f"a run that was begun with --port {ROBOT}")
-        return _adapt(replace(begun, resume=options.run, out=None, json=options.json), told=options.recording)
+        if options.cameras is not None and len(options.recordings) < 2:
+            raise InputError("--cameras", str(options.cameras), "only with the recordings of two cameras or more")
+        return _adapt(replace(begun, resume=options.run, out=None, json=options.json), told=options)
 
 
-def _adapt(options: AdaptOptions, told: Path | None = None) -> int:
+def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
     """Go on to the next strike that has not been recorded, or to the end.
 
     Args:
@@ -86,10 +93,10 @@ def _adapt(options: AdaptOptions, told: Path | None = None) -> int:
     with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
         steps: list[Step] = []
-        if told is not None:
+        if told is not None and told.recordings:
             adapter, port = adaptation.adapter(), adaptation.port
             assert isinstance(port, RobotPort)
-            adapter.tell(port.read(told, adapter.asked))
+            adapter.tell(_recorded(port, adapter.asked, told))
         try:
             adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
         except AwaitsRecording as waits:
@@ -99,6 +106,13 @@ def _adapt(options: AdaptOptions, told: Path | None = None) -> int:
         folder.write_result(summary)
         print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
         return 0 if summary["hit"] else 1
+
+
+def _recorded(port: RobotPort, strike: Strike, told: NextOptions) -> StrikeRecording:
+    """Return what a strike was recorded in: places, or what cameras saw."""
+    if len(told.recordings) == 1:
+        return port.read(told.recordings[0], strike)
+    return port.read_cameras(told.recordings, strike, told.cameras)
 
 
 def _ask(waits: AwaitsRecording, folder: Path, *, as_json: bool) -> int:

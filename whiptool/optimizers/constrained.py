@@ -14,6 +14,7 @@ from whiptool.objective import Objective
 from whiptool.optimizers.smooth_limits import keep_limits
 
 STEPS = 60  # gradient evaluations at most, unless told otherwise
+_LEAST_SIZE = 1e-6  # of measures that are divided by their first size: a tip at rest has no speed
 _INSIDE = 1e-6  # of a constraint's size, by which it is kept, so that rounding leaves a hit a hit
 
 
@@ -68,7 +69,7 @@ class HitProblem:
     def begin(self, u: np.ndarray) -> HitPoint:
         """Return the first point, whose measure becomes the unit of measures."""
         found = self(u)
-        self.size = max(float(np.abs(found.measures).max()), np.finfo(float).tiny)
+        self.size = max(float(np.abs(found.measures).max()), _LEAST_SIZE)
         self._at = None if self.size == 1.0 else u.copy()
         self._point = HitPoint(
             found.measures / self.size, found.measure_slopes / self.size, found.constraints, found.constraint_slopes

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.stats import rankdata
@@ -13,8 +15,11 @@ from whiptool.optimizers.front import Front, oriented
 from whiptool.optimizers.linear_steps import step_down
 
 BATCH = 64  # random strikes from which a front begins
-STEPS = 40  # of each descent in short steps at most
-KEPT = 3  # best hits beside which such descents begin anew
+FAR = 100  # steps of the descents in long steps from random strikes, at most
+STEPS = 40  # of all other descents at most
+SHARE = 0.6  # of all trials after which the first end is sought no further
+KEPT = 3  # best hits beside which descents begin anew
+SAME = 1e-3  # part of a criterion by which hits differ that are as good as each other
 BESIDE = 0.03  # standard deviation of that in each number, in parts of the bounds
 END = 0.01  # part of a criterion's range within which hits are as good as the best by it
 FRESH = 16  # random strikes of which one is a new start
@@ -55,21 +60,38 @@ def pareto_search(objective: Objective, *, seed: int) -> None:
 def _search_locally(objective: Objective, strikes: np.ndarray, rng: np.random.Generator) -> None:
     """Look for the best hit by the first criterion, beginning from the first of some strikes (B, m).
 
-    In many numbers there are many valleys: descents begin beside the best ends of those before.
+    In many numbers there are many valleys: descents in short steps stay in theirs, those in long steps may leave it.
+    Both begin at random strikes, and then beside the best ends of those before.
     """
     m = strikes.shape[1]
-    ends = [_end(objective, strike) for strike in strikes[: (m + 1) // 2]]
+    ends = [_end(objective, strike, long=FAR) for strike in strikes[:KEPT]]
+    ends += [_end(objective, strike) for strike in strikes[: (m + 1) // 2]]
+    most = math.inf if objective.max_trials is None else SHARE * objective.max_trials
     for turn in range(2 * m):
         ends.sort(key=lambda trial: trial.outcome.cost)
+        if len(objective.trials) > most or _agree(ends[:KEPT]):
+            return
         k = turn % KEPT
-        end = _end(objective, _beside(objective, np.array(ends[k].strike), rng))
+        beside = _beside(objective, np.array(ends[k].strike), rng)
+        end = _end(objective, beside, long=STEPS if turn // KEPT % 2 else None)
         ends[k] = min(ends[k], end, key=lambda trial: trial.outcome.cost)
 
 
-def _end(objective: Objective, strike: np.ndarray) -> Trial:
-    """Return the best trial of a descent by the first criterion in short steps."""
+def _agree(ends: Sequence[Trial]) -> bool:
+    """Return whether all ends are hits that are as good as each other: no better one is to be expected."""
+    if not all(trial.outcome.hit for trial in ends):
+        return False
+    values = np.array([trial.outcome.values[0] for trial in ends])
+    return bool(np.ptp(values) <= SAME * np.abs(values).max())
+
+
+def _end(objective: Objective, strike: np.ndarray, *, long: int | None = None) -> Trial:
+    """Return the best trial of a descent by the first criterion: in so many long steps, or in short ones."""
     before = len(objective.trials)
-    step_down(objective, strike, objective.criteria[0], steps=STEPS)
+    if long:
+        descend(objective, strike, objective.criteria[0], steps=long)
+    else:
+        step_down(objective, strike, objective.criteria[0], steps=STEPS)
     return min(objective.trials[before:], key=lambda trial: trial.outcome.cost)
 
 

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.vision.triangulation import triangulate
+from whiptool.vision.camera_track import CameraTrack
 
 LATEST = 0.1  # [s] between two cameras' clocks
-GAP = 2.5  # frames without a marker over which its track is not drawn on
 FEWEST = 10  # points that say whether two cameras agree
 APART = 1.0  # [pixels] of lines of sight that pass each other: calibrations leave less
 CLEARLY = 4.0  # standard errors likewise
@@ -71,24 +69,31 @@ def compare(first: StrikeRecording, second: StrikeRecording) -> Disagreement:
     """Return how far two cameras' lines of sight to the same markers pass each other, at the best delay of a clock."""
     assert first.view is not None
     assert second.view is not None
-    tracks = [(_Track(first, name), _Track(second, name)) for name in first.markers if name in second.markers]
-    names = first.view.name, second.view.name
-
-    def apart(delay: float) -> tuple[float, float]:
-        """Median distance of lines of sight [pixels], and the same over its standard error; 0 where little was seen."""
-        parts = [one.beside(other, delay) for one, other in tracks]
-        each = np.concatenate([p for p, _ in parts]) if parts else np.zeros(0)
-        sigma = np.concatenate([s for _, s in parts]) if parts else np.ones(0)
-        if len(each) < FEWEST:
-            return 0.0, 0.0
-        return float(np.median(each)), float(np.median(each / sigma)) / _NORMAL
-
     steps, width, best = np.linspace(-1, 1, 21), LATEST, 0.0
     for _ in range(3):
         tried = best + width * steps
-        best = float(min(tried, key=lambda delay: apart(delay)[1]))
+        best = float(min(tried, key=lambda delay: apart_at(first, second, delay)[1]))
         width /= 8
-    return Disagreement(names, *apart(best), best)
+    return Disagreement((first.view.name, second.view.name), *apart_at(first, second, best), best)
+
+
+def apart_at(first: StrikeRecording, second: StrikeRecording, delay: float) -> tuple[float, float]:
+    """Return how far lines of sight to the markers that both cameras saw pass each other.
+
+    Args:
+        first, second: With views.
+        delay: Of the second camera's clock behind the first's [s].
+
+    Returns:
+        The median [pixels], and the median over the standard errors; 0 where less than `FEWEST` points were seen.
+    """
+    tracks = [(CameraTrack(first, name), CameraTrack(second, name)) for name in first.markers if name in second.markers]
+    parts = [one.beside(other, delay) for one, other in tracks]
+    each = np.concatenate([p for p, _ in parts]) if parts else np.zeros(0)
+    sigma = np.concatenate([s for _, s in parts]) if parts else np.ones(0)
+    if len(each) < FEWEST:
+        return 0.0, 0.0
+    return float(np.median(each)), float(np.median(each / sigma)) / _NORMAL
 
 
 def _by_strike(recordings: Sequence[StrikeRecording]) -> list[list[StrikeRecording]]:
@@ -104,36 +109,3 @@ def _by_strike(recordings: Sequence[StrikeRecording]) -> list[list[StrikeRecordi
         counted[key, name] = number + 1
         groups.setdefault((key, number), []).append(recording)
     return [group for group in groups.values() if len(group) > 1]
-
-
-class _Track:
-    """One marker's way through one camera's images, at any time between its frames."""
-
-    def __init__(self, recording: StrikeRecording, marker: str) -> None:
-        assert recording.view is not None
-        m = recording.markers.index(marker)
-        seen = recording.seen[:, m]
-        self.camera, self.t = recording.view, recording.t_points[seen, m]
-        self.pixels, self.sigma = recording.points[seen, m], recording.sigma[seen, m]
-        self.gap = GAP * float(np.median(np.diff(recording.t)))
-
-    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (T, 2) at times (T,), NaN where it was not followed, and their standard errors (T,)."""
-        unseen = np.full((len(t), 2), np.nan), np.full(len(t), np.nan)
-        if len(self.t) < 4:
-            return unseen
-        after = np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1)
-        inside = (t >= self.t[0]) & (t <= self.t[-1]) & (self.t[after] - self.t[after - 1] < self.gap)
-        smooth = PchipInterpolator(self.t, self.pixels)(t)
-        straight = np.stack([np.interp(t, self.t, x) for x in self.pixels.T], axis=1)
-        between = np.linalg.norm(smooth - straight, axis=1)  # what a curve between two frames may be wrong by
-        pixels = np.where(inside[:, None], smooth, np.nan)
-        return pixels, np.hypot(np.interp(t, self.t, self.sigma), between)
-
-    def beside(self, other: _Track, delay: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far the lines of sight of both are from meeting [pixels], and standard errors, (P,) each."""
-        seen, sigma = other.at(self.t + delay)
-        found = triangulate([self.camera, other.camera], np.stack([self.pixels, seen]))
-        apart = np.sqrt(2) * found.residual  # the two miss the point between them by half of it each, in squares
-        known = np.isfinite(apart) & np.isfinite(sigma)
-        return apart[known], np.sqrt((self.sigma[known] ** 2 + sigma[known] ** 2) / 2)

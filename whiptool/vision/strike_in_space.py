@@ -1,0 +1,106 @@
+"""Markers in space from what several cameras saw of one strike, where a path is needed and no model is fitted.
+
+Adaptation judges a strike by the tip's path. A fit alone needs none of this: it compares with each camera's own pixels.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.vision.camera_track import CameraTrack
+from whiptool.vision.track_agreement import APART, CLEARLY, apart_at, compare
+from whiptool.vision.triangulation import triangulate
+
+
+def strike_in_space(recordings: Sequence[StrikeRecording]) -> StrikeRecording:
+    """Return the places of the markers in one strike that two cameras or more saw.
+
+    Places are those at the first camera's instants. What the other cameras saw is read between their frames by a
+    monotone cubic interpolant. Clocks are taken to be one, unless lines of sight meet at a delay only. A place where
+    they pass each other, as where one camera followed something else, is left out. Standard errors are those of the
+    pixels and of the interpolant, as the angle between the lines of sight carries them into space; measured depths are
+    not used.
+
+    Args:
+        recordings: One of each camera, with its view, of the same command. The joints' log is the first camera's.
+
+    Raises:
+        InputError: There are fewer than two, one is not in pixels or of another command, no marker was seen by two, or
+            lines of sight do not meet at any delay.
+    """
+    _check(recordings)
+    first, *others = recordings
+    delays = [_delay(first, other) for other in others]
+    found = [_marker(first, others, delays, name) for name in first.markers]
+    points, sigma = (np.stack(x, axis=1) for x in zip(*found, strict=True))
+    if not np.isfinite(points).any():
+        raise InputError(first.source or "recordings", "no marker that two cameras saw", "the same markers in both")
+    return dataclasses.replace(
+        first,
+        points=points,
+        sigma=sigma,
+        view=None,
+        depth=None,
+        depth_sigma=None,
+        camera=" and ".join(r.camera for r in recordings),
+        source=" and ".join(r.source for r in recordings if r.source),
+    )
+
+
+def _check(recordings: Sequence[StrikeRecording]) -> None:
+    """Refuse what is not one strike by several cameras."""
+    if len(recordings) < 2:
+        raise InputError("recordings", len(recordings), "two or more, one of each camera")
+    for recording in recordings:
+        if recording.view is None:
+            raise InputError(recording.source or "recording", "places", "pixels of a camera, with its view")
+    names = [r.view.name for r in recordings if r.view is not None]
+    if len(set(names)) < len(names):
+        raise InputError("cameras", ", ".join(names), "different ones")
+    strikes = {tuple(r.strike.vector.tolist()) for r in recordings if r.strike is not None}
+    if len(strikes) > 1:
+        raise InputError("recordings", f"{len(strikes)} commands", "one strike")
+
+
+def _delay(first: StrikeRecording, second: StrikeRecording) -> float:
+    """The second camera's clock behind the first's [s]."""
+
+    def meet(apart: float, errors: float) -> bool:
+        return apart <= APART or errors <= CLEARLY
+
+    if meet(*apart_at(first, second, 0.0)):
+        return 0.0
+    best = compare(first, second)
+    if not meet(best.apart, best.errors):
+        raise InputError(
+            "cameras", f"{best} apart", f"lines of sight that meet within {APART:g} pixel", "was a camera moved?"
+        )
+    return best.delay
+
+
+def _marker(
+    first: StrikeRecording, others: Sequence[StrikeRecording], delays: Sequence[float], name: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (T, 3) of one marker at the first camera's instants, NaN where it is not known; standard errors (T,)."""
+    m = first.markers.index(name)
+    t = first.t_points[:, m]
+    seen = [(first.points[:, m], first.sigma[:, m])]
+    cameras = [first.view]
+    for other, delay in zip(others, delays, strict=True):
+        if name in other.markers:
+            seen.append(CameraTrack(other, name).at(t + delay))
+            cameras.append(other.view)
+    unknown = np.full((len(t), 3), np.nan), np.full(len(t), np.nan)
+    if len(cameras) < 2:
+        return unknown
+    pixels, sigma = (np.stack(x) for x in zip(*seen, strict=True))
+    found = triangulate([c for c in cameras if c is not None], pixels)
+    sigma = np.sqrt(np.nanmean(np.where(np.isfinite(pixels[..., 0]), sigma, np.nan) ** 2, axis=0))  # [pixels]
+    meets = found.residual <= np.maximum(APART, CLEARLY * sigma)
+    spread = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2) / 3)  # [m/pixel]
+    return np.where(meets[:, None], found.points, np.nan), np.where(meets, spread * sigma, np.nan)
