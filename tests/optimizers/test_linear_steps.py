@@ -58,7 +58,7 @@ def test_a_tip_at_rest_has_no_speed_that_others_could_be_measured_by():
     class Resting(LinearRollout):
         def approach(self, strikes, target, *, t_stay=0.3):
             near = super().approach(strikes, target, t_stay=t_stay)
-            near.velocity[(strikes == START).all(axis=1)] = 0.0
+            near.velocity[np.isclose(strikes, START).all(axis=1)] = 0.0
             return near
 
     objective = stepped(Speed(), rollout=Resting())
