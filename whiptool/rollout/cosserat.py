@@ -57,11 +57,13 @@ class TipPaths(NamedTuple):
         t: Times [s], (T,).
         tip: [m], (B, T, 3).
         velocity: [m/s], (B, T, 3).
+        nodes: From the hand to the tip [m], (B, T, elements + 1, 3); None of paths that were extrapolated.
     """
 
     t: np.ndarray
     tip: np.ndarray
     velocity: np.ndarray
+    nodes: np.ndarray | None = None
 
     def curve(self, i: int) -> CubicHermiteSpline:
         """Return the smooth path of tip i."""
@@ -108,7 +110,7 @@ class CosseratWhip:
         self.timestep = number("timestep", timestep or _SHARE_OF_LIMIT * limit, low=0, high=limit, strict=True)
 
     def swing(self, hands: Sequence[CubicHermiteSpline], *, rate: float = 1000.0) -> TipPaths:
-        """Return how the tip moves while the hand follows a path, for each of B paths; all are computed at once.
+        """Return how tip and nodes move while the hand follows a path, for each of B paths; all are computed at once.
 
         Args:
             hands: Positions over time from 0 on (3,) [m]. The whip hangs at rest at first; where a path ends before the
@@ -130,16 +132,17 @@ class CosseratWhip:
             path = {"places": hand(times), "velocities": hand(times, 1), "half": h / 2}
             bench.constrain(rods[-1]).using(self._parts.MovedHand, **path)
         bench.finalize()
-        tips, velocities = np.empty((2, len(hands), samples + 1, 3))
+        nodes = np.empty((len(hands), samples + 1, self.elements + 1, 3))
+        velocities = np.empty((len(hands), samples + 1, 3))
         stepper, time = self._elastica.PositionVerlet(), np.float64(0.0)
         for i in range(samples + 1):
             for _ in range(per_sample if i else 0):
                 time = stepper.step(bench, time, h)
             for k, rod in enumerate(rods):
-                tips[k, i], velocities[k, i] = rod.position_collection[:, -1], rod.velocity_collection[:, -1]
-        if not np.isfinite(tips).all():
+                nodes[k, i], velocities[k, i] = rod.position_collection.T, rod.velocity_collection[:, -1]
+        if not np.isfinite(nodes).all():
             raise WhiptoolError(f"the Cosserat rod left all bounds at a step of {h:.3g} s: make it smaller")
-        return TipPaths(np.arange(samples + 1) / rate, tips, velocities)
+        return TipPaths(np.arange(samples + 1) / rate, nodes[:, :, -1], velocities, nodes)
 
     def limit(
         self, hands: Sequence[CubicHermiteSpline], *, rate: float = 1000.0, elements: bool = True
@@ -168,7 +171,7 @@ class CosseratWhip:
             spins=self.spins,
         )
         ours, other = self.swing(hands, rate=rate), coarse.swing(hands, rate=rate)
-        tip, velocity = ((4 * x - y) / 3 for x, y in zip(ours[1:], other[1:], strict=True))
+        tip, velocity = (4 * ours.tip - other.tip) / 3, (4 * ours.velocity - other.velocity) / 3
         return TipPaths(ours.t, tip, velocity), ours
 
     def add_hanging(self, bench: Any, place: np.ndarray, h: float) -> Any:

@@ -7,7 +7,7 @@ formula with what is fitted: it stretches, shears and twists, its air drags, and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
 
@@ -17,12 +17,13 @@ from scipy.interpolate import CubicHermiteSpline
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.twins import FAMILIES, draw_twin
 from whiptool.errors import InputError
-from whiptool.models import WhipProfile
+from whiptool.models import Model, WhipProfile
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.closest import closest_on_curve
-from whiptool.rollout.cosserat import CosseratWhip, hand_path
+from whiptool.rollout.cosserat import CosseratWhip, TipPaths, hand_path
+from whiptool.rollout.trajectory import Trajectory
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
 from whiptool.target import Target
 
@@ -146,17 +147,38 @@ class UnknownRope:
     def swing(self, strike: Strike, *, t_stay: float = T_STAY) -> Swing | None:
         """Return how the tip moves in a strike; None: the simulation was given up."""
         if self.family == ROPE:
-            arm = CompiledRollout(MODEL, CONTROLLER, timestep=1e-3)  # goes where it is told, whatever hangs on it
-            hand = hand_path(MODEL, arm.trajectory(strike, t_stay=t_stay))
-            rod = CosseratWhip(self.profile, elements=ELEMENTS, wave_speed=WAVES, radius=RADIUS, gravity=MODEL.gravity)
-            swung = rod.swing([hand], rate=FINE)
+            swung, _ = self._cosserat(strike, t_stay)
             return Swing(swung.t, swung.tip[0], swung.velocity[0])
-        rollout = CompiledRollout(self._twin.model, CONTROLLER, timestep=_TIMESTEP)
-        t, paths, _ = rollout.tip_path(strike.vector[None], t_stay=t_stay, rate=FINE)
+        t, paths, _ = self._chain.tip_path(strike.vector[None], t_stay=t_stay, rate=FINE)
         whole = np.isfinite(paths[0]).all(axis=1)
         if t[whole][-1] < strike.D + t_stay - 2 / FINE:
             return None
         return Swing(t[whole], paths[0, whole], np.gradient(paths[0, whole], t[whole], axis=0))
+
+    def played(self, strike: Strike, *, t_stay: float = T_STAY) -> tuple[Model, Trajectory]:
+        """Return arm and rope as a model and a trajectory of it, for pictures; a Cosserat rod as one of rods."""
+        if self.family != ROPE:
+            return self._twin.model, self._chain.trajectory(strike, t_stay=t_stay)
+        swung, arm = self._cosserat(strike, t_stay)
+        assert swung.nodes is not None
+        steps = np.diff(swung.nodes[0], axis=1)
+        directions = steps / np.linalg.norm(steps, axis=2, keepdims=True)
+        rows = np.minimum(np.searchsorted(arm.t, swung.t - 0.5 / FINE), len(arm.t) - 1)  # both take steps of 1 ms
+        of_arm = {name: getattr(arm, name)[rows] for name in ("q_d", "v_d", "tau", "K", "B")}
+        q = np.hstack([arm.q[rows, : MODEL.arm.n], directions.reshape(len(rows), -1)])
+        of_rope = {"q": q, "v": np.gradient(q, swung.t, axis=0), "tip": swung.tip[0]}
+        path = Trajectory(t=swung.t, tip_velocity=swung.velocity[0], **of_rope, **of_arm)
+        return replace(MODEL, whip=self.profile.lump(ELEMENTS, joints="rod")), path
+
+    @property
+    def _chain(self) -> CompiledRollout:
+        return CompiledRollout(self._twin.model, CONTROLLER, timestep=_TIMESTEP)
+
+    def _cosserat(self, strike: Strike, t_stay: float) -> tuple[TipPaths, Trajectory]:
+        """The rod in a strike, and the arm: it goes where it is told, whatever hangs on it."""
+        arm = CompiledRollout(MODEL, CONTROLLER, timestep=1e-3).trajectory(strike, t_stay=t_stay)
+        rod = CosseratWhip(self.profile, elements=ELEMENTS, wave_speed=WAVES, radius=RADIUS, gravity=MODEL.gravity)
+        return rod.swing([hand_path(MODEL, arm)], rate=FINE), arm
 
     def recorded(
         self, swing: Swing, strike: Strike, number: int, capture: Capture = CAPTURE, *, t_stay: float = T_STAY

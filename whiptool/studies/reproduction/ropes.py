@@ -7,7 +7,8 @@ motion capture saw of it is what a strike at each goal is planned from.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from whiptool.adaptation.aiming import FIRST, NEXT, RETRIES, aim
 from whiptool.adaptation.first_look import choose_wiggle
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.planner import Effort, Plan, surest
-from whiptool.adaptation.posterior import update
+from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.goals import Goals
@@ -27,7 +28,8 @@ from whiptool.models.clearance import Clearance
 from whiptool.models.strike import Strike
 from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
-from whiptool.studies.reproduction.rope_swings import Passed, UnknownRope
+from whiptool.studies.reproduction.rope_films import filmed
+from whiptool.studies.reproduction.rope_swings import Passed, Swing, UnknownRope
 from whiptool.target import Target
 from whiptool.zone import Sector
 
@@ -77,11 +79,16 @@ class RopeStudy:
         near = np.flatnonzero(np.linalg.norm(goals().positions, axis=1) <= rope.reach - _CLEAR)
         return np.random.default_rng([1, rope.seed]).permutation(near).tolist()
 
-    def plan(self, belief: Belief, target: Target, seed: tuple[int, ...]) -> Plan:
-        """Return the strike that most probably hits, looked for harder where it is less than half sure."""
+    def plan(self, belief: Belief, target: Target, seed: tuple[int, ...], past: Sequence[Sequence[float]] = ()) -> Plan:
+        """Return the strike that most probably hits a rope that was seen, looked for harder where it is unsure."""
         rng = np.random.default_rng(seed)
         efforts = (NEXT, *[FIRST] * RETRIES) if self.thorough else (BRIEF,)
-        return surest(lambda effort: aim(belief, target, rng=rng, limits=limits(), effort=effort), efforts)
+        return surest(lambda effort: aim(belief, target, rng=rng, limits=limits(), past=past, effort=effort), efforts)
+
+    def first_plan(self, belief: Belief, target: Target, seed: tuple[int, ...]) -> Plan:
+        """Return the strike that most probably hits a rope of which the material alone is known."""
+        effort = FIRST if self.thorough else BRIEF
+        return aim(belief, target, rng=np.random.default_rng(seed), limits=limits(), effort=effort)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,8 +119,9 @@ class RopeUnit:
         study: See there.
         family, seed: Of the rope.
         wiggle: What it is known by.
-        first: The first of its own goals that is struck at.
-        count: How many are.
+        count: How many of its own goals are struck at.
+        first: The first of them.
+        films: Whether two cameras see the wiggle, in rendered images; else motion capture does.
     """
 
     study: RopeStudy
@@ -122,11 +130,12 @@ class RopeUnit:
     wiggle: tuple[float, ...]
     count: int
     first: int = 0
+    films: bool = False
 
     @property
     def name(self) -> str:
-        """Name of the unit: rope, and which goals."""
-        return self.study.named(self.family, self.seed, self.first, self.count)
+        """Name of the unit: rope, which goals, and what saw it."""
+        return self.study.named(self.family, self.seed, self.first, self.count, *(["films"] if self.films else []))
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Wiggle, learn, strike once at every goal."""
@@ -135,14 +144,64 @@ class RopeUnit:
         swung = rope.swing(look)
         if swung is None:
             return {"look": None, "struck": []}
-        learned = update(study.prior(rope.material), [rope.recorded(swung, look, 0)], seed=self.seed)
-        told = {"rmse": learned.rmse, "refused": learned.refused, "seconds": learned.wall_time}
+        seen = filmed(rope, look, 0) if self.films else rope.recorded(swung, look, 0)
+        learned = update(study.prior(rope.material), [seen], seed=self.seed)
         struck = []
         for number in study.within(rope)[self.first : self.first + self.count]:
             target = Target.of(goals(), number)
             plan = study.plan(learned.belief, target, (2, self.seed, number))
-            seen = rope.swing(Strike.from_vector(plan.strike))
-            passed = Passed(None, None, hit=False) if seen is None else seen.passed(target)
-            stated = {name: getattr(plan, name) for name in ("probability", "mean_miss", "allowed", "misses", "strike")}
-            struck.append({"goal": number, **asdict(passed), **stated, "seconds": plan.wall_time})
-        return {"look": told | {"length": rope.length, "redundancy": learned.redundancy}, "struck": struck}
+            swung = rope.swing(Strike.from_vector(plan.strike))
+            struck.append({"goal": number, **_came_of(plan, swung, target)})
+        return {"look": _told(learned) | {"length": rope.length}, "struck": struck}
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnseenRopeUnit:
+    """One unknown rope without a wiggle: a strike at a goal from the material alone, and what it taught, another.
+
+    Args:
+        study: See there.
+        family, seed: Of the rope.
+        goal: Which of its own goals.
+    """
+
+    study: RopeStudy
+    family: str
+    seed: int
+    goal: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name of the unit: rope and goal."""
+        return self.study.named("unseen", self.family, self.seed, self.goal)
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Strike, learn, strike again."""
+        rope, study = self.study.rope(self.family, self.seed), self.study
+        number = study.within(rope)[self.goal]
+        target, prior = Target.of(goals(), number), study.prior(rope.material)
+        plan = study.first_plan(prior, target, (3, self.seed, number))
+        strike = Strike.from_vector(plan.strike)
+        swung = rope.swing(strike)
+        first = {"goal": number, **_came_of(plan, swung, target)}
+        if swung is None:
+            return {"look": None, "first": first, "struck": []}
+        seen = replace(rope.recorded(swung, strike, 1 + number), target=target.position)
+        contacts = {} if plan.contact is None else {seen.source: plan.contact}
+        learned = update(prior, [seen], contacts=contacts, seed=self.seed)
+        second = study.plan(learned.belief, target, (4, self.seed, number), [plan.strike])
+        came = _came_of(second, rope.swing(Strike.from_vector(second.strike)), target)
+        return {"look": _told(learned), "first": first, "struck": [{"goal": number, **came}]}
+
+
+def _told(learned: Learned) -> dict[str, Any]:
+    """What was learned, as plain data."""
+    told = {name: getattr(learned, name) for name in ("rmse", "refused", "redundancy")}
+    return told | {"seconds": learned.wall_time}
+
+
+def _came_of(plan: Plan, swung: Swing | None, target: Target) -> dict[str, Any]:
+    """How a planned strike passed its target, and what was stated of it, as plain data."""
+    passed = Passed(None, None, hit=False) if swung is None else swung.passed(target)
+    stated = {name: getattr(plan, name) for name in ("probability", "mean_miss", "allowed", "misses", "strike")}
+    return {**asdict(passed), **stated, "seconds": plan.wall_time}
