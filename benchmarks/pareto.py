@@ -52,6 +52,9 @@ TIMESTEPS = {"lemon2024": 5e-4, "ur5e": 1e-3}  # [s]
 TIMES = 10  # the front's rollouts
 WEIGHTS = 8  # of CMA-ES
 MARGIN = 0.02  # part of a criterion's range by which the front may be dominated
+REACH = (
+    1.0  # of the front's range, within which a figure shows what rivals found, and names no rival that found nothing
+)
 POPULATION = 40
 RANDOM_BATCH = 1000
 
@@ -144,7 +147,7 @@ def chebyshev(criteria: Sequence[Criterion], front: np.ndarray) -> Callable:
 
             one = SimpleNamespace(bounds=objective.bounds, admissible=objective.admissible, batch=batch)
             try:
-                cmaes_search(one, seed=seed + k)  # type: ignore[arg-type]
+                cmaes_search(one, seed=seed + k)
             except SearchStopped:
                 continue
 
@@ -226,13 +229,16 @@ def draw(folder: Path, case: Case, fronts: dict[str, np.ndarray]) -> None:
     with matplotlib.rc_context(STYLE):
         figure = Figure((6.4, 4.4), layout="constrained")
         ax = plot_front(figure.subplots(), fronts["front"], np.empty((0, 2)), labels=labels)
+        low, high = fronts["front"].min(axis=0), fronts["front"].max(axis=0)
+        low, high = low - REACH * (high - low), high + REACH * (high - low)
         for rival, (color, marker) in rivals.items():
             style = {"linestyle": "", "marker": marker, "markersize": 4, "color": COLORS[color]}
-            (low, high), (least, most) = ax.get_xlim(), ax.get_ylim()
-            seen = [low <= x <= high and least <= y <= most for x, y in fronts[rival]]
-            beyond = "" if any(seen) else ", beyond these axes"
-            ax.plot(*fronts[rival].T, label=f"{rival}, {TIMES} times the rollouts{beyond}", **style)
-        ax.legend()
+            near = fronts[rival][((low <= fronts[rival]) & (fronts[rival] <= high)).all(axis=1)]
+            ax.plot(*near.T, label=f"{rival}, {TIMES} times the rollouts", **style)
+        ax.autoscale()
+        ax.get_legend().remove()
+        lines = [x for x in ax.get_lines() if len(x.get_xdata())]
+        figure.legend(handles=lines, loc="outside upper center", ncols=1)
         save_figure(figure, folder / f"{case.label}.png")
 
 
