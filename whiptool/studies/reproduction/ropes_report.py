@@ -140,7 +140,8 @@ def column(strikes: Struck, name: str) -> np.ndarray:
 
 
 def _spread(values: np.ndarray) -> str:
-    return f"{np.median(values):.2g} ({np.percentile(values, 95, method='higher'):.2g})"
+    middle, high = np.median(values), np.percentile(values, 95, method="higher")
+    return " ".join(form.format(f"{x:.2g}" if x < 99.5 else f"{x:.0f}") for x, form in ((middle, "{}"), (high, "({})")))
 
 
 def _misses(struck: Mapping[str, Struck]) -> Figure:
