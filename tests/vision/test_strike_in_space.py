@@ -59,11 +59,22 @@ def test_without_noise_places_are_exact_where_frames_fall_together():
     assert np.nanmax(np.abs(off(found))) < 1e-4
 
 
-def test_clocks_that_differ_are_brought_together():
-    """By 21 ms, in which the tip moves by some centimetres; times are the first camera's."""
-    found = strike_in_space(filmed(LEFT, RIGHT, late=(0.013, -0.008)))
+@pytest.mark.parametrize("late", [0.002, 0.006, -0.021])
+def test_clocks_that_differ_are_brought_together(late):
+    """In 2 ms the tip moves by a pixel, and lines of sight still seem to meet; times are the first camera's."""
+    found = strike_in_space(filmed(LEFT, RIGHT, late=(0.013, 0.013 + late)))
+    assert found.seen[2:-4].mean() > 0.9
     rms = np.sqrt(np.nanmean(off(found, late=0.013) ** 2))
-    assert rms < 5e-3
+    assert rms < 3e-3
+
+
+def test_a_camera_that_was_moved_is_told_of_few_frames_too():
+    """Delays at which hardly any frames overlap would make all cameras agree."""
+    left, right = filmed(LEFT, RIGHT)
+    turned = dataclasses.replace(RIGHT, position=RIGHT.position + np.array([0.0, 0.02, 0.08]))
+    few = [r.without(np.arange(len(r.t)) > frames) for r, frames in ((left, 21), (right, 14))]
+    with pytest.raises(InputError, match="was a camera moved"):
+        strike_in_space([few[0], dataclasses.replace(few[1], view=turned)])
 
 
 def test_what_one_camera_followed_wrongly_is_left_out():
@@ -85,7 +96,7 @@ def test_what_is_no_strike_of_several_cameras_is_refused():
     for recordings, said in (
         ([left], "recordings: got 1; allowed: two or more"),
         ([left, places], r"mocap\.csv: got 'places'; allowed: pixels"),
-        ([left, left], "cameras: got 'left, left'; allowed: different ones"),
+        ([left, left], "recordings: got 'by left, left'; allowed: one of each camera"),
         ([left, dataclasses.replace(right, strike=other)], "2 commands"),
         ([left, dataclasses.replace(right, view=turned)], "was a camera moved"),
         ([left, dataclasses.replace(right, markers=("a", "b"))], r"left\.csv: got 'no marker that two cameras saw'"),

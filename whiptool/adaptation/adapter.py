@@ -55,8 +55,8 @@ class Options:
             None if it is.
         keeps: In space: limits of joints and distances that strikes have to keep.
         first, later: Planning effort before any recording has been learned from, and after.
-        retries: Largest number of searches with the first effort for a strike that, after recordings have been learned
-            from, is less than half sure to hit.
+        retries: Largest number of searches with the first effort for a strike that, after strikes have been learned
+            from, is less than half sure to hit, or not allowed.
     """
 
     max_strikes: int = 6

@@ -155,6 +155,9 @@ class Plan:
 def surest(look: Callable[[Effort], Plan], efforts: Iterable[Effort]) -> Plan:
     """Return the best plan of one search after another; an allowed plan that hits with `UNSURE` or more ends them.
 
+    Where none is so sure, the probability that is stated is the largest of several estimates, each over `JUDGED` whips,
+    and so a few percent too high.
+
     Args:
         look: Search for a strike with an effort.
         efforts: Of the searches, at least one.

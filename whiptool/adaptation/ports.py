@@ -119,7 +119,7 @@ def checked(seen: Any, strike: Strike, number: int) -> Seen:
 def _refuse_pixels(recording: StrikeRecording) -> None:
     """Refuse what one camera in space saw: where the tip was is not told by it alone."""
     if recording.view is not None:
-        fix = "give those of two cameras to whiptool.vision.strike_in_space, or use motion capture"
+        fix = "give the recordings of two cameras or more, or use motion capture"
         raise InputError("recording", f"{recording.source or 'one'} in pixels", "places of the tip in m", fix)
 
 

@@ -73,8 +73,7 @@ class RobotPort:
         Raises:
             InputError: It cannot be read.
         """
-        recording = read_recording(file, strike=strike, **self._about)
-        return recording.ordered(self.model.arm.joints)
+        return self._of(read_recording(file, **self._about), strike)
 
     def read_cameras(self, files: Sequence[Path], strike: Strike, cameras: Path | None = None) -> StrikeRecording:
         """Return what two cameras or more saw of a strike, in places; films are tracked, with progress on stderr.
@@ -93,8 +92,12 @@ class RobotPort:
 
         found = [opened(str(file), cameras=cameras) for file in files]
         views = [tracked(one, name=file.name)[0] for one, file in zip(found, files, strict=True)]
-        seen = strike_in_space([replace(view, strike=strike, **self._about) for view in views])
-        return seen.ordered(self.model.arm.joints)
+        return self._of(strike_in_space([replace(view, **self._about) for view in views]), strike)
+
+    def _of(self, recording: StrikeRecording, strike: Strike) -> StrikeRecording:
+        """The recording with its strike, where it states none, and its joints in the arm's order."""
+        told = recording if recording.strike is not None else replace(recording, strike=strike)
+        return told.ordered(self.model.arm.joints)
 
     @property
     def _about(self) -> dict[str, Any]:

@@ -64,9 +64,12 @@ def _search_locally(objective: Objective, strikes: np.ndarray, rng: np.random.Ge
     Both begin at random strikes, and then beside the best ends of those before.
     """
     m = strikes.shape[1]
-    ends = [_end(objective, strike, long=FAR) for strike in strikes[:KEPT]]
-    ends += [_end(objective, strike) for strike in strikes[: (m + 1) // 2]]
     most = math.inf if objective.max_trials is None else SHARE * objective.max_trials
+    begun = [(strike, FAR) for strike in strikes[:KEPT]] + [(strike, None) for strike in strikes[: (m + 1) // 2]]
+    ends = list[Trial]()
+    for strike, long in begun:
+        if not ends or len(objective.trials) <= most:
+            ends.append(_end(objective, strike, long=long))
     for turn in range(2 * m):
         ends.sort(key=lambda trial: trial.outcome.cost)
         if len(objective.trials) > most or _agree(ends[:KEPT]):

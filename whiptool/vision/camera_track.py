@@ -41,9 +41,13 @@ class CameraTrack:
         return pixels, np.hypot(np.interp(t, self.t, self.sigma), between)
 
     def beside(self, other: CameraTrack, delay: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far the lines of sight of both are from meeting [pixels], and standard errors, (P,) each."""
+        """Return how far sights pass the other camera's in an image, (P,), and its standard errors, (P,) [pixels]."""
         seen, sigma = other.at(self.t + delay)
         found = triangulate([self.camera, other.camera], np.stack([self.pixels, seen]))
-        apart = np.sqrt(2) * found.residual  # the two miss the point between them by half of it each, in squares
+        apart = 2 * found.residual  # the point between two lines of sight is half as far from either
         known = np.isfinite(apart) & np.isfinite(sigma)
-        return apart[known], np.sqrt((self.sigma[known] ** 2 + sigma[known] ** 2) / 2)
+        return apart[known], np.hypot(self.sigma[known], sigma[known])
+
+    def error(self, other: CameraTrack) -> float:
+        """Return the standard error of how far sights pass each other that the pixels of both cameras have [pixels]."""
+        return float(np.hypot(np.median(self.sigma), np.median(other.sigma)))

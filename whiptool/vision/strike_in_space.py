@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.camera_track import CameraTrack
-from whiptool.vision.track_agreement import APART, CLEARLY, apart_at, compare
+from whiptool.vision.track_agreement import APART, CLEARLY, compare
 from whiptool.vision.triangulation import triangulate
 
 
@@ -21,10 +21,11 @@ def strike_in_space(recordings: Sequence[StrikeRecording]) -> StrikeRecording:
     """Return the places of the markers in one strike that two cameras or more saw.
 
     Places are those at the first camera's instants. What the other cameras saw is read between their frames by a
-    monotone cubic interpolant. Clocks are taken to be one, unless lines of sight meet at a delay only. A place where
-    they pass each other, as where one camera followed something else, is left out. Standard errors are those of the
-    pixels and of the interpolant, as the angle between the lines of sight carries them into space; measured depths are
-    not used.
+    monotone cubic interpolant. Clocks are taken to be one, unless lines of sight meet clearly better at a delay, which
+    they tell of as far as the markers move across the plane of both. A place where they pass each other, as where one
+    camera followed something else, is left out. Standard errors are the cameras' root mean square ones, of pixels and
+    interpolant, as the angle between the lines of sight carries them into space on the mean over its directions; an
+    error of the delay is not in them. Measured depths are not used.
 
     Args:
         recordings: One of each camera, with its view, of the same command. The joints' log is the first camera's.
@@ -58,28 +59,23 @@ def _check(recordings: Sequence[StrikeRecording]) -> None:
         raise InputError("recordings", len(recordings), "two or more, one of each camera")
     for recording in recordings:
         if recording.view is None:
-            raise InputError(recording.source or "recording", "places", "pixels of a camera, with its view")
+            raise InputError(
+                recording.source or "recording", "places", "pixels of a camera (tip_u, tip_v), with its view"
+            )
     names = [r.view.name for r in recordings if r.view is not None]
     if len(set(names)) < len(names):
-        raise InputError("cameras", ", ".join(names), "different ones")
+        raise InputError("recordings", f"by {', '.join(names)}", "one of each camera")
     strikes = {tuple(r.strike.vector.tolist()) for r in recordings if r.strike is not None}
     if len(strikes) > 1:
         raise InputError("recordings", f"{len(strikes)} commands", "one strike")
 
 
 def _delay(first: StrikeRecording, second: StrikeRecording) -> float:
-    """The second camera's clock behind the first's [s]."""
-
-    def meet(apart: float, errors: float) -> bool:
-        return apart <= APART or errors <= CLEARLY
-
-    if meet(*apart_at(first, second, 0.0)):
-        return 0.0
+    """The second camera's times less the first's [s]."""
     best = compare(first, second)
-    if not meet(best.apart, best.errors):
-        raise InputError(
-            "cameras", f"{best} apart", f"lines of sight that meet within {APART:g} pixel", "was a camera moved?"
-        )
+    if best.apart > APART and best.errors > CLEARLY:
+        allowed = f"lines of sight that meet within {APART:g} pixel"
+        raise InputError("recordings", f"{best}", allowed, "was a camera moved, or are they of different strikes?")
     return best.delay
 
 
@@ -100,7 +96,9 @@ def _marker(
         return unknown
     pixels, sigma = (np.stack(x) for x in zip(*seen, strict=True))
     found = triangulate([c for c in cameras if c is not None], pixels)
-    sigma = np.sqrt(np.nanmean(np.where(np.isfinite(pixels[..., 0]), sigma, np.nan) ** 2, axis=0))  # [pixels]
+    known = np.isfinite(pixels[..., 0])
+    squares = np.where(known, sigma, 0.0) ** 2
+    sigma = np.sqrt(squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1))  # [pixels]
     meets = found.residual <= np.maximum(APART, CLEARLY * sigma)
     spread = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2) / 3)  # [m/pixel]
     return np.where(meets[:, None], found.points, np.nan), np.where(meets, spread * sigma, np.nan)

@@ -19,6 +19,7 @@ LATEST = 0.1  # [s] between two cameras' clocks
 FEWEST = 10  # points that say whether two cameras agree
 APART = 1.0  # [pixels] of lines of sight that pass each other: calibrations leave less
 CLEARLY = 4.0  # standard errors likewise
+CAP = 5.0  # standard errors that a sight counts as at most: a marker may be lost
 _NORMAL = 0.6745  # median of the size of a standard normal number
 
 
@@ -30,7 +31,7 @@ class Disagreement:
         cameras: Their names.
         apart: How far a line of sight is from the other's in an image, in the median [pixels].
         errors: The same over what the recordings state.
-        delay: Of the second camera's clock behind the first's at which they agree best [s].
+        delay: The second camera's times less the first's, at which they agree best [s].
     """
 
     cameras: tuple[str, str]
@@ -66,34 +67,62 @@ def moved(found: Iterable[Disagreement]) -> str | None:
 
 
 def compare(first: StrikeRecording, second: StrikeRecording) -> Disagreement:
-    """Return how far two cameras' lines of sight to the same markers pass each other, at the best delay of a clock."""
+    """Return how far two cameras' lines of sight to the same markers pass each other, at the best delay of a clock.
+
+    The delay is that of least squares, each square of at most `CAP` standard errors; 0 where no other is clearly
+    better. Delays at which less than half of the points overlap are not looked at.
+    """
     assert first.view is not None
     assert second.view is not None
-    steps, width, best = np.linspace(-1, 1, 21), LATEST, 0.0
-    for _ in range(3):
-        tried = best + width * steps
-        best = float(min(tried, key=lambda delay: apart_at(first, second, delay)[1]))
-        width /= 8
-    return Disagreement((first.view.name, second.view.name), *apart_at(first, second, best), best)
+    names = first.view.name, second.view.name
+    at_once, width, best = _Sights(first, second, 0.0), LATEST, 0.0
+    tried, costs = {0.0: at_once}, dict[float, float]()
+    for _ in range(4):
+        for delay in best + width * np.linspace(-1, 1, 41):
+            tried[float(delay)] = _Sights(first, second, float(delay))
+        fewest = max(FEWEST, max(sights.count for sights in tried.values()) / 2)
+        costs = {delay: sights.cost for delay, sights in tried.items() if sights.count >= fewest}
+        if not costs:
+            return Disagreement(names, 0.0, 0.0, 0.0)
+        best, width = min(costs, key=lambda delay: costs[delay]), width / 20
+    if 0.0 in costs and at_once.count * (costs[0.0] - costs[best]) < CLEARLY**2:
+        best = 0.0
+    return Disagreement(names, tried[best].apart, tried[best].errors, best)
 
 
-def apart_at(first: StrikeRecording, second: StrikeRecording, delay: float) -> tuple[float, float]:
-    """Return how far lines of sight to the markers that both cameras saw pass each other.
+class _Sights:
+    """The lines of sight of two cameras to the markers that both saw, at a delay [s]."""
 
-    Args:
-        first, second: With views.
-        delay: Of the second camera's clock behind the first's [s].
+    def __init__(self, first: StrikeRecording, second: StrikeRecording, delay: float) -> None:
+        shared = [name for name in first.markers if name in second.markers]
+        tracks = [(CameraTrack(first, name), CameraTrack(second, name)) for name in shared]
+        parts = [(*one.beside(other, delay), one.error(other)) for one, other in tracks]
+        self._apart = np.concatenate([np.zeros(0), *(apart for apart, _, _ in parts)])
+        self._errors = np.concatenate([np.zeros(0), *(apart / sigma for apart, sigma, _ in parts)])
+        self._steady = np.concatenate([np.zeros(0), *(apart / error for apart, _, error in parts)])
 
-    Returns:
-        The median [pixels], and the median over the standard errors; 0 where less than `FEWEST` points were seen.
-    """
-    tracks = [(CameraTrack(first, name), CameraTrack(second, name)) for name in first.markers if name in second.markers]
-    parts = [one.beside(other, delay) for one, other in tracks]
-    each = np.concatenate([p for p, _ in parts]) if parts else np.zeros(0)
-    sigma = np.concatenate([s for _, s in parts]) if parts else np.ones(0)
-    if len(each) < FEWEST:
-        return 0.0, 0.0
-    return float(np.median(each)), float(np.median(each / sigma)) / _NORMAL
+    @property
+    def count(self) -> int:
+        """Number of points that both saw."""
+        return len(self._apart)
+
+    @property
+    def cost(self) -> float:
+        """Mean square of how far they pass each other, in standard errors of the pixels alone, each at most `CAP`.
+
+        Errors of what lies between frames are left out: they would favour delays that lie between frames.
+        """
+        return float(np.mean(np.minimum(self._steady, CAP) ** 2))
+
+    @property
+    def apart(self) -> float:
+        """Median of how far they pass each other [pixels]."""
+        return float(np.median(self._apart))
+
+    @property
+    def errors(self) -> float:
+        """The same in standard errors."""
+        return float(np.median(self._errors)) / _NORMAL
 
 
 def _by_strike(recordings: Sequence[StrikeRecording]) -> list[list[StrikeRecording]]:

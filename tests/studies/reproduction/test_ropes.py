@@ -79,7 +79,7 @@ def test_a_table_counts_points_and_directions_apart():
     struck = [
         {"miss": 0.01, "angle": 0.1, "hit": True, "seconds": 1, **usual},
         {"miss": 0.04, "angle": 0.9, "hit": False, "seconds": 3, **usual},
-        {"miss": None, "angle": None, "hit": False, "seconds": 2, **usual, "probability": 0.0, "mean_miss": 0.3},
+        {"miss": None, "angle": None, "hit": False, "seconds": 2, **usual, "probability": 0.0, "mean_miss": None},
     ]
     look = [{"look": {"seconds": 2.0}, "struck": struck}]
     head, row = _hits({"kin": look})
@@ -87,7 +87,7 @@ def test_a_table_counts_points_and_directions_apart():
     assert told["within 5 cm"] == "67 %"
     assert told["and 10 degrees"] == "33 %"
     assert told["calibration error"] == f"{2 / 3 * 0.5:.3f}"  # two were stated as sure, one hit
-    assert told["not reached on the mean"] == "1"
+    assert told["not reached on the mean, or not allowed"] == "1"
     assert told["miss [cm]"] == "4 (inf)"
     assert column(struck, "miss")[2] == np.inf
     met = {what: verdict for what, *_, verdict in _goals({"kin": look}, {}, {}, {"kin": look})[1:]}

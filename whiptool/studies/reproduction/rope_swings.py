@@ -16,7 +16,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.twins import FAMILIES, draw_twin
-from whiptool.errors import InputError
+from whiptool.errors import InputError, WhiptoolError
 from whiptool.models import Model, WhipProfile
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.strike_recording import StrikeRecording
@@ -51,7 +51,7 @@ class Capture:
     noise: float = 0.002
 
 
-CAPTURE, CAMERAS = Capture(), Capture(60.0, 0.005)  # the second stands in for images
+CAPTURE = Capture()
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,10 @@ class UnknownRope:
     def swing(self, strike: Strike, *, t_stay: float = T_STAY) -> Swing | None:
         """Return how the tip moves in a strike; None: the simulation was given up."""
         if self.family == ROPE:
-            swung, _ = self._cosserat(strike, t_stay)
+            try:
+                swung, _ = self._cosserat(strike, t_stay)
+            except WhiptoolError:  # it left all bounds
+                return None
             return Swing(swung.t, swung.tip[0], swung.velocity[0])
         t, paths, _ = self._chain.tip_path(strike.vector[None], t_stay=t_stay, rate=FINE)
         whole = np.isfinite(paths[0]).all(axis=1)

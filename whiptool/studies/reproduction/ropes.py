@@ -37,6 +37,8 @@ MATERIALS = ("cotton", "nylon", "polypropylene", "manila")  # in turn, by seed
 BASE = 1.7  # [m] above the floor
 BRIEF = Effort(pool=64, polished=4, whips=4, population=4, rounds=1)
 POOL = 200  # goals
+_GIVEN_UP: dict[str, Any] = {"miss": None, "angle": None, "hit": False, "probability": 0.0, "mean_miss": None}
+_GIVEN_UP |= {"allowed": False, "misses": (), "strike": None, "seconds": 0.0}  # of a rope that nothing was learned of
 _CLEAR = 0.15  # [m] by which a goal has to be within the rope's reach
 
 
@@ -142,12 +144,13 @@ class RopeUnit:
         rope, study = self.study.rope(self.family, self.seed), self.study
         look = Strike.from_vector(self.wiggle)
         swung = rope.swing(look)
+        own = study.within(rope)[self.first : self.first + self.count]
         if swung is None:
-            return {"look": None, "struck": []}
+            return {"look": None, "struck": [_GIVEN_UP | {"goal": number} for number in own]}
         seen = filmed(rope, look, 0) if self.films else rope.recorded(swung, look, 0)
         learned = update(study.prior(rope.material), [seen], seed=self.seed)
         struck = []
-        for number in study.within(rope)[self.first : self.first + self.count]:
+        for number in own:
             target = Target.of(goals(), number)
             plan = study.plan(learned.belief, target, (2, self.seed, number))
             swung = rope.swing(Strike.from_vector(plan.strike))
@@ -185,7 +188,7 @@ class UnseenRopeUnit:
         swung = rope.swing(strike)
         first = {"goal": number, **_came_of(plan, swung, target)}
         if swung is None:
-            return {"look": None, "first": first, "struck": []}
+            return {"look": None, "first": first, "struck": [_GIVEN_UP | {"goal": number}]}
         seen = replace(rope.recorded(swung, strike, 1 + number), target=target.position)
         contacts = {} if plan.contact is None else {seen.source: plan.contact}
         learned = update(prior, [seen], contacts=contacts, seed=self.seed)
