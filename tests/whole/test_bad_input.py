@@ -483,6 +483,7 @@ adapt-next --run absent | --run
 adapt-next --run of-simulate | whiptool adapt
 adapt-next --run of-adapt recorded.csv | --port robot
 adapt-next --run of-robot good.npz | a strike that was asked for
+adapt-next --run of-robot good.npz --cameras cameras.toml | --cameras
 identify --free | --free
 identify --free magic | --free
 identify --drive motor | command
