@@ -52,9 +52,7 @@ TIMESTEPS = {"lemon2024": 5e-4, "ur5e": 1e-3}  # [s]
 TIMES = 10  # the front's rollouts
 WEIGHTS = 8  # of CMA-ES
 MARGIN = 0.02  # part of a criterion's range by which the front may be dominated
-REACH = (
-    1.0  # of the front's range, within which a figure shows what rivals found, and names no rival that found nothing
-)
+REACH = 1.0  # of the front's range, within which a figure shows what rivals found
 POPULATION = 40
 RANDOM_BATCH = 1000
 
@@ -147,7 +145,7 @@ def chebyshev(criteria: Sequence[Criterion], front: np.ndarray) -> Callable:
 
             one = SimpleNamespace(bounds=objective.bounds, admissible=objective.admissible, batch=batch)
             try:
-                cmaes_search(one, seed=seed + k)
+                cmaes_search(one, seed=seed + k)  # type: ignore[arg-type]
             except SearchStopped:
                 continue
 
