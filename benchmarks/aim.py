@@ -31,7 +31,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -140,8 +139,6 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="of what is found, to go on from")
     parser.add_argument("--write-model", type=Path, metavar="FILE.toml", help="write the model, and do nothing else")
     arguments = parser.parse_args()
-    here = Path(__file__).resolve().parent
-    sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != here]  # Numba would import `coverage` here
     task = ur5e(quick=arguments.quick, clear=not arguments.ignore_collisions)
     if arguments.write_model:
         write_model(task.model, arguments.write_model)

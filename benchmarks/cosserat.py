@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from dataclasses import replace
 from functools import lru_cache
 from itertools import product
@@ -222,8 +221,6 @@ def main() -> None:
     parser.add_argument("--arms", nargs="+", choices=list(KINDS), default=list(KINDS), help="of these only")
     parser.add_argument("--folder", type=Path, help="keep each strike there, and go on where it was left")
     arguments = parser.parse_args()
-    here = Path(__file__).resolve().parent
-    sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != here]  # Numba would import `coverage` here
     damped = not arguments.undamped
     nodes, todo = (
         (NODES[:1], units(1, damped, list(KINDS)))

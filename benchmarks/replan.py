@@ -1,9 +1,11 @@
 """How long `whiptool adapt` thinks between two strikes: identify from all recordings so far, plan, rehearse.
 
-`python benchmarks/replan.py [--quick] [--json]`. Unknown whips of each family through emulated servos, the tip seen
-with the error of tracked images, a slow movement first, then three strikes, whether or not they hit; in its quick form
-one whip and two strikes. Beside seconds it prints how many strikes MuJoCo rolls out in that time, measured in the same
-run.
+`python benchmarks/replan.py [--space] [--quick] [--json]`. Unknown whips of each family through emulated servos, the
+tip seen with the error of tracked images, a slow movement first, then three strikes, whether or not they hit; in its
+quick form one whip and two strikes. With `--space` unknown ropes of each family on a UR5e, as in
+`python -m whiptool.reproduce adapt --space`: one wiggle, then a strike at each of three goals; in its quick form one
+rope and one goal, for which strikes are hardly looked for. Beside seconds it prints how many strikes MuJoCo rolls out
+in that time, measured in the same run with the paper's arm and whip.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import platform
 import sys
 import time
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -21,13 +24,18 @@ import whiptool as wt
 from whiptool.adaptation.twins import FAMILIES
 from whiptool.commands.adapt import AdaptOptions, prepare
 from whiptool.rollout.reference import ReferenceRollout
+from whiptool.studies.reproduction.rope_swings import IN_SPACE
+from whiptool.studies.reproduction.ropes import MATERIALS, RopeStudy, RopeUnit, WiggleUnit
 
 TARGETS = ((1.1, 0.05), (1.15, 0.0), (1.15, 0.05), (1.2, -0.05))
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])
 
 
-def thoughts(family: str, seed: int, strikes: int) -> list[tuple[float, float]]:
-    """Seconds to learn and to plan before each strike, the movement's own plan left out."""
+Times = list[tuple[float, float]]  # seconds to learn and to plan, before each strike
+
+
+def thoughts(family: str, seed: int, strikes: int) -> Times:
+    """Seconds to learn and to plan before each strike of a whip in the plane, the movement's own plan left out."""
     options = AdaptOptions(
         target=TARGETS[seed % len(TARGETS)], port="twin", camera="points", family=family, seed=seed, wiggle=True
     )
@@ -36,6 +44,22 @@ def thoughts(family: str, seed: int, strikes: int) -> list[tuple[float, float]]:
     steps = adaptation.run()
     learned = [0.0 if step.learned is None else step.learned.wall_time for step in steps]
     return [(before, step.plan.wall_time) for before, step in zip(learned[:-1], steps[1:], strict=True)]
+
+
+def thoughts_in_space(family: str, seed: int, strikes: int, study: RopeStudy) -> Times:
+    """Seconds to learn and to plan before each strike with a rope in space, the choice of the wiggle left out."""
+    unit = RopeUnit(study=study, family=family, seed=seed, wiggle=wiggle(study, seed), count=strikes)
+    came = unit.run(None, None)
+    if came["look"] is None:
+        return []
+    return [(came["look"]["seconds"], struck["seconds"]) for struck in came["struck"]]
+
+
+@cache
+def wiggle(study: RopeStudy, seed: int) -> tuple[float, ...]:
+    """The wiggle of a rope's material."""
+    found = WiggleUnit(study=study, material=MATERIALS[seed % len(MATERIALS)]).run(None, None)
+    return tuple(found["strike"])
 
 
 def mujoco_strike(tries: int) -> float:
@@ -51,15 +75,26 @@ def mujoco_strike(tries: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--space", action="store_true")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    whips, strikes, tries, families = (1, 2, 1, FAMILIES[:1]) if options.quick else (6, 3, 3, FAMILIES)
-    for family in () if options.quick else families:
-        thoughts(family, whips, strikes)  # what has to be compiled is
-    one, result = mujoco_strike(tries), {"machine": platform.machine(), "whips": whips}
+    if options.space:
+        study = RopeStudy(thorough=not options.quick)
+        families, think = IN_SPACE, partial(thoughts_in_space, study=study)
+        whips, strikes = (1, 1) if options.quick else (len(MATERIALS), 3)
+    else:
+        families, think = FAMILIES, thoughts
+        whips, strikes = (1, 2) if options.quick else (6, 3)
+    if options.quick:
+        families = families[:1]
+    else:
+        for family in families:
+            think(family, whips, strikes)  # what has to be compiled is
+    one = mujoco_strike(1 if options.quick else 3)
+    result = {"machine": platform.machine(), "whips": whips}
     for family in families:
-        rows = np.array([row for seed in range(whips) for row in thoughts(family, seed, strikes)])
+        rows = np.array([row for seed in range(whips) for row in think(family, seed, strikes)])
         both = rows.sum(axis=1)
         result[family] = {
             "learn": float(np.median(rows[:, 0])),

@@ -109,6 +109,11 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     assert "only with the recordings of two cameras or more" in capsys.readouterr().err
     assert adapt.main([*go_on, str(recorded), str(recorded)]) == 2
     assert "allowed: pixels of a camera" in capsys.readouterr().err
+    pixels = tmp_path / "left.csv"
+    write_rows(pixels, [["t", "tip_u", "tip_v"], *[[0.02 * i, 100.0, 50.0 + i] for i in range(40)]])
+    (tmp_path / "left.toml").write_text('sigma = 0.2\ncamera = "left"\n')
+    assert adapt.main([*go_on, str(pixels), str(pixels), "--cameras", "absent.toml"]) == 2
+    assert capsys.readouterr().err.startswith("whiptool: --cameras: got 'absent.toml'; allowed: a readable TOML file")
     assert adapt.main([*go_on, str(recorded)]) == adapt.AWAITS
     asked = json.loads(capsys.readouterr().out)
     assert (asked["number"], asked["strike"]) == (1, list(planned.strike))

@@ -38,7 +38,8 @@ _ABOUT = (
 
 _NEXT = (
     "Tell what was recorded of a strike, and print the next one; the run was begun with `whiptool adapt --port robot`. "
-    "Example: python -m whiptool.adapt next --run runs/adapt recorded.csv"
+    "Example: python -m whiptool.adapt next --run runs/adapt recorded.csv; of cameras in space: "
+    "python -m whiptool.adapt next --run runs/adapt left.mp4 right.mp4 --cameras cameras.toml"
 )
 NEXT = "next"
 
@@ -126,7 +127,8 @@ def _ask(waits: AwaitsRecording, folder: Path, *, as_json: bool) -> int:
     print(f"{which}: {' '.join(f'{x:.6g}' for x in strike)}")
     print(
         f"{waits} (and recorded.toml beside it); then: python -m whiptool.adapt --resume {folder}; "
-        f"or, wherever it was put: python -m whiptool.adapt {NEXT} --run {folder} RECORDING"
+        f"or, wherever it was put: python -m whiptool.adapt {NEXT} --run {folder} RECORDING "
+        "(of cameras in space one file each, and --cameras FILE)"
     )
     return AWAITS
 

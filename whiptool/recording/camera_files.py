@@ -28,7 +28,10 @@ def read_cameras(path: str | Path) -> dict[str, SpaceCamera]:
         InputError: It is no TOML file, has no table of cameras, or one of them lacks a key, has one too many, or is no
             camera.
     """
-    table = read_toml(Path(path))
+    try:
+        table = read_toml(Path(path))
+    except InputError as error:
+        raise error.renamed("cameras") from None
     cameras = table.get(TABLE)
     if set(table) != {TABLE} or not isinstance(cameras, dict) or not cameras:
         raise InputError(str(path), ", ".join(table) or "nothing", f"tables [{TABLE}.NAME], one for each camera")

@@ -12,7 +12,7 @@ from scipy import stats
 
 from whiptool.studies.comparison.intervals import mean_interval, needs_fewer, ratio_interval
 
-_SCRIPT = ROOT / "benchmarks" / "coverage.py"
+_SCRIPT = ROOT / "benchmarks" / "interval_coverage.py"
 _SPEC = importlib.util.spec_from_file_location("coverage_of_intervals", _SCRIPT)
 assert _SPEC is not None
 assert _SPEC.loader is not None

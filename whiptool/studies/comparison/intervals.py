@@ -10,8 +10,8 @@ and the half-widths of the parts add as squares. Whatever the parts' ratio, such
 it says, and exactly where one part is all (Banerjee 1960, Sankhya 22, 357): with three seeds between 95.0 and 97.7 %
 of the time. Two methods have seeds of their own (Welch's degrees of freedom) and the same targets (paired).
 
-Means are taken on a logarithmic scale, on which seeds scatter more evenly; `benchmarks/coverage.py` measures what the
-intervals cover.
+Means are taken on a logarithmic scale, on which seeds scatter more evenly; `benchmarks/interval_coverage.py` measures
+what the intervals cover.
 """
 
 from __future__ import annotations

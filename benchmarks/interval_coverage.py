@@ -10,7 +10,7 @@ Seeds that differ have a spread (standard deviation of the factor's logarithm) o
 the learners in notebooks/data/comparison.json at 1 cm spread by about that. A spread of 1 is shown beside them: three
 seeds that differ so much seldom show it.
 
-    python benchmarks/coverage.py [--quick] [--json] [--studies 1000] [--seeds 3] [--targets 300]
+    python benchmarks/interval_coverage.py [--quick] [--json] [--studies 1000] [--seeds 3] [--targets 300]
 """
 
 from __future__ import annotations
