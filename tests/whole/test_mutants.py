@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 
 import pytest
 from repository import ROOT
@@ -48,6 +49,14 @@ def project(tmp_path):
         (root / name).write_text(text)
     subprocess.run(["git", "init", "-q", str(root)], check=True)
     return root
+
+
+def test_modules_and_their_tests_are_files():
+    packages = tomllib.loads((ROOT / "tools" / "mutants" / "modules.toml").read_text())
+    for modules in packages.values():
+        for module, tests in modules.items():
+            assert tests
+            assert all((ROOT / name).is_file() for name in (module, *tests)), module
 
 
 def test_only_formulas_are_changed(project):
