@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation import posterior
+from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.posterior import AFTER, ELSEWHERE, UNMODELLED, tip_mislabelled, usable
+from whiptool.adaptation.posterior import AFTER, ELSEWHERE, UNMODELLED, driven_by, tip_mislabelled, usable
 from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.identification.problem import Options
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.studies.reproduction.aim.robot import CONTROLLER as PRESCRIBED
+from whiptool.studies.reproduction.aim.robot import MODEL as ROBOT
 
 NOISE, COARSE = 0.005, 0.05  # [m]
 STRIKE, REST = Strike((-1.0, 0.5), (2.0, 0.8), 0.8), Strike((-0.9, 1.4), (-0.9, 1.4), 0.5)
@@ -137,6 +141,32 @@ def test_which_recording_does_not_go_with_the_others(prior):
         found = SimpleNamespace(uncertainty=plausible, recordings=[SimpleNamespace(rmse=x) for x in rmse])
         moving = [recorded()] * len(rmse)
         assert posterior._inconsistent(prior, found, moving) == worst  # type: ignore[arg-type]
+
+
+def test_joints_drive_a_robot_in_space_that_logged_them_in_every_recording(prior):
+    robot = default_prior(ROBOT, PRESCRIBED, stock=stock_of_material("cotton")).plant
+    logged, silent = (SimpleNamespace(joints_q=q) for q in (np.zeros((3, 6)), None))
+    assert driven_by(robot, [logged, logged]) == "joints"
+    assert driven_by(robot, [logged, silent]) == "command"
+    assert driven_by(prior.plant, [logged]) == "command"  # a torque-controlled arm in the plane
+
+
+@pytest.mark.parametrize(
+    ("moved", "said"),
+    [
+        ({}, "alone it would fit: a whip other than"),
+        ({"shift_x": 0.004, "rotation": 0.004}, "alone it would fit: a whip other than"),
+        ({"rotation": 0.1}, "turned by +5.7 deg and moved by (+0.000, +0.000) m"),
+        ({"shift_y": -0.2}, "turned by +0.0 deg and moved by (+0.000, -0.200) m"),
+        ({"rotation": 1.0}, "is the marker that was tracked the tip?"),
+    ],
+)
+def test_a_recording_that_is_refused_says_what_would_explain_it(prior, monkeypatch, moved, said):
+    """A whip other than the others' where the camera's pose stayed; else the pose, up to an eighth of a turn."""
+    own = {"rotation": 0.0, "shift_x": 0.0, "shift_y": 0.0} | moved
+    posed = SimpleNamespace(recordings=[SimpleNamespace(own=own, rmse=0.01)], uncertainty=SimpleNamespace(z=prior.z))
+    monkeypatch.setattr(posterior, "_fit", lambda *given: posed)
+    assert said in posterior._why(prior, recorded(), 0.1, Options())
 
 
 def test_no_whip_four_standard_errors_from_the_prior_is_plausible(prior):

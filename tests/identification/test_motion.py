@@ -15,9 +15,11 @@ from whiptool.identification.motion import (
     HandleMotion,
     JointMotion,
     SmoothSpline,
+    SpatialJointMotion,
     StillMotion,
 )
 from whiptool.models.parameters import ArmLink, ArmParameters
+from whiptool.models.presets import preset
 
 ARM = ArmParameters(tuple(ArmLink(mass=0.3, length=x) for x in (0.4, 0.3, 0.2)))
 I = np.linspace(0.0, 1.0, 201)
@@ -165,6 +167,19 @@ def test_derivatives_by_an_arms_coefficients():
         found = derivative(lambda x, name=name: getattr(joints.at(x), name), c)
         expected = getattr(moved, f"d_{name}")
         np.testing.assert_allclose(found, expected, atol=1e-7 * max(1.0, float(np.abs(expected).max())))
+
+
+def test_derivatives_by_the_coefficients_of_a_robots_joints():
+    arm = preset("ur5e").arm
+    t = np.arange(-0.1, 1.1, 0.02)
+    q = np.sin(np.outer(t, 1 + np.arange(6)) + np.arange(6)) * 0.3
+    joints = SpatialJointMotion(t, q, arm, I[::10], knots=0.2)
+    c = joints.start + np.random.default_rng(0).normal(0, 0.05, len(joints.start))
+    moved = joints.at(c)
+    for name in ("inputs", "place", "q_i"):
+        found = derivative(lambda x, name=name: getattr(joints.at(x), name), c)
+        expected = getattr(moved, f"d_{name}")
+        np.testing.assert_allclose(found, expected, atol=1e-6 * max(1.0, float(np.abs(expected).max())))
 
 
 def test_what_is_known_of_the_coefficients_is_log_and_jerk():

@@ -121,6 +121,21 @@ def test_residuals_are_whitened_and_own_unknowns_held_loosely():
         np.testing.assert_array_equal(mine.r, other.r)
 
 
+def test_cameras_that_share_a_log_know_it_as_well_together_as_one():
+    """Two cameras of one strike: their rows, one below the other, have the squares of the log's own."""
+    p = made()
+    rng = np.random.default_rng(4)
+    rows, mean, x = rng.normal(size=(5, 2)), rng.normal(size=5), rng.normal(size=2)
+    drive = SimpleNamespace(unknowns={"joints": np.zeros(2)}, motion=SimpleNamespace(rows=rows, mean=mean))
+    p.predictor.drives, p.predictor.start = [drive] * 2, [np.zeros(2)] * 2
+    p.predictor.sharing, p.predictor.width = [2, 2], 2  # type: ignore[attr-defined]
+    found = blocks(p, Z, [x] * 2)
+    together = np.concatenate([b.r[ROWS:] for b in found])
+    assert together @ together == pytest.approx(np.sum((rows @ x - mean) ** 2))
+    slopes = np.vstack([b.B[ROWS:] for b in found])
+    np.testing.assert_allclose(slopes.T @ slopes, rows.T @ rows)
+
+
 def test_readings_that_are_not_known_have_no_part():
     """Zero residuals and slopes for them, the others as they are: by hand, from the readings' own equation."""
     p = made(per_recording=("start", "delay"))

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.adaptation.cross_entropy import search_around
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.planner import JUDGED, SURE, WORTH, Effort, Plan
 from whiptool.adaptation.prior import Belief, fresh_terms
@@ -138,24 +139,20 @@ class _Aimed:
             starts = np.vstack([np.array(past, float), starts])
         tried = self.refined(starts)
         worth = self.worth(tried, whips)
-        found = [(tried, worth)]
-        centre, top = tried[int(worth.argmax())], float(worth.max())
-        spread, width = np.full(len(centre), _SPREAD), self.striker.widths
-        for _ in range(effort.rounds):
-            if self.sure(top):
-                break
-            draws = centre + spread * width * rng.standard_normal((effort.population, len(centre)))
-            draws = self.striker.admissible(draws)
-            values = self.worth(draws, whips)
-            found.append((draws, values))
-            elite = draws[np.argsort(-values)[: max(2, effort.population // 4)]]
-            if values.max() > top:
-                centre, top = draws[int(values.argmax())], float(values.max())
-                spread = 0.5 * spread + 0.5 * np.abs(elite - centre).mean(axis=0) / width
-            else:
-                spread = 0.6 * spread
-        number = effort.pool + len(past)
-        return np.vstack([x for x, _ in found]), np.concatenate([x for _, x in found]), number
+        first = int(worth.argmax())
+        draws, values = search_around(
+            tried[first],
+            float(worth[first]),
+            lambda strikes: self.worth(strikes, whips),
+            rng=rng,
+            width=self.striker.widths,
+            spread=_SPREAD,
+            population=effort.population,
+            rounds=effort.rounds,
+            within=self.striker.admissible,
+            sure=self.sure,
+        )
+        return np.vstack([tried, draws]), np.concatenate([worth, values]), effort.pool + len(past)
 
     def starts(self, rng: np.random.Generator, effort: Effort) -> np.ndarray:
         """Random strikes whose tips pass the goal best with the mean: those that keep what peaks tell of, (B, m).

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from whiptool.adaptation.cross_entropy import search_around
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.identification.plant import Plant
 from whiptool.models.motor_limits import MotorLimits
@@ -22,6 +23,7 @@ MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; mo
 SURE = 0.25  # of the hit radius: where a strike that misses all whips by no more is worth no better one
 CHECKED = 3  # strikes that are asked about before more is kept free
 JUDGED = 64  # whips over which the probability is stated
+_SPREAD = 0.04  # of the box's widths, of the first steps from the best strike
 UNSURE = 0.5  # probability of a hit of an allowed strike, below which one is looked for again
 
 
@@ -186,7 +188,7 @@ def plan(
 
     Random candidates and past strikes with their neighbours are tried on the belief's mean; the best are improved
     there by Gauss-Newton steps along exact derivatives; all that are left are tried on every sample, and a search with
-    a shrinking normal distribution (cross-entropy, Rubinstein 1999) refines the best. Each sample's miss distance is
+    a shrinking normal distribution refines the best (`search_around`). Each sample's miss distance is
     smoothed by the belief's model error (`ModelError.hit_probability`), in the search by at least 5 mm. Probability and
     expected miss are stated on samples that the search has not seen.
 
@@ -264,23 +266,20 @@ class _Search:
             squeezed = self.squeeze(tried, rng)
             tried = np.vstack([squeezed, self.polish(squeezed, _SQUEEZE.last_steps)])
         scores = self.score(tried, whips)
-        found = [(tried, scores)]
-        centre, top = tried[int(scores.argmax())], float(scores.max())
-        spread = np.full(len(lower), 0.04)
-        for _ in range(effort.rounds):
-            if self.sure(top):
-                break
-            draws = centre + spread * (upper - lower) * rng.standard_normal((effort.population, len(lower)))
-            draws = self.within(draws)
-            values = self.score(draws, whips)
-            found.append((draws, values))
-            elite = draws[np.argsort(-values)[: max(2, effort.population // 4)]]
-            if values.max() > top:
-                centre, top = draws[int(values.argmax())], float(values.max())
-                spread = 0.5 * spread + 0.5 * np.abs(elite - centre).mean(axis=0) / (upper - lower)
-            else:
-                spread = 0.6 * spread
-        return np.vstack([x for x, _ in found]), np.concatenate([x for _, x in found]), len(candidates)
+        first = int(scores.argmax())
+        draws, values = search_around(
+            tried[first],
+            float(scores[first]),
+            lambda strikes: self.score(strikes, whips),
+            rng=rng,
+            width=upper - lower,
+            spread=_SPREAD,
+            population=effort.population,
+            rounds=effort.rounds,
+            within=self.within,
+            sure=self.sure,
+        )
+        return np.vstack([tried, draws]), np.concatenate([scores, values]), len(candidates)
 
     def within(self, strikes: np.ndarray) -> np.ndarray:
         """Strikes within the box, and within what the joints may be commanded."""
