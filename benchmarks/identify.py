@@ -16,7 +16,9 @@ figures are root mean squares over the sets; those of recordings without noise s
 The second table counts how often 95 % intervals cover the truth, with five kinds of errors.
 Needs `pip install "mujoco[sysid]"`.
 
-    python benchmarks/identify.py [--quick] [--pairs 10] [--fits 400] [--only peer|coverage] [--json]
+    python benchmarks/identify.py [--quick] [--pairs 10] [--fits 400] [--only peer|coverage] [--folder FOLDER] [--json]
+
+With `--folder` each fit of the first table is kept, and the same command goes on; times are those of when it was done.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -49,12 +52,14 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.trajectory import Trajectory
+from whiptool.whole_files import write_whole
 
 FREE = ("whip.k", "whip.b", "whip.m")
 START = {"whip.k": 0.35, "whip.b": 0.06, "whip.m": 0.018}
 SIGMA, RATE, STEP = 5e-3, 60.0, 2.5e-4
 GRAIN = 1e-6  # [kg]
 METHODS = ("whiptool", "mujoco.sysid")
+Fitted = tuple[dict[str, float], float]  # values, and the seconds that the fit took
 
 
 def record(path: Trajectory, strike: Strike) -> StrikeRecording:
@@ -183,7 +188,7 @@ class Bench:
         """True values of what is free."""
         return {name: self.model.parameters()[name] for name in FREE}
 
-    def fit(self, method: str, films: list[StrikeRecording]) -> tuple[dict[str, float], float]:
+    def fit(self, method: str, films: list[StrikeRecording]) -> Fitted:
         """Fitted values, and the seconds it took."""
         began = time.perf_counter()
         first = self.model.with_parameters(START)
@@ -206,14 +211,32 @@ class Bench:
         return float(np.sqrt(np.mean(np.square(off)))), float(np.sqrt(np.mean(squares)))
 
 
-def compare(bench: Bench, pairs: int) -> dict:
+def kept_fit(bench: Bench, method: str, films: list[StrikeRecording], kept: Path | None) -> Fitted:
+    """The fit of a file if there is one; else it is made, and written there if a file is named."""
+    if kept is not None and kept.exists():
+        values, seconds = json.loads(kept.read_text())
+        return values, seconds
+    found = bench.fit(method, films)
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(kept, json.dumps(found))
+    return found
+
+
+def compare(bench: Bench, pairs: int, folder: Path | None) -> dict:
     """Both methods on the same recordings: `pairs` sets and their mirror images, and recordings without noise."""
     report = {}
     bench.fit("whiptool", bench.fitted)  # compiles before the clock starts
-    sets = [films for seed in range(pairs) for films in mirrored(bench.fitted, np.random.default_rng(seed))]
+    sets = {"exact": bench.fitted}
+    for seed in range(pairs):
+        noisy, mirror = mirrored(bench.fitted, np.random.default_rng(seed))
+        sets |= {f"{seed}": noisy, f"{seed}-mirrored": mirror}
     squares = {}
     for method in METHODS:
-        fits = [bench.fit(method, films) for films in tqdm([bench.fitted, *sets], desc=method, leave=False)]
+        fits = [
+            kept_fit(bench, method, films, folder / f"{method}-{name}.json" if folder else None)
+            for name, films in tqdm(sets.items(), desc=method, leave=False)
+        ]
         errors = np.array([bench.errors(values) for values, _ in fits])
         parameter, held_out = np.sqrt(np.mean(errors[1:] ** 2, axis=0)).tolist()
         squares[method] = np.mean(errors[1:, 1].reshape(pairs, 2) ** 2, axis=1)  # of each pair
@@ -294,6 +317,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=10, help="sets of recordings, each with its mirror image")
     parser.add_argument("--fits", type=int, default=400, help="fits whose intervals are counted, a kind of errors")
     parser.add_argument("--only", choices=("peer", "coverage"), help="one of the two tables")
+    parser.add_argument("--folder", type=Path, help="keep each fit of the first table there, to go on from")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     arguments = parser.parse_args()
     logging.getLogger("absl").setLevel(logging.ERROR)
@@ -303,7 +327,7 @@ def main() -> None:
     bench = Bench.make()
     report: dict = {}
     if arguments.only != "coverage":
-        report |= {"sets": 2 * pairs, **compare(bench, pairs)}
+        report |= {"sets": 2 * pairs, **compare(bench, pairs, arguments.folder)}
     if arguments.only != "peer":
         report |= {"coverage_fits": seeds, "coverage": coverage(bench, seeds)}
     if arguments.json:
