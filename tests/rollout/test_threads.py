@@ -36,7 +36,7 @@ def test_every_element_is_done_once(count, threads):
 
 def test_an_interrupt_leaves_a_running_part_its_memory():
     """A part still runs when Ctrl-C unwinds its caller: its arrays outlive the call, not the part."""
-    begun, may_end = threading.Event(), threading.Event()
+    begun, may_end, unwound = threading.Event(), threading.Event(), threading.Event()
     left: list[weakref.ref] = []
 
     def loop(arguments, first: int, number: int) -> None:
@@ -53,6 +53,8 @@ def test_an_interrupt_leaves_a_running_part_its_memory():
     def interrupt() -> None:
         begun.wait(HANG)
         signal_main()
+        while not unwound.wait(5):  # one that comes right before the wait for a part begins does not end that wait
+            signal_main()
 
     usual = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     gc.collect()
@@ -61,6 +63,7 @@ def test_an_interrupt_leaves_a_running_part_its_memory():
         with pytest.raises(KeyboardInterrupt):
             call()
     finally:
+        unwound.set()
         signal.signal(signal.SIGINT, usual)
         gc.enable()
         gc.collect()
