@@ -72,17 +72,17 @@ class RealSenseCamera:
                 config.enable_device(self.serial)
             config.enable_stream(stream, 0 if color else 1, s.width, s.height, form, round(s.fps))
         try:
+            if self.file is not None:  # frames that come before would be dropped where the reader is slower
+                played = config.resolve(rs.pipeline_wrapper(pipeline)).get_device().as_playback()
+                played.set_real_time(False)
             profile = pipeline.start(config)
         except RuntimeError as error:
             what = str(self.file or self.serial or "the only camera")
             raise WhiptoolError(f"RealSense {what}: {error}; is it plugged into USB 3?") from error
         self._rs, self._pipeline = rs, pipeline
         try:
-            device = profile.get_device()
-            if self.file is not None:
-                device.as_playback().set_real_time(False)
-            else:
-                self._fix_exposure(device, color=color)
+            if self.file is None:
+                self._fix_exposure(profile.get_device(), color=color)
             lens = profile.get_stream(stream).as_video_stream_profile().get_intrinsics()
             self.settings = s.replace(
                 width=lens.width, height=lens.height, fx=lens.fx, fy=lens.fy, cx=lens.ppx, cy=lens.ppy
