@@ -116,7 +116,7 @@ def _engine() -> list[Finding]:
     from whiptool.impedance import ConstantImpedance, Controller
     from whiptool.models import preset
     from whiptool.rollout import CompiledRollout
-    from whiptool.rollout.compiler import find_compiler, has_simd
+    from whiptool.rollout.compiler import find_compiler
     from whiptool.rollout.engine import VARIABLE, wanted_rung
     from whiptool.rollout.native import NativeEngine
 
@@ -126,12 +126,7 @@ def _engine() -> list[Finding]:
         compiler_finding = Finding("C++ compiler", "none", "install g++ (Debian: apt-get install g++), or set CXX")
     else:
         run = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
-        simd = has_simd()
-        compiler_finding = Finding(
-            "C++ compiler",
-            f"{compiler}: {(run.stdout.splitlines() or ['?'])[0]}" + ("" if simd else "; without <experimental/simd>"),
-            "" if simd else "install GCC 11 or newer for SIMD",
-        )
+        compiler_finding = Finding("C++ compiler", f"{compiler}: {(run.stdout.splitlines() or ['?'])[0]}")
     rollout = CompiledRollout(preset("lemon2024"), Controller(ConstantImpedance()))
     engine = rollout._engine(forward=False)
     lanes = f", {engine.lanes} strikes at a time on each core" if isinstance(engine, NativeEngine) else ""

@@ -35,19 +35,28 @@ FLAGS = (
 )
 
 
-def _run(command: list[str], text: str = "") -> subprocess.CompletedProcess[str]:
+def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
     """Run the compiler; what cannot be run at all counts as failed."""
     try:
-        return subprocess.run(command, input=text, capture_output=True, text=True, check=False)
+        return subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
         return subprocess.CompletedProcess(command, 126, "", str(error))
 
 
 @cache
 def find_compiler() -> str | None:
-    """Path of the C++ compiler: `CXX` if set, else the first of g++, clang++, c++; None if there is none."""
-    names = [os.environ["CXX"]] if os.environ.get("CXX") else ["g++", "clang++", "c++"]
-    return next((path for path in map(shutil.which, names) if path), None)
+    """Path of the C++ compiler: `CXX` if set, else the first of g++, clang++, c++.
+
+    Returns:
+        None, with one line in the log, where there is no compiler.
+    """
+    given = os.environ.get("CXX")
+    names = [given] if given else ["g++", "clang++", "c++"]
+    path = next((path for path in map(shutil.which, names) if path), None)
+    if path is None:
+        what = f"CXX={given} is not the name or path of a compiler" if given else "no C++ compiler found"
+        log.warning("%s; strikes run in CasADi's interpreter, several times slower", what)
+    return path
 
 
 @cache
@@ -59,20 +68,6 @@ def _identity(compiler: str) -> str:
     except (OSError, StopIteration):
         processor = platform.processor()
     return f"{version}\n{platform.machine()}\n{processor}"
-
-
-@cache
-def has_simd() -> bool:
-    """Whether the compiler has <experimental/simd>; one line in the log if it has not."""
-    compiler = find_compiler()
-    if compiler is None:
-        return False
-    question = "#if !__has_include(<experimental/simd>)\n#error\n#endif\n"
-    command = [compiler, "-std=c++17", "-E", "-x", "c++", "-o", os.devnull, "-"]
-    answer = _run(command, question)
-    if answer.returncode != 0:
-        log.warning("%s has no <experimental/simd>; strikes run one per core at a time", compiler)
-    return answer.returncode == 0
 
 
 def cache_folder() -> Path:
@@ -107,13 +102,10 @@ def load_library(generated: str, driver: str, defines: dict[str, float]) -> ctyp
         defines: Macros.
 
     Returns:
-        The library, or None, with one line in the log, where no compiler works.
+        The library; None where there is no compiler, and, with one line in the log, where it fails.
     """
     compiler = find_compiler()
     if compiler is None:
-        given = os.environ.get("CXX")
-        what = f"CXX={given} is not the name or path of a compiler" if given else "no C++ compiler found"
-        log.warning("%s; strikes run in CasADi's interpreter, several times slower", what)
         return None
     options = [*FLAGS, *(f"-D{name}={value}" for name, value in sorted(defines.items()))]
     key = hashlib.sha256("\0".join([generated, driver, _identity(compiler), *options]).encode()).hexdigest()[:32]

@@ -9,7 +9,6 @@ from whiptool.dynamics.closed_loop import Structure, closed_loop
 from whiptool.dynamics.swing import SwingStructure, swing
 from whiptool.errors import InputError
 from whiptool.rollout.batch import Engine
-from whiptool.rollout.compiler import has_simd
 from whiptool.rollout.interpreter import InterpretedEngine
 from whiptool.rollout.native import NativeEngine
 
@@ -33,14 +32,12 @@ def wanted_rung() -> str | None:
 def find_engine(structure: Structure | SwingStructure, *, forward: bool, rung: str | None) -> Engine:
     """Return the best engine for a structure, or the given rung.
 
-    A compiler without SIMD support falls to scalar code, no working compiler to the interpreter, each with one line
+    A compiler that fails on SIMD code falls to scalar code, no working compiler to the interpreter, each with one line
     in the log.
     """
     wanted = RUNGS if rung is None else RUNGS[RUNGS.index(rung) :]
     system = closed_loop(structure) if isinstance(structure, Structure) else swing(structure)
     for name in wanted[:-1]:
-        if name == "simd" and not has_simd():
-            continue
         engine = NativeEngine.compiled(system, forward=forward, simd=name == "simd")
         if engine is not None:
             return engine

@@ -1,19 +1,22 @@
 // The number type of the driver, `real`, and its comparisons, `mask`: a strike in each lane of a SIMD register, or one
 // strike alone. SIMD is 0 or 1 on the command line.
 //
-// Arithmetic is the compiler's own on vectors, which it compiles in half the time that the wrappers of
-// <experimental/simd> take; sine, cosine and square root are that library's.
+// Vectors are the compiler's own: a header such as <experimental/simd> would take longer to compile than the driver.
 #include <math.h>
-
-#if SIMD
-#include <experimental/simd>
 
 #define INLINED inline __attribute__((always_inline))
 
+#if SIMD
+#if defined(__AVX512F__)
+constexpr int LANES = 8;
+#elif defined(__AVX__)
+constexpr int LANES = 4;
+#else
+constexpr int LANES = 2;
+#endif
+
 namespace {
 
-using library = std::experimental::native_simd<double>;
-constexpr int LANES = library::size();
 typedef double Doubles __attribute__((vector_size(sizeof(double) * LANES)));
 using Bits = decltype(Doubles{} < Doubles{});
 
@@ -60,26 +63,15 @@ INLINED real abs(real a) { return select(a < 0, -a, a); }
 INLINED real fmax(real a, real b) { return select(a > b, a, b); }
 INLINED real fmin(real a, real b) { return select(a < b, a, b); }
 
-INLINED library to_library(real a) {
-  library x;
-  __builtin_memcpy(&x, &a, sizeof x);
-  return x;
-}
-INLINED real from_library(library x) {
-  real a;
-  __builtin_memcpy(&a, &x, sizeof a);
+INLINED real sqrt(real a) {
+  for (int l = 0; l < LANES; ++l) a.lanes[l] = __builtin_sqrt(a.lanes[l]);
   return a;
 }
-inline real sin(real a) { return from_library(std::experimental::sin(to_library(a))); }
-inline real cos(real a) { return from_library(std::experimental::cos(to_library(a))); }
-INLINED real sqrt(real a) { return from_library(std::experimental::sqrt(to_library(a))); }
 
 inline double lane(const real& x, int l) { return x.lanes[l]; }
 inline void set_lane(real& x, int l, double value) { x.lanes[l] = value; }
 
 }  // namespace
-
-#undef INLINED
 #else
 using real = double;
 using mask = bool;

@@ -18,8 +18,10 @@ from whiptool.rollout.threads import cores, run_in_parts
 
 
 def driver_source() -> str:
-    """Return the driver in C++, behind the number type that it computes with."""
-    return "".join(files("whiptool.rollout").joinpath(name).read_text() for name in ("lanes.h", "driver.cpp"))
+    """Return the driver in C++, behind the number type that it computes with and its sine and cosine."""
+    return "".join(
+        files("whiptool.rollout").joinpath(name).read_text() for name in ("lanes.h", "trigonometry.h", "driver.cpp")
+    )
 
 
 def generate_c(system: System, *, forward: bool) -> str:
