@@ -33,7 +33,8 @@ pytestmark = pytest.mark.slow
 
 TIMES = ("wall_time",)
 SMALL = ("--targets", 6, "--seeds", 1, "--max-trials", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)
-FEW = (*SMALL, "--methods", "ga", "sac", "--observation", "goal", "--tighter", 0.03)
+COARSE = ("--timestep", 0.001)
+FEW = (*SMALL, *COARSE, "--methods", "ga", "sac", "--observation", "goal", "--tighter", 0.03)
 
 
 def compare(*args: object, cwd: Path, **options) -> subprocess.CompletedProcess:
@@ -49,7 +50,9 @@ def table(run: Path) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return Scene(model=preset("lemon2024"), controller=Controller(), targets=8, cap=15, radii=(0.06, 0.02))
+    return Scene(
+        model=preset("lemon2024"), controller=Controller(), targets=8, cap=15, radii=(0.06, 0.02), timestep=1e-3
+    )
 
 
 @pytest.fixture(scope="module")
@@ -192,8 +195,8 @@ def test_methods_are_compared_at_the_same_directions(tmp_path):
     """The report and the result say what is asked, and every search is one at the target's own direction."""
     asked = ("--target", 1, 0.3, "--arrival-angle", 60, 120, "--cone", 25, "--least-speed", 2)
     few = ("--targets", 3, "--seeds", 1, "--max-trials", 60, "--episodes", 4, "--trials", 8, "--random-episodes", 2)
-    words = (*asked, *few, "--methods", "sac", "--observation", "goal", "--hindsight", 1, "--tighter", 0.04)
-    done = compare(*words, "--workers", 1, "--out", "run", cwd=tmp_path)
+    words = (*asked, *few, *COARSE, "--methods", "sac", "--observation", "goal", "--hindsight", 1, "--tighter", 0.04)
+    done = called("compare", *words, "--workers", 1, "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     run = tmp_path / "run"
     said = "within 25 degrees of an angle of its own, drawn from 60 to 120 degrees, at 2 m/s or more. One and the same"
@@ -202,7 +205,8 @@ def test_methods_are_compared_at_the_same_directions(tmp_path):
     assert result["arrival"]["least_speed"] == 2
     assert 0 < result["task"]["one_strike_hits"] <= 1
     rule = ArrivalRule(angle=(np.radians(60), np.radians(120)), cone=np.radians(25), speed=2.0)
-    scene = Scene(model=preset("lemon2024"), controller=Controller(), zone=Disc((1.0, 0.3)), targets=3, arrival=rule)
+    zone = Disc((1.0, 0.3))
+    scene = Scene(model=preset("lemon2024"), controller=Controller(), zone=zone, targets=3, arrival=rule, timestep=1e-3)
     rollout, found = scene.rollout(1), []
     for i in range(3):
         target = replace(Target.of(scene.goals(), i), hit_radius=0.06)
@@ -211,8 +215,8 @@ def test_methods_are_compared_at_the_same_directions(tmp_path):
         found.append(len(trace))
     (row,) = [row for row in table(run) if row["method"] == "random" and row["hit_radius"] == "0.06"]
     assert float(row["mean_trials"]) == pytest.approx(np.mean(found))
-    assert compare("--resume", "run", "--least-speed", 3, cwd=tmp_path).returncode == 2
-    again = compare("--resume", "run", cwd=tmp_path)
+    assert called("compare", "--resume", "run", "--least-speed", 3, cwd=tmp_path).returncode == 2
+    again = called("compare", "--resume", "run", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
 
 
@@ -259,7 +263,7 @@ def test_killed_and_resumed_it_ends_the_same(alone, tmp_path):
     process.kill()
     process.wait()
     assert not (tmp_path / "run" / "table.csv").exists()
-    done = compare("--resume", "run", cwd=tmp_path)
+    done = called("compare", "--resume", "run", "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert table(tmp_path / "run") == table(alone)
     results = [json.loads((run / "result.json").read_text()) for run in (tmp_path / "run", alone)]

@@ -16,9 +16,9 @@ pytestmark = pytest.mark.slow
 def test_quick_form_ends_and_resumes(tmp_path, monkeypatch):
     """Resumed, nothing is worked out again, and the report is the same; a unit that is lost is worked out again.
 
-    Of every descent the first steps: `test_solutions.py` follows them down.
+    Of every descent the first step: `test_solutions.py` follows them down.
     """
-    monkeypatch.setattr(solutions, "_STEPS", 3)
+    monkeypatch.setattr(solutions, "_STEPS", 1)
 
     def run(*more: str) -> dict:
         done = called("reproduce", *more, "--json", cwd=tmp_path)

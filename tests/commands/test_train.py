@@ -38,6 +38,12 @@ pytestmark = pytest.mark.slow
 SHORT = ["--episodes", "12", "--random-episodes", "2", "--trials", "16", "--tests", "5", "--checkpoint-every", "2"]
 
 
+@pytest.fixture(autouse=True)
+def few_trials_to_hit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A policy that learned as little as these seldom hits, and would strike 600 times at each target."""
+    monkeypatch.setattr(train, "TRIALS_TO_HIT", 20)
+
+
 def same(a: object, b: object) -> bool:
     """Whether two checkpoints are bit-identical."""
     if isinstance(a, dict) and isinstance(b, dict):

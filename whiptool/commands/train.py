@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from whiptool.rl.training import Training
 
 CHECKPOINT, EPISODES = "checkpoint.pt", "episodes.csv"
+TRIALS_TO_HIT = 600  # that a trained policy has at each target
 _HYPERPARAMETERS = (
     "learning_rate",
     "discount",
@@ -315,7 +316,7 @@ class _Run:
                     self.training.learner,
                     self.tests,
                     goals,
-                    cap=600,
+                    cap=TRIALS_TO_HIT,
                     convention=convention,
                     on_trial=lambda ended, bar=bar: bar.update(ended - bar.n),
                 )
@@ -346,7 +347,7 @@ class _Run:
             return
         print(f"{self.options.method}: {plan.episodes * plan.trials} strikes in {seconds:.1f} s of training")
         asked = "" if rule.only_points else f", {rule}"
-        print(f"  trials to the first hit of {self.options.tests} targets{asked}, at most 600")
+        print(f"  trials to the first hit of {self.options.tests} targets{asked}, at most {TRIALS_TO_HIT}")
         for convention, r in result.items():
             print(
                 f"  {convention:12s} mean {r['mean_trials']:.3f}   median {r['median_trials']:g}   "

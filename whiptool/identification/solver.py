@@ -158,57 +158,109 @@ def solve(
         max_iterations: At most.
         tolerance: It ends where the cost would fall by no more than this, per mean squared residual.
     """
-    z, own = np.clip(z, lower, upper), [np.array(x, float) for x in own]
-    evaluations = 1
-    blocks = evaluate(z, own, True)
-    cost, weights = loss.of(blocks)
-    if not np.isfinite(cost):
-        return Solution(z, own, np.inf, Status.DIVERGED, evaluations=evaluations)
-    damping, growth, history = _DAMPING.start, 2.0, [(cost, _DAMPING.start, 0.0)]
-    scale = np.zeros(len(z))
-    own_scale = [np.zeros(len(x)) for x in own]
+    search = _Search(evaluate, loss, (lower, upper), tolerance, [len(x) for x in own])
+    here = search.point(np.clip(z, lower, upper), [np.array(x, float) for x in own], derivatives=True)
+    if not np.isfinite(here.cost):
+        return Solution(here.z, here.own, np.inf, Status.DIVERGED, evaluations=search.evaluations)
+    history = [(here.cost, search.damping, 0.0)]
     for _ in range(max_iterations):
-        weighted = [weigh(b, w) for b, w in zip(blocks, weights, strict=True)]
-        scale = np.maximum(scale, np.sqrt(sum((b.A**2).sum(axis=0) for b in weighted)))
-        own_scale = [np.maximum(s, np.linalg.norm(b.B, axis=0)) for s, b in zip(own_scale, weighted, strict=False)]
-        gradient = np.sum([b.A.T @ b.r for b in weighted], axis=0)
-        held = ((z <= lower) & (gradient > 0)) | ((z >= upper) & (gradient < 0))
-        negligible = tolerance * 2 * cost / sum(len(b.r) for b in blocks)
-        accepted, ready, attempt = False, False, 0
-        trial, trial_own, new_blocks, new_cost, new_weights = z, own, blocks, cost, weights
-        while damping < _DAMPING.most:
-            room = np.where(held, z, lower) - z, np.where(held, z, upper) - z
+        there = search.improved(here)
+        if isinstance(there, Status):
+            return Solution(here.z, here.own, here.cost, there, history, search.evaluations)
+        history.append((there.cost, search.damping, float(np.linalg.norm(there.z - here.z))))
+        here = there if there.derivatives else search.point(there.z, there.own, derivatives=True)
+    return Solution(here.z, here.own, here.cost, Status.STEPS, history, search.evaluations)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """The model evaluated at unknowns: its blocks, their cost and weights, and whether derivatives were taken."""
+
+    z: np.ndarray
+    own: list[np.ndarray]
+    blocks: list[Block]
+    cost: float
+    weights: list[np.ndarray]
+    derivatives: bool
+
+
+class _Search:
+    """What one accepted step leaves to the next: damping and its growth, and the scales of the columns."""
+
+    def __init__(
+        self,
+        evaluate: Evaluate,
+        loss: Loss,
+        bounds: tuple[np.ndarray, np.ndarray],
+        tolerance: float,
+        own_sizes: Sequence[int],
+    ) -> None:
+        self._evaluate, self._loss, self._tolerance = evaluate, loss, tolerance
+        self._lower, self._upper = bounds
+        self.damping: float = _DAMPING.start
+        self._growth: float = 2.0
+        self._scale: np.ndarray = np.zeros(len(self._lower))
+        self._own_scale: list[np.ndarray] = [np.zeros(size) for size in own_sizes]
+        self.evaluations: int = 0
+
+    def point(self, z: np.ndarray, own: list[np.ndarray], *, derivatives: bool) -> _Point:
+        """Evaluate the model."""
+        self.evaluations += 1
+        blocks = self._evaluate(z, own, derivatives)
+        cost, weights = self._loss.of(blocks)
+        return _Point(z, own, blocks, cost, weights, derivatives)
+
+    def improved(self, here: _Point) -> _Point | Status:
+        """Return a point of lower cost, or why there is none.
+
+        A first attempt mostly succeeds: its derivatives are taken at once.
+        """
+        weighted = [weigh(b, w) for b, w in zip(here.blocks, here.weights, strict=True)]
+        self._scale_columns(weighted)
+        room = self._room(here.z, weighted)
+        negligible = self._tolerance * 2 * here.cost / sum(len(b.r) for b in here.blocks)
+        first = True
+        while self.damping < _DAMPING.most:
             try:
-                step, own_step = _step(weighted, damping, scale, own_scale, *room)
+                step, own_step = _step(weighted, self.damping, self._scale, self._own_scale, *room)
             except np.linalg.LinAlgError:  # singular to machine precision: more damping mends it
-                damping, growth = damping * growth, growth * 2
+                self._stiffen()
                 continue
-            trial = np.clip(z + step, lower, upper)
-            trial_own = [x + d for x, d in zip(own, own_step, strict=True)]
-            foreseen = _foreseen(weighted, trial - z, own_step)
-            if foreseen <= max(negligible, 1e-16 * cost):
-                return Solution(z, own, cost, Status.CONVERGED, history, evaluations)
-            evaluations += 1
-            ready = attempt == 0  # a first attempt mostly succeeds: take its derivatives at once
-            new_blocks = evaluate(trial, trial_own, ready)
-            new_cost, new_weights = loss.of(new_blocks)
-            attempt += 1
-            gain = (cost - new_cost) / foreseen
+            trial = np.clip(here.z + step, self._lower, self._upper)
+            foreseen = _foreseen(weighted, trial - here.z, own_step)
+            if foreseen <= max(negligible, 1e-16 * here.cost):
+                return Status.CONVERGED
+            trial_own = [x + d for x, d in zip(here.own, own_step, strict=True)]
+            there = self.point(trial, trial_own, derivatives=first)
+            first = False
+            gain = (here.cost - there.cost) / foreseen
             if gain > 1e-4:
-                damping = max(damping * max(0.1, 1 - (2 * gain - 1) ** 3), _DAMPING.least)
-                growth, accepted = 2.0, True
-                break
-            damping, growth = damping * growth, growth * 2
-        if not accepted:
-            return Solution(z, own, cost, Status.STUCK, history, evaluations)
-        history.append((new_cost, damping, float(np.linalg.norm(trial - z))))
-        z, own = trial, trial_own
-        if not ready:
-            evaluations += 1
-            new_blocks = evaluate(z, own, True)
-            new_cost, new_weights = loss.of(new_blocks)
-        blocks, cost, weights = new_blocks, new_cost, new_weights
-    return Solution(z, own, cost, Status.STEPS, history, evaluations)
+                self._relax(gain)
+                return there
+            self._stiffen()
+        return Status.STUCK
+
+    def _scale_columns(self, blocks: list[Block]) -> None:
+        """Let the scales grow to the norms of the columns."""
+        norms = np.sqrt(sum((b.A**2).sum(axis=0) for b in blocks))
+        self._scale = np.maximum(self._scale, norms)
+        with_own = zip(self._own_scale, blocks, strict=False)  # the last block may have none: a prior
+        self._own_scale = [np.maximum(s, np.linalg.norm(b.B, axis=0)) for s, b in with_own]
+
+    def _room(self, z: np.ndarray, blocks: list[Block]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of the step; an unknown at a bound that its gradient pushes against has no room."""
+        gradient = np.sum([b.A.T @ b.r for b in blocks], axis=0)
+        held = ((z <= self._lower) & (gradient > 0)) | ((z >= self._upper) & (gradient < 0))
+        return np.where(held, z, self._lower) - z, np.where(held, z, self._upper) - z
+
+    def _relax(self, gain: float) -> None:
+        """Lower the damping after a step that gained this share of what was foreseen (Nielsen 1999)."""
+        self.damping = max(self.damping * max(0.1, 1 - (2 * gain - 1) ** 3), _DAMPING.least)
+        self._growth = 2.0
+
+    def _stiffen(self) -> None:
+        """Raise the damping, each time in a row by twice the factor."""
+        self.damping, self._growth = self.damping * self._growth, self._growth * 2
 
 
 def _step(
