@@ -216,3 +216,38 @@ def test_a_start_beyond_its_bounds_is_brought_inside():
     solve(watched, np.array([-5.0, 99.0]), [np.zeros(1)] * 3, lower=np.zeros(2), upper=np.full(2, 10.0))
     np.testing.assert_array_equal(seen[0], [0.0, 10.0])
     assert all((z >= 0).all() and (z <= 10).all() for z in seen)
+
+
+def test_damping_follows_nielsen_and_scales_never_shrink():
+    """Gains are scripted, at a model of one residual: dampings, steps and evaluations by hand.
+
+    Two attempts are refused and the third gains 0.6 of what is foreseen; then one is refused, and the next gains 0.9.
+    """
+    slope, asked, script = [2.0], [], [None, None, 0.6, None, 0.9]
+    least = 1e-30  # it goes on to the last iteration
+    state = {"r": 1.0, "damping": 1e-3, "growth": 2.0}
+    dampings, steps = [1e-3], [0.0]
+
+    def evaluate(z, own, derivatives):
+        asked.append(derivatives)
+        if len(asked) == 1 or (derivatives and asked[-2] is False):  # the start; an accepted point once more
+            return [Block(np.array([state["r"]]), np.array([[slope[0]]]), np.zeros((1, 0)))]
+        gain, r, damping, A = script.pop(0), state["r"], state["damping"], slope[0]
+        step = A * r / (A**2 + damping * 2.0**2)  # the first slope, 2, is the largest
+        foreseen = r * A * step - (A * step) ** 2 / 2
+        if gain is None:
+            state["damping"], state["growth"] = damping * state["growth"], 2 * state["growth"]
+            return [Block(np.array([2 * r]), np.array([[A]]), np.zeros((1, 0)))]
+        state["damping"], state["growth"] = damping * (1 - (2 * gain - 1) ** 3), 2.0
+        dampings.append(state["damping"])
+        steps.append(step)
+        state["r"], slope[0] = np.sqrt(r**2 - 2 * gain * foreseen), 1.0
+        return [Block(np.array([state["r"]]), np.array([[1.0]]), np.zeros((1, 0)))]
+
+    bound = np.array([10.0])
+    found = solve(evaluate, np.zeros(1), [], lower=-bound, upper=bound, max_iterations=2, tolerance=least)
+    assert not script
+    assert asked == [True, True, False, False, True, True, False, True]
+    assert found.evaluations == len(asked)
+    assert [damping for _, damping, _ in found.history] == pytest.approx(dampings, rel=1e-12)
+    assert [step for *_, step in found.history] == pytest.approx(steps, rel=1e-9)
