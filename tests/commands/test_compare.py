@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import called
+from command_line import called, whiptool
 from processes import HANG
 
 from whiptool.arrival_rule import ArrivalRule
@@ -35,11 +35,6 @@ TIMES = ("wall_time",)
 SMALL = ("--targets", 6, "--seeds", 1, "--max-trials", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)
 COARSE = ("--timestep", 0.001)
 FEW = (*SMALL, *COARSE, "--methods", "ga", "sac", "--observation", "goal", "--tighter", 0.03)
-
-
-def compare(*args: object, cwd: Path, **options) -> subprocess.CompletedProcess:
-    words = [sys.executable, "-m", "whiptool.compare", *map(str, args)]
-    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=HANG, check=False, **options)
 
 
 def table(run: Path) -> list[dict[str, str]]:
@@ -221,7 +216,7 @@ def test_methods_are_compared_at_the_same_directions(tmp_path):
 
 
 def test_workers_make_no_difference(alone, tmp_path):
-    done = compare(*FEW, "--out", "run", "--workers", 2, cwd=tmp_path)
+    done = whiptool("compare", *FEW, "--out", "run", "--workers", 2, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert table(tmp_path / "run") == table(alone)
 
@@ -246,7 +241,7 @@ def test_a_ray_cluster_makes_no_difference(alone, tmp_path, monkeypatch):
         monkeypatch.setenv(f"RAY_{name}", str(int(value)))
     context = started(ray)
     try:
-        done = compare(*FEW, "--out", "run", "--cluster", context.address_info["gcs_address"], cwd=tmp_path)
+        done = whiptool("compare", *FEW, "--out", "run", "--cluster", context.address_info["gcs_address"], cwd=tmp_path)
     finally:
         ray.shutdown()
     assert done.returncode == 0, done.stderr

@@ -131,7 +131,7 @@ def _engine() -> list[Finding]:
     engine = rollout._engine(forward=False)
     lanes = f", {engine.lanes} strikes at a time on each core" if isinstance(engine, NativeEngine) else ""
     fix = ""
-    if compiler is not None and rollout.engine == "interpreter" and forced is None:
+    if compiler is not None and rollout.engine != "simd" and forced is None:
         fix = "the compiler fails on the generated code: see the log of `whiptool optimize`"
     by = f" (forced by {VARIABLE})" if forced else ""
     return [compiler_finding, Finding("engine", rollout.engine + lanes + by, fix)]

@@ -3,8 +3,9 @@
 // that along one direction per lane.
 //
 // Compiled behind lanes.h and trigonometry.h, together with GENERATED (defined on the command line): sizes and columns as
-// constants, then the C that CasADi generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD, PRESCRIBED,
-// EXPLICIT, each 0 or 1, and FASTEST, the norm of all joint speeds [rad/s] above which a lane counts as diverged.
+// constants, then the C that CasADi generates for `System.functions`. Also on the command line: SIMD, FORWARD, HELD,
+// PRESCRIBED, EXPLICIT, each 0 or 1, and FASTEST, the norm of all joint speeds [rad/s] above which a lane counts as
+// diverged.
 #include <cmath>
 #include <cstdint>
 #include <limits>
