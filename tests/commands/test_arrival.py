@@ -89,7 +89,8 @@ def test_a_strike_for_a_robot_is_written_and_played_back(capsys):
     capsys.readouterr()
     commanded = JointTrajectory.load_csv(Path("strike.csv"))
     assert commanded.q[0] == pytest.approx([0.0, 0.2])
-    points = yaml.safe_load(Path("strike.yaml").read_text())["trajectory"]["points"]
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    points = yaml.load(Path("strike.yaml").read_text(), Loader=loader)["trajectory"]["points"]
     assert points[-1]["positions"] == commanded.q[-1].tolist()
     words = ["--export-trajectory", "still.csv", "--controller", "position", "--no-video", "--rest", "0.1"]
     assert simulate.main([*STRIKE, *words, "--out", "three"]) == 0
