@@ -29,7 +29,7 @@ docs: $(VENV)/.dev
 check: $(VENV)/.dev
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
-	$(RUN) -m pyright
+	$(RUN) -m pyrefly check
 	$(VENV)/bin/lint-imports
 
 $(VENV)/.python:

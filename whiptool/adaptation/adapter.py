@@ -129,7 +129,8 @@ class Adapter:
         self.options = o = options or Options()
         self.belief, self.steps, self.done = known or prior, Steps(), False
         self._recordings, self._past, self._contacts = list(recordings), [], dict[str, float]()
-        self._taught, self._resting, self._asked = known is not None, set[str](), None
+        self._taught, self._resting = known is not None, set[str]()
+        self._asked: Plan | None = None
         if self._recordings and o.adapt and not self._taught:
             learned = update(prior, self._recordings, starts=o.starts, seed=o.seed)
             self.belief, self._taught = learned.belief, bool(learned.rmse)
@@ -230,8 +231,8 @@ class Adapter:
                 self._asked = self._planned()
                 self._write(PLAN, asdict(self._asked))
             else:
-                misses = tuple(stored.get("misses", ()))
-                self._asked = Plan(**{**stored, "strike": tuple(stored["strike"]), "misses": misses})
+                stored["strike"], stored["misses"] = tuple(stored["strike"]), tuple(stored.get("misses", ()))
+                self._asked = Plan(**stored)
         return self._asked
 
     def _planned(self) -> Plan:

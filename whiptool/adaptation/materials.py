@@ -41,6 +41,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -176,12 +177,12 @@ def stock_of_material(name: str, *, diameter: float | None = None, length: float
     """
     if name not in MATERIALS:
         raise InputError("material", name, ", ".join(MATERIALS))
-    material = MATERIALS[name]
+    measured: dict[str, Any] = {}
     for measure, value in (("diameter", diameter), ("length", length)):
         if value is not None:
             value = number(measure, value, low=0, strict=True)
-            ends = (value * (1 - MEASURED), value * (1 + MEASURED))
-            material = dataclasses.replace(material, **{measure: ends})
+            measured[measure] = (value * (1 - MEASURED), value * (1 + MEASURED))
+    material = dataclasses.replace(MATERIALS[name], **measured)
     low, high = material.ranges.T
     centre = np.log(material.factors) + _POWERS @ ((low + high) / 2)
     return Stock(name, centre, _POWERS * (high - low) / 2)

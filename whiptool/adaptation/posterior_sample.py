@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -174,7 +175,7 @@ def importance_sample(
     proposals, draws, log = [], np.zeros((0, m)), np.zeros(0)
     log_weights = np.zeros(0)
     for _ in range(rounds):
-        proposals.append(multivariate_t(centre, covariance * (_TAILS - 2) / _TAILS, df=_TAILS, seed=rng))  # type: ignore[arg-type]
+        proposals.append(multivariate_t(centre, covariance * (_TAILS - 2) / _TAILS, df=_TAILS, seed=rng))
         new = proposals[-1].rvs(size).reshape(size, m)
         draws, log = np.vstack([draws, new]), np.concatenate([log, log_density(new)])
         mixture = _log_sum([p.logpdf(draws) for p in proposals], axis=0) - np.log(len(proposals))
@@ -202,7 +203,7 @@ def _tempered(log_weights: np.ndarray, enough: float) -> np.ndarray:
 
     power = 1.0
     if lacking(1.0) < 0 and np.isfinite(log_weights).sum() > enough:
-        power = float(brentq(lacking, 1e-9, 1.0))  # type: ignore[arg-type]
+        power = cast(float, brentq(lacking, 1e-9, 1.0))
     return np.exp(power * log_weights - _log_sum(power * log_weights))
 
 

@@ -277,11 +277,10 @@ def _joined(belief: Belief, entries: Mapping[str, tuple[float | None, float]]) -
 def driven(model: Model, motor: Motor) -> Model:
     """The model with motors at its joints: a rotor turns with its link, and friction counts as viscous."""
     friction = motor.viscous_friction + motor.dry_friction / _SPREAD.usual_speed
-    links = tuple(
-        dataclasses.replace(link, inertia=link.inertia + motor.inertia, friction=link.friction + friction)  # type: ignore[operator]
-        for link in model.arm.links
-    )
-    return dataclasses.replace(model, arm=dataclasses.replace(model.arm, links=links))
+    added = {f"arm.inertia[{i}]": motor.inertia for i in range(model.arm.n)}
+    added |= {f"arm.friction[{i}]": friction for i in range(model.arm.n)}
+    named = model.parameters()
+    return model.with_parameters({name: named[name] + x for name, x in added.items()})
 
 
 def read_belief(

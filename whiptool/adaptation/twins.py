@@ -15,7 +15,7 @@ import numpy as np
 from whiptool.adaptation.materials import Stock, stock_of_model, uniform_whip
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
-from whiptool.models.parameters import Model, WhipParameters, whole
+from whiptool.models.parameters import ArmParameters, Model, SpatialArm, WhipParameters, whole
 from whiptool.rig.emulator.motor import HARDWARE, Motor
 from whiptool.rig.session import TwinTruth
 
@@ -109,18 +109,16 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
         offset = float(size * rng.uniform(-0.008, 0.008))
         true = Model(strange, model.arm, model.gravity, name)
         return Twin(family, int(seed), true, controller, latency, offset, noise)
-    links = tuple(
-        dataclasses.replace(link, mass=link.mass * f, inertia=link.inertia * f, friction=link.friction + mu)  # type: ignore[operator]
-        for link, f, mu in zip(
-            model.arm.links,
-            np.exp(size * rng.uniform(-0.08, 0.08, model.arm.n)).tolist(),
-            (size * rng.uniform(0.0, 0.01, model.arm.n)).tolist(),
-            strict=True,
-        )
+    factors = np.exp(size * rng.uniform(-0.08, 0.08, model.arm.n)).tolist()
+    heavier = {f"arm.{x}[{i}]": f for x in ("mass", "inertia") for i, f in enumerate(factors)}
+    named = model.parameters()
+    arm = _with_friction(
+        model.with_parameters({name: named[name] * f for name, f in heavier.items()}),
+        size * rng.uniform(0.0, 0.01, model.arm.n),
     )
     gain = float(np.exp(size * rng.uniform(-0.08, 0.08)))
     offset = float(size * rng.uniform(-0.008, 0.008))
-    true = Model(strange, dataclasses.replace(model.arm, links=links), model.gravity, name)
+    true = Model(strange, arm, model.gravity, name)
     return Twin(family, int(seed), true, _with_gain(controller, gain), latency, offset, noise)
 
 
@@ -168,11 +166,11 @@ def _waves(x: np.ndarray, rng: np.random.Generator, size: float) -> np.ndarray:
     return np.exp(size * log * np.sqrt(2 / _SMOOTH))
 
 
-def _with_friction(model: Model, friction: np.ndarray):
-    links = zip(model.arm.links, friction.tolist(), strict=True)
-    return dataclasses.replace(
-        model.arm, links=tuple(dataclasses.replace(link, friction=link.friction + mu) for link, mu in links)
-    )
+def _with_friction(model: Model, friction: np.ndarray) -> ArmParameters | SpatialArm:
+    """The model's arm, with more friction in its joints."""
+    named = model.parameters()
+    added = {f"arm.friction[{i}]": x for i, x in enumerate(friction.tolist())}
+    return model.with_parameters({name: named[name] + x for name, x in added.items()}).arm
 
 
 def _with_gain(controller: Controller, gain: float) -> Controller:

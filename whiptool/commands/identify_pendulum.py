@@ -89,7 +89,8 @@ def _report(
     from whiptool.viz.report import to_html
 
     assert isinstance(found.plant, Pendulum)
-    summary = {**fit_table(found, train, unseen), "misfit": found.misfit, "model": options.model, "seed": options.seed}
+    summary = fit_table(found, train, unseen)
+    summary |= {"misfit": found.misfit, "model": options.model, "seed": options.seed}
     summary |= {"identified": str(folder.path / IDENTIFIED), "report": str(folder.path / REPORT)}
     write_pendulum(found.plant, folder.path / IDENTIFIED)
     folder.write_result(summary)

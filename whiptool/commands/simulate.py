@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -142,7 +142,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
     ).warning
     if warning is not None:
         print(f"whiptool: {warning}", file=sys.stderr)
-    summary = {
+    summary: dict[str, Any] = {
         "space": space.kind,
         "strike": dict(zip(space.names, map(float, strike.vector), strict=True)),
         "target": list(target.position),

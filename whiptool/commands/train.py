@@ -193,7 +193,7 @@ def build_task(options: TrainOptions) -> StrikeTask:
     model, controller = options.build_model(), options.build_controller()
     zone = options.build_disc(model) if options.region is None else Region.load(options.region)
     return StrikeTask(
-        options.build_compiled(model, controller),  # type: ignore[arg-type]
+        options.build_compiled(model, controller),
         zone,
         arrival=options.build_arrival(),
         observation=options.observation,

@@ -18,14 +18,14 @@ import tyro
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import ControllerOptions, JsonOptions, ModelOptions, TargetOptions
+from whiptool.options import ControllerOptions, JsonOptions, ModelOptions, OptionGroup, TargetOptions
 
 if TYPE_CHECKING:
     from whiptool.models import Model
     from whiptool.rollout import Trajectory
     from whiptool.target import Target
 
-T = TypeVar("T")
+T = TypeVar("T", bound=OptionGroup)
 TRAJECTORY, VIDEO, PAGE, REPORT = "trajectory.npz", "strike.mp4", "strike.html", "report.html"
 RESUMED = ("optimize", "train", "compare", "reproduce", "adapt", "identify", "rig learn")  # commands with --resume
 FPS = 60.0  # frames a second in the viewer
@@ -155,7 +155,7 @@ def read_strike(folder: Path) -> StrikeRun:
 
 def _part(group: type[T], table: dict[str, Any]) -> T:
     """A group of the options that a folder holds."""
-    return group(**{f.name: table[f.name] for f in fields(group) if f.name in table})  # type: ignore[arg-type]
+    return group(**{f.name: table[f.name] for f in fields(group) if f.name in table})
 
 
 def has_display() -> bool:

@@ -80,12 +80,12 @@ def chain_of(model: Model, *, node_inertia: float = 0.0) -> Chain:
     """The numbers of arm and whip as one chain; `node_inertia` [kg m^2] is for engines that want it positive."""
     arm, whip = model.arm, model.whip
     zeros, l = np.zeros(arm.n), whip.per_node("l")
-    mass, com, inertia = (arm.per_link(name) for name in ("mass", "com", "inertia"))
+    length, mass, com, inertia = (arm.per_link(name) for name in ("length", "mass", "com", "inertia"))
     if whip.hinge_mass:
-        carried = ride_on_end(mass[-1], com[-1], inertia[-1], arm.links[-1].length, whip.hinge_mass)
+        carried = ride_on_end(mass[-1], com[-1], inertia[-1], length[-1], whip.hinge_mass)
         mass[-1], com[-1], inertia[-1] = carried
     return Chain(
-        length=np.r_[arm.per_link("length"), l],
+        length=np.r_[length, l],
         mass=np.r_[mass, whip.per_node("m")],
         com=np.r_[com, l],
         inertia=np.r_[inertia, np.full(whip.N, node_inertia)],
@@ -167,7 +167,7 @@ def inverse_dynamics(chain: Chain, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         drag = articulated.drag_force(link, ca.vertcat(ux, 0, uy), ca.vertcat(s, 0, -c))
         links.append((x, y, cx, cy, Fx, Fy, inertia[i] * alpha[i], drag[0], drag[2]))
         ax, ay = ax - alpha[i] * y - w2 * x, ay + alpha[i] * x - w2 * y
-    fx, fy, moment, torques = ca.SX(0), ca.SX(0), ca.SX(0), []
+    fx, fy, moment, torques = ca.SX(0), ca.SX(0), ca.SX(0), list[ca.SX]()
     for x, y, cx, cy, Fx, Fy, N, dx, dy in reversed(links):
         moment = moment + N + cx * Fy - cy * Fx + x * (fy - dy) - y * (fx - dx)
         fx, fy = fx - dx + Fx, fy - dy + Fy

@@ -215,7 +215,8 @@ class ClosedLoop(System):
             return now.u, None
         va, held = ca.SX.sym("va", a), ca.SX.sym("weight", a)
         tau = self.torque(now.t, now.q, va, held, hand)
-        return tuple(ca.substitute([tau, -ca.jacobian(tau, va)], [va, held], [now.v, weight]))  # type: ignore[return-value]
+        tau, gain = ca.substitute([tau, -ca.jacobian(tau, va)], [va, held], [now.v, weight])
+        return tau, gain
 
     def _hand_of(self, posture: ArmPosture) -> HandNow:
         """Where the hand is in a posture, as far as the law is one of it."""
@@ -329,7 +330,7 @@ class ClosedLoop(System):
             w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
             frame, moving, springs, _ = self.move_link(frame, q[a + K * i : a + K * (i + 1)], still, w, ca.SX(0), None)
             links.append((moving, self.link(w)[0].mass * gravity, springs))
-        slopes, weight, moment, beyond = [], ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3)
+        slopes, weight, moment, beyond = list[ca.SX](), ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3)
         for moving, own_weight, springs in reversed(links):
             weight = weight + own_weight
             turned = ca.cross(moving.r, ca.vertcat(0, 0, weight))
@@ -360,11 +361,11 @@ class ClosedLoop(System):
             end = self.move_link(frame, q[own], v[own], w, ca.SX(0), None)[0]
             T += (link.mass * ca.sumsqr(end.velocity) + link.inertia * ca.sumsqr(end.speed)) / 2
             V += link.mass * gravity * end.place[2]
-            if self.hinges:
+            if isinstance(frame, RodFrame):
+                V += bend(joint, frame.direction, q[own])[1]
+            else:
                 bent = q[own] - joint.rest_angle
                 V += ca.sum1(joint.stiffness * bent**2 / 2 + joint.cubic_stiffness * bent**4 / 4)
-            else:
-                V += bend(joint, frame.direction, q[own])[1]
             frame = end
         return ca.Function("energies", [q, v, self.p], [T, V], {"cse": True})
 

@@ -59,7 +59,10 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
         if state.shape != (size,) or not np.isfinite(state).all():
             raise InputError(name, given, f"{size} finite numbers, one per joint or three per rod")
         states.append(state)
-    M, C, K = (_in_space if isinstance(chain, Model) and chain.dimension == 3 else _in_plane)(chain, *states)  # type: ignore[arg-type]
+    if isinstance(chain, Model) and chain.dimension == 3:
+        M, C, K = _in_space(chain, *states)
+    else:
+        M, C, K = _in_plane(chain, *states)
     M = (M + M.T) / 2  # of rounding
     return Linearisation(M, C, K, _state_matrix(M, C, K))
 
@@ -254,7 +257,7 @@ def hanging_modes(
     hanging = start_posture(model, at[None])[0]
     linear = linearise(model, hanging)
     M, C, K = (matrix[free, free] for matrix in (linear.M, linear.C, linear.K))
-    squares, undamped = eigh(K, M)  # columns with x^T M x = 1
+    squares, undamped = (np.asarray(x) for x in eigh(K, M))  # columns with x^T M x = 1
     eigenvalues, damped = np.linalg.eig(_state_matrix(M, C, K))
 
     ratios = np.full(m, np.nan)

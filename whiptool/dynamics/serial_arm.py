@@ -230,7 +230,7 @@ class SerialArm:
             speed = speeds[body.link]
             momentum = body.times(speed)
             forces[body.link] += body.times(drifts[body.link]) + _forced(speed, momentum)
-        torques, total = [], ca.SX.zeros(6)
+        torques, total = list[ca.SX](), ca.SX.zeros(6)
         for S, force in zip(reversed(at.motions), reversed(forces), strict=True):
             total = total + force
             torques.append(ca.dot(S, total))

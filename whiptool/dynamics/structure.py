@@ -65,7 +65,9 @@ class ArmShape:
 
 def arm_column(name: str) -> tuple[str, int]:
     """Return the quantity of a parameter of an arm in space, `arm.com[1].x`, and its place among its numbers."""
-    quantity, index, part = re.fullmatch(r"arm\.(\w+)(?:\[(\d+)\])?(?:\.(\w+))?", name).groups()  # type: ignore[union-attr]
+    found = re.fullmatch(r"arm\.(\w+)(?:\[(\d+)\])?(?:\.(\w+))?", name)
+    assert found is not None
+    quantity, index, part = found.groups()
     parts = MOMENTS if quantity == "inertia" else XYZ
     return quantity, _ARM.get(quantity, 3) * int(index or 0) + (parts.index(part) if part else 0)
 

@@ -54,8 +54,8 @@ def _lagging(t: np.ndarray, D: float, lag: complex) -> np.ndarray:
     """
     powers = np.arange(len(_QUINTIC))
     polynomial = np.polynomial.Polynomial(_QUINTIC / D**powers)
-    following = sum((-lag) ** k * polynomial.deriv(k) for k in powers)
-    rates = [following, following.deriv(), following.deriv(2)]  # type: ignore[union-attr]
+    following = sum(((-lag) ** k * polynomial.deriv(k) for k in powers), np.polynomial.Polynomial([0.0]))
+    rates = [following, following.deriv(), following.deriv(2)]
     s, over = np.minimum(t, D), np.maximum(t - D, 0.0)
     fading = np.exp(-s / lag)
     moving = [rate(s) - rates[0](0.0) * (-1 / lag) ** i * fading for i, rate in enumerate(rates)]

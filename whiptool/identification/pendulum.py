@@ -134,7 +134,7 @@ class AngleRecording:
         """
         count = max(1, round((self.t[-1] - self.t[0]) / length))
         ends = np.linspace(0, len(self.t), count + 1).astype(int)
-        pieces = []
+        pieces: list[AngleRecording] = []
         for first, last in itertools.pairwise(ends):
             t, angles = self.t[first:last], self.angles[first:last]
             piece = dataclasses.replace(self, t=t, angles=angles)

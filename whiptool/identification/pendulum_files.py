@@ -62,7 +62,7 @@ def read_pendulum(path: Path | str) -> Pendulum:
                 raise InputError(f"{path}: links[{i}].{key}", None, "a number > 0", "it is missing")
     try:
         made = tuple(ArmLink(**{key: x for key, x in link.items() if key in LINK}) for link in links)
-        each = {key: tuple(link.get(key, 0.0) for link in links) for key in EACH}
+        each: dict[str, Any] = {key: tuple(link.get(key, 0.0) for link in links) for key in EACH}
         return Pendulum(made, **each, **{key: table[key] for key in SHARED if key in table})
     except InputError as error:
         raise error.within(f"{path}: ") from None

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -89,7 +89,7 @@ class Plant:
         if self.clamp is None:
             return self.model
         whip = self.model.whip
-        numbers = {
+        numbers: dict[str, Any] = {
             name: (factor * value, *(value,) * (whip.N - 1))
             for name, factor in _CLAMPED.items()
             if not isinstance(value := getattr(whip, name), tuple)

@@ -217,9 +217,9 @@ class Predictor:
             batch.dh = batch.dh_last = np.zeros_like(h)
             for s, first in zip(shots, np.cumsum([0, *D]), strict=False):
                 batch.dp[first : first + len(s.dp)], batch.dx0[first : first + len(s.dp)] = s.dp, s.dx0
-        if shots[0].u is not None:
-            batch.u = np.concatenate([s.u for s in shots])  # type: ignore[arg-type]
-            batch.u_row = np.cumsum([0, *(len(s.u) for s in shots[:-1])])[lanes]  # type: ignore[arg-type]
+        if inputs := [s.u for s in shots if s.u is not None]:
+            batch.u = np.concatenate(inputs)
+            batch.u_row = np.cumsum([0, *(len(u) for u in inputs[:-1])])[lanes]
             if derivatives:
                 moving = [s.moving for s in shots if s.moving is not None]
                 batch.du = np.concatenate([x.reshape(-1, x.shape[-1]) for x in moving])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.identification.drives import SwingDrive
 from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NUISANCE
 from whiptool.identification.plant import Identifiable
@@ -239,7 +240,8 @@ class Problem:
                 W = np.diag(1 / np.repeat(_START, len(x) // 2))
                 mean = np.zeros(len(x))
             else:
-                motion = drive.motion  # type: ignore[attr-defined]
+                assert isinstance(drive, SwingDrive)
+                motion = drive.motion
                 # each camera of a strike follows the same log on its own: together they know it as well as it is
                 shared = 1 / np.sqrt(predictor.sharing[i])
                 W, mean = shared * motion.rows, shared * motion.mean

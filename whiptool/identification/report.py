@@ -9,6 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from matplotlib.typing import HashableList
 
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity
@@ -192,7 +193,8 @@ def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Pict
     path, axes_of = found.path[name], _axes(recording)
     side = [0, 1 if recording.view is not None else len(axes_of) - 1]  # forward and upward
     figure = Figure(figsize=(10, 0.4 + 1.9 * len(axes_of)), layout="constrained")
-    axes = figure.subplot_mosaic([["plane", axis] for axis in axes_of], width_ratios=[1, 1.25])
+    cells: list[HashableList[str]] = [["plane", axis] for axis in axes_of]
+    axes = figure.subplot_mosaic(cells, width_ratios=[1, 1.25])
     shown = (found.t >= t[0] - 0.02) & (found.t <= t[-1] + 0.02)
     dots = {
         "linestyle": "",

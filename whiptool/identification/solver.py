@@ -294,7 +294,7 @@ def _step(
     for i in range(len(own_scale)):
         head, L = heads[i], len(own_scale[i])
         right = -(head[:, L : L + G] @ step + head[:, -1])
-        own_steps.append(solve_triangular(head[:, :L], right) if L else np.zeros(0))
+        own_steps.append(np.asarray(solve_triangular(head[:, :L], right)) if L else np.zeros(0))
     return step, own_steps
 
 

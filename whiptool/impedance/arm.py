@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]  # built outside site-packages
+import pinocchio as pin
 
 from whiptool.models.inverse_kinematics import HandMotion
 from whiptool.models.parameters import Model

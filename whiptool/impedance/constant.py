@@ -70,7 +70,7 @@ class ConstantImpedance:
     def changed(self, numbers: Mapping[str, np.ndarray]) -> ConstantImpedance:
         """The same law with other numbers, as `parameters` gives them."""
         n = len(self.K)
-        return ConstantImpedance(*(np.reshape(numbers[name], (n, n)) for name in ("K", "B")))  # type: ignore[arg-type]
+        return ConstantImpedance(*(_matrix(name, np.reshape(numbers[name], (n, n))) for name in ("K", "B")))
 
     def parameters(self) -> dict[str, np.ndarray]:
         """The law's numbers by name, flat; what `expression` takes."""

@@ -20,12 +20,12 @@ from whiptool.models.tables import read_toml
 _LARGEST = 1e6  # of K [N m/rad] and B [N m s/rad]: far beyond any arm
 TABLE = "controller"  # name of the table in a file
 _OPTIONS = tuple(f.name for f in dataclasses.fields(Controller) if f.name != "law")
-_KEYS = {"law", *_OPTIONS, *(f.name for law in LAWS.values() for f in dataclasses.fields(law))}  # type: ignore[arg-type]
+_KEYS = {"law", *_OPTIONS, *(f.name for law in LAWS.values() for f in dataclasses.fields(law))}
 
 
 def controller_to_table(controller: Controller) -> dict[str, Any]:
     """Return the controller as plain data: its law's name and numbers, and those options that are set."""
-    numbers = dataclasses.asdict(controller.law)  # type: ignore[call-overload]
+    numbers = dataclasses.asdict(controller.law)
     options = {name: getattr(controller, name) for name in _OPTIONS}
     table = {"law": controller.law.kind, **numbers, **options}
     return {key: _plain(value) for key, value in table.items() if value is not None}
@@ -44,7 +44,7 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
     options = {key: numbers.pop(key) for key in _OPTIONS if key in numbers}
     if "hand" in options:
         options["hand"] = _hand(options["hand"])
-    known = [f.name for f in dataclasses.fields(LAWS[law])]  # type: ignore[arg-type]
+    known = [f.name for f in dataclasses.fields(LAWS[law])]
     for key in numbers:
         if key not in known:
             raise InputError(f"controller.{key}", numbers[key], "one of " + ", ".join(("law", *known, *_OPTIONS)))

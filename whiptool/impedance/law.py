@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +16,8 @@ class Law(Protocol):
     """From tracking errors to stiffness and damping: `tau = K e + B de` (Eq. 2). A frozen dataclass of numbers."""
 
     kind: ClassVar[str]
+    if TYPE_CHECKING:  # what makes it a dataclass
+        __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K [N m/rad] and B [N m s/rad] for errors `e` [rad], `de` [rad/s] of shape (..., n): each (..., n, n).

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # pyrefly: ignore[missing-module-attribute]  # compiled
 
 from whiptool.errors import InputError
 from whiptool.models.motor_limits import MotorLimits

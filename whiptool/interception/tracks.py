@@ -168,8 +168,7 @@ def _fit(motion: Motion, t: np.ndarray, points: np.ndarray, sigma: float) -> Tra
         return np.vstack([derivatives(motion, x, t - epoch).reshape(-1, p) / sigma, np.diag(weight)[known]])
 
     fits = [
-        least_squares(residuals, x, jac=slopes, method="lm", max_nfev=STEPS)  # pyright: ignore[reportArgumentType]
-        for x in motion.starts(t - epoch, points)
+        least_squares(residuals, x, jac=slopes, method="lm", max_nfev=STEPS) for x in motion.starts(t - epoch, points)
     ]
     best = min(fits, key=lambda fit: fit.cost)
     chi2, dof = float((residuals(best.x)[: 2 * len(t)] ** 2).sum()), 2 * len(t) - p

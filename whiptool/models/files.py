@@ -38,7 +38,7 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
         profile = build_from(WhipProfile, whip["profile"], "whip.profile.")
         try:
             joints = {key: whip[key] for key in ("joints", "node_inertia") if key in whip}
-            table["whip"] = profile.lump(whip.get("N"), **joints)  # type: ignore[arg-type]
+            table["whip"] = profile.lump(whip.get("N"), **joints)
         except InputError as error:
             raise error.within("whip.") from None
     elif "whip" in table:

@@ -5,7 +5,7 @@ An arm of six massless joints, so that what moves a whip by measured joints move
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -63,8 +63,11 @@ def _turns(way: np.ndarray, turned: Rotation) -> np.ndarray:
 
 
 def _link(
-    axis: Sequence[float], limits: JointLimits, kind: str = "revolute", rotation: np.ndarray | None = None
+    axis: Vector,
+    limits: JointLimits,
+    kind: Literal["revolute", "prismatic"] = "revolute",
+    rotation: np.ndarray | None = None,
 ) -> SpatialLink:
     given = np.eye(3) if rotation is None else rotation
     turned = tuple(map(tuple, given.tolist()))
-    return SpatialLink(0.0, (0, 0, 0), (0.0,) * 6, axis, (0, 0, 0), turned, kind=kind, limits=limits)  # type: ignore[arg-type]
+    return SpatialLink(0.0, (0, 0, 0), (0.0,) * 6, axis, (0, 0, 0), turned, kind=kind, limits=limits)

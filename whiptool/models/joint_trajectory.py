@@ -173,7 +173,7 @@ class JointTrajectory:
         try:
             header, *rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
             values = np.array([[float(x) for x in row] for row in rows])
-        except (OSError, ValueError, UnicodeDecodeError) as error:
+        except (OSError, ValueError) as error:
             raise InputError("trajectory", str(path), f"a CSV file of numbers with a header ({error})"[:200]) from None
         names = [name.removeprefix("position_") for name in header if name.startswith("position_")]
         with_hand = header[-len(POSE) :] == list(POSE)

@@ -208,10 +208,10 @@ class _Robot:
             raise InputError(f"body {self.bodies[model.jnt_bodyid[joint]]}", "mass 0 kg", rule)
         axes = self._axes(joint)
         I = axes.T @ body.inertia @ axes
-        com = axes.T @ (body.com - self.data.xanchor[joint]) if body.mass else np.zeros(3)
+        com: np.ndarray = axes.T @ (body.com - self.data.xanchor[joint]) if body.mass else np.zeros(3)
         return SpatialLink(
             mass=body.mass,
-            com=tuple(com.tolist()),  # type: ignore[arg-type]
+            com=tuple(com.tolist()),
             inertia=tuple(I[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist()),
             axis=tuple((axes.T @ self.data.xaxis[joint]).tolist()),
             position=tuple(position.tolist()),

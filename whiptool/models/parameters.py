@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from whiptool.errors import InputError
 from whiptool.models.numbers import number, whole
@@ -88,7 +89,7 @@ class Model:
             InputError: A name is not one of `parameters()`, or a value breaks its rule.
         """
         known = self.parameters()
-        whip: dict[str, float | list[float]] = {}
+        whip: dict[str, Any] = {}
         arm: dict[str, float] = {}
         gravity = self.gravity
         for name, value in changes.items():
@@ -103,7 +104,7 @@ class Model:
                 gravity = value
         return dataclasses.replace(
             self,
-            whip=dataclasses.replace(self.whip, **whip),  # type: ignore[arg-type]
+            whip=dataclasses.replace(self.whip, **whip),
             arm=self.arm.with_parameters(arm),
             gravity=gravity,
         )

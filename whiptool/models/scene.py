@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-import coal  # pyright: ignore[reportMissingImports]  # built outside site-packages
+import coal
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]
+import pinocchio as pin
 
 from whiptool.models.capsules import Capsule
 from whiptool.models.kinematics import arm_frames, joint_points, whip_motion

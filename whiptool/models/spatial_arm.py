@@ -90,7 +90,7 @@ def kept_free(share: object) -> float:
 
 def _or_infinite(name: str, value: object) -> float:
     infinite = isinstance(value, (float, np.floating)) and math.isinf(value)
-    return float(value) if infinite else number(name, value)  # type: ignore[arg-type]
+    return float(value) if infinite else number(name, value)
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,6 @@ class SpatialArm:
     base: tuple[Capsule, ...] = ()
     never_touch: tuple[tuple[str, str], ...] = ()
 
-    SCALARS: ClassVar = ("mass", "friction", "armature")
     dimension: ClassVar = 3
 
     def __post_init__(self) -> None:
@@ -278,19 +277,23 @@ class SpatialArm:
         """Return a copy with some of `parameters()` changed."""
         known = self.parameters() | dict(changes)
 
-        def row(name: str, parts: tuple[str, ...]) -> tuple[float, ...]:
-            return tuple(known[f"{name}.{part}"] for part in parts)
+        def vector(name: str) -> Vector:
+            x, y, z = (known[f"{name}.{part}"] for part in XYZ)
+            return x, y, z
 
         links = tuple(
             dataclasses.replace(
                 link,
-                **{name: known[f"{name}[{i}]"] for name in self.SCALARS},
-                **{name: row(f"{name}[{i}]", XYZ) for name in ("com", "position")},  # type: ignore[arg-type]
-                inertia=row(f"inertia[{i}]", MOMENTS),
+                mass=known[f"mass[{i}]"],
+                com=vector(f"com[{i}]"),
+                inertia=tuple(known[f"inertia[{i}].{part}"] for part in MOMENTS),
+                position=vector(f"position[{i}]"),
+                friction=known[f"friction[{i}]"],
+                armature=known[f"armature[{i}]"],
             )
             for i, link in enumerate(self.links)
         )
-        return dataclasses.replace(self, links=links, hand_position=row("hand_position", XYZ))  # type: ignore[arg-type]
+        return dataclasses.replace(self, links=links, hand_position=vector("hand_position"))
 
 
 def _checked_pairs(given: object, joints: tuple[str, ...]) -> tuple[tuple[str, str], ...]:

@@ -117,7 +117,7 @@ def _movable(joints: Any) -> list[str]:
 
 def _arm(text: str, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialArm:
     """The arm that Pinocchio reads, all joints but the movers locked."""
-    import pinocchio as pin  # pyright: ignore[reportMissingImports]  # built outside site-packages
+    import pinocchio as pin
 
     try:
         with quiet():
@@ -146,7 +146,7 @@ def _arm(text: str, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialAr
 
 def _shapes(model: Any, text: str) -> Any:
     """Return the simple collision shapes of a robot, as Pinocchio reads them."""
-    import pinocchio as pin  # pyright: ignore[reportMissingImports]
+    import pinocchio as pin
 
     robot = ET.fromstring(text)
     for link in robot.findall("link"):
@@ -163,7 +163,7 @@ def _shapes(model: Any, text: str) -> Any:
 
 def _capsule(shape: Any) -> Capsule:
     """Return the capsule that holds a simple shape, in its joint's frame."""
-    import coal  # pyright: ignore[reportMissingImports]
+    import coal
 
     R, p, kind = shape.placement.rotation, shape.placement.translation, shape.geometry
     if isinstance(kind, coal.Box):
@@ -183,7 +183,7 @@ def _check_masses(model: Any, shaped: set[str]) -> None:
     Raises:
         InputError: There is such a joint.
     """
-    import pinocchio as pin  # pyright: ignore[reportMissingImports]
+    import pinocchio as pin
 
     beyond = 0.0
     for i in reversed(range(1, model.njoints)):
@@ -211,10 +211,10 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
     I = body.inertia
     return SpatialLink(
         mass=float(body.mass),
-        com=tuple(body.lever.tolist()) if body.mass else (0.0, 0.0, 0.0),  # type: ignore[arg-type]
+        com=tuple(body.lever.tolist()) if body.mass else (0.0, 0.0, 0.0),
         inertia=tuple(I[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist()),
-        axis=tuple((slide if prismatic else turn).tolist()),  # type: ignore[arg-type]
-        position=tuple(place.translation.tolist()),  # type: ignore[arg-type]
+        axis=tuple((slide if prismatic else turn).tolist()),
+        position=tuple(place.translation.tolist()),
         rotation=_rows(place.rotation),
         kind="prismatic" if prismatic else "revolute",
         friction=float(model.damping[v]),

@@ -79,8 +79,8 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
         pop_size=s.population,
         sampling=FloatRandomSampling(),
         selection=TournamentSelection(func_comp=fittest, pressure=s.tournament),
-        crossover=SBX(prob=s.crossover, eta=s.crossover_eta),  # type: ignore[arg-type]
-        mutation=PM(prob=1.0, prob_var=s.mutation, eta=s.mutation_eta),  # type: ignore[arg-type]
+        crossover=SBX(prob=s.crossover, eta=s.crossover_eta),
+        mutation=PM(prob=1.0, prob_var=s.mutation, eta=s.mutation_eta),
     )
     # pymoo takes seed 0 for the time of day
     algorithm.setup(

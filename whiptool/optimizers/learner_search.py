@@ -44,7 +44,7 @@ def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
         settings = settings_for(learner, updates=UPDATES)
     lower, upper = objective.bounds.box
     generator = torch.Generator().manual_seed(seed)
-    policy = LEARNERS[learner](settings, n_obs=1, n_act=len(lower), discount=0.0, generator=generator)  # type: ignore[arg-type]
+    policy = LEARNERS[learner](settings, n_obs=1, n_act=len(lower), discount=0.0, generator=generator)
     obs, over = torch.zeros(BATCH, 1), torch.ones(BATCH)
     number = 0
     while True:

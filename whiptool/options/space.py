@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, cast
 
 import numpy as np
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.impedance.hand import HandControl
     from whiptool.models.parameters import Model
+    from whiptool.options.scene import ModelOptions
 
 _GAINS = ("stiffness", "damping", "turn_stiffness", "turn_damping")
 Matrix = tuple[tuple[float, ...], ...]
@@ -109,7 +110,7 @@ class SpaceOptions(SimulatedControllerOptions):
         return ConstantImpedance(K, _with_blocks(usual.B, d, self.damping, self.turn_damping))
 
     def _model(self) -> Model:
-        return self.build_model()  # type: ignore[attr-defined]  # every command with a space has a model
+        return cast("ModelOptions", self).build_model()  # every command with a space has a model
 
 
 def _with_blocks(usual: Matrix, d: int, of_place: float | None, of_turn: float | None) -> Matrix:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -97,7 +98,7 @@ def check_labels(recording: StrikeRecording) -> Labels:
 def put_back(recording: StrikeRecording, labels: Labels) -> StrikeRecording:
     """Return the recording with exchanged labels put back, and without the points that swallowed or were swallowed."""
     told = ("sigma", "t_points", *(() if recording.depth is None else ("depth", "depth_sigma")))
-    columns = {name: np.take_along_axis(getattr(recording, name), labels.order, axis=1) for name in told}
+    columns: dict[str, Any] = {x: np.take_along_axis(getattr(recording, x), labels.order, axis=1) for x in told}
     points = np.take_along_axis(recording.points, labels.order[..., None], axis=1)
     for found in labels.swallowed:
         during = (recording.t >= found.start) & (recording.t <= found.end)

@@ -152,7 +152,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
             del info["hit_time"]
         return _float32(step.obs)[0], float(step.reward[0]), bool(step.hit[0]), bool(step.truncated[0]), info
 
-    def render(self) -> np.ndarray | None:  # type: ignore[override]
+    def render(self) -> np.ndarray | None:
         """The last strike, or the whip at rest before the first; (480, 640, 3) of uint8."""
         if self.render_mode is None:
             return None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 from whiptool.errors import InputError
 from whiptool.models.numbers import LARGEST
@@ -132,7 +133,7 @@ SETTINGS: dict[str, type[Settings]] = {
 }
 
 
-def settings_for(method: str, **changes: object) -> Settings:
+def settings_for(method: str, **changes: Any) -> Settings:
     """The settings of a learner, with changes by name.
 
     Raises:
@@ -144,4 +145,4 @@ def settings_for(method: str, **changes: object) -> Settings:
     for name in changes:
         if name not in names:
             raise InputError(f"setting of {method}", name, ", ".join(names))
-    return SETTINGS[method](**changes)  # type: ignore[arg-type]
+    return SETTINGS[method](**changes)

@@ -88,7 +88,7 @@ def make_learner(method: str, settings: Settings, task: StrikeTask, generator: t
     if method not in LEARNERS:
         raise InputError("learner", method, ", ".join(LEARNERS))
     return LEARNERS[method](
-        settings,  # type: ignore[arg-type]
+        settings,
         n_obs=task.n_obs,
         n_act=task.n_act,
         discount=settings.discount_for(task.observation),

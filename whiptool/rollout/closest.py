@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.interpolate import PPoly
@@ -72,4 +72,4 @@ def closest_on_curve(curve: PPoly, place: np.ndarray, *, samples: int) -> float:
     before, after = t[max(nearest - 1, 0)], t[min(nearest + 1, len(t) - 1)]
     if not slope(before) < 0 < slope(after):  # nearest at an end of the curve
         return float(t[nearest])
-    return float(brentq(slope, before, after, xtol=1e-14))  # pyright: ignore[reportArgumentType]
+    return cast(float, brentq(slope, before, after, xtol=1e-14))

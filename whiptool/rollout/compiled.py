@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -366,11 +365,11 @@ class CompiledRollout(Rollout):
         none = np.zeros((1, sum(self.structure.strike_layout.values())))
         base = self.structure.pack(self.model, self.controller, none)[0]
         for row, name in zip(rows, names, strict=True):
-            block, index = re.match(r"([\w.]+)(?:\[(\d+)\])?", name).groups()  # type: ignore[union-attr]
             if name in of_strike:
                 if isinstance(self.space, JointSpace):  # else it is not the same for all strikes
                     row[of_strike.index(name)] = 1
             elif name in of_controller:
+                block, _, index = name.rstrip("]").partition("[")
                 row[self.structure.columns(block).start + int(index or 0)] = 1
             elif name in of_model and Structure.of(self.model, self.controller, free=[name]) in self.structure:
                 if self.structure.arm is not None and name.startswith("arm."):

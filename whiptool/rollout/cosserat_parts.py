@@ -3,16 +3,13 @@
 Imported where PyElastica is needed; see `whiptool.rollout.cosserat`.
 """
 
-# PyElastica does not mark what it exports, and its mixins differ in argument names
-# pyright: reportPrivateImportUsage=false, reportIncompatibleMethodOverride=false
-
 from __future__ import annotations
 
 from typing import Any
 
-import elastica as ea  # pyright: ignore[reportMissingImports]  # of the extra `oracle`
+import elastica as ea  # of the extra `oracle`
 import numpy as np
-from numba import njit  # pyright: ignore[reportMissingImports]
+from numba import njit
 
 
 class Bench(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):
@@ -66,7 +63,7 @@ class BendingDamper(ea.DamperBase):
         _dampen(system.director_collection, system.omega_collection, self.inertia, self.beside, self.diagonal)
 
 
-@njit(cache=True)  # type: ignore
+@njit(cache=True)
 def _dampen(
     directors: np.ndarray, omega: np.ndarray, inertia: np.ndarray, beside: np.ndarray, diagonal: np.ndarray
 ) -> None:

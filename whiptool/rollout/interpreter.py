@@ -153,8 +153,11 @@ class _History:
         L, self.steps, step = len(which), batch.steps[which], system.step
         T = count * -(-(int(self.steps.max()) + 1) // count)
         given = [(batch.x0, batch.p, batch.h, batch.h_last, batch.u, batch.u_row)]
-        if batch.forward:
-            given.append((batch.dx0, batch.dp, batch.dh, batch.dh_last, batch.du, batch.du_row))  # type: ignore[arg-type]
+        if batch.dp is not None:
+            assert batch.dx0 is not None
+            assert batch.dh is not None
+            assert batch.dh_last is not None
+            given.append((batch.dx0, batch.dp, batch.dh, batch.dh_last, batch.du, batch.du_row))
         self.t, self.h, self.x, self.u, self.p, self.tip, self.tau, self.seen = ([] for _ in range(8))
         for x0, p, h, h_last, u, u_row in given:
             t, steps = _times(T, self.steps, h[which], h_last[which])
@@ -264,12 +267,13 @@ def several(step: ca.Function, L: int, count: int, *, forward: bool, observed: b
 def _call(function: ca.Function, inputs: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
     """Evaluate a function on arrays, whose last axis is its rows, in place."""
     buffer, evaluate = function.buffer()
+    # CasADi's types ask for a size, which a memory view brings along
     for i, array in enumerate(inputs):
         if function.numel_in(i):
-            buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
+            buffer.set_arg(i, array.data)  # pyrefly: ignore[missing-argument]
     for i, array in enumerate(outputs):
         if function.numel_out(i):
-            buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
+            buffer.set_res(i, array.data)  # pyrefly: ignore[missing-argument]
     evaluate()
 
 

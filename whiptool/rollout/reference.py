@@ -308,5 +308,5 @@ def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:
         mujoco.mj_forward(mj, data)
         M = np.empty((model.n, model.n))
         mujoco.mj_fullM(mj, data, M)
-        fastest = max(fastest, eigh(np.diag(damping), M, eigvals_only=True)[-1])
+        fastest = max(fastest, np.asarray(eigh(np.diag(damping), M, eigvals_only=True))[-1])
     return 2.0 / fastest

@@ -141,7 +141,8 @@ class Trajectory:
     def since(self, begin: float) -> Trajectory:
         """Return the part from a time on [s]; its times are measured from there."""
         part = {f.name: getattr(self, f.name)[self.t >= begin] for f in fields(self) if f.name != "diverged"}
-        return Trajectory(**{**part, "t": part["t"] - begin, "diverged": self.diverged})
+        part["t"] = part["t"] - begin
+        return Trajectory(**part, diverged=self.diverged)
 
     def save(self, path: Path) -> None:
         """Write an NPZ file, without pickle."""
@@ -152,8 +153,9 @@ class Trajectory:
     def load(cls, path: Path) -> Trajectory:
         """Read what `save` wrote."""
         with np.load(path, allow_pickle=False) as data:
-            arrays = {f.name: data[f.name] for f in fields(cls)}
-        return cls(**{**arrays, "diverged": bool(arrays["diverged"])})
+            arrays: dict[str, Any] = {f.name: data[f.name] for f in fields(cls)}
+        arrays["diverged"] = bool(arrays["diverged"])
+        return cls(**arrays)
 
 
 def complete_trajectory(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,8 @@ class Front:
     def goals(self, goals: Goals, angles: np.ndarray) -> Goals:
         """Return goals of B strikes, turned to the left by angles (B,) [rad]."""
         several = {name: getattr(goals, name) for name in ("positions", "directions", "sights")}
-        return replace(goals, **{name: self.vectors(x, angles) for name, x in several.items() if x is not None})
+        turned: dict[str, Any] = {name: self.vectors(x, angles) for name, x in several.items() if x is not None}
+        return replace(goals, **turned)
 
     def answers(self, answers: Answers, angles: np.ndarray) -> Answers:
         """Return K answers, turned to the left by angles (K,) [rad]."""

@@ -106,18 +106,17 @@ class StrikeTrack:
 
         if "target" not in known and self.target_position is not None:
             known["target"] = tuple(self.target_position.tolist())
-        return StrikeRecording(
-            **{
-                "t": self.tip.t,
-                "points": self.tip.points[:, None],
-                "markers": ("tip",),
-                "sigma": self.tip.sigma[:, None],
-                "t_points": self.tip.t_points[:, None],
-                "exposure": self.settings.exposure,
-                "camera": self.settings.name,
-                **known,
-            }
-        )
+        fields: dict[str, Any] = {
+            "t": self.tip.t,
+            "points": self.tip.points[:, None],
+            "markers": ("tip",),
+            "sigma": self.tip.sigma[:, None],
+            "t_points": self.tip.t_points[:, None],
+            "exposure": self.settings.exposure,
+            "camera": self.settings.name,
+            **known,
+        }
+        return StrikeRecording(**fields)
 
 
 class Tracker:

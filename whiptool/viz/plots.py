@@ -408,5 +408,6 @@ def _time_axis(ax: Axes, trajectory: Trajectory) -> None:
             va="top",
             color="0.35",
         )
-    if ax.get_subplotspec() is None or ax.get_subplotspec().is_last_row():  # type: ignore[union-attr]
+    spec = ax.get_subplotspec()
+    if spec is None or spec.is_last_row():
         ax.set_xlabel("time [s]")

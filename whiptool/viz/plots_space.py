@@ -191,10 +191,10 @@ def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray, *, zoom: f
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set_proj_type("persp", focal_length=0.8)
     ax.view_init(elev=ELEVATION, azim=AZIMUTH)
-    ax.set_box_aspect(tuple(high - low), zoom=zoom)  # type: ignore[arg-type]
+    ax.set_box_aspect(tuple(high - low), zoom=zoom)
     ax.set(xlabel=AXES[0], ylabel=AXES[1], zlabel=AXES[2])
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
-        axis.set_pane_color((0.97, 0.97, 0.98, 1.0))
+        axis.set_pane_color((0.97, 0.97, 0.98, 1.0))  # pyrefly: ignore[missing-attribute]  # typed as in the plane
 
 
 def plot_in_space(trajectory: Trajectory, model: Model, target: Target | Sequence[float], ax: Axes) -> Axes:

@@ -101,7 +101,7 @@ def _encode(
     writer = imageio_ffmpeg.write_frames(
         path,
         film.size,
-        fps=fps,  # type: ignore[arg-type]
+        fps=fps,
         codec="libx264",
         quality=7,
         macro_block_size=1,

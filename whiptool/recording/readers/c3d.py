@@ -130,7 +130,8 @@ def parse(path: str) -> dict[str, np.ndarray]:
 
     points = np.moveaxis(file["data"]["points"][:3], 0, 2).swapaxes(0, 1)  # (3, M, T) -> (T, M, 3)
     residuals = file["data"]["meta_points"]["residuals"][0].T  # (T, M)
-    parts = [name for name in sorted(group, key=len) if re.fullmatch(r"LABELS\d*", name)]  # 255 labels in each
+    names: list[str] = sorted(group, key=len)
+    parts = [name for name in names if re.fullmatch(r"LABELS\d*", name)]  # 255 labels in each
     labels = [str(x) for name in parts for x in group[name]["value"]]
     if points.size == 0 or len(labels) < points.shape[1]:
         raise InputError(

@@ -133,18 +133,17 @@ def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> Str
         axes = [axis for axis in AXES if axis in columns[markers[0]]]
         unit, default = UNITS[side.word("units", UNITS, "m")], side.number("sigma", 1e-3, low=1e-9, high=1.0)
         sigma = [pick(m, "sigma") * unit if "sigma" in columns[m] else np.full(len(table), default) for m in markers]
-        return StrikeRecording(
-            **{
-                "t": data.t - side.start,
-                "points": side.metres(np.stack([np.stack([pick(m, axis) for axis in axes], 1) for m in markers], 1)),
-                "markers": tuple(markers),
-                "sigma": np.stack(sigma, 1),
-                "source": f"{folder}, episode {episode}",
-                "sha256": sha256(data.files),
-                **_joints(data, side),
-                **side.fields(),
-            }
-        )
+        known: dict[str, Any] = {
+            "t": data.t - side.start,
+            "points": side.metres(np.stack([np.stack([pick(m, axis) for axis in axes], 1) for m in markers], 1)),
+            "markers": tuple(markers),
+            "sigma": np.stack(sigma, 1),
+            "source": f"{folder}, episode {episode}",
+            "sha256": sha256(data.files),
+            **_joints(data, side),
+            **side.fields(),
+        }
+        return StrikeRecording(**known)
 
 
 def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int = 0, **options: Any) -> VideoSource:
@@ -171,7 +170,7 @@ def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int
     count = len(data.t)
     stream = video_frames(path)
     image = next(stream, None)
-    stream.close()  # type: ignore[attr-defined]  # a generator
+    stream.close()
     if image is None:
         raise InputError(str(path), "no image that can be decoded", "a whole video file")
     given = side.table if side.table.keys() & {"timestamps", "fps"} else {**side.table, "timestamps": data.t.tolist()}

@@ -91,17 +91,16 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
         names = side.names("markers") or [str(x).strip() for x in data.get("markers", np.array("tip")).ravel()]
         if len(names) != n:
             raise InputError("markers", list(names), f"{n} names, one per marker")
-        return StrikeRecording(
-            **{
-                "t": t,
-                "points": side.metres(points, units),
-                "markers": tuple(names),
-                "source": str(path),
-                "sha256": sha256(path),
-                **fields,
-                **side.fields(),
-            }
-        )
+        known: dict[str, Any] = {
+            "t": t,
+            "points": side.metres(points, units),
+            "markers": tuple(names),
+            "source": str(path),
+            "sha256": sha256(path),
+            **fields,
+            **side.fields(),
+        }
+        return StrikeRecording(**known)
 
 
 def _one_struct(flat: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -60,7 +60,7 @@ def main() -> NoReturn:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     buffer = io.BytesIO()
     try:
-        np.savez(buffer, allow_pickle=False, **parse(path))  # type: ignore[arg-type]
+        np.savez(buffer, allow_pickle=False, **parse(path))
     except InputError as error:
         given = error.given if isinstance(error.given, (int, float, str, type(None))) else str(error.given)
         print(json.dumps([error.name, given, error.allowed, error.fix]), file=sys.stderr)

@@ -23,7 +23,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -92,7 +92,7 @@ class VideoSource:
         return self.times[frame] + self.readout * np.asarray(v) / max(self.shape[0] - 1, 1)
 
 
-def video_frames(path: Path | str) -> Iterator[np.ndarray]:
+def video_frames(path: Path | str) -> Generator[np.ndarray, None, None]:
     """The images of a video file, (H, W, 3) uint8, BGR.
 
     Raises:

@@ -99,7 +99,9 @@ def port_class() -> type[Any]:
         InputError: The SDK is not installed.
     """
 
-    class Port(sdk().PortHandler):
+    usual: Any = sdk().PortHandler
+
+    class Port(usual):
         def getCurrentTime(self) -> float:
             return time.monotonic() * 1e3
 
@@ -171,7 +173,9 @@ def make_handler() -> Any:
     list as it was.
     """
 
-    class Handler(sdk().Protocol2PacketHandler):
+    usual: Any = sdk().Protocol2PacketHandler
+
+    class Handler(usual):
         def addStuffing(self, packet: list[int]) -> list[int]:
             body = bytes(packet[7:-2]).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
             packet[5:] = [*(len(body) + 2).to_bytes(2, "little"), *body, 0, 0]

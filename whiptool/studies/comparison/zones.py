@@ -69,7 +69,7 @@ def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LAR
     if name == FAST:
         return
     try:
-        disc = Disc(centre, float(name))  # type: ignore[arg-type]
+        disc = Disc(centre, float(name))
     except ValueError:
         raise InputError("zone", name, f"radii > 0 in m, or {FAST}") from None
     try:

@@ -146,7 +146,7 @@ def fit_cascade(
     found = least_squares(
         lambda some: _residuals(seen, [whole(some)])[0],
         x[free],
-        jac=slopes,  # type: ignore[arg-type]  # SciPy's stubs know only words
+        jac=slopes,
         x_scale=_WIDTHS[free],
         max_nfev=steps,
         ftol=1e-4,

@@ -378,12 +378,12 @@ def _goals(
         rows.append([what, f"{'>=' if least else '<='} {goal:g}", *said, "yes" if met else "no"])
 
     def add_scores(family: str, firsts: list[Scores | None], alls: list[Scores | None]) -> None:
-        worse = [x and x.brier - x.brier_constant for x in firsts]
+        worse = [x.brier - x.brier_constant if x else None for x in firsts]
         add(f"{family}: Brier score of first strikes, less that of the best constant forecast", 0.0, *worse)
         for i, level in enumerate((0.5, 0.9)):
-            off = [x and abs(x.within[i] - level) for x in alls]
+            off = [abs(x.within[i] - level) if x else None for x in alls]
             add(f"{family}: share of misses within the predicted {level:.0%}, distance from it", COVERAGE_GOAL, *off)
-        add(f"{family}: misses beyond all samples", BEYOND_GOAL, *(x and x.beyond for x in alls))
+        add(f"{family}: misses beyond all samples", BEYOND_GOAL, *(x.beyond if x else None for x in alls))
 
     for family, (six, wiggled, three, miss) in GOALS.items():
         for method, said in (("adapt", "unseen"), ("still", "filmed as it hangs"), ("wiggle", "after a slow movement")):
@@ -391,10 +391,10 @@ def _goals(
             if tip is None:
                 continue
             what, goal = f"{family}, {said}: ", wiggled if method == "wiggle" else six
-            add(what + "mean trials within 6 cm", goal, tip.trials(0.06).mean(), full and full.trials(0.06).mean())
+            add(what + "mean trials within 6 cm", goal, *(x.trials(0.06).mean() if x else None for x in (tip, full)))
             if method == "wiggle":
                 continue
-            add(what + "mean trials within 3 cm", three, tip.trials(0.03).mean(), full and full.trials(0.03).mean())
+            add(what + "mean trials within 3 cm", three, *(x.trials(0.03).mean() if x else None for x in (tip, full)))
             second = [100 * float(np.median(x.miss[:, 1])) if x else None for x in (tip, full)]
             add(what + "median miss of the second strike [cm]", 100 * miss, *second)
     for family in FAMILIES:

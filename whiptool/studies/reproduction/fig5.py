@@ -53,7 +53,7 @@ def sections(context: Context) -> list[Section]:
         f"({np.mean(scene.zone.box, axis=0)[0]:g}, {np.mean(scene.zone.box, axis=0)[1]:g}) m from the shoulder. The "
         f"stretched arm and whip reach {scene.model.reach:.3f} m. A target is hit within {scene.radii[0]:g} m (Eq. 17)."
     )
-    parts = [Text(text), Picture(figure, caption)]
+    parts: list[Text | Table | Picture] = [Text(text), Picture(figure, caption)]
     if len(rows) > 1:
         parts.append(Table(rows, "The strikes shown."))
     return [Section("Fig. 5: the targets", parts)]

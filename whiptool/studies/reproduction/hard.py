@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from whiptool.studies.comparison import LearnerUnit, Scene, SearchUnit, collect
 from whiptool.studies.comparison.plan import CHUNK, deterministic
@@ -92,7 +93,7 @@ def map_of(region: Region, scene: Scene) -> Figure:
         )
         ax.plot(0, 0, "+", color=COLORS["black"], markersize=12)
         reach = scene.model.reach
-        ax.add_patch(matplotlib.patches.Circle((0, 0), reach, fill=False, color="0.5", linestyle="--"))
+        ax.add_patch(Circle((0, 0), reach, fill=False, color="0.5", linestyle="--"))
         ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=(-1.1 * reach, 1.1 * reach))
         ax.set_ylim(-1.1 * reach, 1.1 * reach)
         ax.set_title(f"at least {SPEED:g} m/s: {region.size:.2f} m²; dashed: reach {reach:.2f} m", fontsize=11)

@@ -102,7 +102,8 @@ class Study:
     def options(self, **changes: Any) -> Options:
         """Of an adaptation that sees the tip."""
         options = Options(max_strikes=self.strikes, stop_at=FINEST, t_stay=self.scene.t_stay)
-        return replace(options, **self.efforts, **changes)
+        efforts: dict[str, Any] = self.efforts
+        return replace(options, **efforts, **changes)
 
     @property
     def efforts(self) -> dict[str, Effort]:
@@ -338,7 +339,9 @@ class PolicyUnit:
 
 def as_plan(table: Mapping[str, Any]) -> Plan:
     """Return the plan that `OpeningUnit` found."""
-    return Plan(**{**table, "strike": tuple(table["strike"]), "misses": tuple(table["misses"])})
+    found = dict(table)
+    found["strike"], found["misses"] = tuple(table["strike"]), tuple(table["misses"])
+    return Plan(**found)
 
 
 def predictions(strikes: Sequence[Step]) -> dict[str, list]:

@@ -36,9 +36,9 @@ def prepared(study: Study, family: str, seed: int, number: int, **changes: Any) 
         seed=seed,
         max_strikes=study.strikes,
     )
-    unknown = {"family": family, "material": study.material(seed)}
-    adaptation = prepare(replace(options, **{**unknown, **changes}))
-    efforts = {name: replace(effort, pool=_SLOW_POOL) for name, effort in study.efforts.items()}
+    unknown: dict[str, Any] = {"family": family, "material": study.material(seed)}
+    adaptation = prepare(replace(options, **(unknown | changes)))
+    efforts: dict[str, Any] = {name: replace(effort, pool=_SLOW_POOL) for name, effort in study.efforts.items()}
     adaptation.options = replace(adaptation.options, stop_at=FINEST, **efforts)
     return adaptation
 
