@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 
@@ -240,8 +241,7 @@ class Problem:
                 W = np.diag(1 / np.repeat(_START, len(x) // 2))
                 mean = np.zeros(len(x))
             else:
-                assert isinstance(drive, SwingDrive)
-                motion = drive.motion
+                motion = cast(SwingDrive, drive).motion  # only it has other unknowns
                 # each camera of a strike follows the same log on its own: together they know it as well as it is
                 shared = 1 / np.sqrt(predictor.sharing[i])
                 W, mean = shared * motion.rows, shared * motion.mean
