@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -53,13 +52,12 @@ def test_an_error_without_a_number_names_the_file_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("room", [True, False])
 def test_a_film_is_whole_or_not_there(room: bool, tmp_path: Path) -> None:
-    from whiptool.viz import video
+    from whiptool.viz.frames import write_film
 
-    film = SimpleNamespace(size=(64, 64), q=range(5))
     frames = (np.full((64, 64, 3), 40 * i, np.uint8) for i in range(5))
     expected = nullcontext() if room else pytest.raises(OSError, match=r"strike\.mp4: .* the disk may be full")
     with nullcontext() if room else full_disk(100), expected, replacing(tmp_path / "strike.mp4") as unfinished:
-        video._encode(unfinished, film, frames, 25.0, None)  # type: ignore[arg-type]
+        write_film(unfinished, frames, count=5, size=(64, 64), fps=25.0)
     assert [path.name for path in tmp_path.iterdir()] == (["strike.mp4"] if room else [])
 
 

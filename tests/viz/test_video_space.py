@@ -73,7 +73,8 @@ def test_the_animation_moves_arm_whip_and_trail():
     shown = animate(PATH, UR5E, TARGET.position, TARGET.hit_radius, speed=1.0, dpi=40)
     shown._draw_was_started = True  # type: ignore[attr-defined]
     frame = 5
-    arm, whip, tip, trail, *_ = shown._func(frame)  # type: ignore[attr-defined]
+    shown.show(frame)
+    _, trail, whip, arm, tip, _ = shown.moving
     time = frame / 25
     expected = places(UR5E, np.array([np.interp(time, PATH.t, x) for x in PATH.q.T]))
     for line, points in zip((arm, whip, tip), (*expected, expected[1][-1:]), strict=True):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-import imageio_ffmpeg
 import matplotlib
 import numpy as np
 from matplotlib.animation import FuncAnimation
@@ -18,6 +21,7 @@ from whiptool.errors import InputError
 from whiptool.models.parameters import Model
 from whiptool.rollout.trajectory import Trajectory
 from whiptool.target import Target
+from whiptool.viz.frames import drawn_frames, write_film
 from whiptool.viz.plots_space import box_around, plot_ball, set_up_perspective
 from whiptool.viz.posture import arm_and_whip, at_times
 from whiptool.viz.style import COLORS, STYLE
@@ -26,20 +30,30 @@ FPS = 25.0
 
 
 class StrikeAnimation(FuncAnimation):
-    """An animation that a notebook shows as HTML5 video, made by the ffmpeg that comes with imageio-ffmpeg."""
+    """An animation that a notebook shows as HTML5 video, made by the ffmpeg that comes with imageio-ffmpeg.
+
+    Args:
+        figure: What is drawn.
+        moving: The artists that move, in the order in which they are drawn.
+        count: How many frames.
+        show: Called with the number of each frame, puts the artists where they are then.
+    """
+
+    def __init__(self, figure: Figure, moving: Sequence[Artist], count: int, show: Callable[[int], None]) -> None:
+        super().__init__(figure, show, frames=count, init_func=lambda: (), interval=1e3 / FPS, blit=False)
+        self.figure, self.moving, self.count, self.show = figure, moving, count, show
 
     def to_html(self) -> str:
         """Return the film as an HTML element with embedded H.264 video."""
-        with matplotlib.rc_context(
-            {
-                "animation.ffmpeg_path": imageio_ffmpeg.get_ffmpeg_exe(),
-                "animation.writer": "ffmpeg",
-                "animation.codec": "h264",
-                "savefig.bbox": None,  # frames of one size,
-                "savefig.dpi": "figure",  # the one that was asked for
-            }
-        ):
-            return self.to_html5_video(embed_limit=20)
+        width, height = (int(x) for x in self.figure.bbox.size)
+        frames = drawn_frames(self.figure, self.moving, self.count, self.show)
+        self._draw_was_started = True  # or matplotlib warns of an animation that was never drawn
+        with TemporaryDirectory() as folder:
+            film = Path(folder) / "film.mp4"
+            write_film(film, frames, count=self.count, size=(width, height), fps=FPS)
+            data = base64.b64encode(film.read_bytes()).decode()
+        source = f'<source type="video/mp4" src="data:video/mp4;base64,{data}">'
+        return f'<video width="{width}" height="{height}" controls autoplay loop>{source}</video>'
 
     def __repr__(self) -> str:
         return "StrikeAnimation"
@@ -100,7 +114,7 @@ def animate(
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # laid out once, not in every frame
 
-        def draw(frame: Any) -> tuple[Artist, ...]:
+        def show(frame: int) -> None:
             now = times[frame]
             for line, places in ((arm, arms[frame]), (whip, whips[frame]), (tip, whips[frame, -1:])):
                 _put(line, places)
@@ -108,9 +122,8 @@ def animate(
             zone.set_color(COLORS["green"] if hit and now >= near.time[0] else COLORS["orange"])
             fast = np.linalg.norm(tip_velocity[frame])
             title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time)")
-            return arm, whip, tip, trail, zone, title
 
-        return StrikeAnimation(figure, draw, frames=len(times), init_func=lambda: (), interval=1e3 / FPS, blit=False)
+        return StrikeAnimation(figure, (zone, trail, whip, arm, tip, title), len(times), show)
 
 
 def _nothing(model: Model) -> list[list[float]]:

@@ -8,10 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-import imageio_ffmpeg
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -26,6 +24,7 @@ from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target, as_target
 from whiptool.viz.camera import Camera
 from whiptool.viz.film import MAX_SEGMENTS, Film, film_of
+from whiptool.viz.frames import drawn_frames, write_film
 from whiptool.viz.opengl import add_bar, add_rod, gl_context
 from whiptool.viz.posture import arm_and_whip
 from whiptool.viz.style import COLORS
@@ -82,48 +81,8 @@ def render_video(
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as unfinished:
-        _encode(unfinished, film, frames, fps, progress)
+        write_film(unfinished, frames, count=len(film.q), size=film.size, fps=fps, progress=progress)
     return used
-
-
-def _encode(
-    path: Path,
-    film: Film,
-    frames: Iterator[np.ndarray],
-    fps: float,
-    progress: Callable[[int, int], None] | None,
-) -> None:
-    """Write frames as a film.
-
-    Raises:
-        OSError: It cannot be written.
-    """
-    writer = imageio_ffmpeg.write_frames(
-        path,
-        film.size,
-        fps=fps,
-        codec="libx264",
-        quality=7,
-        macro_block_size=1,
-        ffmpeg_log_level="error",
-        output_params=["-preset", "veryfast", "-movflags", "+faststart"],
-    )
-    writer.send(None)
-    try:
-        for i, frame in enumerate(frames):
-            writer.send(frame)
-            if progress is not None:
-                progress(i + 1, len(film.q))
-    except OSError:
-        raise OSError("ffmpeg ended before the last frame; the disk may be full") from None
-    finally:
-        writer.close()
-    try:
-        written, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
-    except RuntimeError:  # no film at all
-        written = 0
-    if written != len(film.q):
-        raise OSError(f"ffmpeg wrote {written} of {len(film.q)} frames; the disk may be full")
 
 
 def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
@@ -207,10 +166,9 @@ def _camera(mj: mujoco.MjModel, film: Film, target: Target) -> Camera:
 
 
 def _matplotlib_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
-    """Frames (height, width, 3) of uint8; only what moves is drawn anew."""
+    """Frames (height, width, 3) of uint8."""
     size, dpi = np.array(film.size), film.type_size / 5.4
     figure = Figure(figsize=((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi), dpi=dpi)  # matplotlib truncates to pixels
-    canvas = FigureCanvasAgg(figure)
     ax = figure.add_axes((0, 0, 1, 1))
     ax.set_axis_off()
     flat = film.model.dimension == 2
@@ -224,24 +182,19 @@ def _matplotlib_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
     tip = Line2D([], [], color=COLORS["vermilion"], marker="o", markersize=9, markeredgewidth=0)
     words = [figure.text(x, y, word, color=_TEXT, fontsize=11) for x, y, word in film.text(0)]
     moving = [ax.add_patch(zone), ax.add_collection(trail, autolim=False), *map(ax.add_line, (whip, arm, tip)), *words]
-    for artist in moving:
-        artist.set_animated(True)
-    canvas.draw()
-    background = canvas.copy_from_bbox(figure.bbox)
     hand = film.model.arm.n if flat else film.model.arm.n + 1  # in space the base comes first
-    for i, p in enumerate(points):
-        arm.set_data(*p[: hand + 1].T)
-        whip.set_data(*p[hand:].T)
-        tip.set_data(*p[-1:].T)
+
+    def show(i: int) -> None:
+        arm.set_data(*points[i][: hand + 1].T)
+        whip.set_data(*points[i][hand:].T)
+        tip.set_data(*points[i][-1:].T)
         trail.set(segments=trails[: film.shown[i]], colors=film.trail_rgb[: film.shown[i]])
         if film.hit[i]:
             zone.set_color(_HIT)
         for artist, (*_, word) in zip(words, film.text(i), strict=True):
             artist.set_text(word)
-        canvas.restore_region(background)
-        for artist in moving:
-            figure.draw_artist(artist)
-        yield np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+    return drawn_frames(figure, moving, len(points), show)
 
 
 _Drawn: TypeAlias = tuple[

@@ -1,0 +1,85 @@
+"""Frames of a film: matplotlib draws them, ffmpeg encodes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+
+def drawn_frames(
+    figure: Figure, moving: Sequence[Artist], count: int, show: Callable[[int], None]
+) -> Iterator[np.ndarray]:
+    """Yield frames (height, width, 3) of uint8; only what moves is drawn anew, the rest once.
+
+    Args:
+        figure: What is drawn; what moves is drawn above all else.
+        moving: The artists that move, in the order in which they are drawn.
+        count: How many frames.
+        show: Called with the number of each frame, puts the artists where they are then.
+    """
+    canvas = FigureCanvasAgg(figure)
+    for artist in moving:
+        artist.set_animated(True)
+    canvas.draw()
+    background = canvas.copy_from_bbox(figure.bbox)
+    for i in range(count):
+        show(i)
+        canvas.restore_region(background)
+        for artist in moving:
+            figure.draw_artist(artist)
+        yield np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+
+def write_film(
+    path: Path,
+    frames: Iterable[np.ndarray],
+    *,
+    count: int,
+    size: tuple[int, int],
+    fps: float,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write frames (height, width, 3) of uint8 as an H.264 film.
+
+    Args:
+        path: MP4 file to write.
+        frames, count: What the film shows, and how many there are.
+        size: Width and height [pixels], both even.
+        fps: Frames per second.
+        progress: Called as `progress(frames done, frames in all)` after each frame.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    writer = imageio_ffmpeg.write_frames(
+        path,
+        size,
+        fps=fps,
+        codec="libx264",
+        quality=7,
+        macro_block_size=1,
+        ffmpeg_log_level="error",
+        output_params=["-preset", "veryfast", "-movflags", "+faststart"],
+    )
+    writer.send(None)
+    try:
+        for i, frame in enumerate(frames):
+            writer.send(frame)
+            if progress is not None:
+                progress(i + 1, count)
+    except OSError:
+        raise OSError("ffmpeg ended before the last frame; the disk may be full") from None
+    finally:
+        writer.close()
+    try:
+        written, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+    except RuntimeError:  # no film at all
+        written = 0
+    if written != count:
+        raise OSError(f"ffmpeg wrote {written} of {count} frames; the disk may be full")
