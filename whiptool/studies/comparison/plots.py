@@ -93,7 +93,8 @@ def plot_ecdf(ax: Axes, series: Sequence[Series], *, cap: int | None = None, tit
             linestyle="-" if one.learned else (0, (4, 1.5)),
             label=NAMES.get(one.method, one.method),
         )
-    ax.set(xscale="log", xlim=(1, largest), ylim=(0, 102), xlabel="trials", ylabel="targets hit [%]", title=title)
+    ax.set(xscale="log", ylim=(0, 102), xlabel="trials", ylabel="targets hit [%]", title=title)
+    ax.set_xlim(1, max(largest, 2))
     ax.xaxis.set_major_formatter("{x:g}")
     return ax
 
