@@ -101,7 +101,7 @@ def rollout_of(arm: str, whip: str, damped: bool, joints: str, N: int) -> Compil
     base, inertia = preset(arm), 0.0
     if joints == "universal" and damped:  # the preset's, shared out among N
         inertia = float(base.whip.per_node("node_inertia").sum()) / N
-    lumped = profile(arm, whip, damped).lump(N, joints=joints, node_inertia=inertia)  # type: ignore[arg-type]
+    lumped = profile(arm, whip, damped).lump(N, joints=joints, node_inertia=inertia)
     controller = Controller() if arm == "lemon2024" else Controller(constant_preset(arm))
     return CompiledRollout(replace(base, whip=lumped), controller, timestep=TIMESTEP)
 

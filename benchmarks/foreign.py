@@ -21,7 +21,7 @@ from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.prior import default_prior
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-from foreign_whip import ForeignPort, ForeignWhip  # type: ignore[import-not-found]
+from foreign_whip import ForeignPort, ForeignWhip
 
 STRIKES = 2
 CLEAR = 0.065  # [m] of miss, beyond which a claimed hit is a wrong one

@@ -84,7 +84,7 @@ def theirs(seed: int) -> Extend:
         learning_starts=RANDOM_EPISODES * TRIALS,
         batch_size=256,
         gamma=0.0,
-        ent_coef=0.2,  # type: ignore[arg-type]
+        ent_coef=0.2,
         policy_kwargs={"net_arch": [256, 256]},
         seed=seed,
         device="cpu",
@@ -92,7 +92,7 @@ def theirs(seed: int) -> Extend:
 
     def extend(strikes: int) -> Learner:
         algorithm.learn(strikes, reset_num_timesteps=False)
-        return Guest(algorithm)  # type: ignore[return-value]
+        return Guest(algorithm)
 
     return extend
 

@@ -145,7 +145,7 @@ def chebyshev(criteria: Sequence[Criterion], front: np.ndarray) -> Callable:
 
             one = SimpleNamespace(bounds=objective.bounds, admissible=objective.admissible, batch=batch)
             try:
-                cmaes_search(one, seed=seed + k)  # type: ignore[arg-type]
+                cmaes_search(one, seed=seed + k)
             except SearchStopped:
                 continue
 

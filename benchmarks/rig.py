@@ -97,7 +97,7 @@ def detection() -> dict[str, float]:
     """Simulated time from each fault to the last current asked for [ms]."""
     at, times = 0.2, {}
     cases = {
-        kind: Fault(kind, at=at, count=10**6, servo=1)  # type: ignore[arg-type]
+        kind: Fault(kind, at=at, count=10**6, servo=1)
         for kind in ("drop", "corrupt", "late", "lose", "unplug", "dead", "hot", "alert", "stuck")
     }
     with Emulator(COARSE) as twin:

@@ -144,7 +144,7 @@ def mujoco_entries(controller: Controller, strikes: np.ndarray, truth: np.ndarra
                 break
     if not loops:
         raise SystemExit("no integrator of MuJoCo reached the bound; extend MUJOCO_STEPS")
-    return (max(entries, key=lambda entry: entry["strikes_per_second"]) for entries in (loops, bare))  # type: ignore[return-value]
+    return (max(entries, key=lambda entry: entry["strikes_per_second"]) for entries in (loops, bare))
 
 
 def mujoco_c(strikes: np.ndarray, integrator: str, timestep: float) -> float:

@@ -63,7 +63,7 @@ def with_whip(model: Model, joints: str, N: int) -> Model:
         inertia = share * float(whip.per_node("node_inertia")[0])
         whip = profile.lump(N, joints="universal", node_inertia=inertia)
     changes = {"joints": joints} | ({"node_inertia": 0.0} if joints == "rod" else {})
-    return replace(model, whip=replace(whip, **changes), name=f"{model.name}, {joints}, N = {N}")  # type: ignore[arg-type]
+    return replace(model, whip=replace(whip, **changes), name=f"{model.name}, {joints}, N = {N}")
 
 
 def strikes_of(name: str, count: int) -> np.ndarray:

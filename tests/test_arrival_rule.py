@@ -101,7 +101,7 @@ def test_targets_that_ask_for_what_the_rule_asks_for_are_taken():
     drawn = ArrivalRule(angle=(math.radians(150), math.radians(210)))
     for place in ((1.0, 0.2), (1.0, 0.2, 0.3)):
         target = Target.arriving(place, math.radians(-160))  # 200 degrees
-        np.testing.assert_allclose(drawn.goal_of(target).directions[0], target.direction, atol=1e-12)  # type: ignore[index]
+        np.testing.assert_allclose(drawn.goal_of(target).directions[0], target.direction, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_rules_in_words_and_as_data():
     )
     assert rule.table() == {
         "direction": None,
-        "arrival_angle": [rule.angle[0], rule.angle[1]],  # type: ignore[index]
+        "arrival_angle": [rule.angle[0], rule.angle[1]],
         "cone": math.radians(15),
         "least_speed": 2.5,
     }

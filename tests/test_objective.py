@@ -49,7 +49,7 @@ class Following(StraightFlight):
 
 
 def objective(rollout=None, target=None, **options) -> Objective:
-    return Objective(rollout or StraightFlight(), target or Target((1.2, 0.0), 0.1), bounds=BOUNDS, **options)  # type: ignore[arg-type]
+    return Objective(rollout or StraightFlight(), target or Target((1.2, 0.0), 0.1), bounds=BOUNDS, **options)
 
 
 class Measured(StraightFlight):

@@ -51,7 +51,7 @@ def step(miss: np.ndarray, when: float = 0.75) -> np.ndarray:
 def corrected(miss: np.ndarray, when: float = 0.75, u: np.ndarray = U, **options) -> np.ndarray:
     given = {"bounds": BOUNDS, "t_stay": 0.3, **options}
     strike = Strike.from_vector(u)
-    return correct(strike, recorded(miss, when), Flight(), TARGET, **given).vector  # type: ignore[arg-type]
+    return correct(strike, recorded(miss, when), Flight(), TARGET, **given).vector
 
 
 @pytest.mark.parametrize("when", [0.5, 0.75])
@@ -96,13 +96,13 @@ def test_frames_without_the_tip_are_left_out():
     holes = StrikeRecording(
         whole.t, np.concatenate([points, points + 9], axis=1)[:, ::-1], ("node1", "tip"), whole.sigma[:1]
     )
-    found = correct(Strike.from_vector(U), holes, Flight(), TARGET, bounds=BOUNDS).vector  # type: ignore[arg-type]
+    found = correct(Strike.from_vector(U), holes, Flight(), TARGET, bounds=BOUNDS).vector
     np.testing.assert_allclose(found, U + WIDTH * step(miss), atol=1e-3)
 
 
 def test_where_the_models_tip_is_lost_the_strike_stays():
     strike = Strike.from_vector(U)
-    found = correct(strike, recorded(np.array([0.1, 0.0])), Flight(gap=True), TARGET, bounds=BOUNDS)  # type: ignore[arg-type]
+    found = correct(strike, recorded(np.array([0.1, 0.0])), Flight(gap=True), TARGET, bounds=BOUNDS)
     assert found == strike
 
 
@@ -136,7 +136,7 @@ def test_the_step_is_that_of_damped_least_squares_wherever_frames_fall(shift):
     """At 22 m/s the tip moves 37 cm from frame to frame: the nearest one may be 18 cm off the path's nearest point."""
     across = np.array([1.0, 2.0]) / np.sqrt(5)
     off = 0.03 * across  # nearest at 0.6 s
-    strike = correct(Strike.from_vector(U), filmed(off, shift=shift), Linear(), TARGET, bounds=BOUNDS)  # type: ignore[arg-type]
+    strike = correct(Strike.from_vector(U), filmed(off, shift=shift), Linear(), TARGET, bounds=BOUNDS)
     np.testing.assert_allclose(strike.vector, expected(off), atol=0.02 * np.abs(expected(off) - U).max())
 
 

@@ -91,11 +91,11 @@ def test_the_table_agrees_with_its_sources():
     assert (3.3 + 1) / 2 <= MATERIALS["steel-chain"].width <= (3.7 + 1) / 2
     assert all(MATERIALS[name].width == 1.0 for name in ("cotton", "leather", "nylon", "silicone"))
     whip = MODEL.whip
-    published = {"linear_density": whip.m / whip.l, "bending_stiffness": whip.k * whip.l}  # type: ignore[operator]
+    published = {"linear_density": whip.m / whip.l, "bending_stiffness": whip.k * whip.l}
     for number, value in published.items():
         i = NUMBERS.index(number)
         assert abs(np.log(value) - leather.centre[i]) < np.abs(leather.spread[i]).sum() + 0.05
-    assert MATERIALS["leather"].relaxation[1] == pytest.approx(whip.b / whip.k, rel=0.06)  # type: ignore[operator]
+    assert MATERIALS["leather"].relaxation[1] == pytest.approx(whip.b / whip.k, rel=0.06)
 
 
 def test_a_measure_narrows_what_depends_on_it():

@@ -58,7 +58,7 @@ def test_a_gap_holds_no_tip():
         (circle(), "StrikeRecording from strike 2.*seen_of"),
         (None, "NoneType from strike 2.*seen_of"),
         (0.03, "float from strike 2.*a Seen"),
-        (Seen("film.npz", 0.1), "str from strike 2.*a StrikeRecording"),  # type: ignore[arg-type]
+        (Seen("film.npz", 0.1), "str from strike 2.*a StrikeRecording"),
         (Seen(dataclasses.replace(circle(), markers=("handle",)), 0.1), "handle.*the tip"),
         (Seen(circle(strike=Strike((0.0, 0.0), (1.0, 1.0), 1.0)), 0.1), "strike of the recording.*which was asked for"),
     ],
@@ -98,7 +98,7 @@ def test_a_bare_recording_is_refused_by_the_loop():
     model, controller = preset("lemon2024"), Controller(oiac_preset("table4"))
     prior = default_prior(model, controller, whip="uniform")
     brief = Effort(pool=4, polished=1, steps=0, whips=2, rounds=0)
-    adaptation = Adaptation(prior, Careless(), Target((1.2, 0.1)), Options(first=brief))  # type: ignore[arg-type]
+    adaptation = Adaptation(prior, Careless(), Target((1.2, 0.1)), Options(first=brief))
     with pytest.raises(InputError, match="seen_of"):
         adaptation.run()
 

@@ -56,7 +56,7 @@ def test_covariance_is_that_of_bayes_rule_with_fewer_readings(prior, variance, w
     """Readings count as many as are independent, with the variance that they show, never a smaller one than stated."""
     J = 3 * np.random.default_rng(0).standard_normal((40, len(prior.z)))
     found = fitted(prior, J, np.zeros(40), variance=variance, whiteness=whiteness)
-    belief = posterior._belief(prior, found, [recorded()], posterior._redundancy(found))  # type: ignore[arg-type]
+    belief = posterior._belief(prior, found, [recorded()], posterior._redundancy(found))
     correlation = max(whiteness, 0)
     worth = (1 - correlation) / (1 + correlation) / max(variance, 1)
     expected = np.linalg.inv(worth * J.T @ J + np.linalg.inv(prior.covariance))
@@ -68,7 +68,7 @@ def test_model_error_grows_with_what_cameras_do_not_explain(prior):
     for size in (0.0, 0.02):
         residuals = np.hypot(NOISE, size) * np.resize([1.0, -1.0], 50)
         found = fitted(prior, np.zeros((50, len(prior.z))), residuals)
-        error = posterior._learned_error(prior.model_error, found, [recorded()], 2.0)  # type: ignore[arg-type]
+        error = posterior._learned_error(prior.model_error, found, [recorded()], 2.0)
         squares = 1.5 * 0.01**2 + 25 * (ELSEWHERE * size) ** 2
         assert error.scale == pytest.approx(np.sqrt(squares / 26.5))
         assert error.freedom == 2.5
@@ -76,13 +76,13 @@ def test_model_error_grows_with_what_cameras_do_not_explain(prior):
 
 def test_residuals_below_the_noise_are_no_negative_error(prior):
     found = fitted(prior, np.zeros((50, len(prior.z))), np.zeros(50))
-    error = posterior._learned_error(prior.model_error, found, [recorded()], 1.0)  # type: ignore[arg-type]
+    error = posterior._learned_error(prior.model_error, found, [recorded()], 1.0)
     assert error.scale == pytest.approx(np.sqrt(1.5 * 0.01**2 / 51.5))
 
 
 def test_a_whip_at_rest_leaves_the_model_error(prior):
     found = fitted(prior, np.zeros((4, len(prior.z))), np.ones(4))
-    assert posterior._learned_error(prior.model_error, found, [recorded(REST)], 1.0) == prior.model_error  # type: ignore[arg-type]
+    assert posterior._learned_error(prior.model_error, found, [recorded(REST)], 1.0) == prior.model_error
 
 
 def test_frames_are_kept_until_shortly_after_the_planned_contact():
@@ -140,7 +140,7 @@ def test_which_recording_does_not_go_with_the_others(prior):
     ):  # fmt: skip
         found = SimpleNamespace(uncertainty=plausible, recordings=[SimpleNamespace(rmse=x) for x in rmse])
         moving = [recorded()] * len(rmse)
-        assert posterior._inconsistent(prior, found, moving) == worst  # type: ignore[arg-type]
+        assert posterior._inconsistent(prior, found, moving) == worst
 
 
 def test_joints_drive_a_robot_in_space_that_logged_them_in_every_recording(prior):
@@ -175,7 +175,7 @@ def test_no_whip_four_standard_errors_from_the_prior_is_plausible(prior):
     for size, allowed in ((3.9, True), (4.1, False)):
         z = prior.z + size * root @ np.ones(len(prior.z))
         found = SimpleNamespace(uncertainty=SimpleNamespace(z=z))
-        assert posterior._plausible(prior, found) is allowed  # type: ignore[arg-type]
+        assert posterior._plausible(prior, found) is allowed
 
 
 def test_two_starts_that_agree_end_the_search_unless_both_are_far_off():
@@ -183,13 +183,13 @@ def test_two_starts_that_agree_end_the_search_unless_both_are_far_off():
         solution = SimpleNamespace(cost=cost)
         return SimpleNamespace(runs=[SimpleNamespace(solution=solution)], recordings=[SimpleNamespace(rmse=rmse)])
 
-    assert posterior._again([end(10.0), end(10.4)])  # type: ignore[list-item]
-    assert not posterior._again([end(10.0), end(10.6)])  # type: ignore[list-item]
-    assert not posterior._again([end(10.6), end(10.0)])  # type: ignore[list-item]
-    assert not posterior._again([end(10.0, 0.021), end(10.0, 0.021)])  # type: ignore[list-item]
-    assert not posterior._again([end(10.0)])  # type: ignore[list-item]
-    assert not posterior._again([end(10.0), None])  # type: ignore[list-item]
-    assert posterior._again([None, end(50.0), end(10.0), end(10.1)])  # type: ignore[list-item]
+    assert posterior._again([end(10.0), end(10.4)])
+    assert not posterior._again([end(10.0), end(10.6)])
+    assert not posterior._again([end(10.6), end(10.0)])
+    assert not posterior._again([end(10.0, 0.021), end(10.0, 0.021)])
+    assert not posterior._again([end(10.0)])
+    assert not posterior._again([end(10.0), None])
+    assert posterior._again([None, end(50.0), end(10.0), end(10.1)])
 
 
 def captured(

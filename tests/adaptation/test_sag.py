@@ -66,7 +66,7 @@ def heavier(law, q_i: np.ndarray, extra: tuple[float, float]) -> np.ndarray:
 def test_sag_in_one_posture_tells_that_in_others(law):
     extra, look = (0.5, -1.2) if isinstance(law, ConstantImpedance) else (0.05, -0.12), np.array([-0.9, 1.4])
     seen = measured(RESTING, heavier(law, look, extra))
-    assert np.abs(seen.sag).min() > 0  # type: ignore[arg-type]
+    assert np.abs(seen.sag).min() > 0
     others = np.array([[-1.4, 0.6], [-0.5, 2.5], [-1.0, 0.2]])
     told = expected_sag(law, [None, measured(RESTING, SAG, joints_t=None, joints_q=None), seen])
     assert told is not None

@@ -20,7 +20,7 @@ def make(method: str, *, seed: int = 0, **changes):
     """A learner with small networks in double precision that descends its gradients at `RATE`."""
     settings = settings_for(method, hidden=(4,), **changes)
     generator = torch.Generator().manual_seed(seed)
-    learner = LEARNERS[method](settings, n_obs=OBS, n_act=ACT, discount=DISCOUNT, generator=generator)  # type: ignore[arg-type]
+    learner = LEARNERS[method](settings, n_obs=OBS, n_act=ACT, discount=DISCOUNT, generator=generator)
     for name in ("actor", "target_actor", "critic", "target_critic", "value"):
         if hasattr(learner, name):
             getattr(learner, name).double()

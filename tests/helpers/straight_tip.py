@@ -40,7 +40,7 @@ def library(strikes: np.ndarray, free: np.ndarray | None = None) -> Library:
     t, path, _ = Straight().tip_path(strikes, t_stay=0.3, rate=250.0)
     owner, at = np.nonzero(np.isfinite(path[..., 0]))
     return Library(
-        rollout=Straight(),  # type: ignore[arg-type]
+        rollout=Straight(),
         strikes=strikes,
         box=(LOWER, UPPER),
         free=np.ones(5, bool) if free is None else free,

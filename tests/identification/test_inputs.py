@@ -166,12 +166,12 @@ def test_recordings_share_a_controller_and_what_it_compensates():
     told, untold, none = recording("a", a=0.1, compensated=masses), recording("b", a=0.1), recording("c")
     expected = Controller(OIAC(a=0.1), compensated=tuple(masses))
     for order in ([told, untold, none], [none, untold, told], [untold, told, told]):
-        assert common_controller(order) == expected  # type: ignore[arg-type]
-    assert common_controller([untold, none]) == Controller(OIAC(a=0.1))  # type: ignore[arg-type]
-    assert common_controller([none]) is None  # type: ignore[arg-type]
+        assert common_controller(order) == expected
+    assert common_controller([untold, none]) == Controller(OIAC(a=0.1))
+    assert common_controller([none]) is None
     with pytest.raises(InputError, match="x: controller"):
-        common_controller([told, recording("x", a=0.2)])  # type: ignore[arg-type]
+        common_controller([told, recording("x", a=0.2)])
     with pytest.raises(InputError, match="x: controller"):
-        common_controller([told, recording("x", a=0.1, compensated=[0.1, 0.2, 0.4])])  # type: ignore[arg-type]
+        common_controller([told, recording("x", a=0.1, compensated=[0.1, 0.2, 0.4])])
     with pytest.raises(InputError, match="x: controller"):
-        common_controller([recording("x", a=-1.0)])  # type: ignore[arg-type]
+        common_controller([recording("x", a=-1.0)])

@@ -88,7 +88,7 @@ Z = np.array([v.z(x) for v, x in zip(VARIABLES, TRUE.values())])
 def made(*, per_recording=(), prior=None, loss=None, count=2) -> Problem:
     recordings = [SimpleNamespace(source=f"r{i}", t=np.arange(10.0), view=None) for i in range(count)]
     options = Options(per_recording=per_recording, prior=prior, loss=loss, tolerance=1e-12)
-    return Problem(recordings, Plant(), NAMES, VARIABLES, options)  # type: ignore[arg-type]
+    return Problem(recordings, Plant(), NAMES, VARIABLES, options)
 
 
 def blocks(p: Problem, z: np.ndarray, own: list[np.ndarray], derivatives: bool = True):
@@ -128,7 +128,7 @@ def test_cameras_that_share_a_log_know_it_as_well_together_as_one():
     rows, mean, x = rng.normal(size=(5, 2)), rng.normal(size=5), rng.normal(size=2)
     drive = SimpleNamespace(unknowns={"joints": np.zeros(2)}, motion=SimpleNamespace(rows=rows, mean=mean))
     p.predictor.drives, p.predictor.start = [drive] * 2, [np.zeros(2)] * 2
-    p.predictor.sharing, p.predictor.width = [2, 2], 2  # type: ignore[attr-defined]
+    p.predictor.sharing, p.predictor.width = [2, 2], 2
     found = blocks(p, Z, [x] * 2)
     together = np.concatenate([b.r[ROWS:] for b in found])
     assert together @ together == pytest.approx(np.sum((rows @ x - mean) ** 2))
@@ -215,15 +215,15 @@ def test_the_loss_widens_to_the_spread_of_the_residuals(inflated, widens):
     own = [np.zeros(0)] * 2
     solution = SimpleNamespace(z=Z, own=own)
     r = np.abs(np.concatenate([b.r for b in blocks(p, Z, own)]))
-    assert p.adapt(solution) is widens  # type: ignore[arg-type]
+    assert p.adapt(solution) is widens
     assert p._limit == pytest.approx(1.345 * 1.4826 * np.median(r) if widens else 1.345)
-    assert made().adapt(solution) is False  # type: ignore[arg-type]
+    assert made().adapt(solution) is False
 
 
 def test_recordings_are_compared_with_their_predictions():
     p = made(per_recording=("start", "delay"), loss=0.8)
     own = [np.array([0.5, 2.0, 0.01]), np.array([0.5, 2.0, 0.0])]
-    fits = p.compare(SimpleNamespace(z=Z, own=own))  # type: ignore[arg-type]
+    fits = p.compare(SimpleNamespace(z=Z, own=own))
     for i, found in enumerate(fits):
         expected = OWN[i] @ (own[i] - [0.5, 2.0, 0.0]) - SIGMA[i] * NOISE[i]
         np.testing.assert_allclose(found.residuals, expected, atol=1e-12)

@@ -329,7 +329,7 @@ def test_a_fit_as_plain_data():
     one, two = table["recordings"]
     assert (one["held_out"], two["held_out"]) == (False, True)
     assert (one["source"], two["source"]) == ("folder/film.csv", "swing")
-    assert one["similarity"]["hit_point"] == summary.similarity_of(recording, found).hit_point  # type: ignore[union-attr]
+    assert one["similarity"]["hit_point"] == summary.similarity_of(recording, found).hit_point
     assert len(one["similarity"]["rho"]) == 2
     assert (one["predicted_from"], one["down_weighted"], one["n_residuals"]) == (None, 0, 44)
     told = {

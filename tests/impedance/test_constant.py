@@ -66,7 +66,7 @@ def test_torques_are_springs_and_dampers_summed_joint_by_joint():
     rng = np.random.default_rng(0)
     K, B = rng.normal(size=(2, 3, 3))
     e, de = rng.normal(size=(2, 3))
-    law = ConstantImpedance(K, B)  # type: ignore[arg-type]
+    law = ConstantImpedance(K, B)
     torque = [sum(K[i, j] * e[j] + B[i, j] * de[j] for j in range(3)) for i in range(3)]
     gains = law.gains(e, de)
     np.testing.assert_allclose(gains[0] @ e + gains[1] @ de, torque, rtol=1e-13)

@@ -60,6 +60,6 @@ def test_numbers_of_a_controller_have_names_and_are_checked():
         with pytest.raises(InputError, match=next(iter(wrong))):
             Controller(**wrong)
     with pytest.raises(InputError, match="law: got 'oiac'"):
-        Controller("oiac")  # type: ignore[arg-type]
+        Controller("oiac")
     with pytest.raises(InputError, match="feedforward"):
-        Controller(feedforward="yes")  # type: ignore[arg-type]
+        Controller(feedforward="yes")

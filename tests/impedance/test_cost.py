@@ -50,5 +50,5 @@ def test_stored_error_is_counted_from_the_first_instant():
     for i in (0, -1):
         epsilon = coarse.q_d[i] - coarse.q[i, :2] + 0.6 * (coarse.v_d[i] - coarse.v[i, :2])
         ends.append(0.5 * epsilon @ arm.inertia(coarse.q[i, :2]) @ epsilon)
-    cost = impedance_cost(coarse, model, D=float(coarse.t[-1]), beta=0.6)  # type: ignore[arg-type]
+    cost = impedance_cost(coarse, model, D=float(coarse.t[-1]), beta=0.6)
     assert cost.J_p == pytest.approx(ends[1] - ends[0], rel=1e-9)

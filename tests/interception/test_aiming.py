@@ -150,7 +150,7 @@ def test_doubt_along_the_relative_velocity_is_only_a_matter_of_when():
     lib = Library(
         Crossing(), strikes, (LOWER, UPPER), np.ones(5, bool), None, 0.3, 2.0, owner, t[at], path[owner, at],
         velocity[owner, at], cKDTree(path[owner, at]),
-    )  # type: ignore[arg-type] # fmt: skip
+    )  # fmt: skip
     for first, along in ((0, SPEED), (1, SPEED[::-1])):
         unit = along / np.linalg.norm(along)
         doubt = 1e-3 * np.outer(unit, unit) + 1e-9 * np.eye(2)

@@ -39,7 +39,7 @@ class Circling:
 
 
 def build(**options) -> Library:
-    return Library.build(Circling(), **{"size": 50, "bounds": BOUNDS, "t_stay": 0.2, **options})  # type: ignore[arg-type]
+    return Library.build(Circling(), **{"size": 50, "bounds": BOUNDS, "t_stay": 0.2, **options})
 
 
 def test_points_are_those_of_the_paths_where_the_tip_is_fast():
@@ -68,7 +68,7 @@ def test_strikes_are_uniform_in_the_box_and_those_of_the_seed():
     np.testing.assert_allclose(share.std(axis=0), 1 / np.sqrt(12), rtol=0.03)
     np.testing.assert_array_equal(lib.box, (BOUNDS.lower, BOUNDS.upper))
     assert lib.free.all()
-    assert 0.8 * 2000 < len(Library.build(Circling(), bounds=BOUNDS).strikes) < 2000  # type: ignore[arg-type]
+    assert 0.8 * 2000 < len(Library.build(Circling(), bounds=BOUNDS).strikes) < 2000
     assert len(build(size=1, seed=1, speed=0.5).strikes) == 1
     np.testing.assert_array_equal(build(size=40, seed=3).strikes, build(size=40, seed=3).strikes)
     assert (build(size=40, seed=3).strikes[0] != build(size=40, seed=4).strikes[0]).all()
@@ -94,7 +94,7 @@ def test_strikes_beyond_the_motor_or_that_diverge_are_left_out():
     exactly = weak.strikes[:1].copy()
     exactly[0, 0] = -0.6
     assert weak.possible(exactly).all()
-    assert possible(Circling(), strikes, None, 0.2).tolist() == [True, True, False]  # type: ignore[arg-type]
+    assert possible(Circling(), strikes, None, 0.2).tolist() == [True, True, False]
 
 
 def test_what_no_strike_can_do_is_refused():

@@ -82,7 +82,7 @@ def test_polynomials_are_what_their_names_say():
 
 def test_motions_have_the_gravity_and_pivot_that_are_asked_for():
     moon = find_motion("pendulum", pivot=(0.1, 0.2), gravity=1.62)
-    assert (moon.pivot, moon.gravity, moon.name) == ((0.1, 0.2), 1.62, "pendulum")  # type: ignore[attr-defined]
+    assert (moon.pivot, moon.gravity, moon.name) == ((0.1, 0.2), 1.62, "pendulum")
     assert moon.names == ("log L", "theta", "rate")
     assert find_motion("pendulum").names == ("pivot x", "pivot y", "log L", "theta", "rate")
     fall = find_motion("ballistic").positions(np.zeros(4), np.array([1.0]))

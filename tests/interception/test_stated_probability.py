@@ -43,7 +43,7 @@ class Library:
 def aim(spread: float = SPREAD) -> Aim:
     """A target at rest near the point, its place known to `spread` in each coordinate."""
     track = Track(find_motion("still"), POINT, spread**2 * np.eye(2))
-    return Aim(track, Library(Rollout()), 0.0, 2.0, RADIUS, 0.0, None)  # type: ignore[arg-type]
+    return Aim(track, Library(Rollout()), 0.0, 2.0, RADIUS, 0.0, None)
 
 
 def best(strikes: np.ndarray, *, seed: int, samples: int):

@@ -32,7 +32,7 @@ def test_choices_are_checked(wrong, message):
 
 
 def test_a_choice_holds_plain_values():
-    choice = ArmChoice(moving=["elbow"], locked={"rail": np.float64(1)}, outward=[0, -3, 0])  # type: ignore[arg-type]
+    choice = ArmChoice(moving=["elbow"], locked={"rail": np.float64(1)}, outward=[0, -3, 0])
     assert (choice.moving, choice.locked, choice.outward) == (("elbow",), {"rail": 1.0}, (0.0, -1.0, 0.0))
 
 

@@ -39,6 +39,6 @@ def test_what_is_no_capsule():
     with pytest.raises(InputError, match="radius: got -1"):
         Capsule((0, 0, 0), (0, 0, 1), -1)
     with pytest.raises(InputError, match="start: got"):
-        Capsule((0, 0), (0, 0, 1), 1)  # type: ignore[arg-type]
+        Capsule((0, 0), (0, 0, 1), 1)
     with pytest.raises(InputError, match="base: got"):
         checked_capsules("base", [(0, 0, 0)])

@@ -55,7 +55,7 @@ def test_bad_arms_are_named(links, joints, message):
 
 
 def test_an_arm_is_its_links_in_order():
-    arm = ArmParameters(list(LINKS))  # type: ignore[arg-type]
+    arm = ArmParameters(list(LINKS))
     assert (arm.n, arm.dimension, arm.joints, arm.subscripts) == (2, 2, ("shoulder", "elbow"), ("s", "e"))
     assert arm.length == pytest.approx(0.7)
     np.testing.assert_array_equal(arm.per_link("mass"), [1.0, 0.5])

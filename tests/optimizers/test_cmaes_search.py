@@ -21,7 +21,7 @@ def valley(x: np.ndarray) -> np.ndarray:
 def search(generations: int, miss, seed: int) -> list[np.ndarray]:
     recorder = Recorder(generations, miss)
     with pytest.raises(Enough):
-        cmaes_search(recorder, seed=seed)  # type: ignore[arg-type]
+        cmaes_search(recorder, seed=seed)
     return recorder.seen
 
 

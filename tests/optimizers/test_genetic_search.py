@@ -15,7 +15,7 @@ from whiptool.optimizers.genetic_search import GASettings, fitness, genetic_sear
 def generations(count: int, miss, *, seed: int = 0, **settings) -> list[np.ndarray]:
     recorder = Recorder(count, miss)
     with pytest.raises(Enough):
-        genetic_search(recorder, seed=seed, settings=GASettings(**settings))  # type: ignore[arg-type]
+        genetic_search(recorder, seed=seed, settings=GASettings(**settings))
     return recorder.seen
 
 
@@ -127,5 +127,5 @@ def test_children_that_are_their_parents_end_the_search():
     with pytest.raises(InputError, match=r"crossover, mutation: .*one of them > 0"):
         GASettings(crossover=0, mutation=0)
     recorder = Recorder(3, first_gene)
-    genetic_search(recorder, seed=0, settings=GASettings(crossover=1e-12, mutation=0))  # type: ignore[arg-type]
+    genetic_search(recorder, seed=0, settings=GASettings(crossover=1e-12, mutation=0))
     assert len(recorder.seen) == 1

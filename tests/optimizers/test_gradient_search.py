@@ -21,12 +21,12 @@ def test_a_round_is_64_strikes_of_which_8_are_refined():
 def test_one_refinement_finds_the_minimum():
     bowl = Bowl()
     start = np.array([0.9, -0.8, 5.5, 0.4, 0.5])
-    assert refine(bowl, start)  # type: ignore[arg-type]
+    assert refine(bowl, start)
     np.testing.assert_allclose(bowl.refined[0], start)
     assert bowl.miss(bowl.refined[-1]) <= 1e-6
     assert len(bowl.refined) < 30
-    assert not refine(Bowl(floor=1e-3), start)  # type: ignore[arg-type]
-    assert refine(Bowl(floor=1e-3), start, tolerance=2e-3)  # type: ignore[arg-type]
+    assert not refine(Bowl(floor=1e-3), start)
+    assert refine(Bowl(floor=1e-3), start, tolerance=2e-3)
     lower, upper = BOUNDS.box
     assert all((lower <= x).all() and (x <= upper).all() for x in bowl.refined)
 
@@ -35,7 +35,7 @@ def test_it_stops_as_soon_as_it_is_near_enough():
     steps = {}
     for tolerance in (0.5, 1e-6):
         bowl = Bowl()
-        assert refine(bowl, np.array([0.9, -0.8, 5.5, 0.4, 0.5]), tolerance=tolerance)  # type: ignore[arg-type]
+        assert refine(bowl, np.array([0.9, -0.8, 5.5, 0.4, 0.5]), tolerance=tolerance)
         assert (bowl.miss(np.array(bowl.refined[:-1])) > tolerance).all()
         steps[tolerance] = len(bowl.refined)
     assert steps[0.5] < steps[1e-6]
@@ -48,7 +48,7 @@ def test_a_refinement_has_its_number_of_steps():
             return outcome, np.sin(1e4 * strike) * np.abs(slope)
 
     bowl = Crooked(floor=0.1)
-    refine(bowl, np.array([0.9, -0.8, 5.5, 0.4, 0.5]))  # type: ignore[arg-type]
+    refine(bowl, np.array([0.9, -0.8, 5.5, 0.4, 0.5]))
     assert len(bowl.refined) <= STEPS
 
 
@@ -65,7 +65,7 @@ def test_the_nearest_of_a_round_are_refined_first():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(import_module("whiptool.optimizers.gradient_search"), "refine", remember)
         with pytest.raises(Enough):
-            gradient_search(bowl, seed=5)  # type: ignore[arg-type]
+            gradient_search(bowl, seed=5)
     assert [len(x) for x in bowl.batches] == [BATCH, BATCH]
     assert not np.array_equal(*bowl.batches)
     for strikes, some in zip(bowl.batches, (starts[:REFINED], starts[REFINED:]), strict=True):
@@ -75,10 +75,10 @@ def test_the_nearest_of_a_round_are_refined_first():
 
 def test_it_ends_at_the_target_and_where_it_is_told():
     bowl = Bowl()
-    gradient_search(bowl, seed=0)  # type: ignore[arg-type]
+    gradient_search(bowl, seed=0)
     assert len(bowl.batches) == 1
     with pytest.raises(Enough):
-        gradient_search(Bowl(floor=0.01, most=7), seed=0)  # type: ignore[arg-type]
+        gradient_search(Bowl(floor=0.01, most=7), seed=0)
 
 
 @pytest.mark.parametrize("fastest", [0.1, 1.0])
@@ -89,7 +89,7 @@ def test_a_refinement_keeps_the_commanded_speeds(fastest):
         CommandLimits((JointLimits(), JointLimits(velocity=fastest)), share=1.0),
     )  # of the elbow alone, which the minimum moves by -0.4 in 1.1 s
     start = np.array([0.9, 0.3, 5.5, 0.3, 0.5])
-    refine(bowl, start)  # type: ignore[arg-type]
+    refine(bowl, start)
     strikes = np.array(bowl.refined)
     assert (15 / 8 * np.abs(strikes[:, 3] - strikes[:, 1]) / strikes[:, 4] <= fastest * (1 + 1e-6)).all()
     lower, upper = BOUNDS.box

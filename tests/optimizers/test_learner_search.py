@@ -43,7 +43,7 @@ def test_what_the_learner_is_shown(name, monkeypatch):
     monkeypatch.setitem(training.LEARNERS, name, make)
     bowl = Counted()
     with pytest.raises(Enough):
-        learner_search(bowl, seed=4, learner=name)  # type: ignore[arg-type]
+        learner_search(bowl, seed=4, learner=name)
     (learner,) = made
     assert (learner.n_obs, learner.n_act, learner.discount) == (1, 5, 0.0)
     if name == "sac":

@@ -17,7 +17,7 @@ BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 0.5, 0.3, 0.8, 1.0))
 
 
 def library(count: int = 200, seed: int = 0) -> StrikeLibrary:
-    return StrikeLibrary.random(StraightFlight(), BOUNDS, count, seed=seed)  # type: ignore[arg-type]
+    return StrikeLibrary.random(StraightFlight(), BOUNDS, count, seed=seed)
 
 
 def test_paths_are_those_of_the_strikes():
@@ -48,7 +48,7 @@ def test_the_nearest_in_closed_form(target):
 
 def test_the_nearest_in_space():
     box = StrikeBounds((-1.0, 0.0, -1.0, *(0.0,) * 5, 0.4), (1.0, 0.5, 1.0, *(0.1,) * 5, 1.0))
-    kept = StrikeLibrary.random(StraightFlightInSpace(), box, 500, seed=3)  # type: ignore[arg-type]
+    kept = StrikeLibrary.random(StraightFlightInSpace(), box, 500, seed=3)
     target = np.array([0.5, 0.2, -0.3])
     along = np.clip(StraightFlightInSpace().directions(kept.strikes) @ target, 0, None)
     distance = np.linalg.norm(along[:, None] * StraightFlightInSpace().directions(kept.strikes) - target, axis=1)
@@ -75,7 +75,7 @@ def test_a_library_comes_back_from_a_file(tmp_path):
 
 def objective(angle: float, **options) -> Objective:
     target = Target((1.2 * math.cos(angle), 1.2 * math.sin(angle)), options.pop("radius", 1e-9))
-    return Objective(StraightFlight(), target, bounds=BOUNDS, **options)  # type: ignore[arg-type]
+    return Objective(StraightFlight(), target, bounds=BOUNDS, **options)
 
 
 @pytest.mark.parametrize("angle", [0.3, 0.999])

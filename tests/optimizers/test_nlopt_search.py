@@ -14,7 +14,7 @@ from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 def test_they_descend_within_the_box(algorithm):
     bowl = Counted(most=1500)
     with pytest.raises(Enough):
-        nlopt_search(bowl, seed=3, algorithm=algorithm)  # type: ignore[arg-type]
+        nlopt_search(bowl, seed=3, algorithm=algorithm)
     lower, upper = BOUNDS.box
     tried = np.array(bowl.refined)
     assert ((tried >= lower) & (tried <= upper)).all()
@@ -24,13 +24,13 @@ def test_they_descend_within_the_box(algorithm):
         np.testing.assert_allclose(tried[0], (lower + upper) / 2)
     again = Counted(most=50)
     with pytest.raises(Enough):
-        nlopt_search(again, seed=3, algorithm=algorithm)  # type: ignore[arg-type]
+        nlopt_search(again, seed=3, algorithm=algorithm)
     np.testing.assert_array_equal(again.refined, tried[:50])
 
 
 def test_a_converged_search_returns():
     bowl = Counted(most=200_000)
-    nlopt_search(bowl, seed=1, algorithm="GN_CRS2_LM")  # type: ignore[arg-type]
+    nlopt_search(bowl, seed=1, algorithm="GN_CRS2_LM")
     assert bowl.miss(np.array(bowl.refined)).min() < 1e-5
     assert all(name.startswith("GN_") for name in nlopt_names())
     assert DIRECT_L in nlopt_names()
@@ -55,5 +55,5 @@ def test_nothing_is_tried_after_the_search_was_ended(algorithm):
     """CRS2 fills its first population of 60 points before it looks whether it is to stop."""
     bowl = StopsAtOnce()
     with pytest.raises(Enough):
-        nlopt_search(bowl, seed=3, algorithm=algorithm)  # type: ignore[arg-type]
+        nlopt_search(bowl, seed=3, algorithm=algorithm)
     assert bowl.asked == 4

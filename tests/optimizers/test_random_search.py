@@ -14,7 +14,7 @@ from whiptool.optimizers.random_search import random_search
 def test_random_strikes_are_uniform_and_need_an_end():
     bowl = Counted(most=4000)
     with pytest.raises(Enough):
-        random_search(bowl, seed=2)  # type: ignore[arg-type]
+        random_search(bowl, seed=2)
     lower, upper = BOUNDS.box
     unit = (np.array(bowl.refined) - lower) / (upper - lower)
     np.testing.assert_allclose(unit.mean(axis=0), 0.5, atol=0.02)
@@ -22,8 +22,8 @@ def test_random_strikes_are_uniform_and_need_an_end():
     endless = Counted()
     endless.max_trials = None
     with pytest.raises(InputError, match="max trials"):
-        random_search(endless, seed=0)  # type: ignore[arg-type]
+        random_search(endless, seed=0)
     timed = Counted(most=3)
     timed.max_trials, timed.max_time = None, 1.0
     with pytest.raises(Enough):
-        random_search(timed, seed=0)  # type: ignore[arg-type]
+        random_search(timed, seed=0)

@@ -488,7 +488,7 @@ def test_the_loop_refuses_a_strike_before_it_arms(bus, twin):
 
 def test_a_strike_is_rehearsed_with_the_whip_that_is_believed():
     controller = Controller(OIAC())
-    heavy = MODEL.with_parameters({"whip.m": 1.5 * MODEL.whip.m})  # type: ignore[operator]
+    heavy = MODEL.with_parameters({"whip.m": 1.5 * MODEL.whip.m})
     light, believed, other = (
         rehearse(model, controller, STRIKE, **more)
         for model, more in ((MODEL, {}), (MODEL, {"believed": heavy}), (heavy, {}))

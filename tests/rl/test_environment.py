@@ -166,7 +166,7 @@ def test_a_step_at_a_direction_is_a_trial_of_the_objective():
         hits += terminated
     assert 0 < hits < 20
     env.render_mode = "rgb_array"
-    assert env.render().shape == (480, 640, 3)  # type: ignore[union-attr]
+    assert env.render().shape == (480, 640, 3)
 
 
 def test_lanes_with_directions_equal_single_environments():

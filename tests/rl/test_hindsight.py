@@ -110,7 +110,7 @@ def test_new_directions_are_those_of_the_tip_or_off_by_half_a_cone_or_two():
     goals = hindsight.new_goals(paths, zone, rule, 0.02, uniform)
     np.testing.assert_array_equal(goals.positions, hindsight.new_targets(paths[:, :-1], zone, 0.02, uniform[:, :6]))
     across = np.arctan2(goals.positions[:, 1], goals.positions[:, 0]) + np.pi / 2  # how the tip passes there
-    off = np.remainder(arrival_angles(goals.positions, goals.directions) - across + np.pi, 2 * np.pi) - np.pi  # type: ignore[arg-type]
+    off = np.remainder(arrival_angles(goals.positions, goals.directions) - across + np.pi, 2 * np.pi) - np.pi
     on_path = np.abs(np.linalg.norm(goals.positions, axis=1) - 0.3) < 1e-4
     half_a_sample = np.pi / 500
     shares = [np.mean(np.abs(off[on_path] - x - half_a_sample) < 1e-4) for x in (0.0, 0.05, -0.05, 0.2, -0.2)]
@@ -119,7 +119,7 @@ def test_new_directions_are_those_of_the_tip_or_off_by_half_a_cone_or_two():
     away = hindsight.new_goals(paths + 5, zone, rule, 0.02, uniform)
     expected = rule.goals(zone.place(uniform[:, :3]), 0.02, uniform[:, 6:7])
     np.testing.assert_array_equal(away.positions, expected.positions)
-    np.testing.assert_array_equal(away.directions, expected.directions)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(away.directions, expected.directions)
 
 
 @pytest.mark.parametrize("rule", [ArrivalRule(direction=(0.0, 1.0), cone=0.3), ArrivalRule(angle=(1.4, 1.8), cone=0.1)])
@@ -129,7 +129,7 @@ def test_new_targets_lie_where_the_tip_moves_as_is_asked(rule):
     uniform = np.random.default_rng(1).random((300, hindsight.uniforms(zone, rule)))
     goals = hindsight.new_goals(np.tile(turn(), (300, 1, 1)), zone, rule, 0.01, uniform)
     assert (np.abs(np.arctan2(goals.positions[:, 1], goals.positions[:, 0])) < 0.4).all()
-    across = np.arctan2(goals.directions[:, 1], goals.directions[:, 0])  # type: ignore[index]
+    across = np.arctan2(goals.directions[:, 1], goals.directions[:, 0])
     assert ((across >= 1.4 - 1e-9) & (across <= 1.8 + 1e-9)).all()
     down = np.stack([np.zeros(100), np.linspace(0.4, -0.4, 100)], axis=1)
     goals = hindsight.new_goals(np.tile(down, (300, 1, 1)), zone, rule, 0.01, uniform)

@@ -56,7 +56,7 @@ def test_a_learner_takes_up_where_another_was(method):
     """Of another seed, and then of the other's weights and draws: both go on alike."""
     settings, sizes = settings_for(method, hidden=(4,)), {"n_obs": OBS, "n_act": ACT, "discount": DISCOUNT}
     generators = [torch.Generator().manual_seed(seed) for seed in (0, 1)]
-    one, other = (LEARNERS[method](settings, **sizes, generator=g) for g in generators)  # type: ignore[arg-type]
+    one, other = (LEARNERS[method](settings, **sizes, generator=g) for g in generators)
     singles = [Transitions(*(x.float() for x in vars(transitions(seed)).values())) for seed in (2, 3)]
     one.learn(singles[0])
     obs = singles[1].obs

@@ -28,12 +28,12 @@ BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 )
 def test_trials_until_the_first_hit(convention, means, trials, hit):
     """Targets ahead, at 0.5 rad, and at 0.9 rad, with samples at -0.3, 0.5, 0.2, -0.8 rad."""
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)  # type: ignore[arg-type]
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)
     targets = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin(0.9)]])
     learner = Scripted(task, [-0.3, 0.5, 0.2, -0.8])
     ended: list[int] = []
     found, reached = trials_to_hit(
-        learner,  # type: ignore[arg-type]
+        learner,
         task,
         targets,
         cap=4,
@@ -53,15 +53,15 @@ def test_trials_until_the_first_hit(convention, means, trials, hit):
 
 
 def test_it_ends_when_everything_is_hit():
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)  # type: ignore[arg-type]
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)
     learner = Scripted(task, [])
-    trials, hit = trials_to_hit(learner, task, np.array([[0.7, 0.0], [1.5, 0.0]]), cap=9)  # type: ignore[arg-type]
+    trials, hit = trials_to_hit(learner, task, np.array([[0.7, 0.0], [1.5, 0.0]]), cap=9)
     assert (trials.tolist(), hit.tolist(), len(learner.asked)) == ([1, 1], [True, True], 1)
 
 
 def test_a_policy_strikes_within_the_zone_that_it_learned():
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS)  # type: ignore[arg-type]
-    policy = Policy(Scripted(task, []), task)  # type: ignore[arg-type]
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS)
+    policy = Policy(Scripted(task, []), task)
     assert policy.strike((1.0, 0.1)) == policy.strike(Target((1.0, 0.1)))
     with pytest.raises(InputError, match=r"^target: got \(1.2, 0.2\); allowed: one of the policy's zone"):
         policy.strike((1.2, 0.2))
@@ -72,9 +72,9 @@ def test_a_policy_strikes_within_the_zone_that_it_learned():
 def test_a_policy_strikes_along_the_directions_that_it_learned():
     """It is shown the direction that is asked for, and refuses others before it is asked."""
     rule = ArrivalRule(angle=(0.0, 1.0), speed=1.5)
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS, arrival=rule)  # type: ignore[arg-type]
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS, arrival=rule)
     learner = Scripted(task, [])
-    policy = Policy(learner, task)  # type: ignore[arg-type]
+    policy = Policy(learner, task)
     policy.strike(Target.arriving((1.0, 0.1), 0.3))
     ((_, seen),) = learner.asked
     np.testing.assert_allclose(seen[0, 4:], [0.2 / 0.3, -0.1 / 0.3, np.cos(0.3), np.sin(0.3)], rtol=1e-6)
@@ -86,19 +86,19 @@ def test_a_policy_strikes_along_the_directions_that_it_learned():
         with pytest.raises(InputError, match=said):
             policy.strike(target)
     assert len(learner.asked) == 1
-    points = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS)  # type: ignore[arg-type]
+    points = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS)
     with pytest.raises(InputError, match="only points were learned"):
-        Policy(learner, points).strike(Target((1.0, 0.1), direction=(1.0, 0.0)))  # type: ignore[arg-type]
+        Policy(learner, points).strike(Target((1.0, 0.1), direction=(1.0, 0.0)))
 
 
 def test_trials_until_goals_are_hit():
     """Three targets ahead, to be passed at 0, 0.4 and 0.9 rad: flights at 0.4 and 0.9 rad pass none of them so."""
     rule = ArrivalRule(angle=(-1.0, 1.0), cone=0.1)
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, arrival=rule, hit_radius=0.05)  # type: ignore[arg-type]
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, arrival=rule, hit_radius=0.05)
     places = np.array([[1.0, 0.0], [np.cos(0.4), np.sin(0.4)], [1.0, 0.0]])
     goals = task.arrival.goals_at(places, 0.05, np.array([0.0, 0.4, 0.4]))
     learner = Scripted(task, [0.4, 0.4, 0.4])
-    trials, hit = trials_to_hit(learner, task, goals, cap=4)  # type: ignore[arg-type]
+    trials, hit = trials_to_hit(learner, task, goals, cap=4)
     assert (trials.tolist(), hit.tolist()) == ([1, 2, 4], [True, True, False])
     left = learner.asked[-1][1]
     np.testing.assert_allclose(left[-1, 6:], [np.cos(0.4), np.sin(0.4)], rtol=1e-6)  # it sees the goal that is left

@@ -20,7 +20,7 @@ ZONE = Disc((1.0, 0.2), 0.4)
 
 
 def task(**options) -> StrikeTask:
-    return StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, **options)  # type: ignore[arg-type]
+    return StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, **options)
 
 
 def test_the_reward_of_eq_17():
@@ -89,7 +89,7 @@ IN_SPACE = StrikeBounds((-0.5, 0.0, -0.5, *(0.1,) * 5, 0.4), (0.5, 1.0, 0.5, *(0
 
 @pytest.mark.parametrize("observation", ["paper", "relative", "goal"])
 def test_a_step_in_space(observation):
-    t = StrikeTask(StraightFlightInSpace(), BALL, bounds=IN_SPACE, observation=observation, hit_radius=0.1)  # type: ignore[arg-type]
+    t = StrikeTask(StraightFlightInSpace(), BALL, bounds=IN_SPACE, observation=observation, hit_radius=0.1)
     assert (t.n_act, t.n_obs) == (9, 9 if observation == "goal" else 6)
     targets = np.array([[1.0, 0.0, 0.0], [1.0, 0.3, 0.1]])
     first = t.reset(targets)
@@ -116,7 +116,7 @@ def test_a_step_in_space(observation):
 
 def test_the_arm_rests_where_strikes_start_in_space():
     """The whip hangs straight down from the hand of the arm in the middle of its box."""
-    t = StrikeTask(StraightFlightInSpace(), BALL, bounds=IN_SPACE)  # type: ignore[arg-type]
+    t = StrikeTask(StraightFlightInSpace(), BALL, bounds=IN_SPACE)
     hand, nodes = t.resting[4], t.resting[5:]
     np.testing.assert_allclose(nodes[:, :2], np.tile(hand[:2], (25, 1)), atol=1e-9)
     np.testing.assert_allclose(hand[2] - nodes[:, 2], 0.072 * np.arange(1, 26))
@@ -126,9 +126,9 @@ def test_the_arm_rests_where_strikes_start_in_space():
 
 
 def test_a_task_has_a_zone_of_its_models_space():
-    assert StrikeTask(StraightFlightInSpace()).zone == Disc((1.3, 0.0, 0.0))  # type: ignore[arg-type]
+    assert StrikeTask(StraightFlightInSpace()).zone == Disc((1.3, 0.0, 0.0))
     with pytest.raises(InputError, match="coordinates of the zone: got 2; allowed: 3"):
-        StrikeTask(StraightFlightInSpace(), ZONE)  # type: ignore[arg-type]
+        StrikeTask(StraightFlightInSpace(), ZONE)
 
 
 def test_only_lanes_that_ended_are_renewed():
@@ -156,7 +156,7 @@ def test_networks_see_sizes_of_one(zone):
         "goal": np.hstack([where, [[0.5, -2]], (obs[:, 4:] - centre) / half]),
     }
     for observation, wanted in expected.items():
-        t = StrikeTask(StraightFlight(), zone, observation=observation, bounds=BOUNDS)  # type: ignore[arg-type]
+        t = StrikeTask(StraightFlight(), zone, observation=observation, bounds=BOUNDS)
         np.testing.assert_allclose(t.normalise(obs[:, : t.n_obs]), wanted)
         assert (t.n_obs, t.n_act) == (wanted.shape[1], 5)
 
@@ -215,7 +215,7 @@ def test_a_cheap_strike_that_is_too_slow_is_no_hit():
 def test_arrivals_in_space_are_seen_from_the_base():
     """A flight straight at a target moves along the line of sight: it hits, and arrives along no angle."""
     options = {"bounds": IN_SPACE, "hit_radius": 0.1, "arrival": ArrivalRule(angle=(-math.pi, math.pi))}
-    t = StrikeTask(StraightFlightInSpace(), BALL, **options)  # type: ignore[arg-type]
+    t = StrikeTask(StraightFlightInSpace(), BALL, **options)
     assert t.n_obs == 12
     target = np.array([[1.0, 0.0, 0.05]])
     for angle, hit in ((0.0, False), (math.pi, True)):
@@ -237,7 +237,7 @@ def test_lanes_of_goals_are_renewed_and_kept():
     after = t.renew(before, lanes, new)
     np.testing.assert_array_equal(after[~lanes], before[~lanes])
     np.testing.assert_array_equal(after[lanes], t.first_look(new))
-    np.testing.assert_array_equal(t.goals.directions[lanes], new.directions)  # type: ignore[index]
+    np.testing.assert_array_equal(t.goals.directions[lanes], new.directions)
     np.testing.assert_array_equal(goals.rows(lanes).positions, goals.positions[lanes])
     t.keep(lanes)
     assert (len(t.targets), t.counts.tolist()) == (2, [0, 0])

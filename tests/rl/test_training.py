@@ -23,7 +23,7 @@ ZONE = Disc((1.0, 0.0), 0.5)
 
 
 def training(plan: Plan, *, observation: str = "goal", strikes: int = 2, seed: int = 0) -> Training:
-    task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, observation=observation, strikes=strikes)  # type: ignore[arg-type]
+    task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, observation=observation, strikes=strikes)
     generator = torch.Generator().manual_seed(seed)
     settings = settings_for("ddpg", hidden=(4,), batch_size=4)
     return Training(make_learner("ddpg", settings, task, generator), task, plan)
@@ -35,8 +35,8 @@ class Watch:
     def __init__(self, run: Training) -> None:
         self.shown, self.updates, self.acted = [], [], []
         act = run.learner.act
-        run.learner.learn = self.learn  # type: ignore[method-assign]
-        run.learner.act = lambda obs: self.acted.append(obs) or act(obs)  # type: ignore[method-assign,assignment]
+        run.learner.learn = self.learn
+        run.learner.act = lambda obs: self.acted.append(obs) or act(obs)
 
     def learn(self, new, *, update=True):
         self.shown.append(new)
@@ -107,10 +107,10 @@ def test_the_discount_is_that_of_the_observation():
 
 def test_relabelled_strikes_are_those_of_the_straight_line():
     run = training(Plan(episodes=3, trials=40, random_episodes=3, hindsight=2))
-    run.task.rollout.wild_above = 9.0  # type: ignore[attr-defined]
+    run.task.rollout.wild_above = 9.0
     before = run.task.reset(run.task.targets)
     added = []
-    run.learner.replay.add = added.append  # type: ignore[attr-defined]
+    run.learner.replay.add = added.append
     run.run(episodes=1)
     *relabelled, struck = added
     assert len(relabelled) == 2
@@ -143,12 +143,12 @@ ASKED = [
 @pytest.mark.parametrize("rule", ASKED)
 def test_relabelled_strikes_at_directions_are_judged_as_struck_ones(rule):
     """Their goals are read from what the learner is shown; hits, rewards and what is seen are computed by hand."""
-    task = StrikeTask(StraightFlight(9.0), ZONE, bounds=BOUNDS, arrival=rule)  # type: ignore[arg-type]
+    task = StrikeTask(StraightFlight(9.0), ZONE, bounds=BOUNDS, arrival=rule)
     settings = settings_for("ddpg", hidden=(4,), batch_size=4)
     learner = make_learner("ddpg", settings, task, torch.Generator().manual_seed(0))
     run = Training(learner, task, Plan(episodes=3, trials=60, random_episodes=3, hindsight=2))
     before, added = run.obs.copy(), []
-    run.learner.replay.add = added.append  # type: ignore[attr-defined]
+    run.learner.replay.add = added.append
     run.run(episodes=1)
     assert task.n_strikes == 60  # strikes at other goals are none
     *relabelled, struck = added
@@ -179,7 +179,7 @@ def test_relabelled_strikes_at_directions_are_judged_as_struck_ones(rule):
 
 def test_a_training_at_directions_goes_on_from_its_checkpoint(tmp_path):
     def fresh(rule: ArrivalRule, seed: int = 1) -> Training:
-        task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, arrival=rule)  # type: ignore[arg-type]
+        task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, arrival=rule)
         settings = settings_for("sac", hidden=(8,), batch_size=8)
         learner = make_learner("sac", settings, task, torch.Generator().manual_seed(seed))
         return Training(learner, task, Plan(episodes=6, trials=10, random_episodes=2, hindsight=1))
@@ -209,7 +209,7 @@ def test_checkpoints_of_points_hold_what_they_always_held(tmp_path):
 
 def in_space(plan: Plan) -> Training:
     box = StrikeBounds((-0.5, 0.0, -0.5, *(0.1,) * 5, 0.4), (0.5, 1.0, 0.5, *(0.3,) * 5, 1.0))
-    task = StrikeTask(StraightFlightInSpace(), Disc((1.0, 0.0, 0.2), 0.3), bounds=box, observation="goal")  # type: ignore[arg-type]
+    task = StrikeTask(StraightFlightInSpace(), Disc((1.0, 0.0, 0.2), 0.3), bounds=box, observation="goal")
     learner = make_learner("sac", settings_for("sac", hidden=(16,)), task, torch.Generator().manual_seed(4))
     return Training(learner, task, plan)
 
@@ -225,11 +225,11 @@ def test_a_training_in_space_goes_on_from_its_checkpoint(tmp_path):
     second = in_space(plan)
     second.load(tmp_path / "checkpoint.pt")
     assert second.run() == episodes[3:]
-    for a, b in zip(whole.learner.actor.parameters(), second.learner.actor.parameters(), strict=True):  # type: ignore[attr-defined]
+    for a, b in zip(whole.learner.actor.parameters(), second.learner.actor.parameters(), strict=True):
         assert torch.equal(a, b)
     assert (whole.learner.n_obs, whole.learner.n_act) == (9, 9)
     assert whole.task.zone.contains(whole.task.targets).all()
-    plane = StrikeTask(StraightFlight(), ZONE, observation="goal")  # type: ignore[arg-type]
+    plane = StrikeTask(StraightFlight(), ZONE, observation="goal")
     learner = make_learner("sac", settings_for("sac", hidden=(16,)), plane, torch.Generator().manual_seed(4))
     with pytest.raises(InputError, match="sizes"):
         Training(learner, plane, plan).load(tmp_path / "checkpoint.pt")

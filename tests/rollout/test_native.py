@@ -36,10 +36,10 @@ def code(system: System) -> str:
 
 def test_the_struct_has_the_drivers_members_in_their_order():
     """Types, too: pointers, 64-bit integers and doubles, as the C++ text declares them."""
-    body = re.sub(r"//[^\n]*", "", re.search(r"struct Strikes \{(.*?)\n\};", DRIVER, re.DOTALL)[1])  # type: ignore[index]
+    body = re.sub(r"//[^\n]*", "", re.search(r"struct Strikes \{(.*?)\n\};", DRIVER, re.DOTALL)[1])
     declared = []
     for statement in filter(None, (line.strip() for line in body.split(";"))):
-        kind, names = re.match(r"(?:const )?(double|int64_t)(\*?)\s+(.*)", statement, re.DOTALL).group(1, 3)  # type: ignore[union-attr]
+        kind, names = re.match(r"(?:const )?(double|int64_t)(\*?)\s+(.*)", statement, re.DOTALL).group(1, 3)
         starred = "*" in statement
         numbers = {"double": ctypes.c_double, "int64_t": ctypes.c_int64}
         for name in names.split(","):
@@ -57,7 +57,7 @@ def test_sizes_and_columns_are_constants_of_the_code(system: System, code: str):
     assert found["OUT"] == outcome_columns(2, 2).width
     for name, block in row_columns(model.n, 2, 2).items():
         assert found[f"ROW_{name}"] == block.start
-    firsts, strides = (re.search(rf"{name}\[\] = \{{(.*?)\}}", code)[1] for name in ("LINK_FIRST", "LINK_STRIDE"))  # type: ignore[index]
+    firsts, strides = (re.search(rf"{name}\[\] = \{{(.*?)\}}", code)[1] for name in ("LINK_FIRST", "LINK_STRIDE"))
     pairs = list(zip(map(int, firsts.split(", ")), map(int, strides.split(", ")), strict=True))
     assert pairs == list(system.link_columns.values())
     assert len(pairs) == found["LINK"]
@@ -129,7 +129,7 @@ def test_results_of_lanes_stand_at_their_strikes(system: System):
                 rows[begins[lane] : begins[lane] + taken[lane] + 1] = given[lane, 0]
                 lanes.append(int(taken[lane]))
 
-    engine = NativeEngine(SimpleNamespace(whiptool_lanes=lambda: 1, whiptool_roll=Roll()), system, "scalar")  # type: ignore[arg-type]
+    engine = NativeEngine(SimpleNamespace(whiptool_lanes=lambda: 1, whiptool_roll=Roll()), system, "scalar")
     rolled = engine(batch, threads=1)
     assert lanes == sorted(steps, reverse=True)
     np.testing.assert_array_equal(rolled.out[:, 0], range(B))

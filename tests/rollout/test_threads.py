@@ -80,7 +80,7 @@ def test_an_interrupt_leaves_a_running_part_its_memory():
 
 def signal_main() -> None:
     """What Ctrl-C does: an exception in the main thread, wherever it is."""
-    signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)  # type: ignore[arg-type]
+    signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
 
 
 def test_an_error_in_a_part_is_raised():

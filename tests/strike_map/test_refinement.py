@@ -22,7 +22,7 @@ def starts(striker: CurvedStriker, count: int, away: float) -> np.ndarray:
 def test_a_linear_goal_is_reached_in_a_few_steps_with_exact_derivatives():
     striker = CurvedStriker(0.0)
     first = starts(striker, 20, 0.2)
-    found = refine(striker, goals(20), first, striker.derivatives(first, goals(20)))  # type: ignore[arg-type]
+    found = refine(striker, goals(20), first, striker.derivatives(first, goals(20)))
     assert (found.struck.cost <= TOLERANCE).all()
     assert found.rollouts <= 20 * 4
     assert found.derivatives == 0
@@ -34,7 +34,7 @@ def test_wrong_derivatives_are_mended_by_the_steps():
     striker = CurvedStriker(0.0)
     first = starts(striker, 20, 0.1)
     wrong = striker.derivatives(first, goals(20)) * np.random.default_rng(2).uniform(0.7, 1.3, (20, 3, 5))
-    found = refine(striker, goals(20), first, wrong)  # type: ignore[arg-type]
+    found = refine(striker, goals(20), first, wrong)
     assert (found.struck.cost <= TOLERANCE).all()
     assert found.derivatives == 0
 
@@ -44,7 +44,7 @@ def test_mended_derivatives_explain_the_last_step():
 
     striker = CurvedStriker(0.3)
     first = starts(striker, 5, 0.1)
-    state = _Refinement(striker, goals(5), first, striker.derivatives(first, goals(5)))  # type: ignore[arg-type]
+    state = _Refinement(striker, goals(5), first, striker.derivatives(first, goals(5)))
     before = state.struck.residuals.copy()
     state.step(np.arange(5))
     change = state.strikes - first
@@ -58,19 +58,19 @@ def test_where_derivatives_are_useless_exact_ones_are_taken():
     first = starts(striker, 10, 0.1)
     useless = -striker.derivatives(first, goals(10))
     striker.taken = 0
-    found = refine(striker, goals(10), first, useless)  # type: ignore[arg-type]
+    found = refine(striker, goals(10), first, useless)
     assert (found.struck.cost <= TOLERANCE).all()
     assert found.derivatives == striker.taken > 0
-    assert refine(striker, goals(10), first).derivatives >= 10  # type: ignore[arg-type]
+    assert refine(striker, goals(10), first).derivatives >= 10
 
 
 def test_no_strike_comes_out_worse_and_finished_ones_are_left_alone():
     striker = CurvedStriker(3.0)
     first = starts(striker, 30, 0.4)
     before = striker.land(striker.admissible(first), goals(30)).cost
-    found = refine(striker, goals(30), first)  # type: ignore[arg-type]
+    found = refine(striker, goals(30), first)
     assert (found.struck.cost <= before + 1e-15).all()
-    again = refine(striker, goals(30), found.strikes)  # type: ignore[arg-type]
+    again = refine(striker, goals(30), found.strikes)
     done = found.struck.cost <= TOLERANCE
     assert done.sum() >= 5
     np.testing.assert_array_equal(again.strikes[done], found.strikes[done])
@@ -107,7 +107,7 @@ def test_a_strike_that_misses_by_a_hair_of_speed_is_refined():
     before = striker.land(first, asked)
     assert 0 < before.cost[0] < TOLERANCE
     assert not before.hit[0]
-    found = refine(striker, asked, first)  # type: ignore[arg-type]
+    found = refine(striker, asked, first)
     assert found.struck.hit[0]
 
 
@@ -125,12 +125,12 @@ def test_a_hit_is_better_than_what_costs_less_and_is_none():
 def test_of_two_refinements_the_better_of_each_row_is_kept():
     striker = CurvedStriker(0.3)
     near, far = starts(striker, 6, 0.01), starts(striker, 6, 0.3)
-    first = refine(striker, goals(6), far, steps=0)  # type: ignore[arg-type]
-    other = refine(striker, goals(2), near[[1, 4]], steps=0)  # type: ignore[arg-type]
+    first = refine(striker, goals(6), far, steps=0)
+    other = refine(striker, goals(2), near[[1, 4]], steps=0)
     both = first.improved(np.array([1, 4]), other)
     np.testing.assert_array_equal(both.strikes[[1, 4]], near[[1, 4]])
     np.testing.assert_array_equal(both.strikes[[0, 2, 3, 5]], far[[0, 2, 3, 5]])
     assert both.rollouts == first.rollouts + other.rollouts
     assert both.struck.cost[1] == pytest.approx(other.struck.cost[0])
-    worse = both.improved(np.array([1]), refine(striker, goals(1), far[[1]], steps=0))  # type: ignore[arg-type]
+    worse = both.improved(np.array([1]), refine(striker, goals(1), far[[1]], steps=0))
     np.testing.assert_array_equal(worse.strikes[1], near[1])

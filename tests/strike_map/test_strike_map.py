@@ -135,7 +135,7 @@ def test_a_gate_chooses(building, parts):
 
     goal = AIMED.draw(1, np.random.default_rng(5))
     made = StrikeMap(building.striker, AIMED, Answers.joined(parts))
-    other = StrikeMap(building.striker, AIMED, Answers.joined(parts), Contrary())  # type: ignore[arg-type]
+    other = StrikeMap(building.striker, AIMED, Answers.joined(parts), Contrary())
     np.testing.assert_array_equal(other.candidates(goal).strikes, made.candidates(goal).strikes[::-1])
 
 

@@ -67,7 +67,7 @@ def test_a_legend_stands_between_title_and_axes(count: int):
     ax.plot([0, 1], [1, 0])  # without a label
     legend_above(ax)
     figure.draw_without_rendering()
-    box, title = ax.get_legend().get_window_extent(), ax._left_title.get_window_extent()  # type: ignore[attr-defined]
+    box, title = ax.get_legend().get_window_extent(), ax._left_title.get_window_extent()
     assert len(ax.get_legend().get_texts()) == count
     assert box.y0 >= ax.get_window_extent().y1 - 1
     assert title.y0 >= box.y1 - 8 * figure.dpi / 72

@@ -71,7 +71,7 @@ def test_everything_is_in_the_picture(film):
 
 def test_the_animation_moves_arm_whip_and_trail():
     shown = animate(PATH, UR5E, TARGET.position, TARGET.hit_radius, speed=1.0, dpi=40)
-    shown._draw_was_started = True  # type: ignore[attr-defined]
+    shown._draw_was_started = True
     frame = 5
     shown.show(frame)
     _, trail, whip, arm, tip, _ = shown.moving

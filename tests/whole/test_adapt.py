@@ -341,7 +341,7 @@ def test_a_rig_rehearses_with_the_whip_that_is_believed(prior):
         later=QUICK,
         check=lambda s, b: checked.append(b),
     )
-    steps = Adaptation(prior, port, Target(TARGET), options).run()  # type: ignore[arg-type]
+    steps = Adaptation(prior, port, Target(TARGET), options).run()
     assert port.believed == checked
     assert port.believed[:2] == [prior.at().model] * 2
     assert steps[1].learned is not None

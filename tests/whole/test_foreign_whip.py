@@ -68,7 +68,7 @@ def test_the_arm_sags_before_a_strike_and_stays_there():
     assert recording is not None
     assert recording.sag is not None
     assert 0.005 < np.abs(recording.sag).max() < 0.05
-    assert np.ptp(recording.joints_q, axis=0).max() < 1e-3  # type: ignore[arg-type]
+    assert np.ptp(recording.joints_q, axis=0).max() < 1e-3
     assert np.abs(held_up(np.array(STRIKE.q_i))).max() > 1
 
 

@@ -206,8 +206,8 @@ def test_the_target_policies_act_as_cited():
     obs = torch.rand(500, 4)
     for method in ("ddpg", "td3"):
         learner = training(method, task=one_joint_task(observation="paper"), **SMALL[method]).learner
-        action, bonus = learner.next_action(obs)  # type: ignore[attr-defined]
-        offset = action - learner.target_actor(obs)  # type: ignore[attr-defined]
+        action, bonus = learner.next_action(obs)
+        offset = action - learner.target_actor(obs)
         assert float(bonus) == 0
         if method == "ddpg":
             assert not offset.any()
@@ -219,7 +219,7 @@ def test_the_target_policies_act_as_cited():
 
 def test_ppo_bootstraps_as_well():
     settings = settings_for("ppo", hidden=(16,), epochs=1, minibatch=2)
-    learner = PPO(settings, n_obs=4, n_act=3, discount=0.9, generator=torch.Generator().manual_seed(0))  # type: ignore[arg-type]
+    learner = PPO(settings, n_obs=4, n_act=3, discount=0.9, generator=torch.Generator().manual_seed(0))
     obs, next_obs = torch.rand(2, 4), torch.rand(2, 4)
     batch = Transitions(obs, learner.act(obs), torch.tensor([1.0, 2.0]), next_obs, torch.tensor([0.0, 1.0]))
     with torch.no_grad():
@@ -284,13 +284,13 @@ def test_trials_are_counted_to_the_first_hit():
     targets = sample(task.zone, 100, np.random.default_rng(3))
     task.reset(targets)
     at_once = task.step(np.zeros((100, 3))).hit
-    trials, hit = trials_to_hit(Fixed(), task, targets, cap=40)  # type: ignore[arg-type]
+    trials, hit = trials_to_hit(Fixed(), task, targets, cap=40)
     assert np.array_equal(trials == 1, at_once)
     assert (trials[~hit] == 40).all()
     assert hit.mean() > at_once.mean()
-    assert not trials_to_hit(Fixed(), task, targets, cap=9, convention="mean")[1][~at_once].any()  # type: ignore[arg-type]
+    assert not trials_to_hit(Fixed(), task, targets, cap=9, convention="mean")[1][~at_once].any()
     with pytest.raises(InputError, match="convention"):
-        trials_to_hit(Fixed(), task, targets, cap=1, convention="best")  # type: ignore[arg-type]
+        trials_to_hit(Fixed(), task, targets, cap=1, convention="best")
 
 
 # hindsight
@@ -301,7 +301,7 @@ def test_relabelled_rewards_are_those_of_the_physics():
     run.run(episodes=1)
     task, held = run.task, run.learner.state_dict()["replay"]
     assert held["size"] == 50 * 4
-    centre, half = np.array(task.zone.centre), task.zone.radius  # type: ignore[attr-defined]
+    centre, half = np.array(task.zone.centre), task.zone.radius
     targets = centre + half * held["obs"][:, 4:].double().numpy()
     strikes = task.to_strikes(held["action"].double().numpy())
     near = one_joint().approach(strikes, targets, t_stay=task.t_stay)

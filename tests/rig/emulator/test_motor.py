@@ -32,4 +32,4 @@ def test_motor_refuses_nonsense():
     with pytest.raises(InputError, match="efficiency"):
         Motor(efficiency=1.2)
     with pytest.raises(InputError, match="fault"):
-        Fault("explode")  # type: ignore[arg-type]
+        Fault("explode")

@@ -40,7 +40,7 @@ def test_hits_along_directions_are_counted_as_the_rollout_counts_them():
     rollout, points = where.rollout(1), where.points()
     strikes = default_bounds(where.model.arm).sample(np.random.default_rng(0), 100)
     near = rollout.approach(np.repeat(strikes, 40, axis=0), np.tile(points, (100, 1)), t_stay=0.3)
-    wanted = np.tile(where.goals().directions, (100, 1))  # type: ignore[arg-type]
+    wanted = np.tile(where.goals().directions, (100, 1))
     turned = np.abs(np.angle((near.velocity @ [1, 1j]) / (wanted @ [1, 1j])))
     along = (near.velocity * wanted).sum(axis=1)
 

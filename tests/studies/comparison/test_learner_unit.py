@@ -71,12 +71,12 @@ def test_a_learner_unit_strikes_along_directions():
     """Its first strikes, judged by hand: what hits at the first trial passes near enough, at the target's own angle."""
     s = scene(cap=3, arrival=ArrivalRule(angle=(-1.2, -0.4), cone=0.3))
     unit = LearnerUnit(scene=s, method="sac", observation="goal", seed=2, episodes=3, trials=4, random_episodes=2,
-                       hindsight=1, settings=(("batch_size", 4), ("hidden", (8,))))  # type: ignore[arg-type] # fmt: skip
+                       hindsight=1, settings=(("batch_size", 4), ("hidden", (8,))))  # fmt: skip
     result = unit.run(None, None)
     strikes, goals = np.array(result["first_strikes"]), s.goals()
     near = s.rollout().approach(strikes, goals.positions, t_stay=s.t_stay)
     np.testing.assert_allclose(result["first_misses"], near.distance)
-    angles = np.arctan2(goals.directions[:, 1], goals.directions[:, 0])  # type: ignore[index]
+    angles = np.arctan2(goals.directions[:, 1], goals.directions[:, 0])
     for outcome in result["outcomes"][:2]:
         first = np.array(outcome["trials"]) == 1
         hit = (near.distance <= outcome["hit_radius"]) & (np.abs(strikes[:, 0] - angles) <= 0.3)

@@ -16,7 +16,7 @@ TARGETS = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin
 
 
 def recorded(radius: float) -> RecordedTask:
-    return RecordedTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=radius)  # type: ignore[arg-type]
+    return RecordedTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=radius)
 
 
 def test_trials_of_a_policy_at_several_radii():
@@ -24,7 +24,7 @@ def test_trials_of_a_policy_at_several_radii():
     angles = [-0.3, 0.45, 0.8, 0.89]
     radii = (0.2, 0.06, 0.02)
     task = recorded(0.02)
-    found = trials_within(Scripted(task, angles), task, TARGETS, radii, cap=4, convention="samples")  # type: ignore[arg-type]
+    found = trials_within(Scripted(task, angles), task, TARGETS, radii, cap=4, convention="samples")
     for radius, (trials, hit) in found.items():
         for i, at in enumerate((0.0, 0.5, 0.9)):
             misses = [np.sin(abs(at - angle)) for angle in angles]
@@ -32,11 +32,11 @@ def test_trials_of_a_policy_at_several_radii():
             assert trials[i] == (within[0] if within else 4)
             assert hit[i] == bool(within)
     task = recorded(0.02)
-    lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")  # type: ignore[arg-type]
+    lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")
     for misses, at in zip(lists, (0.0, 0.5, 0.9), strict=True):
         np.testing.assert_allclose(misses, [np.sin(abs(at - angle)) for angle in angles], atol=1e-12)
     task = recorded(0.12)
-    lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")  # type: ignore[arg-type]
+    lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")
     assert [len(misses) for misses in lists] == [4, 2, 3]
 
 
@@ -45,9 +45,9 @@ def test_trials_at_several_radii_where_a_direction_is_asked_for():
     angles, wanted = [-0.3, 0.45, 0.8, 0.89], np.array([0.0, 0.8, 0.9])
     radii = (0.4, 0.2, 0.06)
     rule, zone = ArrivalRule(angle=(-1.0, 1.0), cone=0.2), Disc((0.8, 0.2), 1.0)
-    task = RecordedTask(StraightFlight(), zone, bounds=BOUNDS, arrival=rule, hit_radius=0.06)  # type: ignore[arg-type]
+    task = RecordedTask(StraightFlight(), zone, bounds=BOUNDS, arrival=rule, hit_radius=0.06)
     goals = rule.goals_at(TARGETS, 0.4, wanted)
-    found = trials_within(Scripted(task, angles), task, goals, radii, cap=4, convention="samples")  # type: ignore[arg-type]
+    found = trials_within(Scripted(task, angles), task, goals, radii, cap=4, convention="samples")
     for radius, (trials, hit) in found.items():
         for i, at in enumerate((0.0, 0.5, 0.9)):
             hits = [

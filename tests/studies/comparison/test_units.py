@@ -57,7 +57,7 @@ def test_a_library_comes_before_the_search(method):
 def test_targets_stay_where_they_are_when_directions_are_asked_for():
     asked = scene(arrival=ArrivalRule(angle=(-1.0, 0.0)))
     np.testing.assert_array_equal(asked.points(), scene().points())
-    angles = np.arctan2(*asked.goals().directions.T[::-1])  # type: ignore[union-attr]
+    angles = np.arctan2(*asked.goals().directions.T[::-1])
     assert ((angles >= -1) & (angles <= 0)).all()
     assert np.ptp(angles) > 0.2
     np.testing.assert_array_equal(asked.goals().directions, asked.goals().directions)
@@ -70,7 +70,7 @@ def test_a_search_unit_searches_for_directions_at_each_radius(method):
     rule = ArrivalRule(angle=(-1.2, -0.5), cone=0.3)
     s = scene(arrival=rule)
     result = SearchUnit(scene=s, method=method, seed=3, first=2, last=6).run(None, None)
-    angles = np.arctan2(*s.goals().directions.T[::-1])  # type: ignore[union-attr]
+    angles = np.arctan2(*s.goals().directions.T[::-1])
     found = 0
     for outcome, radius in zip(result["outcomes"], (0.3, 0.1), strict=True):
         assert outcome["hit_radius"] == radius

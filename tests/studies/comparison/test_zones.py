@@ -17,10 +17,10 @@ from whiptool.zone import Disc, ReachableDisc, Region
 
 def test_zones_have_names_and_words():
     reach = preset("lemon2024").reach
-    assert zone_named("0.2", scene(0.1), None) == Disc((1.3, 0.0), 0.2)  # type: ignore[arg-type]
-    wide = zone_named("0.3", scene(0.1), None)  # type: ignore[arg-type]
+    assert zone_named("0.2", scene(0.1), None) == Disc((1.3, 0.0), 0.2)
+    wide = zone_named("0.3", scene(0.1), None)
     assert wide == ReachableDisc(Disc((1.3, 0.0), 0.3), reach)
-    assert zone_named("0.2", replace(scene(0.1), zone=wide), None) == Disc((1.3, 0.0), 0.2)  # type: ignore[arg-type]
+    assert zone_named("0.2", replace(scene(0.1), zone=wide), None) == Disc((1.3, 0.0), 0.2)
     assert words(wide) == f"what is within reach ({reach:.3f} m) of a disc of radius 0.3 m around (1.3, 0) m"
     assert words(Disc((1.3, 0.0), 0.3)) == "a disc of radius 0.3 m around (1.3, 0) m"
     assert words(Region(np.zeros((50, 2)), 0.2)) == "wherever the tip can pass with 3 m/s, 2.00 m^2"

@@ -53,7 +53,7 @@ class Told:
 
 def test_the_report_of_unknown_whips():
     scene = Scene(model=MODEL, controller=CONTROLLER)
-    context = Context(Comparison(scene=scene), Told(), whips=5)  # type: ignore[arg-type]
+    context = Context(Comparison(scene=scene), Told(), whips=5)
     sections = {section.title: section for section in reproduction.sections(context)}
     hits, trials = (p.rows for p in sections["Unknown whips, strike by strike"].parts if isinstance(p, Table))
     assert len(hits) == len(trials) == 1 + 3 * 9 - 1  # the strangest whips are not tried as uniform ones
@@ -92,9 +92,9 @@ def test_the_report_of_unknown_whips():
 def test_a_study_of_chosen_rows_tries_no_others():
     told = Told()
     asked: list[str] = []
-    told.results = lambda units, desc="": asked.extend(u.name for u in units) or {u.name: told.of(u) for u in units}  # type: ignore[method-assign]
+    told.results = lambda units, desc="": asked.extend(u.name for u in units) or {u.name: told.of(u) for u in units}
     scene = Scene(model=MODEL, controller=CONTROLLER)
-    context = Context(Comparison(scene=scene), told, whips=5, whip_targets=2, rows=("nominal", "still"))  # type: ignore[arg-type]
+    context = Context(Comparison(scene=scene), told, whips=5, whip_targets=2, rows=("nominal", "still"))
     sections = {section.title: section for section in reproduction.sections(context)}
     hits = next(p.rows for p in sections["Unknown whips, strike by strike"].parts if isinstance(p, Table))
     assert {(row[1], row[2]) for row in hits[1:]} == {("nominal", "10"), ("still", "10")}

@@ -66,4 +66,4 @@ def test_too_few_strikes_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(TwinUnit, "run", lambda *_: {"fault": "unplugged"})
     comparison = type("Comparison", (), {"scene": SCENE})()
     with pytest.raises(WhiptoolError, match=r"0 of 4 .* unplugged"):
-        sim2real.sections(Context(comparison, Store(tmp_path), quick=True))  # type: ignore[arg-type]
+        sim2real.sections(Context(comparison, Store(tmp_path), quick=True))

@@ -81,7 +81,7 @@ def test_a_target_that_one_robot_misses_in_one_space_is_not_hit_everywhere():
     found = study()
     for method in METHODS:
         unit = SpaceUnit(robot="panda", space="hand", method=method, target=1, cap=40)
-        found.found[unit.name]["hit"] = False  # type: ignore[index]
+        found.found[unit.name]["hit"] = False
     assert found.hit_everywhere().tolist() == [True, False, True]
     assert found.summary()["panda"]["hit_in_all_spaces"] == 2
     assert found.summary()["ur5e"]["hit_in_all_spaces"] == 3

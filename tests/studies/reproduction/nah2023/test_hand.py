@@ -76,17 +76,17 @@ def test_jacobian_gives_the_velocity_of_the_hand_and_is_pinocchios():
     velocity = np.einsum("bij,bj->bi", hand_jacobian(arm, q), v)
     assert velocity == pytest.approx(arm_frames(arm, q, v)[-1].velocity, abs=1e-12)
     model, parent = pinocchio.Model(), 0
-    for link in NAH2023.arm.links:  # type: ignore[union-attr]
+    for link in NAH2023.arm.links:
         place = pinocchio.SE3(np.array(link.rotation, float), np.array(link.position, float))
         joint = pinocchio.JointModelRevoluteUnaligned(np.array(link.axis, float))
         parent = model.addJoint(parent, joint, place, f"joint{parent}")
-    hand = pinocchio.SE3(np.eye(3), np.array(NAH2023.arm.hand_position, float))  # type: ignore[union-attr]
+    hand = pinocchio.SE3(np.eye(3), np.array(NAH2023.arm.hand_position, float))
     frame = model.addFrame(pinocchio.Frame("hand", parent, 0, hand, pinocchio.FrameType.OP_FRAME))
     angles = rng.normal(size=4)
     J = pinocchio.computeFrameJacobian(
         model, model.createData(), angles, frame, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
     )
-    assert hand_jacobian(NAH2023.arm, angles) == pytest.approx(J[:3], abs=1e-12)  # type: ignore[arg-type]
+    assert hand_jacobian(NAH2023.arm, angles) == pytest.approx(J[:3], abs=1e-12)
 
 
 class _Moved:
@@ -105,7 +105,7 @@ def test_measures_of_a_hand_on_a_quarter_of_a_circle():
     """Planar to rounding. Of the joints' deviation all is the elbow's, the softer; at the hand the elbow's direction
     turns from across the softest axis to some way along it."""
     arm, K = _two_links(0.3), np.diag([20.0, 10.0])
-    found = measure(arm, K, _Moved(1.0), 1.0)  # type: ignore[arg-type]
+    found = measure(arm, K, _Moved(1.0), 1.0)
     assert found.rms == pytest.approx(0, abs=1e-12)
     assert found.joint == pytest.approx([1, 0])
     angle = np.linspace(0, np.pi / 2, 2001)

@@ -22,7 +22,7 @@ def test_a_straight_chain_has_no_angles_and_all_its_length():
     """The arm's first joint raises it to the horizontal, towards target 4."""
     q = np.zeros(54)
     q[0] = np.pi / 2
-    lengths, angles = link_angles(_bent(q), 1.0, np.array(published.TARGETS[3]))  # type: ignore[arg-type]
+    lengths, angles = link_angles(_bent(q), 1.0, np.array(published.TARGETS[3]))
     assert len(lengths) == 2 + 25
     assert lengths.sum() == pytest.approx(REACH)
     assert np.abs(angles).max() < 1e-7
@@ -33,7 +33,7 @@ def test_a_miss_is_no_less_than_what_the_angles_say():
     rng, target = np.random.default_rng(0), np.array(published.TARGETS[5])
     for scale in (0.01, 0.1, 1.0):
         q = scale * rng.normal(size=54)
-        lengths, angles = link_angles(_bent(q), 1.0, target)  # type: ignore[arg-type]
+        lengths, angles = link_angles(_bent(q), 1.0, target)
         tip = joint_points(NAH2023, q[None])[0, -1]
         short = (lengths * (1 - np.cos(angles))).sum() - (REACH - np.linalg.norm(target))
         assert short == pytest.approx(np.linalg.norm(target) - tip @ target / np.linalg.norm(target))

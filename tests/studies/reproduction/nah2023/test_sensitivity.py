@@ -45,7 +45,7 @@ STRIKES = np.stack([np.zeros(9), np.full(9, 0.5)]) + np.eye(2, 9, 1)
 @pytest.mark.parametrize("time", [(0.25, 0.1), (0.2503, 0.4999), (1.0, 0.5), (0.0, 0.0)])
 def test_links_between_samples_change_linearly_until_each_strike_breaks_off(time):
     rollout, at = Quadratic(), np.array(time)[:, None, None, None]
-    links = links_at(rollout, STRIKES, np.array(time), t_stay=0.0)  # type: ignore[arg-type]
+    links = links_at(rollout, STRIKES, np.array(time), t_stay=0.0)
     ends = rollout.A + rollout.B * at
     np.testing.assert_allclose(links.slopes, np.stack([ends[:, 0], ends[:, 1] - ends[:, 0]], axis=1), atol=1e-10)
     np.testing.assert_allclose(links.vectors, np.einsum("bkij,bj->bki", links.slopes, STRIKES), atol=1e-10)
@@ -72,7 +72,7 @@ def test_a_path_moves_as_far_as_its_derivatives_across_its_velocity():
     """By Pythagoras: of each column, what is left of its length without the share along the velocity."""
     rollout = Quadratic()
     near = SimpleNamespace(time=np.array([0.3, 0.2]), velocity=np.array([[0.0, 0.0, 5.0], [1.0, -2.0, 2.0]]))
-    found = path_sensitivity(rollout, STRIKES, near, t_stay=0.0)  # type: ignore[arg-type]
+    found = path_sensitivity(rollout, STRIKES, near, t_stay=0.0)
     J = (rollout.A + rollout.B * near.time[:, None, None, None])[:, 1]
     unit = near.velocity / np.linalg.norm(near.velocity, axis=1, keepdims=True)
     along = np.einsum("bi,bij->bj", unit, J)
