@@ -85,7 +85,7 @@ def test_forward_mode_has_functions_with_derivatives(system: System, code: str):
 def test_there_is_no_engine_where_nothing_compiles(system: System, monkeypatch):
     asked = []
 
-    def load(code: str, driver: str, defines: dict[str, Any]) -> None:
+    def load(code: str, driver: str, defines: dict[str, Any], functions: tuple[str, ...]) -> None:
         asked.append((code, driver, defines))
 
     monkeypatch.setattr(native, "load_library", load)

@@ -116,7 +116,7 @@ def _engine() -> list[Finding]:
     from whiptool.impedance import ConstantImpedance, Controller
     from whiptool.models import preset
     from whiptool.rollout import CompiledRollout
-    from whiptool.rollout.compiler import find_compiler
+    from whiptool.rollout.compiler import CompilerHangs, compiler_version, find_compiler
     from whiptool.rollout.engine import VARIABLE, wanted_rung
     from whiptool.rollout.native import NativeEngine
 
@@ -125,8 +125,11 @@ def _engine() -> list[Finding]:
     if compiler is None:
         compiler_finding = Finding("C++ compiler", "none", "install g++ (Debian: apt-get install g++), or set CXX")
     else:
-        run = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
-        compiler_finding = Finding("C++ compiler", f"{compiler}: {(run.stdout.splitlines() or ['?'])[0]}")
+        try:
+            version = (compiler_version(compiler).splitlines() or ["?"])[0]
+            compiler_finding = Finding("C++ compiler", f"{compiler}: {version}")
+        except CompilerHangs as error:
+            compiler_finding = Finding("C++ compiler", f"{compiler}: {error}", "set CXX to one that answers")
     rollout = CompiledRollout(preset("lemon2024"), Controller(ConstantImpedance()))
     engine = rollout._engine(forward=False)
     lanes = f", {engine.lanes} strikes at a time on each core" if isinstance(engine, NativeEngine) else ""
@@ -138,7 +141,7 @@ def _engine() -> list[Finding]:
 
 
 def _cache() -> Finding:
-    from whiptool.rollout.compiler import cache_folder
+    from whiptool.rollout.library_cache import cache_folder
 
     folder = cache_folder()
     libraries = list(folder.glob("*.so"))

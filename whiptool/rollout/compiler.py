@@ -1,24 +1,28 @@
-"""Compiles generated code with the system's compiler into the user's cache folder."""
+"""Compiles generated code with the system's compiler."""
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import hashlib
 import logging
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import tempfile
+from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from platformdirs import user_cache_path
-
+from whiptool.rollout.library_cache import cache_folder, cached, keep
 from whiptool.whole_files import write_whole
 
 log = logging.getLogger("whiptool")
+
+LONGEST = 300.0  # [s] that a library may take to compile: some 10 s of a machine of its own
+_LONGEST_ANSWER = 30.0  # [s] of the question for its version
 
 # no -ffast-math: it would remove the tests for NaN
 FLAGS = (
@@ -35,12 +39,38 @@ FLAGS = (
 )
 
 
-def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run the compiler; what cannot be run at all counts as failed."""
+class CompilerHangs(Exception):
+    """A compiler gave no answer in its time."""
+
+
+def _run(command: list[str], longest: float) -> subprocess.CompletedProcess[str]:
+    """Run the compiler; what cannot be run at all counts as failed.
+
+    Raises:
+        CompilerHangs: It took longer [s]; it is ended, with the processes that it began.
+    """
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=False)
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            errors="replace",
+            start_new_session=True,
+        )
     except OSError as error:
         return subprocess.CompletedProcess(command, 126, "", str(error))
+    with process:
+        try:
+            out, err = process.communicate(timeout=longest)
+        except BaseException as error:
+            with suppress(OSError):
+                os.killpg(process.pid, signal.SIGKILL)
+            if isinstance(error, subprocess.TimeoutExpired):
+                raise CompilerHangs(f"no answer within {longest:g} s") from None
+            raise
+    return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
 @cache
@@ -60,75 +90,84 @@ def find_compiler() -> str | None:
 
 
 @cache
+def compiler_version(compiler: str) -> str:
+    """What a compiler says of itself.
+
+    Raises:
+        CompilerHangs: It says nothing.
+    """
+    return _run([compiler, "--version"], _LONGEST_ANSWER).stdout
+
+
+@cache
 def _identity(compiler: str) -> str:
     """Compiler version and processor: a library built for one is not offered to another."""
-    version = _run([compiler, "--version"]).stdout
     try:
         processor = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
     except (OSError, StopIteration):
         processor = platform.processor()
-    return f"{version}\n{platform.machine()}\n{processor}"
+    return f"{compiler_version(compiler)}\n{platform.machine()}\n{processor}"
 
 
-def cache_folder() -> Path:
-    """The cache folder; a temporary one where the user's cannot be written."""
-    folder = user_cache_path("whiptool") / "compiled"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    except OSError:
-        pass
-    log.warning("cannot write %s; compiled code is kept for this process only", folder)
-    return _temporary_folder()
+_hanging: set[str] = set()  # compilers that are not asked again
 
 
-@cache
-def _temporary_folder() -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="whiptool-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
-
-
-def load_library(generated: str, driver: str, defines: dict[str, float]) -> ctypes.CDLL | None:
+def load_library(
+    generated: str, driver: str, defines: dict[str, float], functions: Sequence[str] = ()
+) -> ctypes.CDLL | None:
     """The shared library of generated C code included by a driver, from the cache or freshly compiled.
 
-    The cache key is a hash of sources, compiler, processor and flags. The library is written under a temporary name
-    and renamed, so that processes that start at once do not see each other's half-written files.
+    The cache key is a hash of sources, compiler, processor and flags. The library is built under another name and
+    renamed, so that processes that start at once do not see each other's half-written files.
 
     Args:
         generated: C code that the driver includes as `GENERATED`.
         driver: C++ code.
         defines: Macros.
+        functions: That the library has to have.
 
     Returns:
         The library; None where there is no compiler, and, with one line in the log, where it fails.
     """
     compiler = find_compiler()
-    if compiler is None:
+    if compiler is None or compiler in _hanging:
         return None
     options = [*FLAGS, *(f"-D{name}={value}" for name, value in sorted(defines.items()))]
-    key = hashlib.sha256("\0".join([generated, driver, _identity(compiler), *options]).encode()).hexdigest()[:32]
-    folder = cache_folder()
-    library = folder / f"{key}.so"
-    if library.exists():
-        try:
-            return ctypes.CDLL(str(library))
-        except OSError as error:  # a damaged file: compile again
-            log.warning("cached %s does not load (%s); compiling again", library.name, error)
+    try:
+        key = hashlib.sha256("\0".join([generated, driver, _identity(compiler), *options]).encode()).hexdigest()[:32]
+        folder = cache_folder()
+        return cached(folder, key) or _built(folder, key, [compiler, *options], (generated, driver), functions)
+    except CompilerHangs as error:
+        _hanging.add(compiler)
+        log.warning("%s hangs (%s); strikes run in CasADi's interpreter, several times slower", compiler, error)
+    except OSError as error:
+        log.warning("cannot compile (%s); trying something simpler", error)
+    return None
+
+
+def _built(
+    folder: Path, key: str, command: list[str], sources: tuple[str, str], functions: Sequence[str]
+) -> ctypes.CDLL | None:
+    """Compile a library, load it, and keep it in the cache; None, with one line in the log, where it fails.
+
+    Raises:
+        CompilerHangs: The compiler takes too long.
+        OSError: A file cannot be written, or what was built does not load.
+    """
+    compiler = command[0]
     with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as build:
         source, driver_file, output = Path(build, "generated.c"), Path(build, "driver.cpp"), Path(build, "out.so")
-        write_whole(source, generated)
-        write_whole(driver_file, driver)
-        command = [compiler, *options, f'-DGENERATED="{source}"', str(driver_file), "-o", str(output), "-lm"]
-        run = _run(command)
+        for file, text in zip((source, driver_file), sources, strict=True):
+            write_whole(file, text)
+        run = _run([*command, f'-DGENERATED="{source}"', str(driver_file), "-o", str(output), "-lm"], LONGEST)
         if run.returncode != 0:
             reason = (run.stderr.strip().splitlines() or [f"exit status {run.returncode}"])[0]
             log.warning("%s failed (%s); trying something simpler", compiler, reason)
             return None
-        output.replace(library)
-    try:
-        return ctypes.CDLL(str(library))
-    except OSError as error:
-        log.warning("%s does not load (%s); trying something simpler", library, error)
-        return None
+        library = ctypes.CDLL(str(output))
+        missing = [name for name in functions if not hasattr(library, name)]
+        if missing:
+            log.warning("%s built a library without %s; trying something simpler", compiler, ", ".join(missing))
+            return None
+        keep(output, folder, key)
+        return library

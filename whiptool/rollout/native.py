@@ -56,6 +56,9 @@ def _constants(system: System) -> str:
     return "\n".join(lines) + "\n"
 
 
+_FUNCTIONS = ("whiptool_lanes", "whiptool_roll")  # of the library
+
+
 class _Strikes(ctypes.Structure):  # driver.cpp: struct Strikes
     _fields_ = [
         *((name, ctypes.c_void_p) for name in ("p", "x0", "target", "h", "h_last", "steps")),
@@ -92,7 +95,7 @@ class NativeEngine:
             "SIMD": int(simd),
             "FORWARD": int(forward),
         }
-        library = load_library(generate_c(system, forward=forward), driver_source(), defines)
+        library = load_library(generate_c(system, forward=forward), driver_source(), defines, _FUNCTIONS)
         return None if library is None else cls(library, system, "simd" if simd else "scalar")
 
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
