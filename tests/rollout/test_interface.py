@@ -80,12 +80,43 @@ def test_approaches_are_joined_in_order():
         two = np.full((1, 2), x)
         return Approach(two[:, 0], two[:, 0], two, two, two, two, np.array([x > 1]), error and np.array([error]))
 
-    both = joined([one(1.0, None), one(2.0, None)])
+    both = joined([one(1.0, None), one(2.0, None)], 2, 2)
     assert both.distance.tolist() == [1, 2]
     assert both.tip.tolist() == [[1, 1], [2, 2]]
     assert both.diverged.tolist() == [False, True]
     assert both.error is None
-    assert joined([one(1.0, 0.1), one(2.0, 0.2)]).error.tolist() == [0.1, 0.2]
+    assert joined([one(1.0, 0.1), one(2.0, 0.2)], 2, 2).error.tolist() == [0.1, 0.2]
+
+
+NONE = {
+    "approach": lambda rollout: rollout.approach(np.empty((0, 5)), np.empty((0, 2))).tip,
+    "approach of one target": lambda rollout: rollout.approach(np.empty((0, 5)), (1.2, 0.1)).tip,
+    "trajectories": lambda rollout: list(rollout.trajectories(np.empty((0, 5)))),
+}
+COMPILED_NONE = NONE | {
+    "nearest node": lambda rollout: rollout.nearest_node(np.empty((0, 5)), (1.2, 0.1), nodes=[0, 11]).velocity,
+    "gradient": lambda rollout: rollout.gradient(np.empty((0, 5)), (1.2, 0.1))[1],
+    "tip path": lambda rollout: rollout.tip_path(np.empty((0, 5)), rate=100.0, names=["D"])[2],
+    "peaks and path": lambda rollout: rollout.peaks_and_path(np.empty((0, 5)), rate=100.0)[1],
+    "chain paths": lambda rollout: list(rollout.chain_paths(np.empty((0, 5)), names=["D"])),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "asked"),
+    [(ReferenceRollout, name) for name in NONE] + [(CompiledRollout, name) for name in COMPILED_NONE],
+)
+def test_no_strikes_come_to_nothing(kind, asked):
+    """A search, a map or a learner may have none left to strike."""
+    rollout = kind(preset("lemon2024"), Controller(ConstantImpedance()))
+    assert len(COMPILED_NONE[asked](rollout)) == 0
+
+
+def test_no_approaches_have_their_columns():
+    none = joined([], 6, 3)
+    assert none.velocity.shape == none.tip.shape == (0, 3)
+    assert none.max_torque.shape == none.max_joint_speed.shape == (0, 6)
+    assert none.distance.shape == none.diverged.shape == (0,)
 
 
 @pytest.mark.parametrize("kind", [CompiledRollout, ReferenceRollout])

@@ -107,6 +107,21 @@ def test_practice_adds_what_was_missed(building, parts):
     assert after.sum() > before.sum()
 
 
+def test_no_goals_have_no_strikes(building, parts):
+    made, none = StrikeMap(building.striker, AIMED, Answers.joined(parts)), AIMED.draw(0, np.random.default_rng(0))
+    refined = made.refined(none)
+    assert made.strikes(none).shape == made.kept(none).shape == refined.strikes.shape == (0, 5)
+    assert refined.struck.hit.shape == (0,)
+    assert refined.rollouts == refined.derivatives == 0
+
+
+def test_practice_of_goals_that_are_all_hit_adds_nothing(parts):
+    """So it is of whips and regions that are easy: `whiptool map build` of the usual one, for instance."""
+    anywhere = GoalRegion(AIMED.zone, hit_radius=5.0)  # whatever is struck, the target is hit
+    building = Building(striker(), anywhere, PLAN, seed=0)
+    assert len(building.part(parts[:1])) == 0
+
+
 def test_it_is_kept_as_arrays(building, parts, tmp_path: Path):
     for number, part in enumerate(parts):
         save_part(tmp_path, number, part)

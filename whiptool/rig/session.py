@@ -391,7 +391,7 @@ class RigRollout(Rollout):
                 struck = None
             self.struck.append(struck)
             found.append(self._approach(struck, point))
-        return joined(found)
+        return joined(found, self.model.arm.n, 2)
 
     def _approach(self, struck: Struck | None, target: np.ndarray) -> Approach:
         """The closest approach of one strike, with the camera's standard error."""

@@ -167,7 +167,7 @@ class CompiledRollout(Rollout):
             for i, (path, h) in enumerate(zip(rolled.observed()[0], batch.h, strict=True)):
                 paths = path.reshape(len(path), len(nodes), d).transpose(1, 0, 2)
                 found.append(tips.of_paths(i, paths, batch.target[i], h))
-        return joined(found)
+        return joined(found, a, d)
 
     def gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
@@ -271,7 +271,7 @@ class CompiledRollout(Rollout):
         number("rate", rate, low=0, strict=True)
         if names and (models or controllers):
             raise InputError("names", list(names), "none, where strikes differ in their models")
-        S = int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1
+        S = int((strikes[:, -1].max(initial=0.0) + t_stay) * rate + 1e-9) + 1
         B, m, d = len(strikes), len(names), self.model.dimension
         engine = self._engine(forward=m > 0)
         paths, slopes = np.empty((B, S, d)), np.empty((B, S, d, m))

@@ -106,7 +106,8 @@ class Rollout(ABC):
         vectors = self.vectors(strikes)
         paths = self.trajectories(vectors, t_stay=t_stay)
         points = target_points(target, len(vectors), self.model.dimension)
-        return joined([path.approach(point) for path, point in zip(paths, points, strict=True)])
+        found = [path.approach(point) for path, point in zip(paths, points, strict=True)]
+        return joined(found, self.model.arm.n, self.model.dimension)
 
     def gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
@@ -147,8 +148,16 @@ class Rollout(ABC):
         return InputError("simulator", self.engine, "one with derivatives", "use the compiled simulator")
 
 
-def joined(approaches: Sequence[Approach]) -> Approach:
-    """Return approaches of single strikes as one of them all."""
+def joined(approaches: Sequence[Approach], joints: int, dimension: int) -> Approach:
+    """Return approaches of single strikes as one of them all, also of none.
+
+    Args:
+        approaches: Of one strike each.
+        joints: Of the arm.
+        dimension: Of the places, 2 or 3.
+    """
+    if not approaches:
+        return Approach.none(joints, dimension)
     rows = [[getattr(x, f.name) for x in approaches] for f in dataclasses.fields(Approach)]
     columns: list[Any] = [None if row[0] is None else np.concatenate(row) for row in rows]
     return Approach(*columns)

@@ -55,6 +55,11 @@ class Approach:
             return f"Approach({self.distance[0]:.4f} m at {self.time[0]:.3f} s, {self.speed[0]:.1f} m/s)"
         return f"Approach({len(self.distance)} strikes, the nearest {np.nanmin(self.distance, initial=np.inf):.4f} m)"
 
+    @classmethod
+    def none(cls, joints: int, dimension: int) -> Approach:
+        """Return the approaches of no strikes."""
+        return cls(*map(np.empty, (0, 0, (0, dimension), (0, dimension), (0, joints), (0, joints))), np.empty(0, bool))
+
     def of_paths(self, i: int, paths: np.ndarray, target: np.ndarray, h: float) -> Approach:
         """Return strike i's approach, of the path that comes nearest instead of the tip's (B = 1).
 

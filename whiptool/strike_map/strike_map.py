@@ -76,7 +76,7 @@ class StrikeMap:
 
     def strikes(self, goals: Goals) -> np.ndarray:
         """Return one strike for each goal, (B, m), without any rollout."""
-        return np.array([each.strikes[0] for each in self._candidates(goals, 1)])
+        return self._taken(self._candidates(goals, 1), 0)
 
     def kept(self, goals: Goals, *, tried: int = TRIED) -> np.ndarray:
         """Return for each goal the best of its candidates that keeps all limits, (B, m), which rollouts say.
@@ -86,11 +86,11 @@ class StrikeMap:
             tried: Candidates of a goal that are looked at at most; if none of them keeps the limits, it is the best.
         """
         found = self._candidates(goals, tried)
-        chosen = np.array([each.strikes[0] for each in found])
+        chosen = self._taken(found, 0)
         left = np.arange(len(found))
         for turn in range(tried):
             left = left[[len(found[i].strikes) > turn for i in left]]
-            strikes = np.array([found[i].strikes[turn] for i in left]).reshape(-1, chosen.shape[1])
+            strikes = self._taken([found[i] for i in left], turn)
             keep = self.striker.keep(strikes)
             chosen[left[keep]] = strikes[keep]
             left = left[~keep]
@@ -119,5 +119,10 @@ class StrikeMap:
 
     def _refined(self, goals: Goals, found: Sequence[Candidates], rows: np.ndarray, turn: int) -> Refined:
         """Return what refinement makes of each goal's candidate whose turn it is."""
-        starts, slopes = (np.array([getattr(found[i], name)[turn] for i in rows]) for name in ("strikes", "slopes"))
+        starts = self._taken([found[i] for i in rows], turn)
+        slopes = np.array([found[i].slopes[turn] for i in rows])
         return refine(self.striker, goals.rows(rows), starts, slopes)
+
+    def _taken(self, found: Sequence[Candidates], turn: int) -> np.ndarray:
+        """Return of each goal's candidates the one whose turn it is, (B, m), also of no goals."""
+        return np.array([each.strikes[turn] for each in found]).reshape(-1, len(self.striker.lower))
