@@ -58,7 +58,8 @@ class Approach:
     @classmethod
     def none(cls, joints: int, dimension: int) -> Approach:
         """Return the approaches of no strikes."""
-        return cls(*map(np.empty, (0, 0, (0, dimension), (0, dimension), (0, joints), (0, joints))), np.empty(0, bool))
+        number, place, of_joints = np.empty(0), np.empty((0, dimension)), np.empty((0, joints))
+        return cls(number, number, place, place, of_joints, of_joints, np.empty(0, bool))
 
     def of_paths(self, i: int, paths: np.ndarray, target: np.ndarray, h: float) -> Approach:
         """Return strike i's approach, of the path that comes nearest instead of the tip's (B = 1).
