@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -301,3 +302,19 @@ def test_strikes_of_the_hand_that_no_joints_can_make_are_refused_trials():
     outcome, slope = objective.gradient(np.array(far))
     assert objective.refuses(outcome)
     assert not slope.any()
+
+
+def test_trials_of_several_threads_are_counted_one_after_the_other():
+    searched = objective(max_trials=100)
+
+    def strike(vector):
+        try:
+            return searched(vector).miss_distance
+        except SearchStopped:
+            return math.nan
+
+    with ThreadPoolExecutor(3) as threads:
+        found = list(threads.map(strike, BOUNDS.sample(np.random.default_rng(0), 150)))
+    assert [trial.number for trial in searched.trials] == list(range(1, 101))
+    assert np.isfinite(found).sum() == 100
+    assert searched.best == min(searched.trials, key=lambda trial: trial.outcome.cost)

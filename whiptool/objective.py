@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -191,6 +192,7 @@ class Objective:
         self._last: StrikesAtGoal | None = None  # what was rolled out last
         self._recorded: list[Trial] = []
         self._on_trial: Callable[[Trial], None] | None = None
+        self._one_by_one = threading.RLock()  # threads' trials are numbered and logged one after the other
         self._start = time.monotonic()
         # farther than any real miss can be; a strike beyond the limits has between one and two of it
         self.goals = self.target.goals
@@ -241,12 +243,13 @@ class Objective:
         Raises:
             SearchStopped: The budget was used up before this strike.
         """
-        try:
-            return self.trial(strike)
-        except SearchStopped as stop:
-            if stop.reason != "hit":
-                raise
-            return self.trials[-1].outcome
+        with self._one_by_one:
+            try:
+                return self.trial(strike)
+            except SearchStopped as stop:
+                if stop.reason != "hit":
+                    raise
+                return self.trials[-1].outcome
 
     def trial(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike of a search.
@@ -268,6 +271,11 @@ class Objective:
         width = self.space.width
         if strikes.ndim != 2 or strikes.shape[1] != width or not np.isfinite(strikes).all():
             raise InputError("strikes", strikes.tolist()[:1], f"{width} finite numbers each")
+        with self._one_by_one:
+            return self._batch(strikes)
+
+    def _batch(self, strikes: np.ndarray) -> list[Outcome]:
+        """Outcomes of strikes that are well formed; see `batch`."""
         if self.max_time is not None and time.monotonic() - self._start > self.max_time:
             raise SearchStopped("time")
         room = len(strikes) if self.max_trials is None else self.max_trials - len(self.trials)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from shared_by_threads import check_shared
 
 from whiptool.dynamics.chain import Chain, mass_matrix, potential_energy
 from whiptool.dynamics.lagrangian import lagrangian_dynamics
 from whiptool.impedance.arm import Arm
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
-from whiptool.models.presets import PRESETS
+from whiptool.models.presets import PRESETS, preset
 
 STATES = 20
 
@@ -155,3 +156,15 @@ def test_feedforward_of_a_pendulum():
     np.testing.assert_allclose(torque, [(0.04 + 2 * 0.3**2) * -3.0 + 0.7 * 1.5], rtol=1e-13)
     weight = Arm(model).gravity_compensation(np.array([0.4]))
     np.testing.assert_allclose(weight, [(2 * 0.3 + 0.5 * 0.5) * 9.81 * np.sin(0.4)], rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["lemon2024", "ur5e"])
+def test_threads_may_share_an_arm(name: str):
+    arm = Arm(preset(name))
+
+    def told(q):
+        hand = arm.hand(q)
+        motion = hand.position, hand.rotation, hand.jacobian
+        return *motion, arm.gravity_jacobians(q), arm.inertia(q), arm.gravity_compensation(q), arm.feedforward(q, q, q)
+
+    check_shared(told, np.random.default_rng(0).normal(size=(2000, arm.n)))

@@ -162,3 +162,20 @@ def test_strikes_of_the_hand_and_their_vectors():
             HandStrike.from_vector(bad)
     with pytest.raises(InputError, match="as many as x_i"):
         HandStrike((0.1,), (0.3, 0.4), 0.5)
+
+
+def test_a_space_that_threads_share_keeps_their_strikes_apart():
+    """It keeps what it solved last. Here another thread asks for another strike just as that is kept."""
+    alone = SPACES["lemon2024"]
+    mine, others = possible(alone, 2)[:, None]
+
+    class Shared(HandSpace):
+        interrupted = False
+
+        def __setattr__(self, name, value):
+            super().__setattr__(name, value)
+            if name == "_last" and value is not None and not self.interrupted:
+                self.interrupted = True
+                self.numbers(others)
+
+    np.testing.assert_array_equal(Shared(alone.arm).numbers(mine), alone.numbers(mine))

@@ -8,9 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 from rich_model import everything
+from shared_by_threads import check_shared
 
 from whiptool.errors import InputError
-from whiptool.impedance import OIAC, OIAC_PRESETS, ConstantImpedance, Controller
+from whiptool.impedance import OIAC, OIAC_PRESETS, ConstantImpedance, Controller, PositionControl
 from whiptool.models import ArmLink, ArmParameters, preset
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
@@ -136,3 +137,17 @@ def test_export_loads_in_mujoco_and_moves_alike():
     ours = ReferenceRollout(LEMON, Controller())._mj
     for array in ("body_mass", "body_inertia", "body_ipos", "jnt_stiffness", "dof_damping"):
         np.testing.assert_allclose(getattr(model, array), getattr(ours, array), rtol=1e-5, atol=1e-14)
+
+
+@pytest.mark.parametrize("law", [ConstantImpedance(), PositionControl()], ids=["constant", "position"])
+def test_threads_that_share_a_reference_get_what_each_gets_alone(law):
+    """MuJoCo's state and the controller's arm are one for all of them."""
+    rollout = ReferenceRollout(LEMON, Controller(law))
+    strikes = DRAWN[:3].copy()
+    strikes[:, -1] = 0.05
+
+    def judged(strike):
+        path = rollout.trajectory(strike, t_stay=0.0)
+        return path.t, path.q, path.v, path.tau, path.tip
+
+    check_shared(judged, strikes)

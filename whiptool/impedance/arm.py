@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 
 import numpy as np
@@ -66,8 +67,15 @@ def _add_frame(
     model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
 
 
+class _Scratch(threading.local):
+    """Where Pinocchio computes: its data of a model, of each thread its own."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self.data = model.createData()
+
+
 class Arm:
-    """The bare arm of a model, and the weight of the whip at its hand.
+    """The bare arm of a model, and the weight of the whip at its hand; several threads may use one.
 
     Args:
         model: Arm, whip and gravity.
@@ -81,12 +89,16 @@ class Arm:
         else:
             links = (arm.per_link(name) for name in ("length", "mass", "com", "inertia"))
             self._model = pinocchio_chain(*links, gravity=model.gravity)
-        self._data = self._model.createData()
+        self._scratch = _Scratch(self._model)
         self._axes = np.eye(3) if model.dimension == 3 else _UPRIGHT  # of Pinocchio's in ours
         self._friction = arm.per_link("friction")
         self._frames = [self._model.getFrameId(f"com{i + 1}") for i in range(arm.n)] + [self._model.getFrameId("end")]
         self._masses = (*arm.per_link("mass").tolist(), float(model.whip.mass))
-        self._loaded: dict[tuple[float, ...], tuple[pin.Model, pin.Data]] = {}
+        self._loaded: dict[tuple[float, ...], tuple[pin.Model, _Scratch]] = {}
+
+    @property
+    def _data(self) -> pin.Data:
+        return self._scratch.data
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
         """Inertia matrix I(q) of the bare arm [kg m^2; kg where a joint slides], shape (n, n), as in Eq. 7."""
@@ -120,9 +132,10 @@ class Arm:
         carried = self._masses if masses is None else tuple(masses)
         if carried not in self._loaded:
             self._loaded[carried] = self._loaded_with(carried)
-        return pin.computeGeneralizedGravity(*self._loaded[carried], np.asarray(q, float)).copy()
+        model, scratch = self._loaded[carried]
+        return pin.computeGeneralizedGravity(model, scratch.data, np.asarray(q, float)).copy()
 
-    def _loaded_with(self, masses: tuple[float, ...]) -> tuple[pin.Model, pin.Data]:
+    def _loaded_with(self, masses: tuple[float, ...]) -> tuple[pin.Model, _Scratch]:
         """The arm with other masses of its links, and a point mass at the hand."""
         model = pin.Model(self._model)
         joints = [*range(1, self.n + 1), self.n]
@@ -131,7 +144,7 @@ class Arm:
         for joint, frame, mass in zip(joints, self._frames, masses, strict=True):
             place = model.frames[frame].placement.translation
             model.inertias[joint] += pin.Inertia(mass, place, np.zeros((3, 3)))
-        return model, model.createData()
+        return model, _Scratch(model)
 
     def feedforward(self, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray) -> np.ndarray:
         """Torque [N m], shape (n,), of the bare arm along the reference, without gravity."""

@@ -210,10 +210,10 @@ class HandSpace:
 
     def _solved(self, vectors: np.ndarray) -> _Found:
         """Solve for the joints' paths; those of the vectors that were asked for last are kept."""
-        key = vectors.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self._solve(vectors)
-        return self._last[1]
+        key, last = vectors.tobytes(), self._last  # other threads may ask the same space for other vectors
+        if last is None or last[0] != key:
+            last = self._last = key, self._solve(vectors)
+        return last[1]
 
     def _ends(self, vectors: np.ndarray) -> np.ndarray:
         """The hand's coordinates at the start and the end of strikes (..., 2 m + 1), (..., 2, m)."""

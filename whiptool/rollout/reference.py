@@ -107,7 +107,7 @@ class ReferenceRollout(Rollout):
         )
         h, h_last, steps = (x[0].item() for x in grid[:3])
         hold = grid[3] if self.controller.control_period is not None else 0
-        mj, data = self.mj, self.hang(np.array(path.q_i))
+        mj, data = self.mj, self.data
         times, q, v = np.empty(steps + 1), np.empty((steps + 1, n)), np.empty((steps + 1, n))
         tau, (tip, velocity) = np.empty((steps + 1, a)), np.empty((2, steps + 1, self.model.dimension))
         diverged, i, unrecorded = False, 0, 0
@@ -130,7 +130,8 @@ class ReferenceRollout(Rollout):
                 unrecorded = i + 1
 
         own = data._address
-        with control_callback(act) as gave_up:
+        with control_callback(act) as gave_up:  # no other thread changes model and data meanwhile
+            self.hang(np.array(path.q_i))
             for i in range(steps + 1):
                 t = i * h if i < steps else (i - 1) * h + h_last
                 data.time = t
