@@ -9,6 +9,7 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.goals import Goals, arrival_angles, arrival_directions
+from whiptool.rollout.trajectory import Approach
 
 RADIUS, CONE, SPEED = 0.05, math.radians(10), 6.0
 
@@ -190,3 +191,21 @@ def test_goals_of_some_strikes(d, sight):
         np.testing.assert_array_equal(both, np.where(mask[:, None], other, one))
     assert (some.hit_radius, some.cone, some.speed) == (first.hit_radius, first.cone, first.speed)
     assert not np.array_equal(mixed.positions, first.positions)  # the first stay as they are
+
+
+def test_a_hit_is_near_and_as_asked_and_did_not_diverge():
+    """Counted by hand: (0.03, 0.04) m away is 0.05 m; the cone is 10 degrees, the least speed along it 6 m/s."""
+    goals = Goals(np.zeros((1, 2)), RADIUS, np.array([[1.0, 0.0]]), CONE, SPEED)
+    turned = np.deg2rad([9.9, 10.1, 0, 0, 0])
+    speeds = np.array([6.2, 6.2, 5.9, 6.1, 6.1])
+    velocity = speeds[:, None] * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+    distance = np.array([0.05, 0.01, 0.01, 0.0501, np.nan])
+    assert goals.hit(distance, velocity).tolist() == [True, False, False, False, False]
+    point = Goals(np.zeros((1, 2)), RADIUS)
+    assert point.hit(distance, velocity).tolist() == [True, True, True, False, False]
+    # Measured at 0.01 m: P(-0.05 < x < 0.05) = Phi(1) - Phi(-1.5) = 0.77 with an error of 0.04 m, 0.98 with 0.02 m
+    assert point.hit(np.array([0.01, 0.01]), velocity[:2], np.array([0.04, 0.02])).tolist() == [False, True]
+    nothing = np.zeros((1, 2))
+    for diverged in (False, True):
+        near = Approach(distance[:1], *np.zeros((1, 1)), velocity[:1], *[nothing] * 3, np.array([diverged]))
+        assert bool(goals.hit_by(near)[0]) == (not diverged)

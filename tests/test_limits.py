@@ -52,22 +52,22 @@ def test_a_strike_that_goes_through_the_floor_or_is_commanded_too_fast_is_refuse
     above, below = (Clearance(model, floor=floor + dz) for dz in (0.1, -0.01))
     kept, left = Objective(rollout, TARGET, limits=[arm, below]), Objective(rollout, TARGET, limits=[arm, above])
     free = Objective(rollout, TARGET)
-    assert not free.refuses(free(GOOD))
+    assert free(GOOD).refused is None
     assert kept(GOOD) == free(GOOD)
-    assert left.refuses(left(GOOD))
+    assert left(GOOD).refused == "clearance"
     assert left.n_refused == 1
-    assert left.refuses(left.judge(path, strike))
+    assert left.judge(path, strike).refused == "clearance"
     said = left.limits.explain(path, model.arm.joints, strike)
     assert said is not None
     assert said.endswith("100 mm below the floor")
     assert kept.limits.explain(path, model.arm.joints, strike) is None
     slow = tuple(dataclasses.replace(joint, acceleration=1.0) for joint in arm.joints)
     gentle = Objective(rollout, TARGET, limits=[ArmLimits(slow), below])
-    assert gentle.refuses(gentle(GOOD))
+    assert gentle(GOOD).refused == "joint"
     said = gentle.limits.explain(path, model.arm.joints, strike)
     assert said is not None
     assert "is commanded up to" in said
-    assert not gentle.refuses(gentle.judge(path))  # what was commanded is not known
+    assert gentle.judge(path).refused is None  # what was commanded is not known
 
 
 def test_only_what_would_be_a_hit_or_the_best_is_looked_at_whole(rollout):
@@ -79,8 +79,8 @@ def test_only_what_would_be_a_hit_or_the_best_is_looked_at_whole(rollout):
     beyond = [limits.violation(path) > 0 for path in rollout.trajectories(some)]
     best = min(x.cost for x, is_beyond in zip(plain, beyond, strict=True) if not is_beyond)
     for ours, theirs, is_beyond in zip(outcomes, plain, beyond, strict=True):
-        assert judged.refuses(ours) == (is_beyond and theirs.cost < best)
-        assert judged.refuses(ours) or ours == theirs
+        assert (ours.refused == "clearance") == (is_beyond and theirs.cost < best)
+        assert ours.refused is not None or ours == theirs
     assert 0 < judged.n_refused < sum(beyond)
     assert judged.best is not None
     assert judged.best.outcome.cost == best

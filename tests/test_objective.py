@@ -12,9 +12,10 @@ from fake_rollout import SPEED, StraightFlight
 
 from whiptool.criteria import PeakTorque, Speed
 from whiptool.errors import InputError
+from whiptool.goals import probability_within
 from whiptool.impedance import Controller, HandControl, PositionControl
 from whiptool.models.strike import StrikeBounds
-from whiptool.objective import Arrival, Objective, SearchStopped, probability_within
+from whiptool.objective import Arrival, Objective, SearchStopped
 from whiptool.rollout import CompiledRollout
 from whiptool.target import Target
 
@@ -25,7 +26,7 @@ REACH = StraightFlight.model.reach
 class Limits:
     """Of motors: peaks are beyond by the first angle less 0.3, the whole strike by half of that."""
 
-    by_peaks, of_candidates, command, positions, smooth = False, False, None, None, ()
+    judges, by_peaks, of_candidates, command, positions, smooth = "motor", False, False, None, None, ()
 
     def __init__(self) -> None:
         self.looked_at = []
@@ -293,14 +294,14 @@ def test_strikes_of_the_hand_that_no_joints_can_make_are_refused_trials():
     assert not objective.smooth
     good, far, farther = [0.3, -0.3, 0.5, -0.1, 0.4], [0.3, -0.3, 2.0, 0.0, 0.4], [0.3, -0.3, 4.0, 0.0, 0.4]
     outcomes = objective.batch(np.array([far, good, farther]))
-    assert [objective.refuses(outcome) for outcome in outcomes] == [True, False, True]
+    assert [outcome.refused is not None for outcome in outcomes] == [True, False, True]
     assert objective.penalty < outcomes[0].miss_distance < outcomes[2].miss_distance < 2 * objective.penalty
     assert outcomes[1].miss_distance == rollout.approach(np.array(good), (1.2, -0.4)).distance[0]
     assert objective.n_refused == 2
     assert objective.best is not None
     assert objective.best.number == 2
     outcome, slope = objective.gradient(np.array(far))
-    assert objective.refuses(outcome)
+    assert outcome.refused is not None
     assert not slope.any()
 
 

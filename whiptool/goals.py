@@ -4,13 +4,38 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import ndtr, stdtr
 
 from whiptool.errors import InputError
 
+if TYPE_CHECKING:
+    from whiptool.rollout.trajectory import Approach
+
+CLAIMED = 0.9  # probability from which a hit is claimed of a strike whose miss was measured
 CONE = math.radians(10.0)  # half-angle, as in "Point It, Strike It" (2026)
 _ALONG = 1e-6  # sine of the angle from the vertical below which a line of sight has no upward direction across it
+
+
+def probability_within(
+    radius: float, miss: np.ndarray, scale: np.ndarray | float, freedom: float = np.inf
+) -> np.ndarray:
+    """Return the probability that a path passes a target within a radius.
+
+    Args:
+        radius: [m]
+        miss: Distance at which it is thought to pass [m], any shape.
+        scale: Of the error across the path [m], one number or like `miss`; positive.
+        freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
+
+    Returns:
+        Like `miss`.
+    """
+    low, high = (-radius - miss) / scale, (radius - miss) / scale
+    within = ndtr(high) - ndtr(low) if freedom == np.inf else stdtr(freedom, high) - stdtr(freedom, low)
+    return np.clip(within, 0.0, 1.0)  # stdtr errs in the last digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +117,25 @@ class Goals:
         if self.speed is not None:
             arrives &= self.arrival_speed(velocity) >= self.speed
         return arrives
+
+    def hit(self, distance: np.ndarray, velocity: np.ndarray, error: np.ndarray | None = None) -> np.ndarray:
+        """Return which strikes hit, (B,): by point, direction and speed. Whoever tells or counts hits asks this.
+
+        Args:
+            distance: Of the tip from the target at the closest approach [m], (B,); NaN or infinite where there is none.
+            velocity: Of the tip then [m/s], (B, d).
+            error: Standard error of the distance where it was measured [m], (B,): a point is claimed as hit with a
+                probability of `CLAIMED`. None: the distance was computed.
+        """
+        if error is None:
+            near = distance <= self.hit_radius
+        else:
+            near = probability_within(self.hit_radius, distance, error) >= CLAIMED
+        return near & self.arrives(velocity)
+
+    def hit_by(self, near: Approach) -> np.ndarray:
+        """Return which of the strikes with these closest approaches hit, (B,): see `hit`; none that diverged does."""
+        return ~near.diverged & self.hit(near.distance, near.velocity, near.error)
 
     def residuals(self, tip: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return what is left between strikes and goals [m], (B, r); their norm is the cost that searches minimise.

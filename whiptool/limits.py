@@ -69,6 +69,8 @@ class Limits(Protocol):
         ...
 
 
+COMMANDED = "joint"  # what judges a movement that is commanded faster than the joints may go: the joints' limits
+
 Given: TypeAlias = Limits | Sequence[Limits] | None
 
 
@@ -130,14 +132,25 @@ class AllLimits:
             near: What came of them.
             trajectory: What gives the whole of one, where its peaks do not decide.
         """
-        beyond = self.violation_of_command(strikes)
+        return self.judged(strikes, near, trajectory)[0]
+
+    def judged(
+        self, strikes: np.ndarray, near: Approach, trajectory: Callable[[np.ndarray], Trajectory]
+    ) -> tuple[np.ndarray, list[str]]:
+        """Return how far each strike is beyond the limits, (B,), as `violations` does, and beyond which of them, (B,).
+
+        These are named by their `judges`; of what is within, the name says nothing.
+        """
+        beyond, names = [self.violation_of_command(strikes)], [COMMANDED]
         for limits in self.members:
             its = limits.violation_of_peaks(near)
             if not limits.by_peaks:
                 for i in np.flatnonzero((its > 0) & np.isfinite(its)):
                     its[i] = limits.violation(trajectory(strikes[i]))
-            beyond = np.maximum(beyond, its)
-        return beyond
+            beyond.append(its)
+            names.append(limits.judges)
+        rows = np.array(beyond)  # (limits, B)
+        return rows.max(axis=0), [names[k] for k in rows.argmax(axis=0)]
 
     @property
     def of_candidates(self) -> bool:
@@ -151,8 +164,13 @@ class AllLimits:
             trajectory: What it did.
             strike: What was commanded; None: that is not judged.
         """
-        commanded = [] if strike is None else [float(self.violation_of_command(strike.vector[None])[0])]
-        return max([0.0, *commanded, *(limits.violation(trajectory) for limits in self.members)])
+        return self.judged_whole(trajectory, strike)[0]
+
+    def judged_whole(self, trajectory: Trajectory, strike: AnyStrike | None = None) -> tuple[float, str]:
+        """Return how far a whole strike is beyond the limits, as `violation` does, and beyond which, as `judged`."""
+        commanded = 0.0 if strike is None else float(self.violation_of_command(strike.vector[None])[0])
+        found = [(max(commanded, 0.0), COMMANDED), *((x.violation(trajectory), x.judges) for x in self.members)]
+        return max(found, key=lambda one: one[0])
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str], strike: AnyStrike | None = None) -> str | None:
         """What a strike is farthest beyond, in words; None: it is within all limits."""

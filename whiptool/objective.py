@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, stdtr
 
 from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
@@ -22,26 +22,13 @@ from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.target import Target, as_target
 
-CLAIMED = 0.9  # probability from which a hit is claimed of a strike whose miss was measured
-
-
-def probability_within(
-    radius: float, miss: np.ndarray, scale: np.ndarray | float, freedom: float = np.inf
-) -> np.ndarray:
-    """Return the probability that a path passes a target within a radius.
-
-    Args:
-        radius: [m]
-        miss: Distance at which it is thought to pass [m], any shape.
-        scale: Of the error across the path [m], one number or like `miss`; positive.
-        freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
-
-    Returns:
-        Like `miss`.
-    """
-    low, high = (-radius - miss) / scale, (radius - miss) / scale
-    within = ndtr(high) - ndtr(low) if freedom == np.inf else stdtr(freedom, high) - stdtr(freedom, low)
-    return np.clip(within, 0.0, 1.0)  # stdtr errs in the last digits
+UNREACHABLE = "posture"  # what refuses a strike of the hand that no joints can make
+_WHY_LOST = {
+    "joint": "beyond the joints' limits",
+    "motor": "beyond the motors' limits",
+    "clearance": "would collide",
+    UNREACHABLE: "beyond the arm's reach",
+}
 
 
 @dataclass(frozen=True)
@@ -78,6 +65,8 @@ class Outcome:
         arrival: How the tip arrived; None where only a point is asked for, or the strike diverged or was refused.
         values: The objective's criteria in their units, in order; none of a strike that diverged or was refused.
         merit: What searches minimise of a hit that is judged by a criterion, negative; None: of anything else.
+        refused: Which of the objective's limits the strike is beyond, by what judges them: `joint`, `motor`,
+            `clearance`, or `posture`: no joints make a strike of the hand. None: it is within all, or diverged.
     """
 
     miss_distance: float
@@ -92,6 +81,12 @@ class Outcome:
     arrival: Arrival | None = None
     values: tuple[float, ...] = ()
     merit: float | None = None
+    refused: str | None = None
+
+    @property
+    def lost(self) -> bool:
+        """Whether there is no true miss distance: the strike diverged, or was refused."""
+        return self.diverged or self.refused is not None
 
     @property
     def cost(self) -> float:
@@ -121,6 +116,13 @@ class Trial:
     number: int
     strike: tuple[float, ...]
     outcome: Outcome
+
+
+def why_lost(trials: Sequence[Trial]) -> dict[str, int]:
+    """Return how many trials have no miss distance, by why: `diverged`, `would collide` and the like."""
+    lost = [trial.outcome for trial in trials if trial.outcome.lost]
+    why = ("diverged" if x.diverged else _WHY_LOST.get(x.refused or "", f"refused: {x.refused}") for x in lost)
+    return dict(Counter(why))
 
 
 class SearchStopped(WhiptoolError):
@@ -215,12 +217,7 @@ class Objective:
     @property
     def n_refused(self) -> int:
         """Trials that were beyond the limits."""
-        return sum(self.refuses(trial.outcome) for trial in self.trials)
-
-    def refuses(self, outcome: Outcome) -> bool:
-        """Whether the outcome is that of a strike beyond the limits."""
-        refusing = bool(self.limits) or self.space.kind != "joint"
-        return refusing and not outcome.diverged and outcome.miss_distance > self.penalty
+        return sum(trial.outcome.refused is not None for trial in self.trials)
 
     @property
     def smooth(self) -> tuple[Smooth, ...]:
@@ -367,15 +364,15 @@ class Objective:
     def _not_made(self, beyond: float) -> Outcome:
         a, d = self.rollout.model.arm.n, self.rollout.model.dimension
         distance, nowhere, nothing = self.penalty * (2 - 1 / (1 + beyond)), (math.nan,) * d, (math.nan,) * a
-        return Outcome(distance, False, math.nan, nowhere, nowhere, nothing, nothing, False)
+        return Outcome(distance, False, math.nan, nowhere, nowhere, nothing, nothing, False, refused=UNREACHABLE)
 
     def _rolled(self, strikes: np.ndarray) -> list[Outcome]:
         self._last = struck = StrikesAtGoal(self.rollout, strikes, self.goals, self.t_stay)
         near = struck.near
-        beyond = self.limits.violations(strikes, near, self._trajectory)
+        beyond, by = self.limits.judged(strikes, near, self._trajectory)
         values = [criterion.values(struck) for criterion in self.criteria]
         judged = np.array(values).T if values else np.empty((len(strikes), 0))
-        outcomes = [self._outcome(near, i, float(beyond[i]), judged[i]) for i in range(len(strikes))]
+        outcomes = [self._outcome(near, i, float(beyond[i]), by[i], judged[i]) for i in range(len(strikes))]
         return self._candidates_judged(strikes, near, outcomes, judged) if self.limits.of_candidates else outcomes
 
     def _candidates_judged(
@@ -389,8 +386,8 @@ class Objective:
         for i in np.argsort([outcome.cost for outcome in outcomes], kind="stable"):
             within = outcomes[i].miss_distance < self.penalty
             if within and (outcomes[i].hit or outcomes[i].cost < lowest):
-                beyond = self.limits.violation(self._trajectory(strikes[i]))
-                outcomes[i] = self._outcome(near, int(i), beyond, judged[i])
+                beyond, by = self.limits.judged_whole(self._trajectory(strikes[i]))
+                outcomes[i] = self._outcome(near, int(i), beyond, by, judged[i])
             lowest = min(lowest, outcomes[i].cost)
         return outcomes
 
@@ -404,16 +401,24 @@ class Objective:
             trajectory: What the strike did.
             strike: What was commanded; None: limits of that are not judged.
         """
-        beyond = self.limits.violation(trajectory, strike)
-        return self._outcome(trajectory.approach(np.array(self.target.position)), 0, beyond)
+        beyond, by = self.limits.judged_whole(trajectory, strike)
+        return self._outcome(trajectory.approach(np.array(self.target.position)), 0, beyond, by)
 
-    def _outcome(self, near: Approach, i: int, beyond: float, values: Sequence[float] | np.ndarray = ()) -> Outcome:
+    def _hits(self, near: Approach, i: int) -> bool:
+        one = slice(i, i + 1)
+        error = None if near.error is None else near.error[one]
+        return bool(self.goals.hit(near.distance[one], near.velocity[one], error)[0])
+
+    def _outcome(
+        self, near: Approach, i: int, beyond: float, by: str, values: Sequence[float] | np.ndarray = ()
+    ) -> Outcome:
+        """The outcome of strike i, which is so far beyond the limits that are named by what judges them."""
         diverged = bool(near.diverged[i]) or not np.isfinite(near.distance[i])
         lost = diverged or beyond > 0
         distance = self.penalty * (2 - 1 / (1 + beyond)) if lost else float(near.distance[i])
         error = None if lost or near.error is None else float(near.error[i])
         arrival = None if lost or self.goals.only_points else self._arrival(near, i)
-        hit = not lost and self._hits(distance, error) and bool(self.goals.arrives(near.velocity[i : i + 1])[0])
+        hit = not lost and self._hits(near, i)
         found = () if lost else tuple(map(float, values))
         merit = self.criteria[0].cost(found[0], self.target.hit_radius) if hit and found else None
         return Outcome(
@@ -429,6 +434,7 @@ class Objective:
             arrival=arrival,
             values=found,
             merit=merit,
+            refused=by if beyond > 0 and not diverged else None,
         )
 
     def _arrival(self, near: Approach, i: int) -> Arrival:
@@ -436,9 +442,3 @@ class Objective:
         angle = None if self.goals.directions is None else float(self.goals.angle(velocity)[0])
         cost = float(self.goals.cost(near.distance[i : i + 1], velocity)[0])
         return Arrival(angle, float(self.goals.arrival_speed(velocity)[0]), cost)
-
-    def _hits(self, distance: float, error: float | None) -> bool:
-        """Whether the point is claimed as hit."""
-        if error is None:
-            return distance <= self.target.hit_radius
-        return bool(probability_within(self.target.hit_radius, np.array(distance), error) >= CLAIMED)

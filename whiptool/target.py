@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from whiptool.errors import InputError
 from whiptool.goals import CONE, Goals, arrival_directions
 from whiptool.models.numbers import number, numbers
 from whiptool.models.parameters import Model
+
+if TYPE_CHECKING:
+    from whiptool.rollout.trajectory import Approach
 
 HIT_RADIUS = 0.06  # [m], Eq. 17
 TARGET = (1.3, 0.0)  # [m], centre of the target zone; not printed in the paper
@@ -113,6 +117,10 @@ class Target:
         rows = [None if x is None else np.array([x]) for x in (self.position, self.direction, self.sight)]
         assert rows[0] is not None
         return Goals(rows[0], self.hit_radius, rows[1], self.cone, self.speed, rows[2])
+
+    def hit_time(self, near: Approach) -> float | None:
+        """Return the time of a strike's closest approach (B = 1) if that is a hit [s], see `Goals.hit`; else None."""
+        return float(near.time[0]) if self.goals.hit_by(near)[0] else None
 
     def check_dimension(self, model: Model) -> None:
         """Refuse a target in the plane for a model in space, and the other way round.

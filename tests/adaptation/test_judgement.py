@@ -10,11 +10,11 @@ import pytest
 from whiptool.adaptation import judgement
 from whiptool.adaptation.judgement import judge
 from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.goals import CLAIMED
 from whiptool.identification.judgement import Frames, weigh
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
-from whiptool.objective import CLAIMED
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.compiled import CompiledRollout

@@ -6,7 +6,7 @@ from scipy import stats
 
 from whiptool.adaptation.model_error import ModelError
 from whiptool.errors import InputError
-from whiptool.objective import probability_within
+from whiptool.goals import probability_within
 
 
 @pytest.mark.parametrize(("scale", "freedom"), [(0.01, 1.5), (0.03, 4.0), (0.02, np.inf)])

@@ -67,7 +67,7 @@ def test_a_search_that_no_strike_comes_through_says_why(capsys):
     lines = capsys.readouterr().out
     assert "refused, as was every strike tried; the best: at 0.000 s" in lines
     assert "below the floor" in lines
-    assert "20 strikes that were beyond" in lines
+    assert "refused        20 strikes: 20 would collide" in lines
     result = json.loads(Path("none/result.json").read_text())
     assert (result["n_refused"], result["hit"]) == (20, False)
     assert result["clearance"] < 0

@@ -52,6 +52,18 @@ def test_simulate_writes_the_page(run):
     assert "Hits the target" in (run / "strike.html").read_text()
 
 
+def test_what_is_asked_of_the_tips_arrival_is_looked_at_again(tmp_path, capsys):
+    """The strike passes the point, and not as it is asked to: written anew, the page still says so."""
+    folder = tmp_path / "run"
+    asked = ["--direction", "-1", "0", "--cone", "5", "--least-speed", "3"]
+    assert simulate.main(["--strike", *map(str, STRIKE), *asked, "--no-video", "--out", str(folder)]) == 0
+    assert "missed: closest 0.0" in capsys.readouterr().out
+    page = (folder / "strike.html").read_text()
+    assert "Misses the target" in page
+    assert view.main([str(folder), "--page"]) == 0
+    assert (folder / "strike.html").read_text() == page
+
+
 def test_a_strike_in_space_is_written_and_looked_at(tmp_path, capsys):
     folder, strike = tmp_path / "run", ["-1.36", "0", "-1.05", "1.41", "1.73", "0", "-0.35", "1.41", "0.95"]
     model = ["--model", "nah2023", "--controller", "constant", "--target", "1.995", "0", "0"]

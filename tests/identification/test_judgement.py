@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation.judgement import judge_seen
+from whiptool.goals import probability_within
 from whiptool.identification.judgement import Frames, Judgement, judge_frames, unseen_around, weigh
-from whiptool.objective import probability_within
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.target import Target
 

@@ -96,3 +96,18 @@ def test_criteria_are_read_as_they_were_written(arriving: bool, tmp_path: Path) 
         log.append(Trial(i + 1, (0.1, 0.2, 0.3, 0.4, 0.5), outcome))
     assert [trial.outcome for trial in log.read()] == given
     assert b"effort,robustness,merit" in (tmp_path / TRIALS).read_bytes()
+
+
+def test_what_refused_a_strike_is_read_as_it_was_written(tmp_path: Path) -> None:
+    two = (0.25, 0.5)
+    trials = [
+        Trial(i, (0.1, 0.2, 0.3, 0.4, 0.5), Outcome(3.0, False, 0.7, two, two, two, two, False, refused=why))
+        for i, why in enumerate(["joint", None, "clearance"], start=1)
+    ]
+    log = TrialLog(tmp_path / TRIALS, ARM, limited=True)
+    for one in trials:
+        log.append(one)
+    assert TrialLog(tmp_path / TRIALS, ARM, limited=True).read() == trials
+    logged(tmp_path / "old.csv", 2)
+    with pytest.raises(InputError, match="refused"):  # of a version that did not write the column
+        TrialLog(tmp_path / "old.csv", ARM, limited=True).read()

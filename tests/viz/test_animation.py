@@ -15,6 +15,7 @@ from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
+from whiptool.target import Target
 from whiptool.viz.animation import FPS, animate
 from whiptool.viz.plots import STYLE
 
@@ -51,7 +52,7 @@ def test_a_film_in_slow_motion_whose_target_turns_green(trajectory, tmp_path):
     near = trajectory.approach(target)
     assert near.distance[0] < radius
     with matplotlib.rc_context(STYLE):  # whose figures are saved finer
-        shown = animate(trajectory, LEMON, target, radius, speed=0.5, dpi=60)._repr_html_()
+        shown = animate(trajectory, LEMON, Target(tuple(target), radius), speed=0.5, dpi=60)._repr_html_()
     frames, size = film(shown, tmp_path)
     assert size < 1e6
     assert frames.shape[2] == pytest.approx(5.6 * 60, abs=1)
@@ -63,7 +64,7 @@ def test_a_film_in_slow_motion_whose_target_turns_green(trajectory, tmp_path):
 
 
 def test_a_target_that_is_missed_stays_as_it_was(trajectory, tmp_path):
-    frames, _ = film(animate(trajectory, LEMON, (1.3, -1.3), 0.1, speed=2.0, dpi=60).to_html(), tmp_path)
+    frames, _ = film(animate(trajectory, LEMON, Target((1.3, -1.3), 0.1), speed=2.0, dpi=60).to_html(), tmp_path)
     assert not looks_green(frames).any()
 
 
@@ -71,10 +72,10 @@ def test_a_diverged_strike_is_shown_too():
     wild = Controller(ConstantImpedance(K=((-1e7, 0), (0, -1e7)), B=((0, 0), (0, 0))))
     path = CompiledRollout(LEMON, wild).trajectory(STRIKE, t_stay=0.3)
     assert path.diverged
-    assert "<video" in animate(path, LEMON, (1.3, 0.0), 0.06, dpi=40).to_html()
+    assert "<video" in animate(path, LEMON, (1.3, 0.0), dpi=40).to_html()
 
 
 def test_bad_input_is_refused(trajectory):
     for wrong in ({"speed": 0.0}, {"width": float("nan")}, {"dpi": -1.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):
-            animate(trajectory, LEMON, (1.3, 0.0), 0.06, **wrong)
+            animate(trajectory, LEMON, (1.3, 0.0), **wrong)

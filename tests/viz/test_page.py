@@ -17,11 +17,12 @@ from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.trajectory import joint_points
+from whiptool.target import Target
 from whiptool.viz.page import strike_data, strike_page
 
 pytestmark = pytest.mark.slow
 
-LEMON, TARGET, RADIUS = preset("lemon2024"), np.array([1.3, 0.0]), 0.06
+LEMON, TARGET = preset("lemon2024"), Target((1.3, 0.0), 0.06)
 STRIKE = [-1.361356816555577, 0.471238898038469, 1.7278759594743862, 1.413716694115407, 0.95]  # hits
 
 
@@ -32,7 +33,7 @@ def trajectory():
 
 @pytest.fixture(scope="module")
 def page(trajectory):
-    return strike_page(LEMON, trajectory, TARGET, RADIUS, label="OIAC table4")
+    return strike_page(LEMON, trajectory, TARGET, label="OIAC table4")
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +45,7 @@ def _no_display(monkeypatch):
 
 
 def test_data_are_the_trajectory(trajectory):
-    data = strike_data(LEMON, trajectory, TARGET, RADIUS)
+    data = strike_data(LEMON, trajectory, TARGET)
     t, near = np.array(data["t"]), trajectory.approach(TARGET)
     assert t[0] == 0
     assert t[-1] == pytest.approx(trajectory.t[-1])
@@ -94,7 +95,7 @@ def test_names_cannot_break_the_page(trajectory):
     arm = dataclasses.replace(LEMON.arm)
     object.__setattr__(arm, "joints", ("</script><b>", "<!--<script>"))  # past the check that refuses such names
     model = dataclasses.replace(LEMON, name="<i>{{data}}</script>", arm=arm)
-    elements = Elements(strike_page(model, trajectory, TARGET, RADIUS, label="{{script}}<u>"))
+    elements = Elements(strike_page(model, trajectory, TARGET, label="{{script}}<u>"))
     assert len(elements.scripts) == 2
     assert json.loads(elements.scripts[0])["joints"] == list(arm.joints)
     assert not {"b", "i", "u"} & {tag for tag, _ in elements.found}
@@ -102,7 +103,7 @@ def test_names_cannot_break_the_page(trajectory):
 
 def test_a_long_strike_stays_small():
     path = CompiledRollout(LEMON, Controller(ConstantImpedance())).trajectory(Strike.from_vector(STRIKE), t_stay=12)
-    assert len(strike_page(LEMON, path, TARGET, RADIUS).encode()) < 1_500_000
+    assert len(strike_page(LEMON, path, TARGET).encode()) < 1_500_000
 
 
 def test_a_diverged_strike_has_a_page():
@@ -111,7 +112,7 @@ def test_a_diverged_strike_has_a_page():
     assert path.diverged
     tau = path.tau.copy()
     tau[-1] = np.nan, np.inf
-    page = strike_page(LEMON, dataclasses.replace(path, tau=tau), TARGET, RADIUS)
+    page = strike_page(LEMON, dataclasses.replace(path, tau=tau), TARGET)
     assert "The simulation diverged at" in page
     data = json.loads(Elements(page).scripts[0], parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert [x[-1] for x in data["tau"]] == [None, None]
@@ -181,6 +182,6 @@ def test_a_diverged_strike_is_drawn(tmp_path):
     for cut in (len(path.t), 1):  # and one that diverged in its first step
         arrays = {f.name: getattr(path, f.name) for f in dataclasses.fields(path) if f.name != "diverged"}
         part = dataclasses.replace(path, **{name: x[:cut] for name, x in arrays.items()})
-        found = root_data(chromium(tmp_path, strike_page(LEMON, part, TARGET, RADIUS), "--dump-dom"))
+        found = root_data(chromium(tmp_path, strike_page(LEMON, part, TARGET), "--dump-dom"))
         assert "data-error" not in found
         assert "data-drawn" in found

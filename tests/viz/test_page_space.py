@@ -11,18 +11,19 @@ from browser_pages import Elements, browser, chromium, count, picture, root_data
 from space_swing import places, swing
 
 from whiptool.models import preset
+from whiptool.target import Target
 from whiptool.viz.page import strike_data, strike_page
 
 pytestmark = pytest.mark.slow
 
 PANDA = preset("panda")
 PATH, RADIUS = swing(PANDA), 0.05
-TARGET = PATH.tip[200] + [0.01, 0.02, -0.01]
+TARGET = Target(tuple(PATH.tip[200] + [0.01, 0.02, -0.01]), RADIUS)
 
 
 @pytest.fixture(scope="module")
 def page():
-    return strike_page(PANDA, PATH, TARGET, RADIUS, label="by hand")
+    return strike_page(PANDA, PATH, TARGET, label="by hand")
 
 
 def posture_at(time: float, path=PATH) -> tuple[np.ndarray, np.ndarray]:
@@ -45,7 +46,7 @@ def eye(data: dict, point, around: float, above: float, *, flat: bool = False) -
 
 
 def test_data_are_the_trajectory():
-    data = strike_data(PANDA, PATH, TARGET, RADIUS)
+    data = strike_data(PANDA, PATH, TARGET)
     t = np.array(data["t"])
     points = np.array(data["points"]).reshape(-1, 3, len(t))  # a + 1 + N places
     for k in (0, len(t) // 3, len(t) - 1):
@@ -65,7 +66,7 @@ def test_the_page_needs_nothing_else(page):
     found = Elements(page).found
     assert not [a for _, a in found if {"src", "href", "srcset", "action"} & a.keys()]
     assert "default-src 'none'" in page
-    where = ", ".join(f"{x:.3f}" for x in TARGET)
+    where = ", ".join(f"{x:.3f}" for x in TARGET.position)
     assert f"Hits the target at ({where}) m" in page
 
 
@@ -108,7 +109,7 @@ def test_the_page_turns_zooms_and_scrubs(page, tmp_path):
     found = root_data(dom)
     assert "data-error" not in found, found
     said = {name: json.loads(x) for name, x in found.items() if name.startswith("data-") and name != "data-drawn"}
-    data = strike_data(PANDA, PATH, TARGET, RADIUS)
+    data = strike_data(PANDA, PATH, TARGET)
 
     arm, whip = posture_at(0.25)
     points = np.concatenate([arm[1:], whip[1:]])
@@ -119,7 +120,7 @@ def test_the_page_turns_zooms_and_scrubs(page, tmp_path):
     np.testing.assert_allclose(said["data-places"], middle + scale * seen * [1, -1], atol=1e-6)
     tip, speed = PATH.tip[125], np.linalg.norm(PATH.tip_velocity[125])
     where = ", ".join(f"{x:.3f}" for x in tip).replace("-", "−")
-    away = np.linalg.norm(tip - TARGET)
+    away = np.linalg.norm(tip - np.array(TARGET.position))
     assert said["data-readings"] == [f"{speed:.1f} m/s", f"{away:.3f} m", f"({where}) m", "not hit so far"]
 
     assert said["data-dragged-differs"]
@@ -162,6 +163,6 @@ def test_pictures_of_the_page(page, tmp_path):
 def test_a_strike_that_diverged_at_once_has_a_page(tmp_path):
     arrays = {x: getattr(PATH, x)[:1] for x in PATH.__dataclass_fields__ if x != "diverged"}
     cut = replace(PATH, **arrays, diverged=True)
-    found = root_data(chromium(tmp_path, strike_page(PANDA, cut, TARGET, RADIUS), "--dump-dom"))
+    found = root_data(chromium(tmp_path, strike_page(PANDA, cut, TARGET), "--dump-dom"))
     assert "data-error" not in found
     assert "data-drawn" in found

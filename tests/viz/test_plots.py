@@ -37,9 +37,6 @@ def test_every_axis_names_its_unit(trajectory):
     assert ["deg" in ax.get_ylabel() for ax in axes] == [True, True]
     axes = plots.plot_gains(Figure().subplots(2), trajectory, LEMON.arm.joints)
     assert ["N m" in ax.get_ylabel() for ax in axes] == [True, True]
-    ax = plots.plot_convergence(Figure().subplots(), [0.4, float("nan"), 0.2, 0.3, 0.05], 0.06)
-    assert "[m]" in ax.get_ylabel()
-    assert any("diverged" in text.get_text() for text in ax.get_legend().get_texts())
 
 
 def test_a_diverged_strike_is_drawn_too(tmp_path):

@@ -70,7 +70,7 @@ def test_everything_is_in_the_picture(film):
 
 
 def test_the_animation_moves_arm_whip_and_trail():
-    shown = animate(PATH, UR5E, TARGET.position, TARGET.hit_radius, speed=1.0, dpi=40)
+    shown = animate(PATH, UR5E, TARGET, speed=1.0, dpi=40)
     shown._draw_was_started = True
     frame = 5
     shown.show(frame)
@@ -86,7 +86,7 @@ def test_the_animation_moves_arm_whip_and_trail():
 def test_targets_of_the_plane_are_refused(tmp_path):
     for show in (
         lambda: video.render_video(tmp_path / "x.mp4", PATH, UR5E, (1.3, 0.0)),
-        lambda: animate(PATH, UR5E, (1.3, 0.0), 0.1),
+        lambda: animate(PATH, UR5E, (1.3, 0.0)),
         lambda: film_of(PATH, UR5E, Target((1.3, 0.0)), fps=5, speed=1),
     ):
         with pytest.raises(InputError, match="three coordinates x y z"):

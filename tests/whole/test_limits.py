@@ -43,7 +43,7 @@ def test_a_hit_beyond_the_line_is_none() -> None:
     outcome = objective(vector)
     assert not outcome.hit
     assert outcome.miss_distance > objective.penalty > 2.0
-    assert objective.refuses(outcome)
+    assert outcome.refused is not None
     assert objective.n_refused == 1
     assert objective.n_diverged == 0
     within = objective(SLOW)
@@ -65,7 +65,7 @@ def test_the_whole_strike_decides_where_peaks_do_not() -> None:
     assert (peaks >= exact - 1e-6).all()
     objective = Objective(rollout(), TARGET, limits=XM430)
     outcomes = objective.batch(strikes)
-    assert [objective.refuses(o) for o in outcomes] == (exact > 0).tolist()
+    assert [o.refused is not None for o in outcomes] == (exact > 0).tolist()
     saved = (peaks > 0) & (exact <= 0)
     assert saved.any()
     beyond = np.flatnonzero(exact > 0)
@@ -88,7 +88,7 @@ def test_a_trajectory_is_judged_alike() -> None:
     objective = Objective(rollout(), TARGET, limits=XM430)
     path = rollout().trajectory(wt.Strike.from_vector(FAST), t_stay=0.3)
     assert objective.judge(path).miss_distance == pytest.approx(objective(FAST).miss_distance, rel=1e-6)
-    assert objective.refuses(objective.judge(path))
+    assert objective.judge(path).refused is not None
 
 
 @pytest.mark.heavy

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.goals import probability_within
 from whiptool.identification.judgement import RATE, Judgement, frames_of, judge_frames, weigh
-from whiptool.objective import probability_within
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.target import Target

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.goals import probability_within
 from whiptool.models.parameters import number
-from whiptool.objective import probability_within
 
 
 @dataclass(frozen=True)

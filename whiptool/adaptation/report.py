@@ -17,9 +17,9 @@ from whiptool.adaptation.planner import TIMESTEP
 from whiptool.adaptation.posterior import AFTER, usable
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.adaptation.steps import Step, percent
+from whiptool.goals import CLAIMED
 from whiptool.identification.units import unit_of
 from whiptool.models.strike import T_STAY
-from whiptool.objective import CLAIMED
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.target import Target

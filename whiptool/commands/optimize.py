@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,6 +30,7 @@ from whiptool.options import (
     TrajectoryOptions,
     refuse_idle,
 )
+from whiptool.words import counted
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -141,6 +143,7 @@ class _Run:
             self.model.arm,
             names=self.rollout.space.names,
             arriving=arriving,
+            limited=bool(self.objective.limits) or self.rollout.space.kind != "joint",
             criteria=names,
         )
         self.recorded = self.log.read() if options.resume else []
@@ -187,7 +190,7 @@ class _Run:
         trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
         summary["warning"] = self._refine(result, trajectory)
         table = limits_table(self.objective.limits, trajectory, result.strike, self.model.arm.joints)
-        summary |= table | ({"n_refused": self.objective.n_refused} if table else {})
+        summary |= table | (self._refusals(result) if table else {})
         self.folder.write_result(summary)
         files = save_strike(
             self.folder.path,
@@ -200,10 +203,8 @@ class _Run:
         )
         from whiptool.viz.plots import save_convergence
 
-        lost = [t.outcome.diverged or self.objective.refuses(t.outcome) for t in result.trace]
-        misses = [float("nan") if gone else t.outcome.miss_distance for t, gone in zip(result.trace, lost, strict=True)]
         label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
-        save_convergence(self.folder.path, misses, self.target.hit_radius, label=label)
+        save_convergence(self.folder.path, result.trace, self.target, label=label)
         files += self._save_front(result, label)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
         self.options.refuse_beyond(summary.get("beyond"))
@@ -229,7 +230,7 @@ class _Run:
             tried = np.array([trial.outcome.values for trial in result.trace if trial.outcome.hit])
             labels = [f"{x.words} [{x.unit}]" for x in front.criteria]
             save_front(folder, front.values, tried, labels=labels, title=label)
-        return [f"front of {len(front.trials)} hits"]
+        return [f"front of {counted(len(front.trials), 'hit')}"]
 
     def _front(self, result):
         """Return the Pareto front of what was tried."""
@@ -237,6 +238,11 @@ class _Run:
 
         first, second = self.objective.criteria
         return Front.of((first, second), result.trace)
+
+    def _refusals(self, result) -> dict:
+        """How many strikes were refused, and how many by each of the limits, for JSON."""
+        by = Counter(trial.outcome.refused for trial in result.trace if trial.outcome.refused is not None)
+        return {"n_refused": by.total(), "refused": dict(by)}
 
     def _judged(self, result) -> list[dict] | None:
         """What the best strike is judged by, for JSON; None: by the miss alone."""
@@ -255,7 +261,7 @@ class _Run:
 
         from whiptool.rollout.reference import AGREEMENT, replay
 
-        if result.outcome.diverged or self.objective.refuses(result.outcome):
+        if result.outcome.lost:
             return _NOT_REPLAYED
         expected = result.outcome.miss_distance
         target = np.array(self.target.position)
@@ -283,7 +289,7 @@ class _Run:
 
         from whiptool.rollout.refinement import refine
 
-        if result.outcome.diverged or self.objective.refuses(result.outcome):
+        if result.outcome.lost:
             return None
         warning = refine(
             self.model,
@@ -328,13 +334,15 @@ class _Run:
         }
 
     def _text(self, result, summary: dict, files: list[str]) -> str:
+        from whiptool.objective import why_lost
+
         bounds = self.objective.bounds
-        refused = self.objective.refuses(result.outcome)
+        refused = result.outcome.refused is not None
         batch = result.status.value == "hit" and result.first_hit != result.n_trials
         first = f" (number {result.first_hit} was the first hit; batches are struck whole)" if batch else ""
         lines = [
-            f"{result.method}: {result.message}, after {result.n_trials} trials{first} in {result.wall_time:.2f} s"
-            f" ({result.n_diverged} diverged)",
+            f"{result.method}: {result.message}, after {counted(result.n_trials, 'trial')}{first} in "
+            f"{result.wall_time:.2f} s ({result.n_diverged} diverged)",
             *strike_lines(summary["strike"], zip(bounds.lower, bounds.upper, strict=True)),
             *(
                 [f"  outcome        refused, as was every strike tried; the best: {summary['beyond']}"]
@@ -346,12 +354,13 @@ class _Run:
             if judged["value"] is not None:
                 lines.append(f"  {judged['name']:14s} {judged['value']:.6g} {judged['unit']}")
         lines += limit_lines(self.objective.limits, {**summary, "beyond": None} if refused else summary)
-        if self.objective.limits:
-            lines.append(f"  refused        {summary['n_refused']} strikes that were beyond")
+        if self.objective.n_refused:
+            refusals = [one for one in result.trace if one.outcome.refused is not None]
+            by = ", ".join(f"{n} {why}" for why, n in why_lost(refusals).items())
+            lines.append(f"  refused        {counted(len(refusals), 'strike')}: {by}")
         reference = summary["reference"]
         if reference["miss_distance"] is None:
-            spared = result.outcome.diverged or refused
-            said = "not asked for such a strike" if spared else "not confirmed: no result in MuJoCo"
+            said = "not asked for such a strike" if result.outcome.lost else "not confirmed: no result in MuJoCo"
             lines.append(f"  reference      {said}")
         else:
             lines.append(
@@ -459,15 +468,13 @@ def export_trajectory(options: TrajectoryOptions, commanded: JointTrajectory | N
 
 def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float, video: bool) -> list[str]:
     """Save trajectory, figures, interactive page and video of one strike; the files' kinds, for people."""
-    import numpy as np
-
     from whiptool.viz.page import strike_page
     from whiptool.viz.plots import save_strike_figures
     from whiptool.whole_files import write_whole
 
     trajectory.save(folder / "trajectory.npz")
     save_strike_figures(folder, trajectory, model, target, label)
-    page = strike_page(model, trajectory, np.array(target.position), target.hit_radius, label=label)
+    page = strike_page(model, trajectory, target, label=label)
     write_whole(folder / "strike.html", page)
     kinds = ["trajectory", "figures", "page"]
     if video:

@@ -18,7 +18,7 @@ import tyro
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import ControllerOptions, JsonOptions, ModelOptions, OptionGroup, TargetOptions
+from whiptool.options import ControllerOptions, GoalOptions, JsonOptions, ModelOptions, OptionGroup
 
 if TYPE_CHECKING:
     from whiptool.models import Model
@@ -138,7 +138,7 @@ def read_strike(folder: Path) -> StrikeRun:
         table: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in config.get("options", {}).items()
         }
-        struck = _part(TargetOptions, table)
+        struck = _part(GoalOptions, table)
         label = _part(_Controlled, table).controller_label()
         target = struck.build_target(model)
     except InputError as error:
@@ -171,13 +171,10 @@ def _open(page: Path) -> str | None:
 
 
 def _write_page(folder: Path, strike: StrikeRun) -> None:
-    import numpy as np
-
     from whiptool.viz.page import strike_page
     from whiptool.whole_files import write_whole
 
-    target = np.array(strike.target.position)
-    page = strike_page(strike.model, strike.trajectory, target, strike.target.hit_radius, label=strike.label)
+    page = strike_page(strike.model, strike.trajectory, strike.target, label=strike.label)
     write_whole(folder / PAGE, page)
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import logsumexp
 
+from whiptool.goals import CLAIMED, probability_within
 from whiptool.identification.arrival_error import angle_probability, direction_error
-from whiptool.objective import CLAIMED, probability_within
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.target import Target

@@ -32,6 +32,8 @@ class TrialLog:
         measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
         arriving: The target asks for a direction or a speed: there are columns of how the tip arrived, NaN where a
             strike was lost, and of the cost.
+        limited: The objective has limits, or takes strikes of the hand: there is a column of what refused a strike,
+            empty where nothing did.
         criteria: Names of what hits are judged by: there is a column of each, NaN where a strike was lost, and one of
             the merit, NaN where it is no hit.
     """
@@ -44,10 +46,11 @@ class TrialLog:
         names: Sequence[str] | None = None,
         measured: bool = False,
         arriving: bool = False,
+        limited: bool = False,
         criteria: Sequence[str] = (),
     ) -> None:
         self.path, self.n, self.dimension = path, arm.n, arm.dimension
-        self.measured, self.arriving, self.criteria = measured, arriving, tuple(criteria)
+        self.measured, self.arriving, self.limited, self.criteria = measured, arriving, limited, tuple(criteria)
         axes = "xyz"[: self.dimension]
         self._names = strike_names(arm) if names is None else tuple(names)
         self._header = [
@@ -64,6 +67,7 @@ class TrialLog:
             *(["miss_error"] if measured else []),
             *(["arrival_angle", "arrival_speed", "cost"] if arriving else []),
             *([*self.criteria, "merit"] if self.criteria else []),
+            *(["refused"] if limited else []),
         ]
 
     def read(self) -> list[Trial]:
@@ -129,6 +133,7 @@ class TrialLog:
                 if self.criteria
                 else []
             ),
+            *([o.refused or ""] if self.limited else []),
         ]
         new = not self.path.exists() or self.path.stat().st_size == 0
         append_whole(self.path, (_line(self._header) if new else "") + _line(row))
@@ -138,6 +143,7 @@ class TrialLog:
         row = line.decode("utf-8", "replace").split(",")
         if len(row) != len(self._header):
             return None
+        refused = (row.pop() or None) if self.limited else None
         n, d, start = self.n, self.dimension, 1 + len(self._names)
         try:
             number, numbers = int(row[0]), [float(x) for x in row]
@@ -153,7 +159,7 @@ class TrialLog:
         merit = _known(next(rest)) if self.criteria else None
         judged = () if any(map(math.isnan, values)) else values
         outcome = Outcome(
-            distance, bool(hit), time, tip, velocity, speeds, torques, diverged, error, arrival, judged, merit
+            distance, bool(hit), time, tip, velocity, speeds, torques, diverged, error, arrival, judged, merit, refused
         )
         return Trial(number, tuple(numbers[1:start]), outcome)
 

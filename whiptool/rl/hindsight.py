@@ -135,7 +135,7 @@ def judged_by_path(paths: np.ndarray, goals: Goals) -> Relabelled:
     distance, tip, i = nearest(paths, goals.positions)
     lanes = np.arange(len(paths))
     velocity = (paths[lanes, i + 1] - paths[lanes, i]) * RATE
-    return Relabelled(tip, velocity, distance, distance <= goals.hit_radius, np.isfinite(distance))
+    return Relabelled(tip, velocity, distance, goals.hit(distance, velocity), np.isfinite(distance))
 
 
 def judged_by_rollout(task: StrikeTask, strikes: np.ndarray, goals: Goals) -> Relabelled:

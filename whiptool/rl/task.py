@@ -68,15 +68,13 @@ class Judged:
         approach: Their closest approaches.
         distance: Miss distances [m], a penalty where a strike diverged, (B,).
         cost: `Goals.cost` [m], the same penalty there, (B,); of points alone it is the distance.
-        arrives: Whether direction and speed at the closest approach are as asked, (B,).
-        hit: Whether that is so within the hit radius, (B,).
+        hit: Whether they hit, (B,), see `Goals.hit`.
         lost: Whether a strike diverged, (B,).
     """
 
     approach: Approach
     distance: np.ndarray
     cost: np.ndarray
-    arrives: np.ndarray
     hit: np.ndarray
     lost: np.ndarray
 
@@ -227,8 +225,7 @@ class StrikeTask:
         distance = np.where(wild, self.penalty, approach.distance)
         velocity = np.where(wild[:, None], 0.0, approach.velocity)
         cost = np.where(wild, self.penalty, goals.cost(distance, velocity))
-        arrives = ~wild & goals.arrives(velocity)
-        return Judged(approach, distance, cost, arrives, arrives & (distance <= goals.hit_radius), wild)
+        return Judged(approach, distance, cost, goals.hit_by(approach), wild)
 
     def reward(self, cost: np.ndarray, hit: np.ndarray | None = None) -> np.ndarray:
         """Return the rewards of costs [m], any shape, and of hits; see the rewards."""

@@ -130,7 +130,7 @@ class Striker:
         """Return what strikes (B, m) come to, each at its goal, by the limits alone that peaks tell of."""
         near = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         beyond = self._beyond(strikes, near)
-        hit = (near.distance <= goals.hit_radius) & goals.arrives(near.velocity) & (beyond <= 0)
+        hit = goals.hit_by(near) & (beyond <= 0)
         return Landings(
             goals.residuals(near.tip, near.velocity), near.distance, goals.angle(near.velocity), beyond, hit
         )

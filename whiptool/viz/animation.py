@@ -20,7 +20,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
 from whiptool.rollout.trajectory import Trajectory
-from whiptool.target import Target
+from whiptool.target import Target, as_target
 from whiptool.viz.frames import drawn_frames, write_film
 from whiptool.viz.plots_space import box_around, plot_ball, set_up_perspective
 from whiptool.viz.posture import arm_and_whip, at_times
@@ -65,8 +65,7 @@ class StrikeAnimation(FuncAnimation):
 def animate(
     trajectory: Trajectory,
     model: Model,
-    target: np.ndarray | tuple[float, ...],
-    hit_radius: float,
+    target: Target | Sequence[float] | np.ndarray,
     *,
     speed: float = 0.25,
     width: float = 5.6,
@@ -80,7 +79,7 @@ def animate(
 
     Args:
         trajectory, model: The strike, and the model that it was rolled out with.
-        target, hit_radius: Position (2,), in space (3,) [m], and how near [m] the tip must come to hit.
+        target: What was to be hit, or its position (2,), in space (3,) [m].
         speed: 1 is real time, 0.25 four times slower.
         width, dpi: Of the frames [inches], [pixels per inch].
 
@@ -90,7 +89,7 @@ def animate(
     for name, value in (("speed", speed), ("width", width), ("dpi", dpi)):
         if not 0 < value < np.inf:
             raise InputError(name, value, "a finite number > 0")
-    goal = Target(tuple(float(x) for x in target), hit_radius)
+    goal = as_target(target)
     goal.check_dimension(model)
     t = trajectory.t
     times = np.append(np.arange(t[0], t[-1], speed / FPS), t[-1])  # (F,)
@@ -98,8 +97,7 @@ def animate(
     path_times = times if model.dimension == 2 else np.union1d(times, t)
     path = at_times(path_times, t, trajectory.tip)
     arms, whips = arm_and_whip(model, q)
-    near = trajectory.approach(goal)
-    hit = bool(near.distance[0] <= hit_radius)
+    hit_time = goal.hit_time(trajectory.approach(goal))
     every = np.concatenate([arms.reshape(-1, model.dimension), whips.reshape(-1, model.dimension), trajectory.tip])
 
     with matplotlib.rc_context(STYLE):
@@ -119,7 +117,7 @@ def animate(
             for line, places in ((arm, arms[frame]), (whip, whips[frame]), (tip, whips[frame, -1:])):
                 _put(line, places)
             _put(trail, path[path_times <= now])
-            zone.set_color(COLORS["green"] if hit and now >= near.time[0] else COLORS["orange"])
+            zone.set_color(COLORS["green"] if hit_time is not None and now >= hit_time else COLORS["orange"])
             fast = np.linalg.norm(tip_velocity[frame])
             title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time)")
 

@@ -25,7 +25,7 @@ class Film:
     trail: np.ndarray  # the tip's path in short segments, their ends [m], (S, 2, d)
     trail_rgb: np.ndarray  # (S, 3)
     shown: np.ndarray  # how many segments each frame shows, (F,)
-    hit: np.ndarray  # whether the target has been hit, (F,)
+    hit: np.ndarray  # whether the target has been hit, from the closest approach on, (F,)
     readings: dict[str, list[str]]  # numbers to show in each frame, under their names
     note: str
     grid: float  # distance of the grid's lines [m]
@@ -78,6 +78,7 @@ def film_of(
     t, tip = trajectory.t, trajectory.tip
     at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)
     near = trajectory.approach(place)
+    hit_time = target.hit_time(near)
     tip_speed, distance = np.linalg.norm(trajectory.tip_velocity, axis=1), trajectory.distance(place)
     closest = np.interp(at, t, np.minimum.accumulate(distance))
     closest[at >= near.time[0]] = min(near.distance[0], distance.min())  # between two instants, nearer than at either
@@ -95,7 +96,7 @@ def film_of(
         trail=np.stack([trail[:-1], trail[1:]], axis=1),
         trail_rgb=np.array(_SLOW) + share[:, None] * (np.array(_FAST) - np.array(_SLOW)),
         shown=np.searchsorted(along, np.interp(at, t, path), side="right") - 1,
-        hit=closest <= target.hit_radius,
+        hit=at >= (np.inf if hit_time is None else hit_time),
         readings={
             "time": [f"{x:.3f} s" for x in at],
             "tip speed": [f"{x:.1f} m/s" for x in np.interp(at, t, tip_speed)],

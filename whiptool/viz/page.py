@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Approach, Trajectory, joint_points
+from whiptool.target import Target, as_target
 from whiptool.viz.plots import COLORS, planned_end
 from whiptool.viz.templating import filled
 
@@ -17,33 +20,35 @@ RATE = 500.0  # [Hz], at which a strike is shown
 MOST = 120_000  # numbers in a page; a longer strike is shown at a lower rate
 
 
-def strike_page(model: Model, trajectory: Trajectory, target: np.ndarray, hit_radius: float, *, label: str = "") -> str:
+def strike_page(
+    model: Model, trajectory: Trajectory, target: Target | Sequence[float] | np.ndarray, *, label: str = ""
+) -> str:
     """Return the page: the strike at an instant that a slider chooses, and its speed, angles and torques over time.
 
     Args:
         model, trajectory: The strike, and the model that it was rolled out with.
-        target, hit_radius: Position (2,) or (3,) [m], and how near [m] the tip must come to hit.
+        target: What was to be hit, or its position (2,) or (3,) [m].
         label: The controller, in words.
     """
-    target = np.asarray(target, float)
-    data = strike_data(model, trajectory, target, hit_radius)
+    goal = as_target(target, model.dimension)
+    data = strike_data(model, trajectory, goal)
     period = 1e3 * float(np.median(np.diff(data["t"]))) if len(data["t"]) > 1 else 0.0
     return filled(
         "strike.html",
         title=f"Strike of {model.name}",
-        subtitle=_subtitle(trajectory, trajectory.approach(target), target, hit_radius, label),
+        subtitle=_subtitle(trajectory, goal, label),
         period=f"{period:.2g}",
         colors=COLORS,
         data=data,
     )
 
 
-def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_radius: float) -> dict[str, Any]:
+def strike_data(model: Model, trajectory: Trajectory, goal: Target) -> dict[str, Any]:
     """What the page draws, as plain data: instants of the trajectory, and the closest approach between two of them.
 
     Numbers have six digits, and are None where they are not finite.
     """
-    near, a, whole = trajectory.approach(target), model.arm.n, trajectory
+    near, a, whole, target = trajectory.approach(goal), model.arm.n, trajectory, np.array(goal.position)
     parts = {
         **_in_space(model, whole),
         "q": whole.q[:, : a if model.dimension == 3 else None],
@@ -65,7 +70,7 @@ def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
         for name, x in parts.items():
             row = [np.interp(near.time[0], whole.t, column) for column in x.T]
             shown[name] = np.insert(shown[name], at, row, axis=0)
-    letters = [name[0] for name in model.arm.joints]
+    letters, hit_time = [name[0] for name in model.arm.joints], goal.hit_time(near)
     return {
         "t": _plain(t, digits=8),
         **{name: [_plain(column) for column in x.T] for name, x in shown.items() if name != "tip_velocity"},
@@ -76,7 +81,8 @@ def strike_data(model: Model, trajectory: Trajectory, target: np.ndarray, hit_ra
         "joints": list(model.arm.joints),
         "marks": letters if len(set(letters)) == a else [str(i + 1) for i in range(a)],
         "target": [float(x) for x in target],
-        "hit_radius": float(hit_radius),
+        "hit_radius": goal.hit_radius,
+        "hit_time": hit_time if hit_time is None else _plain(near.time, digits=8)[0],
         "near": {
             "time": _plain(near.time, digits=8)[0],
             "distance": _plain(near.distance)[0],
@@ -114,13 +120,26 @@ def _plain(values: np.ndarray, digits: int = 6) -> list[float | None]:
     return [float(f"{x:.{digits}g}") if np.isfinite(x) else None for x in values]
 
 
-def _subtitle(trajectory: Trajectory, near: Approach, target: np.ndarray, hit_radius: float, label: str) -> str:
+def _subtitle(trajectory: Trajectory, goal: Target, label: str) -> str:
+    near = trajectory.approach(goal)
     distance = float(near.distance[0])
-    said = "Hits" if distance <= hit_radius else "Misses"
-    where = ", ".join(f"{x:.3f}" for x in target)
-    words = [f"{said} the target at ({where}) m, hit radius {hit_radius:g} m"]
+    said = "Misses" if goal.hit_time(near) is None else "Hits"
+    where = ", ".join(f"{x:.3f}" for x in goal.position)
+    words = [f"{said} the target at ({where}) m, hit radius {goal.hit_radius:g} m"]
     if trajectory.diverged:
         words = [f"The simulation diverged at {trajectory.t[-1]:.4f} s; target at ({where}) m"]
     if np.isfinite(distance):
         words.append(f"closest {distance:.4f} m at {near.time[0]:.3f} s with {near.speed[0]:.1f} m/s")
+        words += _arrival(goal, near)
     return "; ".join([*words, label] if label else words) + "."
+
+
+def _arrival(goal: Target, near: Approach) -> list[str]:
+    """How the tip arrived, beside what is asked of it."""
+    said, speed = [], f"{goal.goals.arrival_speed(near.velocity)[0]:.1f} m/s"
+    if goal.direction is not None:
+        angle = math.degrees(goal.goals.angle(near.velocity)[0])
+        said.append(f"{angle:.1f} degrees from the direction asked for (at most {math.degrees(goal.cone):g})")
+    if goal.speed is not None:
+        said.append(f"{speed} {'along it' if said else 'fast'} (at least {goal.speed:g})")
+    return said

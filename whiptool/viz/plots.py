@@ -22,12 +22,14 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
+from whiptool.objective import Trial, why_lost
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target, as_target
 from whiptool.viz.direction import LOOK, asked_of, draw_direction
 from whiptool.viz.plots_space import draw_views, plot_in_space
 from whiptool.viz.posture import at_times
 from whiptool.viz.style import COLORS, CYCLE, JOINT_COLORS, STYLE, TIME, legend_above, length_text, save_figure
+from whiptool.words import counted
 
 _POSTURES = 12  # as in Fig. 10a
 _STRIKE_SIZE, _DISTANCE_SIZE = (7.4, 6.6), (7.6, 4.0)  # [in]; the width of a strike follows its shape
@@ -40,14 +42,22 @@ def planned_end(trajectory: Trajectory) -> float | None:
     return float(trajectory.t[moving[-1] + 1]) if len(moving) and moving[-1] + 1 < len(speed) else None
 
 
-def plot_convergence(
-    ax: Axes, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *, label: str = ""
-) -> Axes:
-    """Draw the miss distance of every trial (T,) [m], in the order of the search, and the best so far."""
-    miss = np.asarray(miss_distance_per_trial, float)
+def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = "") -> Axes:
+    """Draw the miss distance of every trial [m], in the order of the search, and the nearest so far.
+
+    What is a hit is what the trials' outcomes say: a tip that comes near, but not as the target asks, is none.
+
+    Args:
+        ax: Where to.
+        trials: Such as a `Result`'s trace.
+        target: What was to be hit, or its place [m].
+        label: Leads the title.
+    """
+    hit_radius, lost = as_target(target).hit_radius, why_lost(trials)
+    miss = np.array([np.nan if one.outcome.lost else one.outcome.miss_distance for one in trials])
     trial = np.arange(1, len(miss) + 1)
     finite = np.where(np.isfinite(miss), miss, np.inf)
-    best, lost = np.minimum.accumulate(finite), int(np.isinf(finite).sum())
+    best = np.minimum.accumulate(finite)
     ax.plot(
         trial,
         miss,
@@ -56,7 +66,7 @@ def plot_convergence(
         markersize=3.5,
         markeredgewidth=0,
         alpha=0.6,
-        label=f"trial ({lost} diverged, not shown)" if lost else "trial",
+        label=f"trial (not shown: {', '.join(f'{n} {why}' for why, n in lost.items())})" if lost else "trial",
         rasterized=len(miss) > 5000,
     )
     ax.step(
@@ -65,13 +75,14 @@ def plot_convergence(
         where="post",
         color=COLORS["blue"],
         linewidth=2.2,
-        label="best so far",
+        label="nearest so far",
     )
     ax.axhline(hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.8, label=f"hit radius {hit_radius:g} m")
-    hits = np.flatnonzero(finite <= hit_radius)
-    title = f"first hit in trial {hits[0] + 1}" if len(hits) else f"no hit in {len(miss)} trials"
+    hit = np.array([one.outcome.hit for one in trials], bool)
+    ax.plot(trial[hit], miss[hit], "o", color=COLORS["green"], markersize=4.5, label="hit" if hit.any() else "")
+    title = f"first hit in trial {trial[hit][0]}" if hit.any() else f"no hit in {counted(len(miss), 'trial')}"
     if len(miss) and np.isfinite(best[-1]):
-        title += f", best {length_text(best[-1])}"
+        title += f", nearest {length_text(best[-1])}"
     ax.set(yscale="log", xlabel="trial", ylabel="miss distance [m]", title=", ".join(filter(None, (label, title))))
     ax.set_xlim(0.5, max(len(miss), 1) + 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -383,12 +394,12 @@ def _slides(model: Model) -> list[str]:
 
 
 def save_convergence(
-    folder: str | Path, miss_distance_per_trial: Sequence[float] | np.ndarray, hit_radius: float, *, label: str = ""
+    folder: str | Path, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = ""
 ) -> Path:
     """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; return the file."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((7.6, 4.4), layout="constrained")
-        plot_convergence(figure.subplots(), miss_distance_per_trial, hit_radius, label=label)
+        plot_convergence(figure.subplots(), trials, target, label=label)
         return save_figure(figure, Path(folder) / "convergence.png")
 
 

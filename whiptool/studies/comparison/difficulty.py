@@ -73,7 +73,7 @@ def scene_seed(scene: Scene) -> list[int]:
 def hits(rollout: CompiledRollout, strikes: np.ndarray, goals: Goals, scene: Scene) -> np.ndarray:
     """Whether strikes (B, d) hit goals (B), (B,)."""
     near = rollout.approach(strikes, goals.positions, t_stay=scene.t_stay)
-    return (near.distance <= goals.hit_radius) & goals.arrives(near.velocity)
+    return goals.hit_by(near)
 
 
 def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: Scene) -> np.ndarray:

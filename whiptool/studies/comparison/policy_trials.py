@@ -54,7 +54,8 @@ def trials_within(
     left = np.arange(count)
     for number, judged in enumerate(task.judgements, start=1):
         for radius, (trials, hit) in found.items():
-            new = left[judged.arrives & (judged.distance <= radius) & ~hit[left]]
+            within = replace(goals.rows(left), hit_radius=radius)
+            new = left[within.hit_by(judged.approach) & ~hit[left]]
             trials[new], hit[new] = number, True
         left = left[~judged.hit]
     return found

@@ -19,6 +19,7 @@ from whiptool.models import Model
 from whiptool.models.strike import T_STAY, default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.compiled import TIMESTEP
+from whiptool.target import Target
 from whiptool.zone import Disc, Zone
 
 if TYPE_CHECKING:
@@ -140,7 +141,8 @@ class SearchUnit:
         }
         outcomes = []
         for radius in scene.radii:
-            hits = [_hits(result, radius) for result in found.get(radius, found[searched[-1]])]
+            results = found.get(radius, found[searched[-1]])
+            hits = [_hits(result, self._target(i, radius)) for i, result in enumerate(results, start=self.first)]
             hit = [bool(of_target.any()) for of_target in hits]
             trials = [int(h.argmax()) + 1 if any_ else scene.cap for h, any_ in zip(hits, hit, strict=True)]
             outcomes.append({"convention": "", "hit_radius": radius, "trials": trials, "hit": hit})
@@ -152,15 +154,17 @@ class SearchUnit:
             "note": "",
         }
 
+    def _target(self, i: int, radius: float) -> Target:
+        """Target number i, with a hit radius [m]."""
+        return Target.of(replace(self.scene.goals(), hit_radius=radius), i)
+
     def _search(self, rollout: CompiledRollout, library: StrikeLibrary | None, i: int, radius: float) -> Result:
         """Search at target number i until it is hit within a radius [m]."""
         from whiptool.objective import Objective
         from whiptool.optimizers import search
         from whiptool.optimizers.library import library_search, warm_search
-        from whiptool.target import Target
 
-        scene = self.scene
-        target = Target.of(replace(scene.goals(), hit_radius=radius), i)
+        scene, target = self.scene, self._target(i, radius)
         objective = Objective(rollout, target, t_stay=scene.t_stay, max_trials=scene.cap, stop_at_hit=True)
         seed = int(np.random.SeedSequence((self.seed, i)).generate_state(1)[0]) >> 1  # below 2^31, for NLopt
         if library is None:
@@ -172,7 +176,8 @@ class SearchUnit:
         return result.uninterrupted()
 
 
-def _hits(result: Result, radius: float) -> np.ndarray:
-    """Which trials of a search are hits: of a point those within a radius [m], else those of the search itself."""
+def _hits(result: Result, target: Target) -> np.ndarray:
+    """Which trials of a search hit a target; it may have been made for a tighter hit radius."""
     outcomes = [trial.outcome for trial in result.trace]
-    return np.array([x.hit if x.arrival is not None else x.miss_distance <= radius for x in outcomes])
+    distance = np.array([np.inf if x.lost else x.miss_distance for x in outcomes])
+    return target.goals.hit(distance, np.array([x.tip_velocity for x in outcomes]))

@@ -83,7 +83,7 @@ class Swing:
         path = CubicHermiteSpline(self.t, self.tip, self.velocity)
         when = closest_on_curve(path, goal.positions[0], samples=len(self.t))
         miss, velocity = float(np.linalg.norm(path(when) - goal.positions[0])), path(when, 1)[None]
-        hit = miss <= goal.hit_radius and bool(goal.arrives(velocity)[0])
+        hit = bool(goal.hit(np.array([miss]), velocity)[0])
         return Passed(miss, None if goal.directions is None else float(goal.angle(velocity)[0]), hit)
 
 

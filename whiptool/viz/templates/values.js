@@ -53,8 +53,7 @@ const posture = (at) => (inSpace ? pointsOf(strike.points, at) : joints(q.map((a
 const desiredArm = (at) => (inSpace ? pointsOf(strike.desired, at) : joints(q_d.map((angles) => value(angles, at))));
 const tipAt = (at) => tip.map((series) => value(series, at));
 
-const hitSample = strike.distance.findIndex((x) => x !== null && x <= radius);
-const hitTime = hitSample < 0 ? Infinity : t[hitSample];
+const hitTime = strike.hit_time ?? Infinity; // of the closest approach, if it is as the target asks
 const fixed = (x, digits) => {
   if (!Number.isFinite(x)) return "\u2013";
   return x.toFixed(digits).replace(/^-(?=0\.?0*$)/, "").replace("-", "\u2212");

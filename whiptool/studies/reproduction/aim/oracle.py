@@ -80,7 +80,7 @@ class OracleUnit:
             ours = np.array([np.interp(at, path.t, x) for x in path.tip.T])
             played.append(
                 {
-                    "hit": bool(miss <= goal.hit_radius and goal.arrives(velocity)[0]),
+                    "hit": bool(goal.hit(np.array([miss]), velocity)[0]),
                     "miss": miss,
                     "angle": None if goal.directions is None else float(goal.angle(velocity)[0]),
                     "apart": float(np.linalg.norm(tip(at) - ours)),

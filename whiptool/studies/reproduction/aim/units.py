@@ -229,7 +229,7 @@ class ReplayUnit:
         if path.diverged:
             return {"hit": False, "miss": None, "angle": None}
         near = path.approach(goals.positions[0])
-        hit = bool(near.distance[0] <= goals.hit_radius and goals.arrives(near.velocity)[0])
+        hit = bool(goals.hit_by(near)[0])
         angle = None if goals.directions is None else float(goals.angle(near.velocity)[0])
         return {"hit": hit, "miss": float(near.distance[0]), "angle": angle}
 

@@ -92,7 +92,7 @@ def _search(rollout, which: int, radius: float, method: str, cap: int) -> dict[s
     misses = [trial.outcome.miss_distance for trial in found.trace]
     return {
         "evaluations": len(misses),
-        "hit": bool(min(misses) <= radius),
+        "hit": found.first_hit is not None,
         "best": min(misses),
         "misses": misses,
         "wall_time": time.monotonic() - start,
