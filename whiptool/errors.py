@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+_LONGEST = 400  # [characters] of a name, and of what was given, as they are shown
+
 
 class WhiptoolError(Exception):
     """Base class of every error that whiptool raises on purpose."""
@@ -29,7 +31,7 @@ class InputError(WhiptoolError, ValueError):
 
     def __init__(self, name: str, given: object, allowed: str, fix: str = "") -> None:
         self.name, self.given, self.allowed, self.fix = name, given, allowed, fix
-        message = f"{name}: got {given!r}; allowed: {allowed}" + (f"; {fix}" if fix else "")
+        message = f"{_cut(name)}: got {_shown(given)}; allowed: {allowed}" + (f"; {fix}" if fix else "")
         super().__init__(" ".join(message.split()))  # always one line
 
     def within(self, place: str) -> InputError:
@@ -39,3 +41,17 @@ class InputError(WhiptoolError, ValueError):
     def renamed(self, name: str, fix: str = "") -> InputError:
         """The same error under the name that the value has where it was written, and with a fix if it has none."""
         return InputError(name, self.given, self.allowed, self.fix or fix)
+
+
+def _shown(given: object) -> str:
+    """What was given, its middle left out where it is long."""
+    try:
+        text = repr(given)
+    except (ValueError, RecursionError, MemoryError):  # an integer of thousands of digits; tables in tables in ...
+        return f"what cannot be shown, of type {type(given).__name__}"
+    return _cut(text)
+
+
+def _cut(text: str) -> str:
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"

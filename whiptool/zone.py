@@ -13,6 +13,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_arrays
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.target import TARGET
@@ -231,6 +232,9 @@ def disc_within_reach(disc: Disc, reach: float) -> Disc | ReachableDisc:
     return disc if whole else ReachableDisc(disc, reach)
 
 
+_MOST_CELLS = 1e8  # of the block around a region
+
+
 @dataclass(frozen=True, eq=False)
 class Region:
     """Cells of a grid.
@@ -283,11 +287,17 @@ class Region:
         Raises:
             InputError: There is no such file, or it is not one of these.
         """
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                return cls(data["corners"], float(data["cell"]))
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError("region", str(path), f"an .npz file that Region.save wrote ({error})"[:200]) from None
+        arrays = read_arrays(path, "region", {"corners": "Cd", "cell": ""})
+        corners, cell = arrays["corners"].astype(float), float(arrays["cell"])
+        if corners.shape[1] not in (2, 3) or not len(corners) or not np.isfinite(corners).all():
+            raise InputError(f"{path}: corners", corners.shape, "one finite corner or more, in the plane or in space")
+        number(f"{path}: cell", cell, low=0, strict=True)
+        within = np.prod(np.ptp(corners, axis=0) / cell + 1)
+        if within > _MOST_CELLS:
+            raise InputError(
+                f"{path}: corners", f"within {within:.0e} cells", f"corners within {_MOST_CELLS:.0e} cells"
+            )
+        return cls(corners, cell)
 
 
 def random_paths(

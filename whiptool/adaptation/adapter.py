@@ -21,6 +21,7 @@ from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.sag import Sag, expected_sag
 from whiptool.adaptation.steps import Step, Steps
 from whiptool.errors import InputError
+from whiptool.given_files import read_json
 from whiptool.identification.judgement import Judgement
 from whiptool.limits import Limits
 from whiptool.models import parameters
@@ -338,9 +339,9 @@ class Adapter:
         if place is None or not place.exists():
             return None
         try:
-            return json.loads(place.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(str(place), str(error)[:80], "what whiptool wrote", f"delete {place.parent}") from None
+            return read_json(place)
+        except InputError as error:
+            raise error.renamed(error.name, f"delete {place.parent}") from None
 
     def _write(self, name: str, table: dict[str, Any]) -> None:
         if self.place is not None:

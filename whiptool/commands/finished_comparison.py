@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -14,6 +13,7 @@ from whiptool.commands.cli import stored_options
 from whiptool.commands.compare import CompareOptions
 from whiptool.commands.reproduce import ReproduceOptions
 from whiptool.errors import InputError
+from whiptool.given_files import read_json
 from whiptool.models.tables import read_toml
 from whiptool.runs import CONFIG
 from whiptool.studies.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHODS, Comparison
@@ -48,7 +48,7 @@ def read_run(folder: Path | str) -> Results:
     if missing:
         fix = "finish it with --resume"
         raise InputError("run folder", str(folder), f"all {len(files)} units ({len(missing)} are not there)", fix)
-    results = {name: json.loads(file.read_text(encoding="utf-8")) for name, file in files.items()}
+    results = {name: read_json(file) for name, file in files.items()}
     return Results(
         series=tuple(collect(units, results)),
         rewards=_rewards(comparison, results),

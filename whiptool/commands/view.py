@@ -8,7 +8,6 @@ import sys
 import time
 import warnings
 import webbrowser
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -143,10 +142,7 @@ def read_strike(folder: Path) -> StrikeRun:
         target = struck.build_target(model)
     except InputError as error:
         raise error.within(f"{folder / CONFIG}: ") from None
-    try:
-        trajectory = Trajectory.load(folder / TRAJECTORY)
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
-        raise InputError(str(folder / TRAJECTORY), "a damaged file", "a trajectory as whiptool writes it") from None
+    trajectory = Trajectory.load(folder / TRAJECTORY)
     if trajectory.q.shape[1:] != (model.coordinates,):
         given = f"{trajectory.q.shape[1]} coordinates"
         raise InputError(str(folder / TRAJECTORY), given, f"the model's {model.coordinates}")

@@ -25,6 +25,7 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_arrays
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.models.parameters import ArmLink, number, whole
 from whiptool.models.tables import read_toml
@@ -101,16 +102,16 @@ def read_angles(path: Path | str) -> list[AngleRecording]:
 
 def _from_npz(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Times (T,), angles and, if they are there, velocities, (swings, T, links)."""
-    with np.load(path, allow_pickle=False) as data:
-        if "angle" not in data.files:
-            raise InputError("key", ", ".join(data.files)[:80], "angle, and t or dt")
-        angle = np.array(data["angle"], float)
-        velocity = np.array(data["velocity"], float) if "velocity" in data.files else None
-        if angle.ndim not in (2, 3) or (velocity is not None and velocity.shape != angle.shape):
-            raise InputError("angle", angle.shape, "(T, links) or (swings, T, links), and velocity like it")
-        if "t" not in data.files and "dt" not in data.files:
-            raise InputError("key", ", ".join(data.files)[:80], "t (T,) [s], or dt [s]")
-        t = np.array(data["t"], float) if "t" in data.files else np.arange(angle.shape[-2]) * float(data["dt"])
+    data = read_arrays(path, "recording")
+    if "angle" not in data:
+        raise InputError("key", ", ".join(data)[:80], "angle, and t or dt")
+    angle = np.array(data["angle"], float)
+    velocity = np.array(data["velocity"], float) if "velocity" in data else None
+    if angle.ndim not in (2, 3) or (velocity is not None and velocity.shape != angle.shape):
+        raise InputError("angle", angle.shape, "(T, links) or (swings, T, links), and velocity like it")
+    if "t" not in data and "dt" not in data:
+        raise InputError("key", ", ".join(data)[:80], "t (T,) [s], or dt [s]")
+    t = np.array(data["t"], float) if "t" in data else np.arange(angle.shape[-2]) * float(data["dt"])
     many = (-1, *angle.shape[-2:])
     return t, angle.reshape(many), None if velocity is None else velocity.reshape(many)
 

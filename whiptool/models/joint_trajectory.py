@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_text
 from whiptool.models.command_limits import LARGEST_ACCELERATION, LARGEST_JERK
 from whiptool.models.hand_path import HandPath, hand_poses
 from whiptool.models.joint_space import StrikePath
@@ -170,10 +171,11 @@ class JointTrajectory:
         Raises:
             InputError: There is no such file, it is none of these, or a number is missing.
         """
+        text = read_text(path, "CSV", "trajectory")
         try:
-            header, *rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+            header, *rows = list(csv.reader(text.splitlines()))
             values = np.array([[float(x) for x in row] for row in rows])
-        except (OSError, ValueError) as error:
+        except (ValueError, csv.Error) as error:
             raise InputError("trajectory", str(path), f"a CSV file of numbers with a header ({error})"[:200]) from None
         names = [name.removeprefix("position_") for name in header if name.startswith("position_")]
         with_hand = header[-len(POSE) :] == list(POSE)

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_text
+
+_DEEPEST = 50  # tables in tables
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{_DEEPEST}}}")  # tomllib takes the square of their number
 
 
 def build_from(cls: type, table: object, place: str, **ready):
@@ -34,9 +40,12 @@ def read_toml(path: Path) -> dict:
     Raises:
         InputError: The file cannot be read, or is not TOML.
     """
+    text = read_text(path, "TOML")
+    if _LONG_KEY.search(text):
+        raise InputError("file", str(path), f"TOML whose keys have at most {_DEEPEST} parts")
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError("file", str(path), f"a readable TOML file ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError("file", str(path), f"valid TOML ({error})") from None
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputError("file", str(path), "TOML that is not nested as deeply") from None
+    except ValueError as error:  # also of integers with thousands of digits
+        raise InputError("file", str(path), f"valid TOML ({str(error)[:120]})") from None

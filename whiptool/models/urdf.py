@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_text
 from whiptool.models.arm_choice import ArmChoice, quiet
 from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
@@ -38,7 +39,7 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
             inertia, or does not have what was chosen.
     """
     choice = choice or ArmChoice()
-    text = _text(Path(path))
+    text = read_text(path, "URDF")
     try:
         parents = _tree(text)
         ends = [link for link in parents if link not in _carriers(parents)]
@@ -48,15 +49,6 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
         return _arm(text, choice, tip, movers)
     except InputError as error:
         raise error.within(f"{path}: ") from None
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError("file", str(path), f"a readable URDF file ({error.strerror})") from None
-    except UnicodeDecodeError as error:
-        raise InputError("file", str(path), f"a URDF file, which is text ({error.reason})") from None
 
 
 Parents = Mapping[str, "ET.Element | None"]  # the joint that each link hangs on, none at the root

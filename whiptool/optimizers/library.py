@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from whiptool.given_files import read_arrays
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.objective import Objective
 from whiptool.optimizers.result import Result
@@ -67,9 +68,13 @@ class StrikeLibrary:
 
     @classmethod
     def load(cls, path: Path) -> StrikeLibrary:
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as data:
-            return cls(data["strikes"], data["paths"])
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: There is no such file, or it is not one of these.
+        """
+        arrays = read_arrays(path, "library of strikes", {"strikes": "nm", "paths": "nSd"})
+        return cls(arrays["strikes"], arrays["paths"])
 
 
 def _distance(paths: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,9 +10,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_arrays
 from whiptool.models.strike import Strike
 from whiptool.recording.camera_files import camera_of
-from whiptool.recording.parsing import LARGEST, parsing, sha256, whole_file
+from whiptool.recording.parsing import parsing, sha256
 
 R = TypeVar("R")
 REQUIRED = ("t", "points", "markers")
@@ -35,20 +35,15 @@ def read_npz(path: Path | str, build: Callable[..., R], keys: Sequence[str], *, 
     Raises:
         InputError: It is damaged, holds pickled objects, a key is unknown or missing, or a value breaks its rule.
     """
-    path = whole_file(path)
+    path = Path(path)
+    values: dict[str, Any] = read_arrays(path, "recording")
     with parsing(path, "NPZ"):
-        with zipfile.ZipFile(path) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-            if size > LARGEST:
-                raise InputError("size", f"{size} bytes unpacked", f"at most {LARGEST} bytes")
-        with np.load(path, allow_pickle=False) as data:
-            for key in data.files:
-                if key not in (*keys, "format"):
-                    raise InputError("key", key, "one of " + ", ".join(keys))
-            for key in REQUIRED:
-                if key not in data.files:
-                    raise InputError("key", None, f"{key}; there must be " + ", ".join(REQUIRED))
-            values: dict[str, Any] = {key: data[key] for key in data.files}
+        for key in values:
+            if key not in (*keys, "format"):
+                raise InputError("key", key, "one of " + ", ".join(keys))
+        for key in REQUIRED:
+            if key not in values:
+                raise InputError("key", None, f"{key}; there must be " + ", ".join(REQUIRED))
         if (number := int(values.pop("format", layout))) != layout:
             raise InputError("format", number, f"{layout}", "it was written by another version of whiptool")
         for key in SCALARS:

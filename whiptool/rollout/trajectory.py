@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from whiptool.errors import InputError
+from whiptool.given_files import read_arrays
 from whiptool.models.hand_path import HandPath
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.kinematics import chain_motion, joint_points
@@ -90,6 +92,10 @@ class Approach:
         return np.linalg.norm(self.velocity, axis=-1)
 
 
+_SHAPES = {"t": "T", "q": "Tn", "v": "Tn", "q_d": "Ta", "v_d": "Ta", "tau": "Ta", "K": "Taa", "B": "Taa"}
+_SHAPES |= {"tip": "Td", "tip_velocity": "Td", "diverged": ""}  # of a trajectory's file
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """One strike over T instants, for an arm of a joints and a chain of n.
@@ -157,11 +163,17 @@ class Trajectory:
 
     @classmethod
     def load(cls, path: Path) -> Trajectory:
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as data:
-            arrays: dict[str, Any] = {f.name: data[f.name] for f in fields(cls)}
-        arrays["diverged"] = bool(arrays["diverged"])
-        return cls(**arrays)
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: There is no such file, or it is not one of these.
+        """
+        arrays: dict[str, Any] = read_arrays(path, "trajectory", _SHAPES)
+        t = arrays["t"]
+        if not len(t) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
+            raise InputError(f"{path}: t", f"{len(t)} times", "one finite time or more, each later than the one before")
+        named = {name: arrays[name] for name in _SHAPES}
+        return cls(**named | {"diverged": bool(arrays["diverged"])})
 
 
 def complete_trajectory(

@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import torch
 
-from whiptool.errors import InputError
+from whiptool.given_files import parsing, read_arrays
 from whiptool.rl.networks import Layers
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.gate import HIDDEN, Gate
 from whiptool.whole_files import write_npz
 
 GATE = "gate.npz"
+# of a part's file
+_SHAPES = {"strikes": "Km", "tips": "Kd", "velocities": "Kd", "tip_slopes": "Kds", "velocity_slopes": "Kds"}
 
 
 def part_file(folder: Path, number: int) -> Path:
@@ -35,7 +36,8 @@ def load_parts(folder: Path, count: int) -> list[Answers]:
     """
     parts: list[Answers] = []
     while len(parts) < count and part_file(folder, len(parts)).exists():
-        parts.append(Answers(**_arrays(part_file(folder, len(parts)))))
+        arrays = read_arrays(part_file(folder, len(parts)), "strike map", _SHAPES)
+        parts.append(Answers(**{name: arrays[name] for name in _SHAPES}))
     return parts
 
 
@@ -53,21 +55,9 @@ def load_gate(folder: Path) -> Gate | None:
     """
     if not (folder / GATE).exists():
         return None
-    arrays = _arrays(folder / GATE)
-    layers = Layers([len(arrays["mean"]), *HIDDEN, 1], torch.Generator())
-    weights = {name.removeprefix("layers."): x for name, x in arrays.items() if name.startswith("layers.")}
-    layers.load_state_dict({name: torch.as_tensor(x) for name, x in weights.items()})
-    return Gate(layers, arrays["mean"], arrays["scale"])
-
-
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return what an NPZ file holds.
-
-    Raises:
-        InputError: It is no such file, or it is damaged.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            return dict(data)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError("strike map", str(path), f"a file that `whiptool map build` wrote ({error})"[:200]) from None
+    arrays = read_arrays(folder / GATE, "strike map", {"mean": "f", "scale": "f"})
+    with parsing(folder / GATE, "NPZ"):  # PyTorch refuses weights of other names and shapes
+        layers = Layers([len(arrays["mean"]), *HIDDEN, 1], torch.Generator())
+        weights = {name.removeprefix("layers."): x for name, x in arrays.items() if name.startswith("layers.")}
+        layers.load_state_dict({name: torch.as_tensor(x) for name, x in weights.items()})
+        return Gate(layers, arrays["mean"], arrays["scale"])

@@ -15,7 +15,6 @@ the common ones: `markers_feature`, `joints_feature`, `units`, `axes`, `origin`,
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_json
 from whiptool.models.tables import read_toml
 from whiptool.recording.parsing import need, parsing, sha256, whole_file
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, Sidecar
@@ -68,7 +68,7 @@ def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
     info_file = whole_file(folder / "meta/info.json")
     parquet = need("pyarrow.parquet", "io", "LeRobot datasets")
     with parsing(info_file, "LeRobot info.json"):
-        info = json.loads(info_file.read_text(encoding="utf-8"))
+        info = read_json(info_file)
         version, fps, features = (info.get(key) for key in ("codebase_version", "fps", "features"))
         if not re.fullmatch(r"v?3\.\d+", str(version)):
             raise InputError("codebase_version", version, "v3.0", "convert it with LeRobot's own converter to v3.0")

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.given_files import read_json
 from whiptool.studies.comparison.units import Scene
 from whiptool.whole_files import write_whole
 
@@ -171,7 +172,7 @@ class Checkpoint:
         from whiptool.rl.training import load_checkpoint
 
         if self.path.exists() and self.history.exists():
-            history = json.loads(self.history.read_text(encoding="utf-8"))
+            history = read_json(self.history)
             if len(history["rewards"]) >= int(load_checkpoint(self.path)["done"]):
                 training.load(self.path)
                 return {**history, "rewards": history["rewards"][: training.done]}

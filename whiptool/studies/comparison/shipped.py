@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_json
 from whiptool.studies.comparison.series import Series
 from whiptool.whole_files import write_whole
 
@@ -66,7 +67,7 @@ class Results:
             InputError: The file is not there, is damaged, or is of another format.
         """
         try:
-            table = json.loads(Path(path).read_text(encoding="utf-8"))
+            table = read_json(path)
             if table["format"] != FORMAT:
                 raise ValueError(f"format {table['format']}, not {FORMAT}")
             cap = int(table["cap"])

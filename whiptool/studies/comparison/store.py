@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_json
 from whiptool.studies.comparison.learner_unit import Checkpoint
 from whiptool.studies.comparison.units import Unit
 from whiptool.studies.workers import work_on
@@ -86,8 +87,6 @@ class Store:
 
     def _read(self, name: str) -> dict[str, Any]:
         try:
-            return json.loads(self._file(name).read_text(encoding="utf-8"))
-        except ValueError:
-            raise InputError(
-                str(self._file(name)), "a damaged file", "a result as whiptool writes it", "delete it"
-            ) from None
+            return read_json(self._file(name))
+        except InputError as error:
+            raise error.renamed(error.name, "delete it") from None

@@ -1,0 +1,32 @@
+"""An error is one line of bounded length, whatever was given."""
+
+from __future__ import annotations
+
+import pytest
+
+from whiptool.errors import InputError
+
+
+def nested(depth: int) -> list:
+    inner: list = []
+    for _ in range(depth):
+        inner = [inner]
+    return inner
+
+
+GIVEN = {
+    "10^400": 10**400,
+    "10^5000": 10**5000,
+    "text": "x" * 10_000,
+    "lists in lists": nested(100_000),
+    "a list": [0] * 9999,
+}
+
+
+@pytest.mark.parametrize("given", GIVEN.values(), ids=GIVEN)
+def test_what_was_given_is_shown_in_a_line(given: object) -> None:
+    error = InputError("k" * 10_000, given, "a number").within("file: ")
+    assert len(str(error)) < 1000
+    assert "\n" not in str(error)
+    assert str(error).endswith("; allowed: a number")
+    assert error.given is given

@@ -1,0 +1,182 @@
+"""Files from outside: read where they are regular files of a plausible size, every damage to them one line.
+
+Nothing is unpickled. A pipe or a device is no file: opening one may wait for ever, or read without end.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import stat
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.lib import format as npy
+
+from whiptool.errors import InputError, WhiptoolError
+
+LARGEST = 2**31  # [bytes] of a file, and of what an NPZ file holds; video, which is streamed, may be larger
+LARGEST_TEXT = 2**26  # [bytes] of a file that is read as text
+_SIZES = npy.read_array_header_1_0, npy.read_array_header_2_0  # readers of an array's shape and type, by version
+
+
+def whole_file(path: Path | str, name: str = "recording", *, largest: float = LARGEST) -> Path:
+    """The path of a file that can be read and is not empty.
+
+    Args:
+        path: The file.
+        name: What it is called in errors.
+        largest: Size [bytes].
+
+    Raises:
+        InputError: It is not there, is a folder, a pipe or a device, empty, cannot be opened, or is too large.
+    """
+    size = _size(path := Path(path), name, "file")
+    if size == 0:
+        raise InputError(str(path), "an empty file", f"a {name}")
+    if size > largest:
+        fix = "cut the strike out of it" if name == "recording" else ""
+        raise InputError(str(path), f"{size} bytes", f"at most {largest:.0f} bytes", fix)
+    return path
+
+
+def _size(path: Path, name: str, kind: str) -> int:
+    """Size of a regular file that can be opened [bytes]."""
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise InputError(name, str(path), f"a readable {kind}, not a folder")
+        if not stat.S_ISREG(mode):
+            raise InputError(name, str(path), f"a readable {kind}, which is no pipe and no device")
+        with path.open("rb"):
+            return path.stat().st_size
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = getattr(error, "strerror", None) or error  # ValueError: a name with a NUL byte
+        raise InputError(name, str(path), f"a readable {kind} ({reason})") from None
+
+
+def read_text(path: Path | str, kind: str, name: str = "file") -> str:
+    """A text file in UTF-8.
+
+    Args:
+        path: The file.
+        kind: What it is, such as `TOML`.
+        name: What it is called in errors.
+
+    Raises:
+        InputError: It is no regular file, cannot be read, is too large, or is not UTF-8.
+    """
+    path = Path(path)
+    if (size := _size(path, name, f"{kind} file")) > LARGEST_TEXT:
+        raise InputError(str(path), f"{size} bytes", f"a {kind} file of at most {LARGEST_TEXT} bytes")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(name, str(path), f"valid {kind}, which is text ({error})") from None
+
+
+def read_json(path: Path | str, kind: type[Any] = dict) -> Any:
+    """A JSON file.
+
+    Args:
+        path: The file.
+        kind: Of the whole.
+
+    Raises:
+        InputError: It cannot be read, is not JSON, or holds something else.
+    """
+    try:
+        content = json.loads(read_text(path, "JSON"))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError("file", str(path), f"valid JSON ({str(error)[:120]})") from None
+    if not isinstance(content, kind):
+        raise InputError(str(path), type(content).__name__, f"JSON that holds a {kind.__name__}")
+    return content
+
+
+def read_arrays(path: Path | str, name: str, shapes: Mapping[str, str] | None = None) -> dict[str, np.ndarray]:
+    """The arrays of an NPZ file, without pickle.
+
+    Args:
+        path: The file.
+        name: What it is called in errors, such as `recording`.
+        shapes: Arrays of numbers that there must be, with a letter for each of their axes: axes with the same letter
+            are equally long. None: whatever there is.
+
+    Raises:
+        InputError: It cannot be read, is damaged, holds pickled objects or more than `LARGEST` bytes, or what `shapes`
+            names is missing, no array of numbers, or of another shape.
+    """
+    path = whole_file(path, name)
+    with parsing(path, "NPZ"):
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+            if size > LARGEST:
+                raise InputError("size", f"{size} bytes unpacked", f"at most {LARGEST} bytes")
+            arrays = {x.filename.removesuffix(".npy"): _array(archive, x) for x in archive.infolist()}
+        _check_shapes(arrays, shapes or {})
+        return arrays
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """An array, which may not say that it is larger than what there is of it."""
+    with archive.open(member) as file:
+        shape, dtype = _announced(file)
+    if dtype.hasobject:
+        raise InputError(member.filename, "pickled objects", "numbers or texts", "they are never read: allow_pickle")
+    if math.prod(shape) * dtype.itemsize > member.file_size:
+        raise InputError(member.filename, f"the shape {shape}", f"what {member.file_size} bytes can hold")
+    with archive.open(member) as file:
+        return npy.read_array(file, allow_pickle=False)
+
+
+def _announced(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of an array, as the beginning of its file has them."""
+    major, _ = npy.read_magic(file)
+    if not 1 <= major <= len(_SIZES):
+        raise InputError("version", major, f"an array's format from 1 to {len(_SIZES)}")
+    shape, _, dtype = _SIZES[major - 1](file)
+    return shape, dtype
+
+
+def _check_shapes(arrays: Mapping[str, np.ndarray], shapes: Mapping[str, str]) -> None:
+    lengths: dict[str, int] = {}
+    for key, axes in shapes.items():
+        array = arrays.get(key)
+        if array is None:
+            raise InputError("key", ", ".join(arrays)[:80], "the keys " + ", ".join(shapes), f"{key} is not there")
+        if array.dtype.kind not in "biuf" or array.ndim != len(axes):
+            given = f"{array.dtype} of shape {array.shape}"
+            raise InputError(key, given, f"numbers of shape ({', '.join(axes)})")
+        for axis, length in zip(axes, array.shape, strict=True):
+            if lengths.setdefault(axis, length) != length:
+                raise InputError(key, array.shape, f"({', '.join(axes)}), {axis} being {lengths[axis]}")
+
+
+@contextmanager
+def parsing(path: Path, kind: str) -> Iterator[None]:
+    """Turn whatever a parser throws at damaged bytes into one line that names the file.
+
+    Raises:
+        InputError: The block raised anything but an error of whiptool itself, whose place is added instead.
+    """
+    try:
+        yield
+    except InputError as error:
+        named = str(path.with_suffix("")) in error.name  # or its sidecar is
+        raise (error if named else error.within(f"{path}: ")) from None
+    except WhiptoolError:
+        raise
+    except Exception as error:  # parsers document few of the errors that they raise: on damage all mean the same
+        reason = f"{type(error).__name__}: {error}".replace("\n", " ")[:160]
+        raise InputError(
+            str(path), "a damaged or different file", f"a whole {kind} file", f"its parser says {reason}"
+        ) from None
