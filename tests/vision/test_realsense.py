@@ -183,6 +183,6 @@ def test_a_realsense_without_its_libraries_says_what_to_install(monkeypatch):
         def missing(name, reason=reason):
             raise ImportError(reason)
 
-        monkeypatch.setattr(realsense.importlib, "import_module", missing)
-        with pytest.raises(WhiptoolError, match=fix):
+        monkeypatch.setattr("whiptool.extras.import_module", missing)
+        with pytest.raises(InputError, match=fix):
             realsense.RealSenseCamera(CAMERA).open()

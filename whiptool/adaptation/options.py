@@ -96,6 +96,10 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         whole("--max-strikes", self.max_strikes)
         whole("--starts", self.starts, high=1000)
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return () if self.camera == "tip" or self.port == ROBOT else super().needs()
+
     def _check_space(self, model: Model) -> None:
         """Refuse servos and images of an arm in space, and directions in the plane."""
         if model.dimension == 3 and self.port != ROBOT and (self.port, self.camera) != ("twin", "tip"):

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from whiptool.errors import NOTHING, InputError, WhiptoolError
+from whiptool.extras import require
 from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
 from whiptool.version import __version__
 
@@ -31,10 +32,12 @@ def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] 
     An option that takes several values is not given without one, unless the class names it in `may_be_empty`.
 
     Raises:
-        InputError: It does not parse, an option is there twice, or a value breaks a rule of its own; it is named.
+        InputError: It does not parse, an option is there twice, what it needs is not installed, or a value breaks a
+            rule of its own; it is named.
         SystemExit: `--help` was printed.
     """
     parsed = _parsed(options, prog=prog, description=description, args=args, default=default)
+    require(prog.removeprefix("whiptool "), parsed.needs())
     with options_named(parsed):
         parsed.check()
     return parsed

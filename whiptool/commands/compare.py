@@ -25,6 +25,7 @@ from whiptool.options import (
     TrainingOptions,
     ZoneGoalOptions,
     ZoneOptions,
+    learned_with,
     refuse_idle,
     whole,
 )
@@ -100,6 +101,10 @@ class ComparisonOptions(
         if self.cluster is not None:
             refuse_idle(self, {"workers": "nothing beside --cluster, which has its own"})
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return () if self.cluster is None else ("ray",)
+
     def processes(self) -> int:
         """How many to work in on this machine; more than there are cores would only wait for each other."""
         cores = os.cpu_count() or 1
@@ -169,6 +174,10 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
             refuse_idle(self, {"further_episodes": "nothing with --observation paper alone"}, usual)
         if self.zone == "fast":
             refuse_idle(self, dict.fromkeys(self.of_disc, "nothing beside --zone fast"))
+
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return (*super().needs(), *learned_with(self.methods))
 
 
 _EXAMPLE = (

@@ -8,24 +8,16 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from whiptool.commands import cli
+from whiptool.extras import EXTRAS
 from whiptool.options import JsonOptions
 from whiptool.version import __version__
 
 CORE = ("casadi", "pin", "mujoco", "nlopt", "numpy", "scipy", "matplotlib", "tyro", "pymoo")
-EXTRAS = {
-    "rl": ("torch", "gymnasium", "tensorboard"),
-    "vision": ("opencv-python-headless",),
-    "rig": ("dynamixel-sdk", "pyrealsense2"),
-    "io": ("pyarrow", "rosbags", "ezc3d"),
-    "cluster": ("ray",),
-    "oracle": ("pyelastica", "numba"),
-    "human": ("h5py", "statsmodels"),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +58,7 @@ def examine() -> list[Finding]:
         Finding("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
     ]
     findings += [_package(name) for name in CORE]
-    findings += [_extra(extra, names) for extra, names in EXTRAS.items()]
+    findings += [_extra(extra, packages.values()) for extra, packages in EXTRAS.items()]
     return [*findings, *_camera(), _processor(), *_engine(), _cache(), _graphics()]
 
 
@@ -82,7 +74,7 @@ def _package(name: str) -> Finding:
     return Finding(name, found or "not installed", "" if found else "pip install whiptool")
 
 
-def _extra(extra: str, names: tuple[str, ...]) -> Finding:
+def _extra(extra: str, names: Iterable[str]) -> Finding:
     """Optional packages: what is missing is named, and is no defect."""
     versions = {name: _version(name) for name in names}
     missing = not all(versions.values())
@@ -92,16 +84,15 @@ def _extra(extra: str, names: tuple[str, ...]) -> Finding:
 
 def _camera() -> list[Finding]:
     """Whether what is installed for the RealSense camera loads: its wheel does not hold the USB library."""
-    from whiptool.errors import WhiptoolError
+    from whiptool.errors import InputError
     from whiptool.vision.realsense import realsense
 
     if _version("pyrealsense2") is None:
         return []
     try:
         realsense()
-    except WhiptoolError as error:
-        found, _, fix = str(error).rpartition(": ")
-        return [Finding("RealSense", found, fix)]
+    except InputError as error:
+        return [Finding("RealSense", str(error.given), error.fix)]
     return [Finding("RealSense", "pyrealsense2 loads")]
 
 

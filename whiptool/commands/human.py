@@ -54,6 +54,10 @@ class HumanOptions(ResumableOptions):
         whole("--draws", self.draws, low=10, high=1_000_000)
         whole("--workers", self.workers, high=64)
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return ("h5py", "statsmodels", "torch")
+
 
 _EXAMPLE = (
     "People's whip throws (Krotov et al. 2022) beside strikes that are planned. "

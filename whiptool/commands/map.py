@@ -15,6 +15,7 @@ from tyro.conf import Positional
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
+from whiptool.extras import optional
 from whiptool.options import (
     MANY_TARGETS,
     GoalOptions,
@@ -76,6 +77,10 @@ class BuildOptions(
         for name in ("rounds", "gate_strikes"):
             whole(flag(name), getattr(self, name), low=0, high=MANY_TARGETS)
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return ("torch",)
+
     def build_plan(self) -> MapPlan:
         """Return how much is rolled out."""
         from whiptool.strike_map import MapPlan
@@ -112,6 +117,10 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
         super().check()
         refuse_idle(self, {"t_stay": "nothing: that of the map"})
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return ("torch",)
+
 
 _BUILD = "Build a map of strikes. Example: python -m whiptool.map build --zone-radius 0.3 --hit-radius 0.01"
 _STRIKE = "Strike from a map. Example: python -m whiptool.map strike runs/map --target 1.2 0.1"
@@ -137,9 +146,9 @@ def load_map(run_folder: str | Path) -> StrikeMap:
     """Return the strike map that `python -m whiptool.map build` left in its run folder.
 
     Raises:
-        InputError: PyTorch is missing, the folder is of another command, or its map is not whole.
+        InputError: PyTorch is not installed, the folder is of another command, or its map is not whole.
     """
-    _import_torch()
+    _one_torch_thread()
     from whiptool.strike_map import Answers, StrikeMap
     from whiptool.strike_map.store import load_gate, load_parts
 
@@ -153,19 +162,15 @@ def load_map(run_folder: str | Path) -> StrikeMap:
     return StrikeMap(building.striker, building.region, Answers.joined(parts), gate)
 
 
-def _import_torch() -> Any:
-    try:
-        import torch
-    except ImportError:
-        raise InputError("whiptool map", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]") from None
-    torch.set_num_threads(1)  # the same result on any number of cores
-    return torch
+def _one_torch_thread() -> None:
+    """Let PyTorch compute with one thread: the same result on any number of cores."""
+    optional("torch", "whiptool map").set_num_threads(1)
 
 
 def _build(args: Sequence[str]) -> int:
     options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args)
     with cli.options_named(options):
-        _import_torch()
+        _one_torch_thread()
         from whiptool.strike_map.built import built
 
         building = options.build_building()

@@ -28,6 +28,7 @@ from whiptool.options import (
     SimulatorOptions,
     SpaceOptions,
     TrajectoryOptions,
+    learned_with,
     refuse_idle,
 )
 from whiptool.words import counted
@@ -82,6 +83,10 @@ class OptimizeOptions(
                 )
         if self.max_time is not None:
             number("--max-time", self.max_time, low=0, strict=True)
+
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return learned_with([self.method])
 
 
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 import tyro
 from tyro.conf import arg
@@ -28,6 +28,10 @@ REPORT = "report.html"
 Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "spaces", "all"]
 Row = Literal["nominal", "robust", "correction", "sac", "told", "uniform", "adapt", "still", "wiggle", "chain"]
 OTHERS = ("nah2023", "aim", "spaces")  # with a model of their own
+_RIG = ("dynamixel_sdk", "cv2")  # servos, and a camera's images
+_LEARNED = ("fig6", "fig7", "table4", "hard", "aim", "spaces")  # parts with learners
+_OF_PARTS = {**dict.fromkeys(_LEARNED, ("torch",)), "sim2real": _RIG}  # modules of extras
+_OF_WAYS = {"sac": ("torch",), "chain": _RIG}  # of adapt
 _OF_ANY_PAPER = {"what", "workers", "cluster", "quick", "out", "resume", "json"}  # options
 
 
@@ -91,6 +95,15 @@ class ReproduceOptions(ComparisonOptions):
             refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
         elif not self.further_zones:
             refuse_idle(self, dict.fromkeys(further[1:], "nothing without --further-zones"), usual)
+
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        parts = set(_OF_PARTS) - set(OTHERS) if self.what == "all" else {self.what}
+        needed = [module for part, modules in _OF_PARTS.items() if part in parts for module in modules]
+        if self.what == "adapt" and not self.space:
+            ways = self.rows or get_args(Row)
+            needed += [module for way, modules in _OF_WAYS.items() if way in ways for module in modules]
+        return (*super().needs(), *needed)
 
 
 _EXAMPLE = (

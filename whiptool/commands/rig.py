@@ -14,7 +14,15 @@ from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
-from whiptool.options import LONGEST_STAY, MODELS, WITHOUT_DERIVATIVES, ResumableOptions, SearchOptions, refuse_idle
+from whiptool.options import (
+    LONGEST_STAY,
+    MODELS,
+    WITHOUT_DERIVATIVES,
+    ResumableOptions,
+    SearchOptions,
+    learned_with,
+    refuse_idle,
+)
 from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
@@ -94,6 +102,10 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
             raise InputError("--method", self.method, "one without derivatives: a rig has none")
         if self.camera == "none":
             raise InputError("--camera", self.camera, "one that sees the tip: a search needs the miss")
+
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return (*super().needs(), *learned_with([self.method]))
 
 
 _STRIKE = (

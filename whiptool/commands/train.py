@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from whiptool.commands import cli
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.extras import optional
 from whiptool.options import (
     MANY_TARGETS,
     Learner,
@@ -135,6 +136,10 @@ class TrainOptions(
             allowed = "0, unless the learner has a replay buffer (sac, td3, ddpg) and the observation is goal"
             raise InputError("--hindsight", self.hindsight, allowed)
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return ("torch", "tensorboard")
+
     def hyperparameters(self) -> dict[str, Any]:
         """Those that are given."""
         given = {name: getattr(self, name) for name in ("hidden", *_HYPERPARAMETERS)}
@@ -164,9 +169,9 @@ def load_policy(run_folder: str | Path) -> Policy:
     """Return the policy that `python -m whiptool.train` left in its run folder, as of its last checkpoint.
 
     Raises:
-        InputError: PyTorch is missing, or the folder is of another command, or holds no whole checkpoint.
+        InputError: PyTorch is not installed, or the folder is of another command, or holds no whole checkpoint.
     """
-    _import_torch()
+    optional("torch", "a policy")
     from whiptool.rl.policy import Policy
 
     options = cli.options_of_run(TrainOptions, Path(run_folder), command="train")
@@ -177,7 +182,7 @@ def load_policy(run_folder: str | Path) -> Policy:
 
 def build_training(options: TrainOptions) -> Training:
     """Return the training that options ask for, not begun."""
-    torch = _import_torch()
+    torch = optional("torch", "whiptool train")
     from whiptool.rl.training import Plan, Training, make_learner
 
     task, generator = build_task(options), torch.Generator().manual_seed(options.seed)
@@ -211,19 +216,11 @@ def settings_of(options: TrainOptions) -> Settings:
     return settings_for(options.method, **options.hyperparameters())
 
 
-def _import_torch() -> Any:
-    try:
-        import torch
-    except ImportError:
-        raise InputError("whiptool train", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]") from None
-    return torch
-
-
 class _Run:
     """One training: everything is checked before anything is written."""
 
     def __init__(self, options: TrainOptions) -> None:
-        torch = _import_torch()
+        torch = optional("torch", "whiptool train")
         torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
 
         self.options = options

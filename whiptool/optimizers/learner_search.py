@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.extras import optional
 from whiptool.objective import Objective
 
 BATCH = 10  # strikes between updates
@@ -30,10 +30,7 @@ def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
         InputError: PyTorch is not installed.
         RuntimeError: A loss is not finite.
     """
-    try:
-        import torch
-    except ImportError:
-        raise InputError("method", learner, "a method that needs no PyTorch", "pip install whiptool[rl]") from None
+    torch = optional("torch", f"method {learner}")
     from whiptool.rl.learner import Diverged
     from whiptool.rl.replay import Transitions
     from whiptool.rl.settings import OffPolicy, settings_for

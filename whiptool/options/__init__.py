@@ -20,6 +20,7 @@ from whiptool.options.budget import (
     Observation,
     SearchOptions,
     TrainingOptions,
+    learned_with,
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
 from whiptool.options.criteria import CriteriaOptions, CriterionName
@@ -69,6 +70,7 @@ __all__ = [
     "ZoneOptions",
     "flag",
     "flags",
+    "learned_with",
     "refuse_idle",
     "whole",
 ]

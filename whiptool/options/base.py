@@ -32,6 +32,10 @@ class OptionGroup:
             InputError: One does; it is named.
         """
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options, so that it asks before any work."""
+        return ()
+
     @classmethod
     def named(cls, which: str) -> set[str]:
         """Return what all groups name in a class variable, such as `changeable`."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from tyro.conf import arg
 
@@ -18,8 +19,14 @@ if TYPE_CHECKING:
 Learner = Literal["sac", "td3", "ddpg", "ppo"]
 Observation = Literal["paper", "relative", "goal"]
 WITHOUT_DERIVATIVES = ("directl", "cmaes", "ga", "sac", "td3", "ddpg", "ppo", "random", "nlopt:NAME")
+LEARNERS = get_args(Learner)
 METHODS = "{gradient," + ",".join(WITHOUT_DERIVATIVES) + "}"
 Methods = Annotated[tuple[str, ...], arg(metavar=f"[{METHODS} ...]")]
+
+
+def learned_with(methods: Iterable[str]) -> tuple[str, ...]:
+    """Return the modules of extras that some methods need: learners need PyTorch."""
+    return ("torch",) if set(LEARNERS) & set(methods) else ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
-from whiptool.errors import WhiptoolError
+from whiptool.extras import optional
 
 
 def opencv() -> Any:
-    """The module cv2.
+    """Return the module cv2.
 
     Raises:
-        WhiptoolError: It is not installed, or does not load.
+        InputError: It is not installed, or does not load.
     """
-    try:
-        return importlib.import_module("cv2")
-    except ImportError as error:
-        raise WhiptoolError(f"OpenCV does not load ({error}): pip install whiptool[vision]") from error
+    return optional("cv2", "cameras and images")

@@ -1,31 +1,15 @@
-"""What all readers share: whole files, foreign parsers kept from surprising the user, optional packages, hashes."""
+"""What all readers share: whole files, foreign parsers kept from surprising the user, hashes."""
 
 from __future__ import annotations
 
 import hashlib
-import importlib
-import types
 from collections.abc import Iterable
 from pathlib import Path
 
 from whiptool.errors import InputError
 from whiptool.given_files import LARGEST, parsing, whole_file
 
-__all__ = ["LARGEST", "need", "parsing", "sha256", "whole_file"]
-
-
-def need(module: str, extra: str, purpose: str) -> types.ModuleType:
-    """Import an optional package.
-
-    Raises:
-        InputError: It is not installed; the command that installs it is named.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        package = module.partition(".")[0]
-        fix = f"pip install 'whiptool[{extra}]'" if extra else f"pip install {package}"
-        raise InputError(package, f"no such package ({error})", f"installed, to read {purpose}", fix) from None
+__all__ = ["LARGEST", "parsing", "sha256", "whole_file"]
 
 
 def sha256(paths: Path | Iterable[Path]) -> str:

@@ -64,6 +64,12 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
         if self.port != "twin":
             refuse_idle(self, {"friction": "nothing, unless --port twin is given"})
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        film = self.camera == "realsense" or self.camera.endswith(".db3")
+        images = self.camera not in ("points", "none")
+        return ("dynamixel_sdk", *["pyrealsense2"] * film, *["cv2"] * images)
+
     def build_controller(self) -> Controller:
         """The controller that the options describe, or that of the file."""
         controller = super().build_controller()

@@ -16,6 +16,30 @@ from whiptool.models.parameters import number, whole
 _WIDEST, _MOST = 10_000, 1_000_000  # layer; any other whole number. What is beyond is a slip, and fills memory
 
 
+@dataclass(frozen=True)
+class Plan:
+    """How long to train (Algorithm 1: 500 episodes of 100 trials, the first 50 random).
+
+    Args:
+        episodes: Number of episodes.
+        trials: Strikes per episode, all in one batch, each in a lane of its own.
+        random_episodes: Episodes at the start in which strikes are uniformly random and nothing is learned.
+        hindsight: Relabelled copies of every strike; 0: none. Needs an observation that shows the target.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    episodes: int = 500
+    trials: int = 100
+    random_episodes: int = 50
+    hindsight: int = 0
+
+    def __post_init__(self) -> None:
+        for name, low in (("episodes", 1), ("trials", 2), ("random_episodes", 0), ("hindsight", 0)):
+            whole(name, getattr(self, name), low=low)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """Settings of all learners.

@@ -13,14 +13,13 @@ import torch
 from torch import Tensor
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import whole
 from whiptool.rl import hindsight
 from whiptool.rl.ddpg import DDPG
 from whiptool.rl.learner import Learner, OffPolicyLearner
 from whiptool.rl.ppo import PPO
 from whiptool.rl.replay import Transitions
 from whiptool.rl.sac import SAC
-from whiptool.rl.settings import Settings
+from whiptool.rl.settings import Plan, Settings
 from whiptool.rl.task import StrikeTask
 from whiptool.rl.td3 import TD3
 from whiptool.whole_files import write_whole
@@ -32,30 +31,6 @@ LOSSES = {
     "ddpg": ("critic", "actor"),
     "ppo": ("actor", "value", "divergence"),
 }
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How long to train (Algorithm 1: 500 episodes of 100 trials, the first 50 random).
-
-    Args:
-        episodes: Number of episodes.
-        trials: Strikes per episode, all in one batch, each in a lane of its own.
-        random_episodes: Episodes at the start in which strikes are uniformly random and nothing is learned.
-        hindsight: Relabelled copies of every strike; 0: none. Needs an observation that shows the target.
-
-    Raises:
-        InputError: A number is out of range.
-    """
-
-    episodes: int = 500
-    trials: int = 100
-    random_episodes: int = 50
-    hindsight: int = 0
-
-    def __post_init__(self) -> None:
-        for name, low in (("episodes", 1), ("trials", 2), ("random_episodes", 0), ("hindsight", 0)):
-            whole(name, getattr(self, name), low=low)
 
 
 @dataclass(frozen=True)

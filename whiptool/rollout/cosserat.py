@@ -15,7 +15,6 @@ The largest stable step is `1 / (wave_speed sqrt(1 / element^2 + 1 / radius^2))`
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -24,6 +23,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.extras import optional
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.numbers import number, whole
 from whiptool.models.parameters import Model
@@ -219,9 +219,6 @@ def elastica() -> tuple[Any, Any]:
     """Return PyElastica and our parts for it.
 
     Raises:
-        WhiptoolError: It is not installed, or does not load.
+        InputError: It is not installed, or does not load.
     """
-    try:
-        return importlib.import_module("elastica"), importlib.import_module("whiptool.rollout.cosserat_parts")
-    except ImportError as error:
-        raise WhiptoolError(f"PyElastica does not load ({error}): pip install whiptool[oracle]") from error
+    return optional("elastica", "Cosserat rods"), optional("whiptool.rollout.cosserat_parts", "Cosserat rods")

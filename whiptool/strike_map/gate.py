@@ -7,17 +7,21 @@ experts (Jacobs, Jordan, Nowlan and Hinton 1991), trained on what candidates cam
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
-from torch.nn import functional as F
 from tqdm import tqdm
 
+from whiptool.extras import optional
 from whiptool.goals import Goals
-from whiptool.rl.networks import Layers
 from whiptool.strike_map.candidates import Candidates
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from whiptool.rl.networks import Layers
 
 HIDDEN = (256, 256)
 _EPOCHS, _BATCH, _RATE, _DECAY = 40, 512, 1e-3, 1e-4
@@ -51,15 +55,19 @@ class Gate:
 
     def odds(self, seen: np.ndarray) -> np.ndarray:
         """Return the logarithm of the odds of candidates to hit, (C,), from their features (C, f)."""
-        with torch.no_grad():
+        with optional("torch").no_grad():
             return self.layers(self._scaled(seen))[0, :, 0].numpy().astype(float)
 
-    def _scaled(self, seen: np.ndarray) -> torch.Tensor:
+    def _scaled(self, seen: np.ndarray) -> Tensor:
+        torch = optional("torch")
         return torch.as_tensor((seen - self.mean) / self.scale, dtype=torch.float32)
 
     @classmethod
     def trained(cls, seen: np.ndarray, hit: np.ndarray, *, seed: int, progress: bool = False) -> Gate:
         """Return a gate that was trained by logistic regression on candidates (N, f) that hit or not, (N,)."""
+        torch = optional("torch", "the gate of a strike map")
+        from whiptool.rl.networks import Layers
+
         generator = torch.Generator().manual_seed(seed)
         gate = cls(Layers([seen.shape[1], *HIDDEN, 1], generator), seen.mean(axis=0), seen.std(axis=0) + 1e-6)
         x, y = gate._scaled(seen), torch.as_tensor(hit, dtype=torch.float32)
@@ -68,7 +76,7 @@ class Gate:
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
         for _ in tqdm(range(_EPOCHS), desc="gate", disable=not progress, leave=False):
             for rows in torch.randperm(len(x), generator=generator).split(_BATCH):
-                loss = F.binary_cross_entropy_with_logits(gate.layers(x[rows])[0, :, 0], y[rows])
+                loss = torch.nn.functional.binary_cross_entropy_with_logits(gate.layers(x[rows])[0, :, 0], y[rows])
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-import torch
-
+from whiptool.extras import optional
 from whiptool.given_files import parsing, read_arrays
-from whiptool.rl.networks import Layers
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.gate import HIDDEN, Gate
 from whiptool.whole_files import write_npz
@@ -55,6 +53,9 @@ def load_gate(folder: Path) -> Gate | None:
     """
     if not (folder / GATE).exists():
         return None
+    torch = optional("torch", "the gate of a strike map")
+    from whiptool.rl.networks import Layers
+
     arrays = read_arrays(folder / GATE, "strike map", {"mean": "f", "scale": "f"})
     with parsing(folder / GATE, "NPZ"):  # PyTorch refuses weights of other names and shapes
         layers = Layers([len(arrays["mean"]), *HIDDEN, 1], torch.Generator())

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.extras import optional
 
 R = TypeVar("R")
 RETRIES = 2  # after the first worker that died over a unit
@@ -135,11 +136,7 @@ def _die_with(parent: int) -> None:
 
 def _on_ray(units: Mapping[str, Any], work: Callable[[Any], R], address: str, on_death: OnDeath) -> Worked[R]:
     """As tasks of one core each on a Ray cluster, where whiptool must be installed in the same version."""
-    try:
-        import ray
-        from ray import exceptions
-    except ImportError:
-        raise InputError("cluster", address, "nothing, without Ray", "pip install whiptool[cluster]") from None
+    ray, exceptions = optional("ray", "cluster"), optional("ray.exceptions", "cluster")
     ours = not ray.is_initialized()
     if ours:
         try:

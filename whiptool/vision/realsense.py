@@ -6,13 +6,13 @@ Bags in SQLite (`.db3`) need no SDK: `whiptool.recording.readers.open_video` rea
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.extras import optional
 from whiptool.vision.camera_model import CameraSettings
 from whiptool.vision.source import Frame
 
@@ -21,14 +21,14 @@ def realsense() -> Any:
     """The module pyrealsense2.
 
     Raises:
-        WhiptoolError: It is not installed, or its USB library is not.
+        InputError: It is not installed, or its USB library is not.
     """
     try:
-        return importlib.import_module("pyrealsense2")
-    except ImportError as error:
-        missing_usb = "libusb" in str(error)
-        fix = "apt-get install libusb-1.0-0" if missing_usb else "pip install 'whiptool[rig]'"
-        raise WhiptoolError(f"pyrealsense2 does not load ({error}): {fix}") from error
+        return optional("pyrealsense2", "a RealSense camera")
+    except InputError as error:
+        if "libusb" not in str(error):
+            raise
+        raise InputError(error.name, error.given, error.allowed, "apt-get install libusb-1.0-0") from None
 
 
 class RealSenseCamera:

@@ -344,5 +344,5 @@ def test_a_port_is_held_by_one_program(bus, twin):
 
 def test_the_sdk_is_named_when_it_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "dynamixel_sdk", None)
-    with pytest.raises(InputError, match=r"pip install whiptool\[rig\]"):
+    with pytest.raises(InputError, match=r"pip install 'whiptool\[rig\]'"):
         DynamixelBus(os.devnull, [1])

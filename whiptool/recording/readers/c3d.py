@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.recording.parsing import need, parsing, sha256, whole_file
+from whiptool.extras import optional
+from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.sealed import unpack
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
@@ -38,7 +39,7 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
     """
     path = whole_file(path)
     side = Sidecar.of(path, options, *SPACE, "markers", "sigma")
-    need("ezc3d", "io", "C3D files")
+    optional("ezc3d", "C3D files")
     _check_header(path)
     data = unpack(path, "c3d")
     with parsing(path, "C3D"):

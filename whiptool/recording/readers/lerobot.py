@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.extras import optional
 from whiptool.given_files import read_json
 from whiptool.models.tables import read_toml
-from whiptool.recording.parsing import need, parsing, sha256, whole_file
+from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, Sidecar
 from whiptool.recording.readers.tracks import AXES, split_columns
 from whiptool.recording.readers.video import VideoSource, segment, source, video_frames
@@ -66,7 +67,7 @@ def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
     """
     folder = Path(folder)
     info_file = whole_file(folder / "meta/info.json")
-    parquet = need("pyarrow.parquet", "io", "LeRobot datasets")
+    parquet = optional("pyarrow.parquet", "LeRobot datasets")
     with parsing(info_file, "LeRobot info.json"):
         info = read_json(info_file)
         version, fps, features = (info.get(key) for key in ("codebase_version", "fps", "features"))

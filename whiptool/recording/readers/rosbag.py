@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.recording.parsing import need, parsing, sha256, whole_file
+from whiptool.extras import optional
+from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
 from whiptool.recording.readers.video import VideoSource, source
 
@@ -135,7 +136,7 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
 @contextmanager
 def _opened(path: Path | str) -> Iterator[Any]:
     path = Path(path)
-    rosbag2 = need("rosbags.rosbag2", "io", "ROS 2 bags")
+    rosbag2 = optional("rosbags.rosbag2", "ROS 2 bags")
     if path.is_dir():
         whole_file(path / "metadata.yaml")
     else:
@@ -166,7 +167,7 @@ def _unpacked(data: bytes) -> bytes:
     """A message without the compression that RealSense may have put around it."""
     if not data.startswith(ZSTD):
         return data
-    zstd = need("backports.zstd", "io", "compressed bags")  # rosbags brings it
+    zstd = optional("backports.zstd", "compressed bags")  # rosbags brings it
     return zstd.ZstdDecompressor().decompress(data, LARGEST_MESSAGE)
 
 

@@ -31,7 +31,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.recording.parsing import need, sha256, whole_file
+from whiptool.extras import optional
+from whiptool.recording.parsing import sha256, whole_file
 from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, Sidecar
 from whiptool.recording.space_camera import SpaceCamera
 
@@ -214,5 +215,5 @@ def _capture(path: Path) -> tuple[Any, Any]:
     # what OpenCV and FFmpeg print on damage says nothing that our error does not; both read these when first used
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    cv2 = need("cv2", "vision", "video")
+    cv2 = optional("cv2", "video")
     return cv2, cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.extras import optional
 
 
 class BusError(WhiptoolError):
@@ -33,13 +34,9 @@ def sdk() -> Any:
     """The module `dynamixel_sdk`.
 
     Raises:
-        InputError: It is not installed.
+        InputError: It is not installed, or does not load.
     """
-    try:
-        import dynamixel_sdk
-    except ImportError as error:
-        raise InputError("dynamixel-sdk", "not installed", "4.1 or newer", "pip install whiptool[rig]") from error
-    return dynamixel_sdk
+    return optional("dynamixel_sdk", "servos")
 
 
 class Peer(Protocol):

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.extras import optional
 from whiptool.given_files import read_json
 from whiptool.studies.comparison.units import Scene
 from whiptool.whole_files import write_whole
@@ -114,7 +115,7 @@ class LearnerUnit:
 
     def _fresh(self, threads: int | None):
         """A learner that knows nothing, and its training."""
-        import torch
+        torch = optional("torch", self.method)
 
         from whiptool.rl.learner import OffPolicyLearner
         from whiptool.rl.settings import settings_for

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import whole
+from whiptool.rl.settings import Plan
 from whiptool.studies.comparison.difficulty import DifficultyUnit
 from whiptool.studies.comparison.learner_unit import LearnerUnit
 from whiptool.studies.comparison.units import Scene, SearchUnit
@@ -32,7 +33,7 @@ class Comparison:
         task: Put before the names of its units, where a folder holds several comparisons.
 
     Raises:
-        InputError: A name or a number is not allowed, or PyTorch is missing.
+        InputError: A name or a number is not allowed.
     """
 
     scene: Scene
@@ -64,12 +65,6 @@ class Comparison:
         }.items():
             whole(name, value)
         if set(LEARNERS) & set(self.methods):
-            try:
-                from whiptool.rl.training import Plan
-            except ImportError:
-                raise InputError(
-                    "methods", self.methods, "without PyTorch no learner", "pip install whiptool[rl]"
-                ) from None
             for observation in ("paper", "goal"):
                 Plan(*self.training(observation), hindsight=self.hindsight)
             if not self.observations:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, norm
 
-from whiptool.errors import InputError
+from whiptool.extras import optional
 from whiptool.studies.human.reading import Throws
 
 ALPHA = 0.05
@@ -84,7 +84,8 @@ def fit_mixed(throws: Throws, quantity: str, *, interaction: bool, random: Seque
     y = known[quantity].to_numpy(float)
     scale = float(y.std()) or 1.0
     X, Z = (np.column_stack([columns[name] for name in names]) for names in (columns, random))
-    model = _statsmodels().MixedLM(y / scale, X, groups=known["person"].to_numpy(), exog_re=Z)
+    api = optional("statsmodels.api", "mixed models")
+    model = api.MixedLM(y / scale, X, groups=known["person"].to_numpy(), exog_re=Z)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a variance between people may end at its bound, zero
         found = model.fit(reml=False, method=["lbfgs", "powell"], start_params=_start(y / scale, X, Z.shape[1]))
@@ -139,7 +140,7 @@ def fit_hits(throws: Throws) -> tuple[Effect, ...]:
     Raises:
         InputError: statsmodels is not installed.
     """
-    api = _statsmodels()
+    api = optional("statsmodels.api", "mixed models")
     columns = _columns(throws, interaction=False)
     model = api.GEE(
         throws["hit"].to_numpy(float),
@@ -169,12 +170,3 @@ def _effects(names: Sequence[str], values: np.ndarray, errors: np.ndarray) -> tu
 def _is_better(wider: MixedModel, narrower: MixedModel, more: int) -> bool:
     ratio = 2 * (wider.log_likelihood - narrower.log_likelihood)
     return bool(chi2.sf(max(ratio, 0.0), more) < ALPHA)
-
-
-def _statsmodels() -> Any:
-    try:
-        import statsmodels.api as api
-    except ImportError as error:
-        given = f"no such package ({error})"
-        raise InputError("statsmodels", given, "installed, for mixed models", "pip install 'whiptool[human]'") from None
-    return api

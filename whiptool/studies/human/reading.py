@@ -9,13 +9,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.recording.parsing import need
+from whiptool.extras import optional
 
 Throws: TypeAlias = Any  # a pandas.DataFrame: what its columns hold, pandas' types do not know
 STYLES = ("discrete", "rhythmic")
 TABLE_FILES = ("trial_stats.csv", "WhipTask_TrialStats.csv")
 MATLAB_FILES = ("whip_task_data.mat", "WhipTaskData.mat")
-EXTRA = "human"
 _SUM = 1e-9  # [m]: of distances that both files hold
 
 # their columns, ours, and the range of each; the flag says whether a value may be missing
@@ -201,7 +200,7 @@ def read_speeds(path: Path) -> tuple[tuple[Speeds, ...], dict[str, np.ndarray], 
     Raises:
         InputError: The file is not of MATLAB v7.3, or does not hold the structure; or h5py is not installed.
     """
-    h5py = need("h5py", EXTRA, "MATLAB v7.3 files")
+    h5py = optional("h5py", "MATLAB v7.3 files")
     if not path.is_file():
         raise InputError(str(path), "no file", "a MATLAB v7.3 file")
     if not h5py.is_hdf5(path):

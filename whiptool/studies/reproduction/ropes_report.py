@@ -89,7 +89,8 @@ def _first_strikes(alone: ByFamily) -> ByFamily:
 
 
 def _about(ropes: int, count: int, tried: Sequence[str]) -> str:
-    left_out = "" if ROPE in tried else " rope is left out: PyElastica is not installed (pip install whiptool[oracle])."
+    missing = " rope is left out: PyElastica is not installed (pip install 'whiptool[oracle]')."
+    left_out = "" if ROPE in tried else missing
     return (
         f"{ropes} ropes of each family on a UR5e with a stick of 0.65 m, of {', '.join(MATERIALS)} in turn, drawn by "
         "seed from what data sheets say of each (whiptool.adaptation.materials); the prior is that of the material. "

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.errors import InputError
 from whiptool.impedance import Controller, HandControl, PositionControl
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.objective import Objective
@@ -185,15 +184,7 @@ def facts() -> dict[str, str]:
 
 
 def sections(context: Context) -> list[Section]:
-    """The table of trials.
-
-    Raises:
-        InputError: PyTorch is missing; other reports do not need it.
-    """
-    try:
-        import torch  # noqa: F401
-    except ImportError:
-        raise InputError("spaces", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]") from None
+    """The table of trials."""
     size = (QUICK_TARGETS, QUICK_CAP) if context.quick else (TARGETS, CAP)
     study = SpaceStudy.of(context.store, *size)
     numbers = study.summary()

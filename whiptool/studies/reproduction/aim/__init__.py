@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from whiptool.errors import InputError
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
 from whiptool.studies.reproduction.context import Context
 from whiptool.viz.report import Section
@@ -35,15 +34,7 @@ def facts() -> dict[str, str]:
 
 
 def sections(context: Context) -> list[Section]:
-    """The UR5e's goals beside the published figures, where they are missed, and the planar hard task.
-
-    Raises:
-        InputError: PyTorch is missing; other reports do not need it.
-    """
-    try:
-        import torch
-    except ImportError:
-        raise InputError("aim", "no PyTorch", "an installed PyTorch", "pip install whiptool[rl]") from None
+    """The UR5e's goals beside the published figures, where they are missed, and the planar hard task."""
     from whiptool.studies.reproduction.aim import report
 
     return report.sections(context)

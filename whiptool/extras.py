@@ -1,0 +1,73 @@
+"""Optional packages, and the extras that install them: what is missing is refused with the command that installs it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from whiptool.errors import InputError
+
+# of each extra: modules, and the packages that hold them
+EXTRAS = {
+    "rl": {"torch": "torch", "gymnasium": "gymnasium", "tensorboard": "tensorboard"},
+    "vision": {"cv2": "opencv-python-headless"},
+    "rig": {"dynamixel_sdk": "dynamixel-sdk", "pyrealsense2": "pyrealsense2"},
+    "io": {"pyarrow": "pyarrow", "rosbags": "rosbags", "ezc3d": "ezc3d"},
+    "cluster": {"ray": "ray"},
+    "oracle": {"elastica": "pyelastica", "numba": "numba"},
+    "human": {"h5py": "h5py", "statsmodels": "statsmodels"},
+}
+
+
+def require(purpose: str, modules: Iterable[str]) -> None:
+    """Refuse what needs modules that are not installed. Nothing is imported, so that this takes no time.
+
+    Args:
+        purpose: What needs them, such as `whiptool train`.
+        modules: Top-level modules of extras.
+
+    Raises:
+        InputError: Some are not installed; it names all of them, and the command that installs them.
+    """
+    missing = [module for module in dict.fromkeys(modules) if find_spec(module) is None]
+    if missing:
+        raise _not_installed(purpose, missing)
+
+
+def optional(module: str, purpose: str = "") -> Any:
+    """Import a module of an extra.
+
+    Args:
+        module: Its name, such as `pyarrow.parquet`.
+        purpose: What needs it; default: the module itself.
+
+    Raises:
+        InputError: It is not installed, or does not load.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        if find_spec(package) is None:
+            wanted = package if any(package in packages for packages in EXTRAS.values()) else module
+            raise _not_installed(purpose or wanted, [wanted]) from None
+        given, fix = f"{module}, which does not load ({error})", f"install it anew: {_command([package])}"
+        raise InputError(purpose or package, given, "one that loads", fix) from error
+
+
+def _not_installed(purpose: str, modules: list[str]) -> InputError:
+    packages = ", ".join(_package(module) for module in modules)
+    return InputError(purpose, f"no {packages}", f"{packages} installed", _command(modules))
+
+
+def _package(module: str) -> str:
+    """Return the package that holds a module."""
+    return next((packages[module] for packages in EXTRAS.values() if module in packages), module)
+
+
+def _command(modules: list[str]) -> str:
+    """Return what installs the extras that hold some modules."""
+    extras = [extra for extra, packages in EXTRAS.items() if packages.keys() & set(modules)]
+    return f"pip install 'whiptool[{','.join(extras)}]'" if extras else f"pip install {' '.join(modules)}"
