@@ -43,6 +43,12 @@ def test_errors_are_relative_or_in_the_numbers_own_unit():
     assert BELIEF.errors() == pytest.approx(dict(zip(NAMES, errors * [1, 0.01, 0.01, 1])))
 
 
+def test_errors_in_a_file_are_in_the_unit_of_the_values():
+    table, errors = BELIEF.to_table(), np.sqrt((ROOT**2).sum(axis=1))
+    values = np.array(list(table["values"].values()))
+    assert list(table["errors"].values()) == pytest.approx(errors * [values[0], 0.01, 0.01, values[3]])
+
+
 def test_samples_have_the_mean_and_covariance():
     numbers = ("whip.k", "whip.l", "arm.friction[0]")
     drawn = [plant.values() for plant in BELIEF.sample(np.random.default_rng(0), 1601)]

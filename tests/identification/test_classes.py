@@ -69,6 +69,22 @@ def test_a_class_is_withdrawn_where_the_model_does_not_explain_the_readings(erro
     assert (found.interval is None) is (kind == "withdrawn")
 
 
+def test_a_standard_error_is_in_the_unit_of_the_value_whatever_the_solver_counts():
+    """400 readings of +-1, each changing by 100 a unit of z: by hand z is known to 1 / (20 * 100) = 5e-4."""
+    of_z, r = 5e-4, np.resize([1.0, -1.0], 400)
+    named = {"whip.k": (4.0, 4.0 * of_z), "whip.drag": (2e-3, 1e-3 * of_z), "delay": (0.05, 0.01 * of_z)}
+    for name, (value, error) in named.items():
+        v = variable(name, value)
+        block = Block(r, np.full((400, 1), 100.0), np.zeros((400, 0)))
+        U = assess([v], np.array([v.z(value)]), [block], [np.zeros(400, int)], [np.arange(400.0)], None)
+        (found,) = classify(U, [value])
+        assert found.value == pytest.approx(value)
+        assert found.error == pytest.approx(error, rel=0.01), name
+        assert found.alone == pytest.approx(error, rel=0.01), name
+        assert found.interval is not None
+        assert np.ptp(found.interval) / (2 * 1.96) == pytest.approx(found.error, rel=0.02)
+
+
 @pytest.mark.heavy
 def test_classes_are_the_same_along_an_unseen_direction():
     """A last link's inertia may be all of what is seen of it, or next to nothing: an end is as good as the other."""

@@ -145,11 +145,16 @@ class Belief:
         return {
             "names": list(self.names),
             "values": self.values(),
-            "errors": self.errors(),
+            "errors": self._errors_of_values(),
             "z": self.z.tolist(),
             "covariance": self.covariance.tolist(),
             "model_error": dataclasses.asdict(self.model_error),
         }
+
+    def _errors_of_values(self) -> dict[str, float]:
+        """Standard error of each of the `values`, in its unit."""
+        slopes = [v.slope(z) for v, z in zip(self.variables, self.z, strict=True)]
+        return dict(zip(self.names, (np.sqrt(np.diag(self.covariance)) * slopes).tolist(), strict=True))
 
     @classmethod
     def from_table(cls, plant: Plant, table: Mapping[str, Any]) -> Belief:

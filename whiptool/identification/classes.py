@@ -28,9 +28,9 @@ class Parameter:
             of `partner`; `flat`: the recordings do not see it; `at bound`: its bound stopped it;
             `withdrawn`: the model does not explain the readings, and no standard error holds. Every class assumes that
             the model's form is right.
-        error: Standard error: relative where the number is positive, else in its unit; NaN if flat.
+        error: Standard error of the value, in its unit; NaN if flat.
         interval: 95 % interval; None where there is none to give (flat, at bound, withdrawn).
-        alone: Standard error if all other numbers were known.
+        alone: The same if all other numbers were known.
         partner, correlation: The number it is most correlated with, and how much.
     """
 
@@ -71,8 +71,7 @@ def classify(uncertainty: Uncertainty, starts: Sequence[float], level: float = 0
         )
         if not explained and kind not in ("flat", "at bound"):
             kind = "withdrawn"
-        unit = 1.0 if v.log else v.scale
-        interval = None
+        unit, interval = v.slope(U.z[i]), None
         if kind not in ("flat", "at bound", "withdrawn"):
             interval = v.value(U.z[i] - half[i]), v.value(U.z[i] + half[i])
         found.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from whiptool.identification.summary import (
     similarity_of,
     tip_paths,
 )
+from whiptool.identification.units import with_unit
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
@@ -80,7 +82,7 @@ def parameters_section(fit: Fit) -> Section:
                 format_value(p),
                 format_interval(p),
                 p.kind,
-                f"{p.alone:.2g}",
+                with_unit(p.name, p.alone, 2) if math.isfinite(p.alone) else "none",
                 "" if flat or p.partner is None else p.partner,
                 "" if flat or p.partner is None else f"{p.correlation:+.3f}",
             ]
@@ -96,7 +98,7 @@ def parameters_section(fit: Fit) -> Section:
     said = [
         Table(
             rows,
-            "“alone”: standard error if all others were known (relative for what is positive, else in its unit). "
+            "“alone”: standard error of the value if all others were known. "
             "The correlation is that with the parameter that it goes with most.",
         ),
         Text("Classes: " + "; ".join(f"{kind}: {_MEANING[kind]}" for kind in kinds) + "."),
