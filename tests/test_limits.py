@@ -39,7 +39,7 @@ def lowest(rollout: CompiledRollout, strike: list[float]) -> float:
         scene = Scene(rollout.model, 0.0, of)
         floor = len(scene.bodies)
         over = [i for i, j in scene.pairs if j == floor]
-        radius = np.array([scene.bodies[i].radius for i in over])
+        radius = np.array([scene.bodies[i].capsule.radius for i in over])
         found += [(ends[:, over, 2] - radius).min() for ends in scene.segments(q)]
     return float(min(found))
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+from processes import HANG
 
 from whiptool.errors import InputError
 from whiptool.models import preset
@@ -90,3 +93,24 @@ def test_nothing_to_touch_is_named():
     with pytest.raises(InputError, match="floor: got nan"):
         Clearance(UR5E, floor=float("nan"))
     assert Clearance(UR5E).words == "the distance between arm, whip and arm"
+
+
+MEMORY = """
+import dataclasses, resource, types
+import numpy as np
+from whiptool.models import preset
+from whiptool.models.clearance import Clearance
+from whiptool.models.robots import rope
+model = dataclasses.replace(preset("ur5e"), whip=rope(100))
+wave = np.sin(np.linspace(0, 9, 1500))[:, None]
+strike = types.SimpleNamespace(t=np.arange(1500) * 1e-3, q=0.3 * wave * np.ones(model.n), diverged=False)
+assert np.isfinite(Clearance(model, floor=-1.0).violation(strike))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.heavy
+def test_a_whip_of_a_hundred_nodes_needs_little_memory():
+    """The whole process, of which most are libraries; kinematics of free bodies in Pinocchio took 18 GB."""
+    done = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True, timeout=HANG)
+    assert int(done.stdout) < 300e3  # kB

@@ -69,7 +69,7 @@ def test_distances_are_mujoco_s(name, of):
         spec = mujoco.MjSpec()
         for body, start, end in zip(scene.bodies, starts[k], ends[k], strict=True):
             spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[*start, *end], size=[max(body.radius, 1e-9), 0, 0]
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[*start, *end], size=[max(body.capsule.radius, 1e-9), 0, 0]
             )
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, pos=[0, 0, -0.4], size=[9, 9, 0.1])
         world = spec.compile()

@@ -126,10 +126,9 @@ class Clearance:
 
     def _nearest(self, q: np.ndarray, enough: float, scenes: Sequence[Scene]) -> NearestPair | None:
         close, *others = scenes
-        segments = scenes[-1].segments(q)  # the last has all bodies of the others
-        overlap = close.nearest_of(*segments, enough=0.0)
+        overlap = close.nearest(q, enough=0.0)
         found = [overlap] if overlap is not None and overlap.clearance < 0 else []
-        found += [x for x in (scene.nearest_of(*segments, enough=enough) for scene in others) if x is not None]
+        found += [x for x in (scene.nearest(q, enough=enough) for scene in others) if x is not None]
         return min(found, key=lambda x: x.clearance, default=None)
 
     def violation(self, trajectory: motor_limits.Motion) -> float:

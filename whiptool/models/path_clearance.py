@@ -32,6 +32,7 @@ class PathClearance:
     def __init__(self, model: Model, floor: float | None = None, least: float = 0.0) -> None:
         assert isinstance(model.arm, SpatialArm)
         self._arm = model.arm
+        self._turns = np.array([link.kind == "revolute" for link in model.arm.links])
         self._parts = [_Part(Scene(model, floor, "close"), 0.0), _Part(Scene(model, floor, "apart"), least + SPARE)]
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -47,21 +48,29 @@ class PathClearance:
         a = self._arm.n
         q = strike[:a] + FRACTIONS[:, None] * (strike[a : 2 * a] - strike[:a])
         frames = arm_frames(self._arm, q)[:a]
-        axes = [
-            f.rotation @ np.array(link.axis) for f, link in zip(frames, self._arm.links, strict=True)
-        ]  # (T, 3) each
+        origins = np.stack([frame.origin for frame in frames], axis=1)  # (T, a, 3)
+        along = [f.rotation @ np.array(link.axis) for f, link in zip(frames, self._arm.links, strict=True)]
+        axes = np.stack(along, axis=1)
         values, slopes = [], []
         for part in self._parts:
             for value, k, ends in part.nearest(q):
-                by_q = np.zeros(a)
-                for link, point, outward in ends:
-                    for j in range(link + 1):  # none, of the base and the floor
-                        turns = self._arm.links[j].kind == "revolute"
-                        velocity = np.cross(axes[j][k], point - frames[j].origin[k]) if turns else axes[j][k]
-                        by_q[j] += outward @ velocity
+                by_q = sum((self._towards(axes[k], origins[k], *end) for end in ends), np.zeros(a))
                 values.append(value)
                 slopes.append(np.r_[(1 - FRACTIONS[k]) * by_q, FRACTIONS[k] * by_q, 0.0])
         return np.array(values), np.array(slopes).reshape(-1, 2 * a + 1)
+
+    def _towards(
+        self, axes: np.ndarray, origins: np.ndarray, link: int, point: np.ndarray, outward: np.ndarray
+    ) -> np.ndarray:
+        """Return how fast a point of a link moves along a direction, by each joint's position, (a,).
+
+        Args:
+            axes, origins: Of the joints, (a, 3) each.
+            link: Its number; the base and the floor, whose numbers are negative, do not move.
+            point, outward: (3,) each.
+        """
+        velocities = np.where(self._turns[:, None], np.cross(axes, point - origins), axes)
+        return np.where(np.arange(len(axes)) <= link, velocities @ outward, 0.0)
 
 
 class _Part:
@@ -75,7 +84,8 @@ class _Part:
     def __init__(self, scene: Scene, least: float) -> None:
         self._scene, self._least = scene, least
         links = [scene.links_of(pair) for pair in scene.pairs]
-        self._members = {both: [p for p, x in enumerate(links) if x == both] for both in sorted(set(links))}
+        self._links = sorted(set(links))
+        self._groups = np.array([self._links.index(both) for both in links], int)
 
     def nearest(self, q: np.ndarray) -> Iterator[tuple[float, int, _Ends]]:
         """Yield of each two links how much nearer they come than they may [m], at which state, and where.
@@ -83,11 +93,7 @@ class _Part:
         Args:
             q: States, (T, a).
         """
-        if not self._members:
-            return
-        distances, points, normals = self._scene.distances(q)
-        for (one, other), pairs in self._members.items():
-            k, i = np.unravel_index(distances[:, pairs].argmin(), (len(q), len(pairs)))
-            p, towards = pairs[i], normals[k, pairs[i]]
-            ends = ((one, points[k, p, 0], towards), (other, points[k, p, 1], -towards))
-            yield self._least - distances[k, p], int(k), ends
+        contacts = self._scene.contacts(q, self._groups) if self._links else []
+        for (one, other), contact in zip(self._links, contacts, strict=True):
+            ends = ((one, contact.points[0], contact.normal), (other, contact.points[1], -contact.normal))
+            yield self._least - contact.distance, contact.instant, ends

@@ -1,4 +1,4 @@
-"""The bodies of an arm and a whip as capsules over a floor, and how near they come: distances by Pinocchio's coal."""
+"""The bodies of an arm and a whip as capsules over a floor, and how near they come."""
 
 from __future__ import annotations
 
@@ -6,19 +6,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-import coal
 import numpy as np
-import pinocchio as pin
 
 from whiptool.models.capsules import Capsule
 from whiptool.models.kinematics import arm_frames, joint_points, whip_motion
 from whiptool.models.parameters import Model
+from whiptool.models.segment_distances import nearest_points
 from whiptool.models.spatial_arm import SpatialArm
 
 NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared with the links that hold it
 Of: TypeAlias = Literal["close", "apart", "whip"]
 _HOLDING = 2  # last links of an arm, which hold the whip: a flange and what carries it
 _BASE, _FLOOR, _WHIP = -1, -2, -3  # in place of a link's number
+_AT_ONCE = 200_000  # pairs of bodies, counted in all states, that are compared together: some 50 MB
+_DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -28,14 +29,13 @@ class _Body:
     Args:
         name: For people.
         link: Its number.
-        radius, length: [m]
+        capsule: In the link's frame; of the whip one of its length anywhere.
         segment: Of the whip, from the hand.
     """
 
     name: str
     link: int
-    radius: float
-    length: float
+    capsule: Capsule
     segment: int = 0
 
 
@@ -52,6 +52,24 @@ class NearestPair:
     clearance: float
     instant: int
     names: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Where a group of pairs is nearest.
+
+    Args:
+        distance: [m], negative where they overlap.
+        instant, pair: Numbers of the state and of the pair.
+        points: Nearest points of both bodies [m], (2, 3).
+        normal: Unit vector from the first body to the second, (3,).
+    """
+
+    distance: float
+    instant: int
+    pair: int
+    points: np.ndarray
+    normal: np.ndarray
 
 
 @dataclass
@@ -75,23 +93,21 @@ class Scene:
     bodies: list[_Body] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._capsules = self._capsules_of_arm()
-        self.bodies = [_Body(name, link, c.radius, c.length) for name, link, c in self._capsules]
+        self.bodies = [_Body(name, link, capsule) for name, link, capsule in self._capsules_of_arm()]
         if self.of == "whip":
             lengths = self.model.whip.per_node("l")
-            self.bodies += [_Body(f"the whip's node {i + 1}", _WHIP, 0.0, float(l), i) for i, l in enumerate(lengths)]
-        self._flyers, self._geometry = pin.Model(), pin.GeometryModel()  # every body flies freely, the floor rests
-        for i, body in enumerate(self.bodies):
-            joint = self._flyers.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"{i}")
-            self._add(f"{i}", joint, coal.Capsule(body.radius, body.length))
-        self._add("floor", 0, coal.Halfspace(np.array([0.0, 0.0, 1.0]), self.floor or 0.0))
+            rods = [Capsule((0.0, 0.0, 0.0), (0.0, 0.0, -float(l)), 0.0) for l in lengths]
+            self.bodies += [_Body(f"the whip's node {i + 1}", _WHIP, rod, i) for i, rod in enumerate(rods)]
         self.pairs = list(self._pairs())
-        for i, j in self.pairs:
-            self._geometry.addCollisionPair(pin.CollisionPair(i, j))
-        self._flown, self._data = self._flyers.createData(), self._geometry.createData()
-
-    def _add(self, name: str, joint: int, shape: coal.CollisionGeometry) -> None:
-        self._geometry.addGeometryObject(pin.GeometryObject(name, joint, pin.SE3.Identity(), shape))
+        self._first, self._second = np.array(self.pairs, int).reshape(-1, 2).T
+        self._floor, self._height = self._second == len(self.bodies), self.floor or 0.0
+        self._radii = np.array([*(body.capsule.radius for body in self.bodies), 0.0])  # the last: of the floor
+        self._halves = np.array([*(body.capsule.length / 2 for body in self.bodies), 0.0])
+        ends: dict[int, list] = {body.link: [] for body in self.bodies if body.link != _WHIP}
+        for body in self.bodies:
+            if body.link != _WHIP:
+                ends[body.link].append((body.capsule.start, body.capsule.end))
+        self._local = {link: np.array(both) for link, both in ends.items()}  # in each link's frame, (bodies, 2, 3)
 
     def _capsules_of_arm(self) -> list[tuple[str, int, Capsule]]:
         """Name, link and capsule of all that the arm consists of."""
@@ -138,56 +154,71 @@ class Scene:
             points = np.stack([points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]], axis=-1)
             return points[:, : len(self.bodies)], points[:, 1 : len(self.bodies) + 1]
         frames = arm_frames(arm, q[:, :a])
-        starts, ends = [], []
-        for _, link, capsule in self._capsules:
-            for found, end in ((starts, capsule.start), (ends, capsule.end)):
-                fixed = np.broadcast_to(np.array(end), (len(q), 3))
-                found.append(fixed if link == _BASE else frames[link].origin + frames[link].rotation @ np.array(end))
+        ends = [np.empty((len(q), 0, 2, 3))]
+        for link, local in self._local.items():
+            if link == _BASE:
+                ends.append(np.broadcast_to(local, (len(q), *local.shape)))
+            else:
+                moved = np.einsum("tij,bej->tbei", frames[link].rotation, local)
+                ends.append(moved + frames[link].origin[:, None, None])
         if self.of == "whip":
             nodes = np.concatenate(
                 [frames[-1].origin[:, None], whip_motion(self.model, frames[-1], q[:, a:])[0]], axis=1
             )
-            starts += list(np.moveaxis(nodes[:, :-1], 1, 0))
-            ends += list(np.moveaxis(nodes[:, 1:], 1, 0))
-        none = np.empty((len(q), 0, 3))
-        return (np.stack(starts, axis=1), np.stack(ends, axis=1)) if starts else (none, none)
-
-    def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
-        """Return where two bodies come nearest over successive states q, (T, n); None: nothing is compared.
-
-        Args:
-            q: Joint positions, (T, n), of an arm alone (T, a).
-            enough: Clearance from which it does not matter how large it is [m]: then that of some state is returned.
-        """
-        return self.nearest_of(*self.segments(q), enough=enough)
-
-    def nearest_of(self, starts: np.ndarray, ends: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
-        """Return the same of bodies whose ends are known.
-
-        States that no motion could bring nearer than the nearest so far are not looked at.
-
-        Args:
-            starts, ends: Of the bodies [m], (T, bodies, 3) each; others may follow, as a whip's do on an arm's.
-            enough: See `nearest`.
-        """
-        if not self.pairs:
-            return None
-        starts, ends = starts[:, : len(self.bodies)], ends[:, : len(self.bodies)]
-        placed = _placements(starts, ends)
-        travel = self._travel(starts, ends)
-        first = (self._at(k, placed) for k in np.linspace(0, len(placed) - 1, min(len(placed), 16)).astype(int))
-        best, k = min(first, key=lambda x: x.clearance), 0
-        while k < len(placed):
-            here = self._at(k, placed)
-            best = min(best, here, key=lambda x: x.clearance)
-            spare = here.clearance - min(best.clearance, enough)
-            k = max(k + 1, int(np.searchsorted(travel, travel[k] + spare)))
-        return best
+            ends.append(np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2))
+        both = np.concatenate(ends, axis=1)
+        return both[:, :, 0], both[:, :, 1]
 
     def links_of(self, pair: tuple[int, int]) -> tuple[int, int]:
         """Return the numbers of the links of a pair of bodies; negative: the base, the floor or the whip."""
         i, j = pair
         return self.bodies[i].link, _FLOOR if j == len(self.bodies) else self.bodies[j].link
+
+    def names_of(self, pair: tuple[int, int]) -> tuple[str, str]:
+        """Return the names of a pair of bodies, for people."""
+        i, j = pair
+        return self.bodies[i].name, "the floor" if j == len(self.bodies) else self.bodies[j].name
+
+    def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
+        """Return where two bodies come nearest over successive states q, (T, n); None: nothing is compared.
+
+        States are looked at in parts, so that memory does not grow with their number.
+
+        Args:
+            q: Joint positions, (T, n), of an arm alone (T, a).
+            enough: Clearance from which it does not matter how large it is [m]: then that of some state is returned.
+        """
+        if not self.pairs:
+            return None
+        together, at_once = np.zeros(len(self.pairs), int), max(1, _AT_ONCE // len(self.pairs))
+        best: NearestPair | None = None
+        for first in range(0, len(q), at_once):
+            limit = enough if best is None else min(best.clearance, enough)
+            (contact,) = self.contacts(q[first : first + at_once], together, enough=limit)
+            if best is None or contact.distance < best.clearance:
+                names = self.names_of(self.pairs[contact.pair])
+                best = NearestPair(contact.distance, first + contact.instant, names)
+        return best
+
+    def contacts(self, q: np.ndarray, groups: np.ndarray, *, enough: float = np.inf) -> list[Contact]:
+        """Return where the pairs of each group come nearest; distances are computed where balls around bodies are near.
+
+        Args:
+            q: States, (T, n).
+            groups: Of each pair the number of its group, all numbers from 0 to the largest, (pairs,).
+            enough: Distance from which it does not matter how large it is [m].
+        """
+        ends = self.segments(q)
+        lower, upper = self._bounds(*ends)
+        least, limit = (np.full(groups.max() + 1, np.inf) for _ in range(2))
+        np.minimum.at(least, groups, lower.min(axis=1))
+        np.minimum.at(limit, groups, upper.min(axis=1))
+        limit = np.maximum(np.minimum(limit, enough), least)
+        pairs, instants = np.nonzero(lower <= limit[groups, None])
+        distances, points, normals = self._distances(*ends, instants, pairs)
+        order = np.lexsort((distances, groups[pairs]))
+        found = order[np.searchsorted(groups[pairs[order]], np.arange(len(least)))]  # the first of each group
+        return [Contact(float(distances[i]), int(instants[i]), int(pairs[i]), points[i], normals[i]) for i in found]
 
     def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return how near all pairs come at states q, (T, n).
@@ -196,41 +227,45 @@ class Scene:
             Distances (T, pairs) [m], negative where they overlap; the nearest points of both (T, pairs, 2, 3) [m]; unit
             vectors from the first body to the second, (T, pairs, 3).
         """
-        placed = _placements(*self.segments(q))
-        distances, points = np.empty((len(q), len(self.pairs))), np.empty((len(q), len(self.pairs), 2, 3))
-        normals = np.empty((len(q), len(self.pairs), 3))
-        for k in range(len(q)):
-            self._at(k, placed)
-            for p, found in enumerate(self._data.distanceResults):
-                distances[k, p], normals[k, p] = found.min_distance, found.normal
-                points[k, p] = found.getNearestPoint1(), found.getNearestPoint2()
-        return distances, points, normals
+        shape = len(q), len(self.pairs)
+        instants, pairs = (x.ravel() for x in np.indices(shape))
+        distances, points, normals = self._distances(*self.segments(q), instants, pairs)
+        return distances.reshape(shape), points.reshape(*shape, 2, 3), normals.reshape(*shape, 3)
 
-    def _travel(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """How much nearer to each other bodies can have come since the first state [m], (T,): a bound.
+    def _bounds(self, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what distances are at least and at most [m], (pairs, T) each, by balls around bodies and in them.
 
-        A point of a segment moves no farther than the farther of its ends, the whip against the arm no farther than
-        both together.
+        Args:
+            starts, ends: Of the bodies [m], (T, bodies, 3) each.
         """
-        moved = np.maximum(*(np.linalg.norm(np.diff(x, axis=0), axis=-1) for x in (starts, ends)))  # (T - 1, bodies)
-        of_arm = moved[:, : len(self._capsules)].max(axis=1, initial=0.0)
-        return np.concatenate([[0.0], np.cumsum(of_arm + moved.max(axis=1))])
+        first, second, floor = self._first, self._second, self._floor
+        middles = np.ascontiguousarray((starts + ends).T) / 2  # (3, bodies, T)
+        between = middles[:, first] - middles[:, np.where(floor, first, second)]
+        apart = np.sqrt(np.einsum("xpt,xpt->pt", between, between))
+        apart[floor] = middles[2, first[floor]] - self._height
+        upper = apart - (self._radii[first] + self._radii[second])[:, None]
+        return upper - (self._halves[first] + self._halves[second])[:, None], upper
 
-    def _at(self, k: int, placed: np.ndarray) -> NearestPair:
-        pair = pin.computeDistances(self._flyers, self._flown, self._geometry, self._data, placed[k])
-        i, j = self.pairs[pair]
-        names = self.bodies[i].name, "the floor" if j == len(self.bodies) else self.bodies[j].name
-        return NearestPair(float(self._data.distanceResults[pair].min_distance), int(k), names)
+    def _distances(
+        self, starts: np.ndarray, ends: np.ndarray, instants: np.ndarray, pairs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return how near pairs come at instants, as `distances` does, (C, ...) each.
 
-
-def _placements(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return where bodies are as Pinocchio's free flyers have it, (T, 7 bodies): each one's middle and quaternion.
-
-    The quaternion (its real part last) takes the z axis along the segment, either way.
-    """
-    along = ends - starts
-    length = np.linalg.norm(along, axis=-1, keepdims=True)
-    d = np.where(length > 0, along / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 1.0]))
-    x, y, z = np.moveaxis(np.where(d[..., 2:] < 0, -d, d), -1, 0)
-    turn = np.stack([-y, x, np.zeros_like(z), 1 + z], axis=-1) / np.sqrt(2 * (1 + z))[..., None]
-    return np.concatenate([(starts + ends) / 2, turn], axis=-1).reshape(len(starts), -1)
+        Args:
+            starts, ends: Of the bodies [m], (T, bodies, 3) each.
+            instants, pairs: Numbers of the states and of the pairs, (C,) each.
+        """
+        first, second, floor = self._first[pairs], self._second[pairs], self._floor[pairs]
+        start, end = starts[instants, first], ends[instants, first]
+        lowest = np.where(start[:, 2:] < end[:, 2:], start, end)
+        below = lowest * (1.0, 1.0, 0.0) + (0.0, 0.0, self._height)
+        other = np.where(floor, first, second)  # of the floor any: it is replaced
+        one, two = nearest_points(start, end, starts[instants, other], ends[instants, other])
+        one, two = np.where(floor[:, None], lowest, one), np.where(floor[:, None], below, two)
+        apart = np.linalg.norm(two - one, axis=-1)
+        normals = np.divide(two - one, apart[:, None], out=np.tile(_DOWN, (len(one), 1)), where=apart[:, None] > 0)
+        apart = np.where(floor, lowest[:, 2] - self._height, apart)
+        normals[floor] = _DOWN
+        own, its = self._radii[first], self._radii[second]
+        points = np.stack([one + own[:, None] * normals, two - its[:, None] * normals], axis=1)
+        return apart - own - its, points, normals
