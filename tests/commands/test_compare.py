@@ -289,7 +289,7 @@ def test_bad_input_gets_one_line(words, named, tmp_path):
 def test_other_observations_train_shorter_in_proportion(scene):
     """500 episodes, 50 random, become 100 and 10; never more than the first."""
     plan = Comparison(scene=scene, further_episodes=100)
-    assert plan.training("paper") == (500, 100, 50)
+    assert plan.training("tip") == (500, 100, 50)
     assert plan.training("goal") == plan.training("relative") == (100, 100, 10)
     assert Comparison(scene=scene, episodes=20, random_episodes=4, further_episodes=100).training("goal") == (
         20,

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_settings_are_checked():
-    assert settings_for("sac", alpha=0, discount=0).discount_for("paper") == 0
+    assert settings_for("sac", alpha=0, discount=0).discount_for("tip") == 0
     assert settings_for("sac").discount_for("goal") == 0
     assert settings_for("sac").discount_for("relative") == 0.99
     for method, wrong in (

@@ -44,7 +44,7 @@ def test_actions_cover_the_box():
     np.testing.assert_allclose(t.to_strikes(actions), expected, atol=1e-15)
 
 
-@pytest.mark.parametrize("observation", ["paper", "relative", "goal"])
+@pytest.mark.parametrize("observation", ["tip", "relative", "goal"])
 def test_a_step_on_a_straight_flight(observation):
     t = task(observation=observation, strikes=2, hit_radius=0.1)
     targets = np.array([[1.0, 0.0], [1.0, 0.3], [0.9, 0.2]])
@@ -53,7 +53,7 @@ def test_a_step_on_a_straight_flight(observation):
     assert rest[0] == pytest.approx(0, abs=1e-12)
     assert rest[1] == pytest.approx(-t.rollout.model.reach)
     shown = {
-        "paper": np.hstack([np.tile(rest, (3, 1)), np.zeros((3, 2))]),
+        "tip": np.hstack([np.tile(rest, (3, 1)), np.zeros((3, 2))]),
         "relative": np.hstack([rest - targets, np.zeros((3, 2))]),
         "goal": np.hstack([np.tile(rest, (3, 1)), np.zeros((3, 2)), targets]),
     }[observation]
@@ -62,7 +62,7 @@ def test_a_step_on_a_straight_flight(observation):
     step = t.step(actions)
     tips, velocity = np.array([[1.0, 0], [1.0, 0]]), np.array([[SPEED, 0], [SPEED, 0]])
     seen = {
-        "paper": np.hstack([tips, velocity]),
+        "tip": np.hstack([tips, velocity]),
         "relative": np.hstack([tips - targets[:2], velocity]),
         "goal": np.hstack([tips, velocity, targets[:2]]),
     }[observation]
@@ -87,7 +87,7 @@ BALL = Disc((1.0, 0.2, 0.1), 0.4)
 IN_SPACE = StrikeBounds((-0.5, 0.0, -0.5, *(0.1,) * 5, 0.4), (0.5, 1.0, 0.5, *(0.3,) * 5, 1.0))
 
 
-@pytest.mark.parametrize("observation", ["paper", "relative", "goal"])
+@pytest.mark.parametrize("observation", ["tip", "relative", "goal"])
 def test_a_step_in_space(observation):
     t = StrikeTask(StraightFlightInSpace(), BALL, bounds=IN_SPACE, observation=observation, hit_radius=0.1)
     assert (t.n_act, t.n_obs) == (9, 9 if observation == "goal" else 6)
@@ -151,7 +151,7 @@ def test_networks_see_sizes_of_one(zone):
     size = max(1.0, 2 * half)
     where = (obs[:, :2] - centre) / size
     expected = {
-        "paper": np.hstack([where, [[0.5, -2]]]),
+        "tip": np.hstack([where, [[0.5, -2]]]),
         "relative": np.hstack([obs[:, :2] / size, [[0.5, -2]]]),
         "goal": np.hstack([where, [[0.5, -2]], (obs[:, 4:] - centre) / half]),
     }
@@ -247,7 +247,7 @@ def test_lanes_of_goals_are_renewed_and_kept():
         task(arrival=ArrivalRule(direction=(1.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize("observation", ["paper", "relative"])
+@pytest.mark.parametrize("observation", ["tip", "relative"])
 def test_observations_that_show_no_target_show_no_direction(observation):
     t, plain = task(observation=observation, arrival=ArrivalRule(angle=0.2)), task(observation=observation)
     targets = np.array([[1.0, 0.1]])

@@ -100,7 +100,7 @@ def test_a_plan_says_what_it_allows():
 
 
 def test_the_discount_is_that_of_the_observation():
-    for observation, discount in (("goal", 0.0), ("paper", 0.99), ("relative", 0.99)):
+    for observation, discount in (("goal", 0.0), ("tip", 0.99), ("relative", 0.99)):
         learner = training(Plan(), observation=observation).learner
         assert (learner.discount, learner.n_obs, learner.n_act) == (discount, 6 if discount == 0 else 4, 5)
 

@@ -77,7 +77,7 @@ def test_a_name_that_is_none_is_told_the_choices_in_their_order(capsys):
     for words, said in (
         (["optimize", "--preset", "table5"], "--preset: got 'table5'; allowed: printed, table4"),
         (["optimize", "--integrator", "RK5"], "--integrator: got 'RK5'; allowed: RK4, Euler, implicit, implicitfast"),
-        (["compare", "--observation", "god"], "--observation: got 'god'; allowed: paper, relative, goal"),
+        (["compare", "--observation", "god"], "--observation: got 'god'; allowed: tip, relative, goal"),
         (["rig.dynamixel", "--port", "x", "--baud", "3"], "--baud: got '3'; allowed: 9600, 57600"),
     ):
         command, *rest = words

@@ -123,10 +123,10 @@ def test_seeds_decide_everything(method):
     [
         ("sac", "goal", 0),
         ("sac", "goal", 2),
-        ("sac", "paper", 0),
+        ("sac", "tip", 0),
         ("td3", "goal", 1),
         ("td3", "relative", 0),
-        ("ddpg", "paper", 0),
+        ("ddpg", "tip", 0),
         ("ppo", "goal", 0),
         ("ppo", "relative", 0),
     ],
@@ -205,7 +205,7 @@ def test_truncation_is_bootstrapped_and_termination_is_not(method):
 def test_the_target_policies_act_as_cited():
     obs = torch.rand(500, 4)
     for method in ("ddpg", "td3"):
-        learner = training(method, task=one_joint_task(observation="paper"), **SMALL[method]).learner
+        learner = training(method, task=one_joint_task(observation="tip"), **SMALL[method]).learner
         action, bonus = learner.next_action(obs)
         offset = action - learner.target_actor(obs)
         assert float(bonus) == 0
@@ -229,7 +229,7 @@ def test_ppo_bootstraps_as_well():
 
 
 def test_a_trial_given_up_is_not_stored_as_ended():
-    run = training("sac", task=one_joint_task(observation="paper", strikes=1), **SMALL["sac"])
+    run = training("sac", task=one_joint_task(observation="tip", strikes=1), **SMALL["sac"])
     run.run(episodes=4)
     held = run.learner.state_dict()["replay"]
     assert torch.equal(held["terminated"], (held["reward"] == 50).float())
@@ -264,7 +264,7 @@ def test_what_each_observation_shows():
         seen[observation] = task.step(actions).obs
         assert np.abs(task.normalise(seen[observation])).max() < 5
     tip, velocity = step.approach.tip, step.approach.velocity
-    assert np.array_equal(seen["paper"], np.hstack([tip, velocity]))
+    assert np.array_equal(seen["tip"], np.hstack([tip, velocity]))
     assert np.array_equal(seen["relative"], np.hstack([tip - targets, velocity]))
     assert np.array_equal(seen["goal"], np.hstack([tip, velocity, targets]))
     assert np.hypot(*(seen["relative"][:, :2]).T) == pytest.approx(step.approach.distance)
@@ -317,6 +317,6 @@ def test_relabelled_rewards_are_those_of_the_physics():
     assert torch.equal(held["next_obs"][:, 4:], held["obs"][:, 4:])
     relabelled = gained[:150]  # before the strikes themselves are stored
     assert (relabelled == 50).mean() > 1.5 * (gained[150:] == 50).mean()
-    for wrong in (("ppo", "goal"), ("sac", "paper")):
+    for wrong in (("ppo", "goal"), ("sac", "tip")):
         with pytest.raises(InputError, match="hindsight"):
             training(wrong[0], task=one_joint_task(observation=wrong[1]), plan=Plan(hindsight=1))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, g
 from whiptool.errors import NOTHING, InputError, WhiptoolError
 from whiptool.extras import require
 from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
+from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.version import __version__
 
 if TYPE_CHECKING:
@@ -209,12 +210,21 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
     kinds = {f.name: str(f.type) for f in dataclasses.fields(options)}
     fields: dict[str, Any] = {name: None for name, kind in kinds.items() if "None" in kind}
     fields |= {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
+    for name in (name for name, kind in kinds.items() if "Observation" in kind and fields.get(name) is not None):
+        fields[name] = _named_now(fields[name])
     for name in (name for name, kind in kinds.items() if "Path" in kind and fields.get(name) is not None):
         fields[name] = pathlib.Path(fields[name])
     try:
         return options(**fields)
     except TypeError as error:
         raise InputError("--resume", str(path), f"a folder of this command and version ({error})") from None
+
+
+def _named_now(observation: str | tuple[str, ...]) -> str | tuple[str, ...]:
+    """Return one or several observations of a stored run under the names that they have now."""
+    if isinstance(observation, tuple):
+        return tuple(OLD_OBSERVATIONS.get(name, name) for name in observation)
+    return OLD_OBSERVATIONS.get(observation, observation)
 
 
 def configuration(

@@ -75,7 +75,7 @@ class ComparisonOptions(
     tighter: tuple[float, ...] = (0.03, 0.01)
     """Further, smaller hit radii [m]; learners are trained with --hit-radius."""
     further_episodes: int | None = None
-    """Episodes under observations other than paper; default: as --episodes."""
+    """Episodes under observations other than tip; default: as --episodes."""
     workers: int | None = None
     """Processes on this machine; default: one per core, at most 8. The results do not depend on it."""
     cluster: str | None = None
@@ -155,7 +155,7 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
 
     methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
     """Methods of whiptool.optimize; random always stands beside them. sac, td3, ddpg, ppo are trained once per seed."""
-    observation: tuple[Observation, ...] = ("paper", "relative", "goal")
+    observation: tuple[Observation, ...] = ("tip", "relative", "goal")
     """What learners see."""
     zone: Literal["disc", "fast"] = "disc"
     """Where targets are drawn: disc (of --zone-radius), or fast: wherever the tip of random strikes is fast (3 m/s)."""
@@ -170,8 +170,8 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
         usual = CompareOptions(**{k: v for k, v in QUICK.items() if hasattr(self, k)}) if self.quick else None
         if not set(get_args(Learner)) & set(self.methods):
             refuse_idle(self, dict.fromkeys(LEARNING, "nothing without a learner among --methods"), usual)
-        if set(self.observation) == {"paper"}:
-            refuse_idle(self, {"further_episodes": "nothing with --observation paper alone"}, usual)
+        if set(self.observation) == {"tip"}:
+            refuse_idle(self, {"further_episodes": "nothing with --observation tip alone"}, usual)
         if self.zone == "fast":
             refuse_idle(self, dict.fromkeys(self.of_disc, "nothing beside --zone fast"))
 

@@ -19,6 +19,7 @@ from whiptool.runs import CONFIG
 from whiptool.studies.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHODS, Comparison
 from whiptool.studies.comparison.series import collect
 from whiptool.studies.comparison.shipped import Results
+from whiptool.studies.comparison.store import unit_file
 
 _RENAMED = {"cap": "max_trials"}  # of options of older runs
 
@@ -43,7 +44,7 @@ def read_run(folder: Path | str) -> Results:
         methods, observations = options.methods, options.observation
     comparison = options.comparison(methods, observations)
     units = comparison.units()
-    files = {unit.name: folder / "units" / f"{unit.name}.json" for unit in units}
+    files = {unit.name: unit_file(folder / "units", unit.name) for unit in units}
     missing = [name for name, file in files.items() if not file.exists()]
     if missing:
         fix = "finish it with --resume"

@@ -54,7 +54,7 @@ class ReproduceOptions(ComparisonOptions):
     rows: tuple[Row, ...] = ()
     """Of adapt, the ways to strike that are tried, and chain: through servos, images and tracker; default: all."""
     further_episodes: int | None = 100
-    """Episodes under observations other than paper, which show what they can much earlier."""
+    """Episodes under observations other than tip, which show what they can much earlier."""
     further_zones: Annotated[tuple[str, ...], arg(metavar="[RADIUS|fast ...]")] = ("0.3", "fast")
     """Fig. 6 again where one strike does not do: targets from discs of these radii [m] around --target, and fast:
     wherever the tip of random strikes is fast (3 m/s)."""
@@ -227,7 +227,7 @@ def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
         + " m",
         "training": f"{comparison.episodes} episodes of {comparison.trials} strikes, "
         f"{comparison.random_episodes} random; {comparison.seeds} seeds"
-        + (f"; observations other than paper {further} episodes" if further is not None else ""),
+        + (f"; observations other than tip {further} episodes" if further is not None else ""),
     }
 
 

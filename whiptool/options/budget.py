@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from whiptool.models.strike import StrikeBounds
 
 Learner = Literal["sac", "td3", "ddpg", "ppo"]
-Observation = Literal["paper", "relative", "goal"]
+Observation = Literal["tip", "relative", "goal"]
+OLD_OBSERVATIONS = {"paper": "tip"}  # names that older runs hold, and what they are called now
 WITHOUT_DERIVATIVES = ("directl", "cmaes", "ga", "sac", "td3", "ddpg", "ppo", "random", "nlopt:NAME")
 LEARNERS = get_args(Learner)
 METHODS = "{gradient," + ",".join(WITHOUT_DERIVATIVES) + "}"

@@ -53,7 +53,7 @@ def make_task(
         controller: A controller, or the name of a preset of OIAC or of constant impedance.
         zone: Where targets are drawn; default: the paper's disc, in space a ball.
         arrival: How the tip has to arrive there, such as `ArrivalRule(angle=(0.5, 1.5))`; default: any way.
-        observation: `paper`, `relative` or `goal`, see `StrikeTask`.
+        observation: `tip`, `relative` or `goal`, see `StrikeTask`.
         hit_radius: [m]
         strikes: Strikes at one target before the episode is truncated.
         t_stay: [s]

@@ -18,12 +18,13 @@ from whiptool.errors import InputError
 from whiptool.goals import Goals
 from whiptool.models.parameters import Model, number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
+from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, joint_points
 from whiptool.target import HIT_RADIUS
 from whiptool.zone import Zone, check_dimension, usual_disc
 
-OBSERVATIONS = ("paper", "relative", "goal")
+OBSERVATIONS = ("tip", "relative", "goal")
 SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for networks
 
 
@@ -113,7 +114,7 @@ class StrikeTask:
         rollout: Simulator.
         zone: Where targets are drawn.
         arrival: How the tip has to arrive there.
-        observation: `paper`: tip position and velocity at the closest approach; `relative`: the same, measured from
+        observation: `tip`: tip position and velocity at the closest approach; `relative`: the same, measured from
             the target; `goal`: the first, and the goal: the target, and the direction if one is asked for. Before the
             first strike the whip hangs at rest from the arm; see `resting_points`.
         reward: `paper` (Eq. 17) or `log` (see `log_reward`).
@@ -140,7 +141,8 @@ class StrikeTask:
         bounds: StrikeBounds | None = None,
     ) -> None:
         if observation not in OBSERVATIONS:
-            raise InputError("observation", observation, ", ".join(OBSERVATIONS))
+            now = OLD_OBSERVATIONS.get(observation)
+            raise InputError("observation", observation, ", ".join(OBSERVATIONS), f"it is called {now}" if now else "")
         if reward not in REWARDS:
             raise InputError("reward", reward, ", ".join(REWARDS))
         self._reward = REWARDS[reward]

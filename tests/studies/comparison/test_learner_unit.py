@@ -62,7 +62,7 @@ def test_a_learner_unit_trains_and_strikes(tmp_path, monkeypatch):
 
 
 def test_hindsight_only_where_it_is_possible():
-    for method, observation, copies in (("sac", "goal", 3), ("sac", "paper", 0), ("ppo", "goal", 0)):
+    for method, observation, copies in (("sac", "goal", 3), ("sac", "tip", 0), ("ppo", "goal", 0)):
         unit = LearnerUnit(scene=scene(), method=method, observation=observation, seed=0, hindsight=3)
         assert unit._fresh(None).plan.hindsight == copies
 

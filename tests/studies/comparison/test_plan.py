@@ -19,7 +19,7 @@ def test_the_difficulty_of_a_task_is_measured_by_strikes_that_grow_with_its_targ
 
 def test_units_have_names_of_their_own():
     units = Comparison(
-        scene=scene(targets=CHUNK + 3), methods=("nlopt:GN_CRS2_LM", "sac"), observations=("goal", "paper"), seeds=2
+        scene=scene(targets=CHUNK + 3), methods=("nlopt:GN_CRS2_LM", "sac"), observations=("goal", "tip"), seeds=2
     ).units()
     names = [unit.name for unit in units]
     assert len(set(names)) == len(names) == 2 * 2 + 2 * 2 + 2 * 2
@@ -36,7 +36,7 @@ def test_other_observations_train_in_proportion(further, expected):
     plan = Comparison(
         scene=scene(), methods=("sac",), episodes=100, trials=7, random_episodes=30, further_episodes=further
     )
-    assert plan.training("paper") == (100, 7, 30)
+    assert plan.training("tip") == (100, 7, 30)
     assert plan.training("goal") == plan.training("relative") == expected
     unit = plan.learner_units("sac", "goal")[2]
     assert (unit.episodes, unit.trials, unit.random_episodes, unit.seed) == (*expected, 2)

@@ -88,3 +88,12 @@ def test_a_folder_of_another_command_is_refused(tmp_path):
     (tmp_path / "config.toml").write_text('command = "optimize"')
     with pytest.raises(InputError, match=r"whiptool\.compare or whiptool\.reproduce"):
         read_run(tmp_path)
+
+
+def test_a_file_that_calls_the_observation_as_it_was_called_is_read(run, tmp_path):
+    file = tmp_path / "old.json"
+    read_run(run).save(file)
+    file.write_text(file.read_text().replace('"goal"', '"paper"'))
+    results = Results.load(file)
+    assert (list(results.rewards), list(results.random_episodes)) == (["tip"], ["tip"])
+    assert {one.observation for one in results.series} == {"", "tip"}

@@ -48,11 +48,9 @@ def test_a_tie_is_no_win():
 
 
 def test_what_holds_under_one_observation_only_says_so():
-    assert (
-        verdict_over({"observation goal": True, "observation paper": False}) == "reproduced only with observation goal"
-    )
+    assert verdict_over({"observation goal": True, "observation tip": False}) == "reproduced only with observation goal"
     both = {
         **standings(directl=100, ga=120, sac=8, td3=50, ddpg=55, ppo=150, random=200),
-        "paper": standings(directl=10, ga=12, sac=100, td3=90, ddpg=400, ppo=5, random=20)["goal"],
+        "tip": standings(directl=10, ga=12, sac=100, td3=90, ddpg=400, ppo=5, random=20)["goal"],
     }
     assert verdicts(fig6.claims(both)) == ["reproduced only with observation goal"] * 6

@@ -14,5 +14,5 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize(("sac", "expected"), [(40.0, [True, True]), (15.0, [True, False]), (5.0, [False, False])])
 def test_rewards_decide_the_claims_of_fig7(sac, expected):
     rewards = {"sac": np.full(3, sac), "td3": np.full(3, 10.0), "ddpg": np.full(3, 9.0), "ppo": np.full(3, -2.0)}
-    claims = fig7.claims({"paper": rewards})
+    claims = fig7.claims({"tip": rewards})
     assert [claim.verdict == report.REPRODUCED for claim in claims] == expected

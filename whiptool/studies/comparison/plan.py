@@ -14,7 +14,7 @@ from whiptool.studies.comparison.units import Scene, SearchUnit
 
 PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6
 LEARNERS = ("sac", "td3", "ddpg", "ppo")
-OBSERVATIONS = ("paper", "relative", "goal")
+OBSERVATIONS = ("tip", "relative", "goal")
 CHUNK = 50  # targets of a unit of searches
 
 
@@ -28,7 +28,7 @@ class Comparison:
         observations: Of the learners.
         seeds: Number of seeds, 0, 1, ...; one for what is deterministic.
         episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.Plan`.
-        further_episodes: Episodes under observations other than `paper`; None for as many, which is the most.
+        further_episodes: Episodes under observations other than `tip`; None for as many, which is the most.
             Fewer have fewer random ones in proportion.
         task: Put before the names of its units, where a folder holds several comparisons.
 
@@ -65,7 +65,7 @@ class Comparison:
         }.items():
             whole(name, value)
         if set(LEARNERS) & set(self.methods):
-            for observation in ("paper", "goal"):
+            for observation in ("tip", "goal"):
                 Plan(*self.training(observation), hindsight=self.hindsight)
             if not self.observations:
                 raise InputError("observation", (), ", ".join(OBSERVATIONS))
@@ -116,7 +116,7 @@ class Comparison:
 
     def training(self, observation: str) -> tuple[int, int, int]:
         """Episodes, trials in each, and how many episodes are random, under an observation."""
-        if observation == "paper" or self.further_episodes is None or self.further_episodes >= self.episodes:
+        if observation == "tip" or self.further_episodes is None or self.further_episodes >= self.episodes:
             return self.episodes, self.trials, self.random_episodes
         share = self.further_episodes / self.episodes
         return self.further_episodes, self.trials, math.ceil(self.random_episodes * share)

@@ -15,7 +15,7 @@ from whiptool.studies.comparison.series import NAMES, Series
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.whole_files import replacing
 
-OBSERVATION_COLORS = {"paper": COLORS["vermilion"], "relative": COLORS["orange"], "goal": COLORS["blue"]}
+OBSERVATION_COLORS = {"tip": COLORS["vermilion"], "relative": COLORS["orange"], "goal": COLORS["blue"]}
 _SEARCH, _RANDOM = COLORS["green"], "0.55"
 LEARNER_COLORS = {"sac": COLORS["blue"], "td3": COLORS["vermilion"], "ddpg": COLORS["green"], "ppo": COLORS["pink"]}
 _SEARCH_COLORS = {

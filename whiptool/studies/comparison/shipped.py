@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
+from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.studies.comparison.series import Series
 from whiptool.whole_files import write_whole
 
@@ -73,8 +74,8 @@ class Results:
             cap = int(table["cap"])
             return cls(
                 series=tuple(_series(one, cap) for one in table["series"]),
-                rewards={o: {m: np.array(x) for m, x in of.items()} for o, of in table["rewards"].items()},
-                random_episodes=table["random_episodes"],
+                rewards={_now(o): {m: np.array(x) for m, x in of.items()} for o, of in table["rewards"].items()},
+                random_episodes={_now(o): count for o, count in table["random_episodes"].items()},
                 cap=cap,
                 version=table["version"],
             )
@@ -82,8 +83,13 @@ class Results:
             raise InputError("results", str(path), f"a whole file that whiptool wrote ({error})"[:200]) from None
 
 
+def _now(observation: str) -> str:
+    """Return an observation under the name that it has now."""
+    return OLD_OBSERVATIONS.get(observation, observation)
+
+
 def _series(table: Mapping[str, Any], cap: int) -> Series:
     trials = np.array(table["trials"])
     hit = trials > 0
-    plain = {name: table[name] for name in _PLAIN}
+    plain = {name: table[name] for name in _PLAIN} | {"observation": _now(table["observation"])}
     return Series(**plain, trials=np.where(hit, trials, cap), hit=hit, notes=tuple(table["notes"]), cap=cap)

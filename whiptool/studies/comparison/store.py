@@ -12,6 +12,7 @@ from typing import Any
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
+from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.studies.comparison.learner_unit import Checkpoint
 from whiptool.studies.comparison.units import Unit
 from whiptool.studies.workers import work_on
@@ -83,10 +84,19 @@ class Store:
         print(f"whiptool: a worker died at {' or '.join(names)}; trying again", file=sys.stderr)
 
     def _file(self, name: str) -> Path:
-        return self.units / f"{name}.json"
+        return unit_file(self.units, name)
 
     def _read(self, name: str) -> dict[str, Any]:
         try:
             return read_json(self._file(name))
         except InputError as error:
             raise error.renamed(error.name, "delete it") from None
+
+
+def unit_file(folder: Path, name: str) -> Path:
+    """Return the file of a unit's result; an older run named it by what the learner's observation was called then."""
+    for old, new in OLD_OBSERVATIONS.items():
+        older = folder / f"{name.replace(f'-{new}-seed', f'-{old}-seed')}.json"
+        if older.exists():
+            return older
+    return folder / f"{name}.json"

@@ -191,7 +191,7 @@ def _explanation(series: Sequence[Series], standings: dict[str, Standings]) -> l
     for observation, s in standings.items():
         ratios.append([f"observation {observation}", *(f"{s.ratio('sac', m):.3f}" for m in others)])
     said = {
-        "paper": "sees only where the tip of the last strike came closest and how fast it was, never the target; "
+        "tip": "sees only where the tip of the last strike came closest and how fast it was, never the target; "
         "before the first strike it sees the same for every target, so that its first strike is the same for all",
         "relative": "sees the same measured from the target, so that the first look at the resting whip tells "
         "where that is",
