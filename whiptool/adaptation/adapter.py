@@ -178,6 +178,8 @@ class Adapter:
                 damaged.
         """
         strike = self.asked
+        if isinstance(told, StrikeRecording):
+            told = told.for_model(self.prior.plant.model)
         seen = seen_of(told, self.target.position) if isinstance(told, StrikeRecording) else told
         seen = checked(seen, strike, self.number)
         if seen.recording is not None:

@@ -183,7 +183,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         wiggle=options.wiggle,
         **_efforts(model, limited=limits is not None),
     )
-    known = [read_recording(path).ordered(model.arm.joints) for path in options.known]
+    known = [read_recording(path).for_model(model) for path in options.known]
     motor = None if tip else HARDWARE if options.friction else Motor()
     prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor, stock=stock)
     port = _port(options, model, controller, stock)

@@ -95,9 +95,9 @@ class RobotPort:
         return self._of(strike_in_space([replace(view, **self._about) for view in views]), strike)
 
     def _of(self, recording: StrikeRecording, strike: Strike) -> StrikeRecording:
-        """The recording with its strike, where it states none, and its joints in the arm's order."""
+        """The recording with its strike, where it states none, and joints and axes as the model has them."""
         told = recording if recording.strike is not None else replace(recording, strike=strike)
-        return told.ordered(self.model.arm.joints)
+        return told.for_model(self.model)
 
     @property
     def _about(self) -> dict[str, Any]:

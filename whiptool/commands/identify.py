@@ -145,7 +145,9 @@ class _Run:
         every = {name: opened(name, handle=handle, cameras=cameras) for name in (*names, *held_out)}
         self._check_films(every)  # before hours of film are tracked
         found = [tracked(x, name=name, tip=tip) for name, x in every.items()]
-        recordings = [self._labelled(name, r) for name, (r, _) in zip(every, found, strict=True)]
+        recordings = [self._labelled(name, r.for_model(self.model)) for name, (r, _) in zip(every, found, strict=True)]
+        for name, recording in zip(every, recordings, strict=True):
+            self._say(f"{name}: {'; '.join(recording.remarks) or 'nothing to remark'}")
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
         _check_cameras(recordings)
         self.plane = fit_plane(recordings) if self.model.dimension == 2 else None

@@ -516,7 +516,22 @@ def make_drive(
         return FreeDrive(recording, plant, free=free, h=h, unknown=unknown_start)
     if not isinstance(recording, StrikeRecording) or not isinstance(plant, Plant):
         raise InputError("drive", kind, "strike recordings of an arm and whip")
-    recording = recording.ordered(plant.model.arm.joints)
+    try:
+        return _strike_drive(recording, plant, kind=kind, free=free, h=h, unknown=unknown_start, knots=knots)
+    except InputError as error:
+        raise (error if recording.source in str(error) else error.within(f"{recording.source}: ")) from None
+
+
+def _strike_drive(
+    recording: StrikeRecording,
+    plant: Plant,
+    *,
+    kind: str,
+    free: Sequence[str],
+    h: float,
+    unknown: bool,
+    knots: float | None,
+) -> Drive:
     if kind == "command":
-        return CommandDrive(recording, plant, free=free, h=h, unknown=unknown_start)
-    return SwingDrive(recording, plant, kind=kind, free=free, h=h, unknown=unknown_start, knots=knots)
+        return CommandDrive(recording, plant, free=free, h=h, unknown=unknown)
+    return SwingDrive(recording, plant, kind=kind, free=free, h=h, unknown=unknown, knots=knots)

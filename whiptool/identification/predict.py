@@ -79,7 +79,7 @@ class Predictor:
     ) -> None:
         if not recordings:
             raise InputError("recordings", "none", "one or more")
-        self.recordings, self.kind = list(recordings), drive
+        self.recordings, self.kind = [_as_modelled(recording, plant) for recording in recordings], drive
         self.shared, self.own = tuple(shared), tuple(own)
         nuisance = ("delay", *PLACED[plant.model.dimension if isinstance(plant, Plant) else 2])
         known = [*plant.values(), *nuisance]
@@ -316,6 +316,13 @@ def _seen(view: SpaceCamera, places: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return np.column_stack([pixels, inverse]), np.concatenate([slopes, deeper[:, None]], axis=1)
 
 
+def _as_modelled(recording: Recording, plant: Identifiable) -> Recording:
+    """A recording with joints and axes as the plant's model has them."""
+    if isinstance(recording, StrikeRecording) and isinstance(plant, Plant):
+        return recording.for_model(plant.model)
+    return recording
+
+
 def _sharing(recording: Recording, recordings: Sequence[Recording]) -> int:
     """Return how many recordings have the log of this one: those of several cameras that saw one strike."""
     if (log := _log(recording)) is None:
@@ -340,7 +347,7 @@ def _readings(recording: Recording, drive: Drive) -> _Reading:
     links = {name: drive.link_of(name) for name in recording.markers}
     known = {name: link for name, link in links.items() if link is not None}
     if not set(known) - {"shoulder", "handle"}:
-        raise InputError("markers", recording.markers, "tip or nodes of the whip among them")
+        raise InputError(f"{recording.source}: markers", recording.markers, "tip or nodes of the whip among them")
     which, d = [recording.markers.index(name) for name in known], drive.structure.dimension
     if recording.view is not None and d == 2:
         raise InputError(f"{recording.source}: points", "a camera's pixels", "places, for a model in the plane")

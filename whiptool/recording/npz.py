@@ -18,7 +18,7 @@ from whiptool.recording.parsing import parsing, sha256
 R = TypeVar("R")
 REQUIRED = ("t", "points", "markers")
 SCALARS = ("exposure", "t_stay")
-TEXTS = ("camera", "source", "sha256")
+TEXTS = ("camera", "source", "sha256", "up")
 
 
 def read_npz(path: Path | str, build: Callable[..., R], keys: Sequence[str], *, layout: int) -> R:
@@ -52,7 +52,7 @@ def read_npz(path: Path | str, build: Callable[..., R], keys: Sequence[str], *, 
         for key in TEXTS:
             if key in values:
                 values[key] = str(values[key])
-        for key in ("markers", "joint_names"):
+        for key in ("markers", "joint_names", "notes"):
             if key in values:
                 values[key] = tuple(str(name) for name in np.atleast_1d(values[key]).ravel())
         if "strike" in values:

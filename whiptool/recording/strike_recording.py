@@ -12,9 +12,13 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.clock import LONGEST, SLOWEST, check_pace
 from whiptool.recording.depth_noise import depth_error
+from whiptool.recording.joint_names import order_of
 from whiptool.recording.space_camera import SpaceCamera
+from whiptool.recording.spans import check_spans, of_use, told_of_spans
 from whiptool.whole_files import write_npz
 
 FORMAT = 1  # of the NPZ file; raised when a key changes its meaning
@@ -22,7 +26,10 @@ DEFAULT_SIGMA = 1e-3  # [m]
 DEFAULT_PIXELS = 0.5  # of a camera's view
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
 WIDEST = 50.0  # [rad], eight turns of a joint
-SLOWEST = 1.0  # [s] between frames; frame numbers and milliseconds are beyond it
+WIDEST_WAY = 4 * np.pi  # [rad] between a joint's ends in one log
+A_DAY = 86400.0  # [s] of a log, of which what lies near the frames is used
+UP_IN = {2: "y", 3: "z"}  # which axis points up, by a model's dimension
+TURNED = {"y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "z": ((1, 0, 0), (0, 0, -1), (0, 1, 0))}  # so that this one does
 AT_REST = 0.02  # [s] from the start of a joint log, in which the arm has hardly moved
 NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's counts are half of that
 
@@ -65,9 +72,14 @@ class StrikeRecording:
             not measured, and NaN wherever the point is missing. None: it was measured nowhere.
         depth_sigma: Standard error of the depth [m], (T, M) or what broadcasts to it; default: that of a D435 whose
             images are the view's (`whiptool.recording.depth_noise`).
+        joints_listed: Whether somebody listed the columns of `joints_q` in the arm's order, so that names that are not
+            those of its joints do not matter.
+        up: Which axis of points in space points up, `y` or `z`, where their file says so; empty: the model's.
+        notes: What its reader assumed or left out, in sentences.
 
     Raises:
-        InputError: Shapes do not fit, times do not increase, nothing was seen, or the units cannot be right.
+        InputError: Shapes do not fit, times do not increase, nothing was seen, the units or clocks cannot be
+            right, or frames, logs and command have no time in common.
     """
 
     t: np.ndarray
@@ -91,6 +103,9 @@ class StrikeRecording:
     hand_pose: np.ndarray | None = None
     depth: np.ndarray | None = None
     depth_sigma: np.ndarray | Any = None  # an array where there is depth
+    joints_listed: bool = False
+    up: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -153,14 +168,10 @@ class StrikeRecording:
         if (self.joints_t is None) != (self.joints_q is None):
             raise InputError("joints_q", "one of joints_t and joints_q", "both or neither")
         if self.joints_t is not None:
-            joints_t, joints_q = _times("joints_t", self.joints_t), _numbers("joints_q", self.joints_q)
+            joints_t, joints_q = _times("joints_t", self.joints_t, longest=A_DAY), _numbers("joints_q", self.joints_q)
             if joints_q.ndim != 2 or len(joints_q) != len(joints_t) or joints_q.shape[1] == 0:
                 raise InputError("joints_q", f"shape {joints_q.shape}", f"shape ({len(joints_t)}, number of joints)")
-            widest = np.abs(joints_q).max()
-            if not widest <= WIDEST:
-                raise InputError(
-                    "joints_q", float(widest), f"finite angles within {WIDEST:g} rad", "are these degrees?"
-                )
+            _check_angles(joints_q, self.joint_names)
             put("joints_t", joints_t)
             put("joints_q", joints_q)
         names = tuple(map(str, self.joint_names))
@@ -171,13 +182,28 @@ class StrikeRecording:
         if (self.hand_t is None) != (self.hand_pose is None):
             raise InputError("hand_pose", "one of hand_t and hand_pose", "both or neither")
         if self.hand_t is not None:
-            put("hand_t", _times("hand_t", self.hand_t))
+            put("hand_t", _times("hand_t", self.hand_t, longest=A_DAY))
             put("hand_pose", _poses(self.hand_pose, len(self.hand_t)))
+        if self.up not in ("", *TURNED):
+            raise InputError("up", self.up, "the axis that points up, y or z, or empty")
+        put("notes", tuple(map(str, self.notes)))
+        put("joints_listed", bool(self.joints_listed))
+        check_spans(t, self._logs, None if self.strike is None else (0.0, self.strike.D + self.t_stay))
 
     @property
     def seen(self) -> np.ndarray:
         """Which points are there, (T, M)."""
         return ~np.isnan(self.points[..., 0])
+
+    @property
+    def _logs(self) -> dict[str, np.ndarray]:
+        """Times of what was logged beside the frames."""
+        return {name: t for name, t in (("joints", self.joints_t), ("hand", self.hand_t)) if t is not None}
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What to know before it is believed: what its reader assumed or left out, holes, logs that are too short."""
+        return (*self.notes, *told_of_spans(self.t, self._logs))
 
     @property
     def sag(self) -> np.ndarray | None:
@@ -207,22 +233,50 @@ class StrikeRecording:
             "frames": len(self.t),
             "span": [float(self.t[0]), float(self.t[-1])],
             "markers": {name: int(n) for name, n in zip(self.markers, self.seen.sum(axis=0))},
+            "remarks": list(self.remarks),
         }
 
-    def ordered(self, joints: Sequence[str]) -> StrikeRecording:
-        """The same recording with its joint log in the order of an arm's joints; as it is where that has no names.
+    def for_model(self, model: Model) -> StrikeRecording:
+        """The same recording as a model takes it.
+
+        Its joint log is that of the arm's joints, in their order; places in space have the axis up that the model's
+        dimension has (y in the plane, z in space), if their file says which it is.
 
         Raises:
             InputError: The log is of other joints.
         """
-        if not self.joint_names or self.joint_names == tuple(joints):
+        return self._upright(UP_IN[model.dimension]).ordered(model.arm.joints)
+
+    def _upright(self, up: str) -> StrikeRecording:
+        """The same recording, turned about the axis that points forward so that another one points up."""
+        if not self.up or self.up == up or self.points.shape[2] == 2:
             return self
-        assert self.joints_q is not None
-        if set(self.joint_names) != set(joints):
-            rule = "those of the arm: " + ", ".join(joints)
-            raise InputError(f"{self.source}: joints", ", ".join(self.joint_names), rule, "say joint_columns")
-        order = [self.joint_names.index(name) for name in joints]
-        return dataclasses.replace(self, joints_q=self.joints_q[:, order], joint_names=tuple(joints))
+        return dataclasses.replace(self, points=self.points @ np.array(TURNED[up], float).T, up=up)
+
+    def ordered(self, joints: Sequence[str]) -> StrikeRecording:
+        """The same recording with a log of these joints alone, in this order, and of its samples near the frames.
+
+        Raises:
+            InputError: The log is of other joints.
+        """
+        if self.joints_t is None or self.joints_q is None:
+            return self
+        width, near = self.joints_q.shape[1], of_use(self.joints_t, self.t)
+        order, called = list(range(width)), self.joint_names
+        if called and called != tuple(joints):
+            try:
+                order, called = order_of(called, joints, listed=self.joints_listed), tuple(joints)
+            except InputError as error:
+                raise error.within(f"{self.source}: " if self.source else "") from None
+        if near.all() and called == self.joint_names:
+            return self
+        return dataclasses.replace(
+            self,
+            joints_t=self.joints_t[near],
+            joints_q=self.joints_q[near][:, order],
+            joint_names=called,
+            notes=(*self.notes, *_read_by_name(self.joint_names, joints, order)),
+        )
 
     def marker(self, name: str) -> np.ndarray:
         """Positions of one marker [m], with a view [pixels], (T, d), NaN where missing.
@@ -250,7 +304,7 @@ class StrikeRecording:
         """Write an NPZ file, without pickle.
 
         Its keys are the names of the fields, with those that are None left out, and `format`, the number of this
-        layout (1). `markers` and `joint_names` are arrays of strings, `strike` the vector
+        layout (1). `markers`, `joint_names` and `notes` are arrays of strings, `strike` the vector
         `[q_i, q_f, D]`, `controller` and `view` JSON texts.
 
         Raises:
@@ -259,7 +313,8 @@ class StrikeRecording:
         arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         arrays["strike"] = None if self.strike is None else self.strike.vector
         arrays["controller"] = None if self.controller is None else json.dumps(self.controller)
-        arrays["joint_names"] = self.joint_names or None
+        arrays["joint_names"], arrays["notes"] = self.joint_names or None, self.notes or None
+        arrays["joints_listed"], arrays["up"] = self.joints_listed or None, self.up or None
         arrays["view"] = None if self.view is None else json.dumps(self.view.table())
         arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
         try:
@@ -349,8 +404,8 @@ def _numbers(name: str, value: object) -> np.ndarray:
     return array
 
 
-def _times(name: str, value: object) -> np.ndarray:
-    """At least two finite, strictly increasing times in seconds, (T,)."""
+def _times(name: str, value: object, *, longest: float = LONGEST) -> np.ndarray:
+    """At least two finite, strictly increasing times in seconds, (T,), with steps and a span that can be right."""
     t = _numbers(name, value)
     if t.ndim != 1 or len(t) < 2:
         raise InputError(name, f"shape {t.shape}", "at least two times, shape (T,)")
@@ -360,14 +415,30 @@ def _times(name: str, value: object) -> np.ndarray:
     if not (steps > 0).all():
         i = int(np.flatnonzero(~(steps > 0))[0])
         raise InputError(f"{name}[{i + 1}]", float(t[i + 1]), f"later than {name}[{i}] = {float(t[i])!r}")
-    if np.median(steps) >= SLOWEST:
-        raise InputError(
-            name,
-            f"steps of {float(np.median(steps)):g}",
-            f"steps below {SLOWEST:g} s",
-            "are these milliseconds or frame numbers?",
-        )
+    check_pace(name, t, longest=longest)
     return t
+
+
+def _check_angles(q: np.ndarray, names: Sequence[str]) -> None:
+    """Refuse columns (S, a) that no joint's angle in rad can be."""
+    for i, column in enumerate(q.T):
+        widest, way = np.abs(column).max(), np.ptp(column)
+        if widest <= WIDEST and way <= WIDEST_WAY:
+            continue
+        name = f"joints_q, column {names[i]}" if i < len(names) else "joints_q"
+        given = float(widest) if not widest <= WIDEST else f"a way of {way:.4g}"
+        rule = f"finite angles within {WIDEST:g} rad, over a way of {WIDEST_WAY:.3g} rad"
+        cure = "are these degrees (joint_units), or is it no joint (joint_columns)?"
+        raise InputError(name, given, rule, cure)
+
+
+def _read_by_name(names: Sequence[str], joints: Sequence[str], order: Sequence[int]) -> list[str]:
+    """What was read by which name, where it is not as it stands, and what was left aside."""
+    if not names or list(order) == list(range(len(names))):
+        return []
+    aside = [name for i, name in enumerate(names) if i not in order]
+    pairs = ", ".join(f"{joint} is {names[i]}" for joint, i in zip(joints, order, strict=True))
+    return [f"joints by name: {pairs}" + (f"; left aside: {', '.join(aside)}" if aside else "")]
 
 
 def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:

@@ -5,6 +5,7 @@ import pytest
 from recordings import FPS, T, fuzz, places, times
 
 from whiptool.errors import InputError
+from whiptool.models.presets import preset
 from whiptool.recording.readers import (
     read_recording,
 )
@@ -39,6 +40,56 @@ def test_c3d(tmp_path):
     assert read_recording(tmp_path / "a.c3d", start=0.2).t[0] == 0
     origin = read_recording(tmp_path / "a.c3d", origin=[100, 200, 300])
     np.testing.assert_allclose(origin.points[0, 0], r.points[0, 0] - [0.1, 0.3, -0.2], rtol=1e-5)
+
+
+def turned(points: np.ndarray, forward: str, up: str) -> np.ndarray:
+    """Places (x forward, y left, z up) as a file has them in whose axes these two point forward and up."""
+    out = np.zeros_like(points)
+    for column, axis in ((0, forward), (2, up)):
+        out[..., "XYZ".index(axis[1])] = float(axis[0] + "1") * points[..., column]
+    third = ({0, 1, 2} - {"XYZ".index(axis[1]) for axis in (forward, up)}).pop()
+    unit = [float(axis[0] + "1") * np.eye(3)["XYZ".index(axis[1])] for axis in (up, forward)]
+    out[..., third] = np.cross(*unit)[third] * points[..., 1]  # left is up x forward
+    return out
+
+
+@pytest.mark.parametrize("screen", [("+X", "+Z"), ("+X", "+Y"), ("+Y", "+Z"), ("-X", "+Z"), ("+Z", "-Y")])
+def test_axes_of_the_screen_serve_plane_and_space(tmp_path, screen):
+    """The screen says which axis is up; in space that is z, in the plane y: no model is turned by 90 degrees."""
+    places_in_space = places(d=3)
+    write_c3d(tmp_path / "a.c3d", points=1e3 * turned(places_in_space, *screen), screen=screen)
+    r = read_recording(tmp_path / "a.c3d", markers={"tip": "TIP", "handle": "Hand"})
+    seen = ~np.isnan(r.points)
+    in_space = r.for_model(preset("ur5e"))
+    np.testing.assert_allclose(in_space.points, np.where(seen, places_in_space, np.nan), rtol=1e-6)
+    assert in_space.for_model(preset("ur5e")) is in_space
+    in_plane = in_space.for_model(preset("lemon2024"))
+    np.testing.assert_allclose(in_plane.points[..., 0], np.where(seen, places_in_space, np.nan)[..., 0], rtol=1e-6)
+    np.testing.assert_allclose(in_plane.points[..., 1], np.where(seen, places_in_space, np.nan)[..., 2], rtol=1e-6)
+    assert any(
+        f"{screen[1]} is up" in note and f"{screen[0]} (X_SCREEN) taken as forward" in note for note in r.remarks
+    )
+    said = read_recording(tmp_path / "a.c3d", axes=["x", "y", "z"])  # whoever says axes means the model's
+    np.testing.assert_array_equal(said.for_model(preset("ur5e")).points, said.points)
+
+
+def test_the_origin_of_the_file_is_no_place(tmp_path):
+    """As exporters write a marker that was not seen."""
+    points = 1e3 * places(d=3)
+    points[[3, 20], 0] = 0
+    write_c3d(tmp_path / "a.c3d", points=points)
+    r = read_recording(tmp_path / "a.c3d", origin=[100, 200, 300])
+    assert not r.seen[[3, 20], 0].any()
+    assert r.seen[:, 0].sum() == T - 3  # and one has a negative residual
+    assert any("2 points at (0, 0, 0) are taken as missing" in note for note in r.remarks)
+
+
+@pytest.mark.parametrize(("units", "factor"), [("mm", 1e3), ("cm", 100), ("m", 1), ("Meters", 1), ("MM", 1e3)])
+def test_units_of_the_file_are_heard(tmp_path, units, factor):
+    write_c3d(tmp_path / "a.c3d", points=factor * places(d=3), units=units)
+    np.testing.assert_allclose(
+        read_recording(tmp_path / "a.c3d").points[0, 0], places(d=3)[0, 0, [0, 2, 1]] * [1, 1, -1]
+    )
 
 
 @pytest.mark.parametrize(

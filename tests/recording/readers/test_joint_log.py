@@ -8,6 +8,7 @@ from recordings import plain_rows, same, write_rows
 
 from whiptool.errors import InputError
 from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.readers import read_recording, write_csv
 from whiptool.recording.readers.joint_log import read_joint_log
@@ -53,12 +54,13 @@ def test_positions_are_taken_by_name_and_put_into_the_arms_order(tmp_path):
 
 
 def test_columns_are_taken_as_they_are_listed(tmp_path):
-    listed = 'start = 7.0\njoint_units = "deg"\njoint_columns = ["position_shoulder", "velocity_elbow"]\n'
+    listed = 'joints_start = 7.0\njoint_units = "deg"\njoint_columns = ["position_shoulder", "velocity_elbow"]\n'
     recording = recorded(tmp_path, listed)
     np.testing.assert_allclose(angles(recording), np.deg2rad([[-0.5, 9], [-0.6, 9], [-0.7, 9]]))
     np.testing.assert_allclose(times(recording), [0, 0.1, 0.2])
-    assert recording.joint_names == ()
-    assert recording.ordered(("any", "two")) is recording
+    in_order = recording.ordered(("any", "two"))
+    assert in_order.joint_names == ("any", "two")
+    np.testing.assert_array_equal(angles(in_order), angles(recording))
     with pytest.raises(InputError, match=r"column: got 'q1'; .*position_elbow"):
         recorded(tmp_path, 'joint_columns = ["q1"]\n')
     with pytest.raises(InputError, match="joint_columns"):
@@ -67,9 +69,9 @@ def test_columns_are_taken_as_they_are_listed(tmp_path):
 
 def test_a_log_of_unnamed_columns_is_in_order(tmp_path):
     write_rows(tmp_path / "log.csv", [["t", "a", "b"], [0, 1, 2], [1, 3, 4]])
-    t, q, names = read_joint_log(tmp_path / "log.csv")
-    assert names == ()
-    np.testing.assert_array_equal(np.column_stack([t, q]), [[0, 1, 2], [1, 3, 4]])
+    log = read_joint_log(tmp_path / "log.csv")
+    assert log.names == ()
+    np.testing.assert_array_equal(np.column_stack([log.t, log.q]), [[0, 1, 2], [1, 3, 4]])
     write_rows(tmp_path / "log.csv", [["t"], [0], [1]])
     with pytest.raises(InputError, match="one column per joint"):
         read_joint_log(tmp_path / "log.csv")
@@ -78,10 +80,10 @@ def test_a_log_of_unnamed_columns_is_in_order(tmp_path):
 def test_an_exported_trajectory_is_a_joint_log(tmp_path):
     told = JointTrajectory.of_strike(Strike((0.1, 0.2), (0.5, -0.3), 0.4), ("shoulder", "elbow"), rest=0.1)
     told.save_csv(tmp_path / "told.csv")
-    t, q, names = read_joint_log(tmp_path / "told.csv")
-    np.testing.assert_array_equal(t, told.t)
-    np.testing.assert_array_equal(q, told.q)
-    assert names == told.joints
+    log = read_joint_log(tmp_path / "told.csv")
+    np.testing.assert_array_equal(log.t, told.t)
+    np.testing.assert_array_equal(log.q, told.q)
+    assert log.names == told.joints
 
 
 def test_names_of_joints_come_back_from_files(tmp_path):
@@ -92,3 +94,127 @@ def test_names_of_joints_come_back_from_files(tmp_path):
         same(read_recording(tmp_path / file), recording, but=("source", "sha256"))
     with pytest.raises(InputError, match="joint_names"):
         StrikeRecording(recording.t, recording.points, recording.markers, joint_names=("a",))
+
+
+def log_of(tmp_path, header, rows, side="") -> StrikeRecording:
+    """Tracks beside a log of these columns, over the same half second."""
+    write_rows(tmp_path / "a.csv", plain_rows())
+    write_rows(tmp_path / "log.csv", [header, *rows])
+    (tmp_path / "a.toml").write_text('joints = "log.csv"\n' + side)
+    return read_recording(tmp_path / "a.csv")
+
+
+T = np.arange(0, 0.6, 0.01)
+SHOULDER, ELBOW = np.sin(T), 0.3 + np.cos(2 * T)
+
+
+def at(**columns: np.ndarray) -> tuple[list[str], list[list[float]]]:
+    """Header and rows."""
+    return list(columns), np.column_stack(list(columns.values())).tolist()
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "side"),
+    [
+        (["time", "elbow_joint", "shoulder_joint"], 1, ""),
+        (["t [s]", "/arm/elbow", "/arm/shoulder"], 1, ""),
+        (["t", "elbow [deg]", "shoulder [deg]"], np.rad2deg(1), ""),
+        (["t", "elbow", "shoulder"], np.rad2deg(1), 'joint_units = "deg"\n'),
+        (["t", "q_2", "q_1"], 1, ""),
+        (["t", "b", "a"], 1, 'joint_columns = {shoulder = "a", elbow = "b"}\n'),
+        (["t", "elbow", "shoulder"], 1, 'joint_columns = ["elbow", "shoulder"]\n'),
+        (["stamp", "axis7", "axis3"], 1, 'joint_columns = ["axis3", "axis7"]\n'),
+    ],
+)
+def test_columns_in_another_order_are_the_same_joints(tmp_path, header, unit, side):
+    rows = np.column_stack([T, unit * ELBOW, unit * SHOULDER]).tolist()
+    recording = log_of(tmp_path, header, rows, side).for_model(preset("lemon2024"))
+    np.testing.assert_allclose(angles(recording), np.column_stack([SHOULDER, ELBOW]), atol=1e-12)
+    assert recording.joint_names in ((), ("shoulder", "elbow"))
+
+
+def test_speeds_torques_commands_and_grippers_are_no_joints(tmp_path):
+    header = ["t", "gripper", "elbow", "elbow_vel", "target_elbow", "shoulder", "effort.shoulder", "camera_ok"]
+    other = np.full_like(T, 7.0)
+    rows = np.column_stack([T, 100 * T, ELBOW, other, other, SHOULDER, other, other]).tolist()
+    recording = log_of(tmp_path, header, rows).for_model(preset("lemon2024"))
+    np.testing.assert_allclose(angles(recording), np.column_stack([SHOULDER, ELBOW]))
+    said = "; ".join(recording.remarks)
+    assert "left aside gripper" in said
+    assert "shoulder is shoulder, elbow is elbow; left aside: camera_ok" in said
+
+
+def test_a_log_that_no_name_matches_is_refused_and_a_list_is_heard(tmp_path):
+    rows = np.column_stack([T, ELBOW, SHOULDER]).tolist()
+    with pytest.raises(InputError, match=r"a\.csv: joints: got 'knee, hip'.*joint_columns = {shoulder"):
+        log_of(tmp_path, ["t", "knee", "hip"], rows).for_model(preset("lemon2024"))
+    listed = log_of(tmp_path, ["t", "knee", "hip"], rows, 'joint_columns = ["hip", "knee"]\n')
+    np.testing.assert_allclose(angles(listed.for_model(preset("lemon2024"))), np.column_stack([SHOULDER, ELBOW]))
+
+
+@pytest.mark.parametrize(
+    ("rows", "side", "said"),
+    [
+        (np.column_stack([T, 60 * ELBOW, 60 * SHOULDER]), "", r"column elbow.*degrees \(joint_units\)"),
+        (np.column_stack([T, 30 * ELBOW, 30 * SHOULDER]), "", "a way of .*degrees"),
+        (np.column_stack([1e3 * T, ELBOW, SHOULDER]), "", "joints_t: got 'steps of 10'.*milliseconds"),
+        (
+            np.column_stack([T + 4e5, ELBOW, SHOULDER]),
+            "",
+            "joints_t.*from 400000 to.*clocks of their own.*joints_start",
+        ),
+        (np.column_stack([T + 1.7e9, ELBOW, SHOULDER]), "", "joints_t.*clocks of their own"),
+        (np.column_stack([T // 0.1, ELBOW, SHOULDER]), "", "each later than the one before"),
+        (np.column_stack([T, ELBOW, SHOULDER]), 'joint_units = "normalized"\n', "joint_ranges.*angles at -100 and 100"),
+    ],
+)
+def test_a_log_of_another_unit_or_clock_is_refused(tmp_path, rows, side, said):
+    with pytest.raises(InputError, match=said) as caught:
+        log_of(tmp_path, ["t", "elbow", "shoulder"], rows.tolist(), side)
+    assert "a.csv" in str(caught.value) or "log.csv" in str(caught.value) or "a.toml" in str(caught.value)
+
+
+def test_clocks_of_their_own_are_brought_together(tmp_path):
+    rows = np.column_stack([1e3 * (T + 4e5), ELBOW, SHOULDER]).tolist()
+    recording = log_of(tmp_path, ["t_ms", "elbow", "shoulder"], rows, "joints_start = 4e5\n")
+    np.testing.assert_allclose(times(recording), T, atol=1e-9)
+
+
+def test_repeated_rows_bad_stamps_empty_cells_and_turns_are_told(tmp_path):
+    rows = np.column_stack([T, ELBOW, SHOULDER])
+    rows[20:, 1] += 2 * np.pi  # as an encoder wraps
+    rows[40, 0] = rows[39, 0]
+    rows[50, 2] = np.nan
+    rows = np.insert(rows, [5, 5, 30], rows[[4, 4, 29]], axis=0)  # as UR's recorder writes them
+    recording = log_of(tmp_path, ["t", "elbow", "shoulder"], rows.tolist())
+    left = np.delete(np.arange(60), [40, 50])
+    np.testing.assert_allclose(times(recording), T[left])
+    np.testing.assert_allclose(angles(recording), np.column_stack([ELBOW, SHOULDER])[left], atol=1e-12)
+    said = "; ".join(recording.remarks)
+    for words in ("3 rows that repeat", "1 of 59 samples", "1 rows with an empty cell", "undone, at 0.200 s"):
+        assert words in said
+
+
+def test_holes_and_short_logs_are_told(tmp_path):
+    header, rows = at(t=T, elbow=ELBOW, shoulder=SHOULDER)
+    assert not any("hole" in x or "late" in x or "early" in x for x in log_of(tmp_path, header, rows).remarks)
+    hole = "; ".join(log_of(tmp_path, header, rows[:10] + rows[29:]).remarks)
+    assert "joints: a hole where about 19 samples are missing, the longest of 0.2 s from 0.090 to 0.290 s" in hole
+    short = "; ".join(log_of(tmp_path, header, rows[10:30]).remarks)
+    assert "joints: the log starts late, 0.100 s after the first frame" in short
+    assert "joints: the log ends early, 0.193 s before the last frame" in short
+
+
+def test_normalized_positions_have_the_ranges_that_are_said(tmp_path):
+    header, rows = at(t=T, elbow=100 * np.sin(T), shoulder=-100 * np.sin(T))
+    side = 'joint_units = "normalized"\njoint_ranges = {shoulder = [-1.0, 2.0], elbow = [-0.5, 0.5]}\n'
+    recording = log_of(tmp_path, header, rows, side).for_model(preset("lemon2024"))
+    expected = np.column_stack([0.5 - 1.5 * np.sin(T), 0.5 * np.sin(T)])
+    np.testing.assert_allclose(angles(recording), expected, atol=1e-12)
+
+
+def test_of_a_long_log_what_lies_near_the_frames_is_used(tmp_path):
+    t = np.arange(0, 3000, 0.1)
+    rows = np.column_stack([t - 1500, np.sin(t), np.cos(t)]).tolist()
+    recording = log_of(tmp_path, ["t", "elbow", "shoulder"], rows).for_model(preset("lemon2024"))
+    assert -1.01 < times(recording)[0] < times(recording)[-1] < 1.5

@@ -48,7 +48,10 @@ def test_csv_of_others(tmp_path):
         (lambda rows: [["t", "t", *rows[0][2:]], *rows[1:]], "different names"),
         (lambda rows: [*rows[:9], rows[9][:3], *rows[10:]], "row 10.*cut off"),
         (lambda rows: [*rows[:9], [*rows[9][:-1], "7,5"], *rows[10:]], "row 10, column 5"),
-        (lambda rows: [*rows[:9], *rows[8:]], r"t\[8\].*later than"),
+        (
+            lambda rows: [*rows[:9], *[[rows[8][0], *row[1:]] for row in rows[9:14]], *rows[14:]],
+            r"samples 8 to 13.*later than",
+        ),
         (lambda rows: [rows[0], *[[1000 * x for x in row] for row in rows[1:]]], "millimetres|milliseconds"),
         (lambda rows: [rows[0], *[[row[0], *[500 * x for x in row[1:]]] for row in rows[1:]]], "millimetres or pixels"),
     ],

@@ -95,7 +95,7 @@ def test_the_hands_poses_come_with_a_recording(tmp_path):
         back = read_recording(tmp_path / name)
         np.testing.assert_array_equal(back.hand_t, film.hand_t)
         np.testing.assert_allclose(back.hand_pose, poses, atol=1e-15)
-    assert read_recording(tmp_path / "a.csv", hand_start=2.0).hand_t[0] == -2.05
+    assert read_recording(tmp_path / "a.csv", hand_start=0.25).hand_t[0] == -0.3
     for change, said in (
         ({"hand_pose": 2 * poses}, "of length 1"),
         ({"hand_pose": poses[:, :6]}, "shape"),

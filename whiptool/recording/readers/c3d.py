@@ -1,10 +1,13 @@
 """Motion capture as C3D, read with ezc3d.
 
 Times come from the file's frame numbers and rate (the first frame of a cut recording is not at 0; subtract the
-command's `start`), units from POINT:UNITS, the axes from POINT:X_SCREEN and Y_SCREEN. A negative residual marks a point
-as missing. Keys of the sidecar beside the common ones: `markers` (which labels are what, as in `{tip = "WHIP5"}`;
-default: all by their own names, those that name a part of arm or whip in lower case), `units`, `axes` and `origin` (the
-shoulder in the file's axes and units), and `sigma` (standard error per coordinate [m]; default 1 mm).
+command's `start`), units from POINT:UNITS. POINT:X_SCREEN and Y_SCREEN say which axes point to the right and up on a
+screen: the former is taken to point forward, and places have the axis up that the model wants
+(`StrikeRecording.for_model`). A point with a negative residual, or at exactly (0, 0, 0), is missing.
+
+Keys of the sidecar beside the common ones: `markers` (which labels are what, as in `{tip = "WHIP5"}`; default: all by
+their own names, those that name a part of arm or whip in lower case), `units`, `axes` and `origin` (the shoulder in the
+file's axes and units), and `sigma` (standard error per coordinate [m]; default 1 mm).
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from whiptool.recording.readers.sealed import unpack
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
 
+SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
 PARTS = re.compile(r"tip|handle|shoulder|elbow|node\d+")
 
 
@@ -54,14 +58,22 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
         if not 1 <= rate <= 1e5:
             raise InputError("POINT:RATE", rate, "frames per second from 1 to 100000")
         units = str(data["units"]).strip().lower()
+        units = SPELLED.get(units.rstrip("s"), units)
         if units not in UNITS and "units" not in side.table:
             raise InputError("POINT:UNITS", units, "one of " + ", ".join(UNITS), "give the option units")
-        axes = _axes(str(data["forward"]), str(data["up"]))
+        forward, up = (str(data[key]).strip() for key in ("forward", "up"))
+        axes = _axes(forward, up)
         if axes is None and "axes" not in side.table:
             raise InputError(
                 "POINT:Y_SCREEN", None, "which axis points up", 'give the option axes, such as ["x", "z", "-y"]'
             )
         t = (int(data["first_frame"]) + np.arange(len(points))) / rate - side.start
+        nowhere = (points == 0).all(axis=2)
+        points = np.where(nowhere[..., None], np.nan, points)
+        notes = [f"times by frame number at POINT:RATE, {rate:g} a second"]
+        if "axes" not in side.table:
+            notes.append(f"axes: {up} is up (POINT:Y_SCREEN), {forward} (X_SCREEN) taken as forward; else say axes")
+        notes += [f"{nowhere.sum()} points at (0, 0, 0) are taken as missing"] if nowhere.any() else []
         return StrikeRecording(
             t=t,
             points=side.metres(points, units if units in UNITS else "m", axes),
@@ -69,7 +81,8 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
             sigma=np.array(side.number("sigma", 1e-3, low=1e-9, high=1.0)),
             source=str(path),
             sha256=sha256(path),
-            **side.fields(),
+            up="" if "axes" in side.table else "y",
+            **side.fields(notes),
         )
 
 

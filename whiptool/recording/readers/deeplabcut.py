@@ -16,6 +16,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.frame_clock import frame_clock
 from whiptool.recording.readers.plane import metres_per_pixel, to_plane
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, Sidecar
 from whiptool.recording.readers.table import cells, csv_rows
@@ -55,7 +56,8 @@ def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
             raise InputError(
                 "homography", None, "homography, known_points, or scale and origin", "write them into the sidecar .toml"
             )
-        t = _times(side, table[:, 0])
+        clock = frame_clock(side, len(table), numbers=_numbers(side, table[:, 0]))
+        pixels, t = pixels[clock.keep], clock.times
         readout = side.readout()
         if readout and "rows" not in side.table:
             raise InputError("rows", None, "the height of the image [pixels], beside readout")
@@ -69,17 +71,17 @@ def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
             t_points=t[:, None] + late,
             source=str(path),
             sha256=sha256(path),
-            **side.fields(),
+            **side.fields(clock.notes),
         )
 
 
-def _times(side: Sidecar, frames: np.ndarray) -> np.ndarray:
-    """Time of each row (T,): by its number in the first column, or the timestamp of its own."""
+def _numbers(side: Sidecar, frames: np.ndarray) -> np.ndarray | None:
+    """The number of each frame (T,), from the first column; None where each has a timestamp of its own."""
     if "timestamps" in side.table:
-        return side.clock(len(frames))
+        return None
     if not (np.isfinite(frames).all() and (frames >= 0).all() and (frames < 1e7).all() and (frames % 1 == 0).all()):
         raise InputError("first column", frames[:3].tolist(), "the numbers of the frames")
-    return side.clock(int(frames.max()) + 1)[frames.astype(int)]
+    return frames
 
 
 def _body_parts(rows: list[list[str]]) -> dict[str, int]:

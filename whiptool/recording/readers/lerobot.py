@@ -4,7 +4,8 @@ What is read: `meta/info.json` (version, rate, names of features), `meta/episode
 episode's rows and images are), its rows of `data/chunk-*/file-*.parquet`, and the MP4 files that `video_path` names,
 which hold several episodes each. Features, besides `timestamp` and `episode_index`:
 
-- `observation.state`: joints of the arm.
+- `observation.state`: joints of the arm, by their `names` in `info.json`, without those of grippers. Names that end
+  with `.pos` are of LeRobot's own motors, whose units `joint_units` has to say: `deg`, or `normalized` (-100 to 100).
 - `observation.whip` (or `observation.markers`): places of markers; its `names` in `info.json` are columns such as
   `tip_x, tip_y, handle_x, handle_y`, perhaps with `tip_sigma`. A dataset without it is filmed: track its cameras.
 
@@ -26,7 +27,10 @@ from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.given_files import read_json
 from whiptool.models.tables import read_toml
+from whiptool.recording.clock import good_stamps
 from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.frame_clock import frame_clock
+from whiptool.recording.readers.joint_log import JointLog, joint_columns
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, Sidecar
 from whiptool.recording.readers.tracks import AXES, split_columns
 from whiptool.recording.readers.video import VideoSource, segment, source, video_frames
@@ -133,16 +137,17 @@ def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> Str
         pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
         axes = [axis for axis in AXES if axis in columns[markers[0]]]
         unit, default = UNITS[side.word("units", UNITS, "m")], side.number("sigma", 1e-3, low=1e-9, high=1.0)
+        keep, bad = good_stamps(data.t, "timestamp")
+        table = table[keep]
         sigma = [pick(m, "sigma") * unit if "sigma" in columns[m] else np.full(len(table), default) for m in markers]
         known: dict[str, Any] = {
-            "t": data.t - side.start,
+            "t": data.t[keep] - side.start,
             "points": side.metres(np.stack([np.stack([pick(m, axis) for axis in axes], 1) for m in markers], 1)),
             "markers": tuple(markers),
             "sigma": np.stack(sigma, 1),
             "source": f"{folder}, episode {episode}",
             "sha256": sha256(data.files),
-            **_joints(data, side),
-            **side.fields(),
+            **side.fields(["times from the dataset's timestamps", *bad], _joints(data, side)),
         }
         return StrikeRecording(**known)
 
@@ -174,12 +179,11 @@ def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int
     stream.close()
     if image is None:
         raise InputError(str(path), "no image that can be decoded", "a whole video file")
-    given = side.table if side.table.keys() & {"timestamps", "fps"} else {**side.table, "timestamps": data.t.tolist()}
-    times = Sidecar(given, side.folder, side.place).clock(count)
-    made = source(side, lambda: segment(path, first, count, data.fps), times, image.shape, path, sha256(path))
+    clock = frame_clock(side, count, stamps=data.t, of="the dataset's timestamps")
     with parsing(folder, "LeRobot dataset"):
-        made.about.update({**_joints(data, side), **made.about})
-    return made
+        log = _joints(data, side)
+    frames = lambda: segment(path, first, count, data.fps)  # noqa: E731
+    return source(side, frames, clock, image.shape, path, sha256(path), log)
 
 
 def _sidecar(folder: Path, episode: int, options: dict[str, Any]) -> Sidecar:
@@ -252,7 +256,7 @@ def _matrix(name: str, column: Any) -> np.ndarray:
 def _names(names: object) -> list[str]:
     """Names of columns; LeRobot has them as a list, or as lists in a table."""
     if isinstance(names, dict):
-        names = next(iter(names.values()), [])
+        names = [name for listed in names.values() if isinstance(listed, list) for name in listed]
     return [str(x) for x in names] if isinstance(names, list) else []
 
 
@@ -263,9 +267,22 @@ def _feature(data: Episode, side: Sidecar, key: str, default: tuple[str, ...]) -
     return next((name for name in default if name in data.columns), None)
 
 
-def _joints(data: Episode, side: Sidecar) -> dict[str, np.ndarray]:
-    """Return the joint log of an episode, as keyword arguments of a recording."""
-    name = _feature(data, side, "joints_feature", ("observation.state",))
-    if name is None:
-        return {}
-    return {"joints_t": data.t - side.start, "joints_q": side.radians(data.columns[name])}
+def _joints(data: Episode, side: Sidecar) -> JointLog | None:
+    """Return the joint log of an episode, if it has one."""
+    feature = _feature(data, side, "joints_feature", ("observation.state",))
+    if feature is None or "joints" in side.table:
+        return None
+    table, names = data.columns[feature], data.names.get(feature, [])
+    keep, _ = good_stamps(data.t, "timestamp")
+    if len(names) != table.shape[1]:
+        if side.joint_columns is not None:
+            raise side.refuse("joint_columns", f"none, where {feature} has no names for its columns")
+        note = f"joints: the columns of {feature} have no names, and are taken in the arm's order"
+        return JointLog(data.t[keep], table[keep], (), notes=(note,))
+    chosen = joint_columns(names, side.joint_columns, feature)
+    motors = [name for name in chosen.names if name.endswith(".pos")]
+    if motors and "joint_units" not in side.table:
+        rule = "deg, or normalized with joint_ranges: the dataset does not say in which units LeRobot drove its motors"
+        raise InputError(f"{side.place}joint_units", None, rule, "say it in the sidecar, whiptool.toml in the folder")
+    q = table[keep][:, [names.index(name) for name in chosen.names]]
+    return chosen.log(data.t[keep], q)

@@ -7,6 +7,7 @@
 | `markers` | cell array of M names; default: `tip` if M = 1 |
 | `units` | of the places: m, cm, mm, in; default m |
 | `sigma` | standard error, a number or (T, M), in the same units; default 1 mm |
+| `joint_names` | cell array of the names of the columns of `joints_q`; default: they are in the arm's order |
 | `t_points`, `exposure`, `joints_t` (S), `joints_q` (S, a), `target`, `t_stay`, `camera` | as in `StrikeRecording` |
 | `strike` | `[q_i, q_f, D]`, or a struct with these fields |
 
@@ -23,7 +24,9 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
+from whiptool.recording.clock import good_stamps
 from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.joint_log import JointLog, joint_columns
 from whiptool.recording.readers.sealed import unpack
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
@@ -56,11 +59,11 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
         points = _points(data)
         count, n = points.shape[:2]
         if "t" in data:
-            t = data["t"].astype(float).ravel() - side.start
+            t, note = data["t"].astype(float).ravel() - side.start, "times [s] from the variable t"
         elif "fps" in data or "fps" in side.table:
             rate = float(data["fps"].item()) if "fps" in data else 0.0
             rate = side.number("fps", rate, low=1.0, high=1e5)
-            t = np.arange(count) / rate - side.start
+            t, note = np.arange(count) / rate - side.start, f"times by frame number at {rate:g} a second"
         else:
             raise InputError("t", None, "the variable t, times [s], or fps")
         units = str(data["units"].item()) if "units" in data else "m"
@@ -76,9 +79,6 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
         for key in ("exposure", "t_stay"):
             if key in data:
                 fields[key] = float(data[key].item())
-        if "joints_t" in data and "joints_q" in data:
-            fields["joints_t"] = data["joints_t"].astype(float).ravel() - side.start
-            fields["joints_q"] = side.radians(data["joints_q"].astype(float))
         if "target" in data:
             fields["target"] = tuple(data["target"].astype(float).ravel())
         if "camera" in data:
@@ -91,16 +91,40 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
         names = side.names("markers") or [str(x).strip() for x in data.get("markers", np.array("tip")).ravel()]
         if len(names) != n:
             raise InputError("markers", list(names), f"{n} names, one per marker")
+        if len(t) != count:
+            raise InputError("points", f"shape {points.shape}", f"as many rows as there are times, {len(t)}")
+        keep, bad = good_stamps(t, "t")
+        for key in ("sigma", "t_points"):
+            if np.ndim(fields.get(key, 0.0)) and len(fields[key]) == count:
+                fields[key] = fields[key][keep]
         known: dict[str, Any] = {
-            "t": t,
-            "points": side.metres(points, units),
+            "t": t[keep],
+            "points": side.metres(points[keep], units),
             "markers": tuple(names),
             "source": str(path),
             "sha256": sha256(path),
             **fields,
-            **side.fields(),
+            **side.fields([note, *bad], _joints(data, side)),
         }
         return StrikeRecording(**known)
+
+
+def _joints(data: dict[str, np.ndarray], side: Sidecar) -> JointLog | None:
+    """The joint log, if there is one."""
+    if "joints_t" not in data or "joints_q" not in data:
+        return None
+    t, q = data["joints_t"].astype(float).ravel(), data["joints_q"].astype(float)
+    if q.ndim != 2 or len(q) != len(t):
+        raise InputError("joints_q", f"shape {q.shape}", f"shape ({len(t)}, number of joints), as joints_t has it")
+    names = [str(name).strip() for name in data.get("joint_names", np.array([])).ravel()]
+    keep, bad = good_stamps(t, "joints_t")
+    if len(names) != q.shape[1]:
+        if names or side.joint_columns is not None:
+            raise InputError("joint_names", names, f"{q.shape[1]} names, one for each column of joints_q")
+        note = "joints: columns without names, taken in the arm's order"
+        return JointLog(t[keep], q[keep], (), notes=(note, *bad))
+    chosen = joint_columns(names, side.joint_columns, "joint_names")
+    return chosen.log(t[keep], q[keep][:, [names.index(name) for name in chosen.names]])
 
 
 def _one_struct(flat: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -2,9 +2,9 @@
 
 A bag is one `.db3` file or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` beside the file or `whiptool.toml`
 in the folder; beside the keys of `whiptool.recording.readers.video` it may name the `topic`. Times are, in this
-order, the camera's own (RealSense writes them to a metadata topic), the images' stamps, or the bag's, whichever is
-there for every image and increases; `start` is by that clock, and without it the first image is at 0. A key
-`timestamps` or `fps` overrides them.
+order, the camera's own (RealSense writes them to a metadata topic), the images' stamps, or the bag's: the first of
+which nearly all increase. An image with a bad stamp is left out. `start` is by that clock, and without it the first
+image is at 0. A key `timestamps` overrides them.
 
 Only `sensor_msgs/Image` as rosbags itself defines it is decoded; definitions in the bag are not used.
 """
@@ -21,7 +21,9 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
+from whiptool.recording.clock import good_stamps
 from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.frame_clock import frame_clock
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
 from whiptool.recording.readers.video import VideoSource, source
 
@@ -119,18 +121,40 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
         raise InputError(str(path), f"{len(stamps)} images on {topic}", "at least two")
     if len(shapes) > 1:
         raise InputError(str(path), f"images of {len(shapes)} sizes or encodings", "all alike")
-    if side.table.keys() & {"timestamps", "fps"}:
-        times = side.clock(len(stamps))
+    if "timestamps" in side.table:
+        clock = frame_clock(side, len(stamps))
     else:
-        clocks = ([own.get(time, np.nan) for time in bag_times], stamps, [1e-9 * time for time in bag_times])
-        clock = next((np.array(c) for c in clocks if (np.diff(c) > 0).all()), None)
-        if clock is None:
-            raise InputError(str(path), "time stamps that do not increase", "increasing ones, or the key timestamps")
-        origin = 0.0 if "start" in side.table else float(clock[0])
-        times = Sidecar({**side.table, "timestamps": (clock - origin).tolist()}, side.folder, side.place).clock(None)
+        times, whose = _best_clock(
+            {
+                "the camera's own stamps": [own.get(time, np.nan) for time in bag_times] if own else [],
+                "the images' header stamps": stamps,
+                "the times at which the bag was written": [1e-9 * time for time in bag_times],
+            },
+            str(path),
+        )
+        origin = 0.0 if "start" in side.table else float(np.nanmin(times))
+        clock = frame_clock(side, len(stamps), stamps=times - origin, of=whose)
     files = sorted(path.glob("*.db3")) if folder else [path]
     frames = lambda: (image for _, image in db3_frames(path, topic))  # noqa: E731
-    return source(side, frames, times, next(iter(shapes))[:2], path, sha256(files))
+    return source(side, frames, clock, next(iter(shapes))[:2], path, sha256(files))
+
+
+def _best_clock(clocks: dict[str, list[float]], place: str) -> tuple[np.ndarray, str]:
+    """Return the first of several clocks of which nearly all stamps can be right, NaN for the others, and its name."""
+    said = []
+    for whose, times in clocks.items():
+        if not times:
+            continue
+        stamps = np.array(times)
+        try:
+            keep, _ = good_stamps(stamps, whose)
+        except InputError as error:
+            said.append(f"{whose}: {error.given}")
+            continue
+        told = "".join(f"; not by {other}" for other in said)
+        return np.where(keep, stamps, np.nan), whose + told
+    fix = "say the key timestamps"
+    raise InputError(place, f"time stamps that do not increase ({'; '.join(said)})", "increasing ones", fix)
 
 
 @contextmanager

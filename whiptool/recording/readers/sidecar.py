@@ -9,8 +9,10 @@ Common to all formats:
     t_stay = 0.3                     # [s]
     start = 1.25                     # when the command started by the file's own clock [s]; subtracted from its times
     joints = "NAME.joints.csv"       # measured joints: columns t [s], then one per joint [rad], see `joint_log`
-    joint_columns = ["actual_q_0", "actual_q_1"]   # which of its columns are the arm's joints, in the arm's order
-    joint_units = "rad"              # or "deg"
+    joint_columns = {shoulder = "actual_q_0", elbow = "actual_q_1"}  # which of its columns are the arm's joints; or a
+                                     # list, in the arm's order
+    joint_units = "rad"              # or "deg", or "normalized", from -100 to 100 as LeRobot's, with
+    joint_ranges = {shoulder = [-1.9, 1.9], elbow = [-1.7, 1.7]}     # angles at -100 and at 100 [rad]
     joints_start = 1.25              # when the command started by that file's clock [s]; default: start
     hand = "NAME.hand.csv"           # the hand's measured poses: t [s], hand_x, ... hand_z [m], hand_qx, ... hand_qw
     hand_start = 1.25                # likewise; default: start
@@ -26,7 +28,7 @@ Common to all formats:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -39,14 +41,14 @@ from whiptool.models.joint_trajectory import POSE
 from whiptool.models.strike import Strike
 from whiptool.models.tables import read_toml
 from whiptool.recording.camera_files import read_cameras
+from whiptool.recording.joint_names import order_of
 from whiptool.recording.readers import plane
-from whiptool.recording.readers.joint_log import read_joint_log
-from whiptool.recording.readers.table import read_columns
+from whiptool.recording.readers.joint_log import JointLog, read_joint_log
 from whiptool.recording.space_camera import SpaceCamera
 
 COMMON = (
-    "camera", "exposure", "target", "t_stay", "start", "joints", "joint_columns", "joint_units", "joints_start",
-    "hand", "hand_start", "strike", "controller",
+    "camera", "exposure", "target", "t_stay", "start", "joints", "joint_columns", "joint_units", "joint_ranges",
+    "joints_start", "hand", "hand_start", "strike", "controller",
 )  # fmt: skip
 SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
 VIEW = ("cameras", "sigma", "depth_units", "baseline", "subpixel")  # of readers whose files hold what a camera saw
@@ -55,6 +57,8 @@ FILM = ("cameras",)  # of readers whose files hold frames that a camera in space
 CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 KINDS = ("color", "infrared")  # of light
+ANGLES = ("rad", "deg", "normalized")
+TURN = 0.6  # [rad] from a whole turn, of a joint between two samples
 STAMPS = {"start": 0.5, "middle": 0.0, "end": -0.5}  # exposures from the stamp to the middle
 
 
@@ -153,8 +157,12 @@ class Sidecar:
             raise self.refuse(key, "the name of a file beside it, without folders")
         return self.folder / name
 
-    def fields(self) -> dict[str, Any]:
+    def fields(self, notes: Sequence[str] = (), log: JointLog | None = None) -> dict[str, Any]:
         """What the common keys say of a recording, as arguments of `StrikeRecording`; times without `start`.
+
+        Args:
+            notes: What else is to be told of how it was read.
+            log: Joints that the recording holds itself, where no file of them is named.
 
         Raises:
             InputError: A value breaks its rule.
@@ -180,14 +188,20 @@ class Sidecar:
             if not isinstance(controller, Mapping):
                 raise self.refuse("controller", "a table")
             fields["controller"] = dict(controller)
+        told = list(notes)
         if (file := self.file("joints")) is not None:
-            t, q, names = read_joint_log(file, self._joint_columns())
+            log = read_joint_log(file, self.joint_columns)
+        if log is not None:
+            angles, units = self.angles(log)
             start = self.number("joints_start", self.start)
-            fields |= {"joints_t": t - start, "joints_q": self.radians(q), "joint_names": names}
+            fields |= {"joints_t": log.t - start, "joints_q": angles}
+            fields |= {"joint_names": log.names, "joints_listed": log.listed}
+            told += [*log.notes, *units]
         if (file := self.file("hand")) is not None:
-            t, poses, _ = read_joint_log(file, list(POSE))
-            fields |= {"hand_t": t - self.number("hand_start", self.start), "hand_pose": poses}
-        return fields
+            hand = read_joint_log(file, list(POSE))
+            fields |= {"hand_t": hand.t - self.number("hand_start", self.start), "hand_pose": hand.q}
+            told += [note.replace("joints:", "hand:") for note in hand.notes]
+        return fields | {"notes": tuple(told)}
 
     def view(self) -> SpaceCamera:
         """The camera in space that a recording in pixels is of: the one called `camera` in the file `cameras`.
@@ -210,19 +224,51 @@ class Sidecar:
         """The camera in space that took frames; None where the key `cameras` is not there."""
         return None if self.table.get("cameras") is None else self.view()
 
-    def _joint_columns(self) -> list[str] | None:
-        """Names of the joint log's columns in the arm's order; None if the key is not there."""
-        columns = self.names("joint_columns")
-        return None if columns is None else list(columns.values())
+    @property
+    def joint_columns(self) -> Mapping[str, str] | None:
+        """Which columns of the joint log are the arm's joints, by what they are called; None if nobody says it."""
+        return self.names("joint_columns")
 
     @property
     def start(self) -> float:
         """When the command started, by the file's clock [s]."""
         return self.number("start", 0.0)
 
-    def radians(self, angles: np.ndarray) -> np.ndarray:
-        """Joint angles as they stand in the file, in rad."""
-        return np.deg2rad(angles) if self.word("joint_units", ("rad", "deg"), "rad") == "deg" else angles
+    def angles(self, log: JointLog) -> tuple[np.ndarray, list[str]]:
+        """Joint angles of a log in rad (S, a), whole turns between two samples undone, and sentences about both.
+
+        Raises:
+            InputError: The unit is another one than the columns' names say, or normalized without the joints' ranges.
+        """
+        unit, said = self.word("joint_units", ANGLES, log.unit or "rad"), []
+        if log.unit and unit != log.unit:
+            raise self.refuse("joint_units", f"{log.unit}, as the columns are called {', '.join(log.names)}"[:200])
+        if not log.unit and "joint_units" not in self.table:
+            said.append("joints: taken as rad, for neither columns nor joint_units say it")
+        q = np.deg2rad(log.q) if unit == "deg" else self._of_ranges(log) if unit == "normalized" else log.q
+        steps = np.diff(q, axis=0)
+        jumps = np.abs(steps) > np.pi
+        whole = np.abs(np.abs(steps) - 2 * np.pi) < TURN
+        if jumps.any() and not (jumps & ~whole).any() and jumps.mean() < 0.05:
+            times = ", ".join(f"{t:.3f} s" for t in log.t[1:][jumps.any(axis=1)][:5])
+            said.append(f"joints: whole turns from one sample to the next were undone, at {times}")
+            q = np.unwrap(q, axis=0)
+        return q, said
+
+    def _of_ranges(self, log: JointLog) -> np.ndarray:
+        """Angles [rad] of positions that run from -100 to 100 between a joint's ends."""
+        ranges, rule = self.table.get("joint_ranges"), "angles at -100 and 100 [rad], as {shoulder = [-1.9, 1.9]}"
+        if not isinstance(ranges, Mapping) or not ranges:
+            raise self.refuse("joint_ranges", f"{rule}, for each joint that is normalized")
+        table = Sidecar(ranges, self.folder, f"{self.place}joint_ranges.")
+        ends = {name: table.array(name, 2) for name in ranges}
+        names = log.names or tuple(ranges)
+        try:
+            order = order_of(tuple(ranges), names, listed=True)
+        except InputError:
+            raise self.refuse("joint_ranges", f"{rule}, for each of {', '.join(names)}") from None
+        low, high = np.array([ends[list(ranges)[i]] for i in order]).T
+        return low + (log.q + 100) / 200 * (high - low)
 
     def metres(self, points: np.ndarray, units: str = "m", axes: tuple[str, ...] | None = None) -> np.ndarray:
         """Places (..., 2 or 3) as they stand in the file, in metres in our axes.
@@ -266,35 +312,6 @@ class Sidecar:
         except InputError as error:
             raise (error if error.name.startswith(self.place) else error.within(self.place)) from None
         return None
-
-    def clock(self, count: int | None, fps_hint: float = 0.0) -> np.ndarray:
-        """Middles of the first row's exposures [s], from `timestamps` (numbers or a CSV file) or `fps`, less `start`.
-
-        Args:
-            count: Number of frames, checked against the timestamps.
-            fps_hint: What the file says, for the message only: it knows nothing of frames that were dropped.
-
-        Raises:
-            InputError: There is neither, or there are not as many timestamps as frames.
-        """
-        if "timestamps" in self.table:
-            if isinstance(self.table["timestamps"], str):
-                file = self.file("timestamps")
-                assert file is not None
-                names, columns = read_columns(file)
-                times = columns[:, names.index("t") if "t" in names else 0]
-            else:
-                times = self.array("timestamps", None)
-                assert times is not None
-            if count is not None and len(times) != count:
-                raise InputError(f"{self.place}timestamps", f"{len(times)} times", f"{count}, one per frame")
-        elif "fps" in self.table:
-            times = np.arange(count or 0) / self.number("fps", 0.0, low=1.0, high=1e5)
-        else:
-            hint = f" (the file itself says {fps_hint:g}; true only if no frame was dropped)" if fps_hint > 0 else ""
-            raise InputError(f"{self.place}fps", None, "fps or timestamps" + hint, "write one into the sidecar .toml")
-        shift = STAMPS[self.word("stamp", STAMPS, "middle")] * self.exposure()
-        return times + shift - self.start
 
     def exposure(self) -> float:
         """How long each row collected light [s]; where it is not stated that of the camera in space, 0 without one."""

@@ -1,15 +1,24 @@
-"""CSV files of numbers, every damaged cell named with its row."""
+"""CSV files of numbers, every damaged cell named with its row.
+
+Cells are separated by commas, or by semicolons or tabs where the first row has no comma; numbers may then have a
+decimal comma.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.recording.joint_names import SECONDS, TIME, Column
 from whiptool.recording.parsing import parsing, whole_file
+from whiptool.recording.readers.foreign import refuse_foreign
+
+LARGEST_TABLE = 2**27  # [bytes] of text, which takes about ten times as much in memory
 
 
 def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
@@ -18,7 +27,7 @@ def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
     Raises:
         InputError: The file cannot be read, has no rows, a row is of another length, or a cell is not a number.
     """
-    path = whole_file(path)
+    path = whole_file(path, largest=LARGEST_TABLE)
     with parsing(path, "CSV"):
         rows = csv_rows(path)
         names = [name.strip() for name in rows[0]]
@@ -29,13 +38,46 @@ def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
         return names, cells(rows, 1, len(names))
 
 
+def time_column(names: Sequence[str]) -> tuple[int, float, str]:
+    """Which column is the time's: its index, its unit in seconds, and a sentence that says so.
+
+    Raises:
+        InputError: There are several.
+    """
+    columns = [Column.of(name) for name in names]
+    found = [i for i, column in enumerate(columns) if column.kind == TIME and not column.words]
+    exact = [i for i in found if names[i] == "t"] or found
+    if len(exact) > 1:
+        raise InputError("columns of times", ", ".join(names[i] for i in exact), "one", "call the one that is meant t")
+    i = exact[0] if exact else 0
+    unit = columns[i].unit or "s"
+    guessed = "" if exact else ", the first; none is called t"
+    return i, SECONDS[unit], f"times [{unit}] from the column {names[i]}{guessed}"
+
+
+def without_repeated_rows(table: np.ndarray) -> tuple[np.ndarray, int]:
+    """The rows (R, columns) that are not the row before again, stamp included, as some robots' recorders write it."""
+    same = (table[1:] == table[:-1]) | (np.isnan(table[1:]) & np.isnan(table[:-1]))
+    new = np.concatenate([[True], ~same.all(axis=1)])
+    return table[new], int((~new).sum())
+
+
 def csv_rows(path: Path) -> list[list[str]]:
-    """The rows of a CSV file in UTF-8 that are not blank, at least one."""
-    text = path.read_bytes().decode("utf-8-sig")
-    rows = [row for row in csv.reader(io.StringIO(text, newline=""), strict=True) if any(cell.strip() for cell in row)]
+    """The rows of a CSV file in UTF-8 that are not blank, at least one.
+
+    Raises:
+        InputError: There are none, or another program's format is recognised.
+    """
+    data = path.read_bytes()
+    refuse_foreign(path, data[:4096])
+    text = data.decode("utf-8-sig")
+    first = text.lstrip().partition("\n")[0]
+    mark = next((mark for mark in ";\t" if mark in first and "," not in first), ",")
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=mark)
+    rows = [row for row in reader if any(cell.strip() for cell in row)]
     if not rows:
         raise InputError("rows", 0, "at least one row")
-    return rows
+    return rows if mark == "," else [rows[0], *([cell.replace(",", ".") for cell in row] for row in rows[1:])]
 
 
 def cells(rows: list[list[str]], first: int, width: int) -> np.ndarray:

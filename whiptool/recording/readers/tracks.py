@@ -4,10 +4,10 @@
 
     t, tip_x, tip_y[, tip_z][, tip_sigma][, tip_t], handle_x, handle_y, ...
 
-`t` [s] is the frame's time, 0 the command's start; `_x`, `_y`, `_z` [m] a marker's place in the strike plane (x
-forward, y up, origin at the shoulder), empty or NaN where it is missing; `_sigma` [m] its standard error per
-coordinate; `_t` [s] the middle of its exposure, where it is not the frame's. `NAME.toml` beside it may hold what
-`whiptool.recording.readers.sidecar` lists, and `units`, `axes`, `origin`, and `sigma` for all points.
+`t` [s] is the frame's time (`time`, or `t [ms]`, will do), 0 the command's start; `_x`, `_y`, `_z` [m] a marker's
+place in the strike plane (x forward, y up, origin at the shoulder), empty or NaN where it is missing; `_sigma` [m] its
+standard error per coordinate; `_t` [s] the middle of its exposure, where it is not the frame's. `NAME.toml` beside it
+may hold what `whiptool.recording.readers.sidecar` lists, and `units`, `axes`, `origin`, and `sigma` for all points.
 
 What one camera in space saw has columns in pixels, `tip_u`, `tip_v`[, `tip_sigma`], ..., and its sidecar says which
 camera it was, `camera = "left"`, and in which file the cameras stand, `cameras = "cameras.toml"`. `t` is then the
@@ -30,11 +30,13 @@ import tomli_w
 from whiptool.errors import InputError
 from whiptool.models.joint_trajectory import POSE
 from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.clock import good_stamps
 from whiptool.recording.depth_noise import BASELINE, SUBPIXEL, depth_error
+from whiptool.recording.joint_names import TIME, Column
 from whiptool.recording.parsing import parsing, sha256, whole_file
-from whiptool.recording.readers.joint_log import POSITION
+from whiptool.recording.readers.joint_log import PREFIX
 from whiptool.recording.readers.sidecar import SPACE, UNITS, VIEW, Sidecar
-from whiptool.recording.readers.table import read_columns
+from whiptool.recording.readers.table import read_columns, time_column, without_repeated_rows
 from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import DEFAULT_PIXELS, StrikeRecording
 
@@ -59,8 +61,8 @@ def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
         return _read_view(path, names, table, options)
     side = Sidecar.of(path, options, *SPACE, "sigma")
     with parsing(path, "CSV"):
-        t = _times_of(names, table, side)
-        markers, columns = split_columns([name for name in names if name != "t"], ("sigma", "t"))
+        t, names, table, notes = _timed(path, names, table, side)
+        markers, columns = split_columns(names, ("sigma", "t"))
         pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
         dimension = len(columns[markers[0]].keys() & set(AXES))
         points = np.stack([np.stack([pick(m, axis) for axis in AXES[:dimension]], 1) for m in markers], 1)
@@ -76,7 +78,7 @@ def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
             t_points=np.stack(times, 1),
             source=str(path),
             sha256=sha256(path),
-            **side.fields(),
+            **side.fields(notes),
         )
 
 
@@ -85,8 +87,8 @@ def _read_view(path: Path, names: list[str], table: np.ndarray, options: dict[st
     side = Sidecar.of(path, options, *VIEW)
     view, default = side.view(), side.number("sigma", DEFAULT_PIXELS, low=1e-6, high=100.0)
     with parsing(path, "CSV"):
-        t = _times_of(names, table, side)
-        markers, columns = split_columns([name for name in names if name != "t"], ("sigma", *DEPTH), axes=PIXELS)
+        t, names, table, notes = _timed(path, names, table, side)
+        markers, columns = split_columns(names, ("sigma", *DEPTH), axes=PIXELS)
         pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
         sigma = [pick(m, "sigma") if "sigma" in columns[m] else np.full(len(t), default) for m in markers]
         depths = [_depths(m, columns[m], pick, side, view) for m in markers]
@@ -100,7 +102,7 @@ def _read_view(path: Path, names: list[str], table: np.ndarray, options: dict[st
             source=str(path),
             sha256=sha256(path),
             view=view,
-            **side.fields(),
+            **side.fields(notes),
         )
 
 
@@ -122,11 +124,18 @@ def _depths(
     return depth, depth_error(depth, view.focal_lengths[0], baseline=baseline, subpixel=subpixel)
 
 
-def _times_of(names: list[str], table: np.ndarray, side: Sidecar) -> np.ndarray:
-    """Times of the frames from the command's start [s], (T,)."""
-    if "t" not in names:
+def _timed(
+    path: Path, names: list[str], table: np.ndarray, side: Sidecar
+) -> tuple[np.ndarray, list[str], np.ndarray, list[str]]:
+    """Times of the frames from the command's start [s], the other columns' names and numbers, and what to tell."""
+    at, unit, note = time_column(names)
+    if Column.of(names[at]).kind != TIME:
         raise InputError("columns", ", ".join(names)[:80], "a column t [s]")
-    return table[:, names.index("t")] - side.start
+    table, repeated = without_repeated_rows(table)
+    notes = [note, f"left out {repeated} rows that repeat the one before"] if repeated else [note]
+    keep, bad = good_stamps(table[:, at] * unit, names[at])
+    rest = [i for i in range(len(names)) if i != at]
+    return table[keep, at] * unit - side.start, [names[i] for i in rest], table[keep][:, rest], [*notes, *bad]
 
 
 def split_columns(
@@ -207,7 +216,7 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
             files.append(path.with_suffix(".joints.csv"))
             table["joints"] = files[-1].name
             angles = recording.joints_q
-            named = [POSITION + name for name in recording.joint_names]
+            named = [PREFIX + name for name in recording.joint_names]
             names = ["t", *(named or [f"q_{i + 1}" for i in range(angles.shape[1])])]
             _write_columns(files[-1], names, np.column_stack([recording.joints_t, angles]))
         if recording.hand_t is not None and recording.hand_pose is not None:

@@ -2,8 +2,8 @@
 
 The sidecar `NAME.toml` of `NAME.mp4` says what the file does not, beside the common keys:
 
-    timestamps = "NAME.times.csv"    # a column t [s], one row per frame; or an array; or instead
-    fps = 60                         # only if no frame was dropped
+    timestamps = "NAME.times.csv"    # a column t [s], one row per frame; or an array; else the film's own stamps, and
+    fps = 60                         # at which it was taken, where its stamps are merely evenly counted
     stamp = "middle"                 # or start, end: what of the first row's exposure a timestamp means
     exposure = 0.004                 # [s]
     shutter = "rolling"              # or "global"
@@ -32,7 +32,10 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
+from whiptool.recording.clock import check_pace
 from whiptool.recording.parsing import sha256, whole_file
+from whiptool.recording.readers.frame_clock import FrameClock, frame_clock, stamps_of_film
+from whiptool.recording.readers.joint_log import JointLog
 from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, Sidecar
 from whiptool.recording.space_camera import SpaceCamera
 
@@ -77,8 +80,7 @@ class VideoSource:
         steps = np.diff(self.times)
         if len(self.times) < 2 or not np.isfinite(self.times).all() or not (steps > 0).all():
             raise InputError("times", f"{len(self.times)} times", "at least two, finite and strictly increasing [s]")
-        if np.median(steps) >= 1:
-            raise InputError("times", f"steps of {np.median(steps):g}", "steps below 1 s", "are these milliseconds?")
+        check_pace("times", self.times)
         object.__setattr__(self, "fps", float(1 / np.median(steps)))
 
     def __len__(self) -> int:
@@ -99,6 +101,12 @@ def video_frames(path: Path | str) -> Generator[np.ndarray, None, None]:
     Raises:
         InputError: It cannot be opened or decoded, its images differ in size; or OpenCV is not installed.
     """
+    for image, _ in _shown(path):
+        yield image
+
+
+def _shown(path: Path | str) -> Generator[tuple[np.ndarray, float], None, None]:
+    """The images of `video_frames`, and when each is to be shown [s]."""
     path = whole_file(path, largest=np.inf)
     cv2, capture = _capture(path)
     shape = None
@@ -111,7 +119,7 @@ def video_frames(path: Path | str) -> Generator[np.ndarray, None, None]:
                 return
             if image.shape != (shape := shape or image.shape) or image.dtype != np.uint8:
                 raise InputError(str(path), f"an image of shape {image.shape}", f"images of shape {shape}")
-            yield image
+            yield image, 1e-3 * float(capture.get(cv2.CAP_PROP_POS_MSEC))
         raise InputError(str(path), f"more than {MOST_FRAMES} images", f"at most {MOST_FRAMES}", "cut the strike out")
     except (cv2.error, MemoryError) as error:
         raise InputError(str(path), "a damaged file", "a whole video file", str(error)[:160]) from None
@@ -133,33 +141,39 @@ def read_video(path: Path | str, **options: Any) -> VideoSource:
     path = whole_file(path, largest=np.inf)
     side = Sidecar.of(path, options, *CLOCK, *PIXELS, *FILM)
     _ = side.filmed_by  # a slip is told before the file is decoded
-    count, shape = 0, (0, 0)
-    for image in video_frames(path):
-        count, shape = count + 1, image.shape[:2]
+    shape, played = (0, 0), []
+    for image, at in _shown(path):
+        shape = image.shape[:2]
+        played.append(at)
+    count = len(played)
     if count < 2:
         raise InputError(str(path), f"{count} images that can be decoded", "at least two", "was the file cut off?")
-    return source(side, lambda: video_frames(path), side.clock(count, _claimed_rate(path)), shape, path, sha256(path))
+    fps = side.number("fps", 0.0, low=1.0, high=1e5) if "fps" in side.table else None
+    stamps, whose = stamps_of_film(np.array(played), fps)
+    clock = frame_clock(side, count, stamps=stamps, of=whose, hint=_claimed_rate(path))
+    return source(side, lambda: video_frames(path), clock, shape, path, sha256(path))
 
 
 def source(
     side: Sidecar,
     frames: Callable[[], Iterator[np.ndarray]],
-    times: np.ndarray,
+    clock: FrameClock,
     shape: tuple[int, ...],
     path: Path,
     digest: str,
+    log: JointLog | None = None,
 ) -> VideoSource:
     """A source of images with what its sidecar says of the camera and the strike.
 
     Raises:
         InputError: A key breaks its rule, the times do not increase, or the images are not of the camera's size.
     """
-    about = {**side.fields(), "source": str(path), "sha256": digest}
+    about = {**side.fields(clock.notes, log), "source": str(path), "sha256": digest}
     about["exposure"] = side.exposure()
     try:
         found = VideoSource(
-            frames=frames,
-            times=times,
+            frames=frames if clock.keep.all() else lambda: itertools.compress(frames(), clock.keep),
+            times=clock.times,
             shape=(int(shape[0]), int(shape[1])),
             homography=side.homography(),
             exposure=about["exposure"],

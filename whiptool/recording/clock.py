@@ -1,0 +1,124 @@
+"""Time stamps as instruments write them: which of them can be right, and how long and even they are."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+
+import numpy as np
+
+from whiptool.errors import InputError
+
+MOST_BAD = 0.05  # share of stamps
+NEAR, CROWD = 10, 3  # as many bad stamps among so many rows are a stretch
+SLOWEST = 1.0  # [s] between samples; milliseconds and frame numbers are beyond it
+FASTEST = 1e-6  # [s]
+LONGEST = 600.0  # [s] of one strike or swing
+APART = 100.0  # steps by which a stamp at the end stands alone
+QUICKEST = 2e-5  # [s] between samples of any camera or robot; what stands for less counts a smaller unit
+
+
+def good_stamps(stamps: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
+    """Return which stamps to keep, (T,), and a sentence about those that are not.
+
+    A stamp that is NaN, repeats another, goes back, or stands alone costs its own sample.
+
+    Args:
+        stamps: (T,) [s].
+        what: They are of, for the sentence and for errors.
+
+    Raises:
+        InputError: Too many are bad, or several in one stretch: which of them are right cannot be told.
+    """
+    even = len(stamps) < 2 or (np.diff(stamps) > 0).all()
+    keep = np.ones(len(stamps), bool) if even else _increasing(stamps)
+    _drop_lone_ends(stamps, keep)
+    if keep.all():
+        return keep, []
+    bad = np.flatnonzero(~keep)
+    crowds = np.flatnonzero(bad[CROWD - 1 :] - bad[: len(bad) - CROWD + 1] < NEAR)
+    if len(bad) > max(1, MOST_BAD * len(stamps)) or len(crowds):
+        first, last = (bad[crowds[0]], bad[crowds[-1] + CROWD - 1]) if len(crowds) else (bad[0], bad[-1])
+        given = f"{len(bad)} of {len(stamps)} stamps that repeat or go back, samples {first + 1} to {last + 1}"
+        fix = "cut that stretch out, or say the right times (key timestamps, or fps) where the format takes them"
+        raise InputError(what, given, "increasing stamps, each later than the one before", fix)
+    rows = ", ".join(f"{i + 1} ({stamps[i]:.6g} s)" for i in bad[:5])
+    return keep, [f"{what}: left out {len(bad)} of {len(stamps)} samples, whose stamps cannot be right: {rows}"]
+
+
+def _increasing(stamps: np.ndarray) -> np.ndarray:
+    """Whether each is of the longest increasing row of stamps; of two alike the one nearer to an even clock."""
+    tails: list[float] = []  # last stamp of the best row of each length
+    ends: list[int] = []  # where it stands
+    before = np.full(len(stamps), -1)
+    for i, stamp in enumerate(stamps.tolist()):
+        if not np.isfinite(stamp):
+            continue
+        length = bisect_left(tails, stamp)
+        before[i] = ends[length - 1] if length else -1
+        tails[length : length + 1], ends[length : length + 1] = [stamp], [i]
+    keep = np.zeros(len(stamps), bool)
+    i = ends[-1] if ends else -1
+    while i >= 0:
+        keep[i] = True
+        i = int(before[i])
+    _choose_of_doubles(stamps, keep)
+    return keep
+
+
+def _choose_of_doubles(stamps: np.ndarray, keep: np.ndarray) -> None:
+    """Keep that of two neighbours with one stamp which an even clock would have given it."""
+    for i in np.flatnonzero(stamps[1:] == stamps[:-1]):
+        others = np.flatnonzero(keep)
+        others = others[(others != i) & (others != i + 1)]
+        around = others[np.argsort(np.abs(others - i - 0.5), kind="stable")[:4]]
+        if keep[i] == keep[i + 1] or len(around) < 2:
+            continue
+        slope, level = np.polyfit(around - i, stamps[around] - stamps[i], 1)
+        second = abs(level + slope) < abs(level)
+        keep[i], keep[i + 1] = not second, second
+
+
+def _drop_lone_ends(stamps: np.ndarray, keep: np.ndarray) -> None:
+    """Drop a first or last stamp that is far from all others, as a zero before an uptime clock."""
+    for inwards in (1, -1):
+        kept = np.flatnonzero(keep)
+        steps = np.abs(np.diff(stamps[kept]))[::inwards]
+        if len(steps) > 2 and steps[0] > max(SLOWEST, APART * np.median(steps)):
+            keep[kept[::inwards][0]] = False
+
+
+def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
+    """Refuse times that no recording of a strike has, before anything is made of their length.
+
+    Args:
+        name: Of the times, for errors.
+        t: (T,) [s], strictly increasing.
+        longest: That they may span [s].
+
+    Raises:
+        InputError: Their steps or their span cannot be right; the likely cause is told.
+    """
+    step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
+    unit = "milliseconds"
+    for smaller, factor in (("microseconds", 1e6), ("nanoseconds", 1e9)):
+        unit = smaller if step / factor >= QUICKEST else unit
+    cause = f"are these {unit} or frame numbers? Give seconds, or say the unit in the column's name, as in t [ms]"
+    if step >= SLOWEST or step < FASTEST:
+        raise InputError(name, f"steps of {step:g}", f"steps from {FASTEST:g} s to {SLOWEST:g} s", cause)
+    if span > longest:
+        cause = f"cut the strike out of it; or {cause}"
+        raise InputError(name, f"a span of {span:g} s in {len(t)} rows", f"at most {longest:g} s", cause)
+
+
+def gaps(name: str, t: np.ndarray, *, least: float = 0.0, steps: float = 1.5) -> list[str]:
+    """Return a sentence about holes in times (T,) [s]: steps longer than `steps` usual ones and than `least` [s]."""
+    step = np.diff(t)
+    usual = float(np.median(step))
+    wide = np.flatnonzero(step > max(steps * usual, least))
+    if not len(wide):
+        return []
+    worst = wide[step[wide].argmax()]
+    missing = int(np.round(step[wide] / usual - 1).sum())
+    where = f"the longest of {step[worst]:.3g} s from {t[worst]:.3f} to {t[worst + 1]:.3f} s"
+    holes = "a hole" if len(wide) == 1 else f"{len(wide)} holes"
+    return [f"{name}: {holes} where about {missing} samples are missing, {where}"]

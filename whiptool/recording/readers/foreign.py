@@ -1,0 +1,68 @@
+"""Files of other programs that hold tracks and are not read: which program's they are, and what to do with them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from whiptool.errors import InputError
+
+_C3D = "export the take as C3D there, which is read as it is"
+_TABLE = "write a CSV with the columns t, tip_x, tip_y (docs/file-formats.md, Other programs' files, has the lines)"
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """A format that is recognised and not read.
+
+    Args:
+        what: It is.
+        cure: What to do.
+        suffixes: Of its files; empty: any.
+        head: A regular expression that its first bytes match.
+    """
+
+    what: str
+    cure: str
+    suffixes: tuple[str, ...] = ()
+    head: bytes = b""
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Whether a path with these first bytes is of it."""
+        right = not self.suffixes or path.suffix.lower() in self.suffixes
+        return right and re.match(self.head, head.removeprefix(b"\xef\xbb\xbf"), re.IGNORECASE | re.DOTALL) is not None
+
+
+HDF5 = rb"\x89HDF\r\n\x1a\n"
+FOREIGN = (
+    Foreign("a CSV export of OptiTrack Motive", _C3D, head=rb'"?Format Version"?,'),
+    Foreign(
+        "a CSV export of Vicon Nexus",
+        "read the trial's own C3D file, which Nexus keeps beside it",
+        head=rb'"?(Trajectories|Joints|Segments|Model Outputs|Devices)"?,*\s*\r?\n"?\d+"?,*\s*\r?\n',
+    ),
+    Foreign("a TSV export of Qualisys Track Manager", _C3D, head=rb"NO_OF_FRAMES[\t,;]"),
+    Foreign("a TRC file of OpenSim or Cortex", _C3D, head=rb"PathFileType\t"),
+    Foreign("a CSV export of SLEAP", _TABLE, head=rb'"?track"?,"?frame_idx"?,'),
+    Foreign("an HDF5 file of SLEAP", _TABLE, (".slp",), HDF5),
+    Foreign("an HDF5 file, as SLEAP and DeepLabCut write them", _TABLE, (".h5", ".hdf5"), HDF5),
+    Foreign(
+        "a text export of Tracker",
+        "name the columns t, tip_x, tip_y in one row, without the row of the mass, and save it as .csv",
+        head=rb'#?[^\n]{0,80}\bmass[ _A-Z][^\n]*\n"?#?t"?[\t,;]"?x"?[\t,;]"?y"?',
+    ),
+    Foreign("a ROS 1 bag", "convert it with rosbags: rosbags-convert --src IN.bag --dst OUT", (".bag",), rb"#ROSBAG"),
+    Foreign("an MCAP file", "convert it with ros2 bag convert to storage_id sqlite3", (".mcap",), rb"\x89MCAP"),
+)
+
+
+def refuse_foreign(path: Path, head: bytes) -> None:
+    """Refuse a file of another program by its first bytes.
+
+    Raises:
+        InputError: It is one of `FOREIGN`; what to do is told.
+    """
+    for form in FOREIGN:
+        if form.matches(path, head):
+            raise InputError(str(path), form.what, "a recording of a format that is read", form.cure)
