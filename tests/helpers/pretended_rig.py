@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.rig.stops import StrikeRefused
 
 
 class Pretend:
@@ -16,7 +16,7 @@ class Pretend:
     def strike(self, strike, *, folder=None):
         self.calls += 1
         if self.refuse:
-            raise InputError("strike", "x", "y")
+            raise StrikeRefused("strike", "x", "y")
         return self
 
     def judged(self, target):

@@ -24,6 +24,7 @@ from whiptool.rig.loop import RigLoop, StepClock
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.safety import Guards, Safety, SafetyError, State, Watch
+from whiptool.rig.stops import Locked
 
 pytestmark = pytest.mark.slow
 
@@ -129,6 +130,11 @@ def test_no_torque_unless_armed(bus, twin):
         safety.command(np.ones(2))
     with pytest.raises(SafetyError, match="controller"):
         safety.command(np.array([np.nan, 0]))
+    changes = len(twin.state()["torque_changes"])
+    with pytest.raises(Locked, match="test: now"):
+        safety.arm()
+    assert len(twin.state()["torque_changes"]) == changes
+    safety.interlock.release()
     safety.arm()  # anew
     assert safety.state == State.ARMED
     safety.disarm()

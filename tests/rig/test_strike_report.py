@@ -59,7 +59,7 @@ def struck(markers: tuple[str, ...] = ("tip",)) -> Struck:
         t=t, points=path, markers=markers, sigma=np.full((len(t), 1), 1e-3), camera="points",
         joints_t=np.array([0.0, 0.2]), joints_q=np.array([[0.3, -0.6], [0.3, -0.6]]),
     )  # fmt: skip
-    return Struck(Run(cycles(), None, True, 1, 0), recording)
+    return Struck(Run(cycles(), None, True, 1, 0, "torque is off"), recording)
 
 
 def rows(table: Table) -> dict[str, list[str]]:
@@ -126,7 +126,7 @@ def test_what_is_missing_is_left_out_and_said(tmp_path: Path):
     result = sections(unseen, MODEL, TARGET, draw(unseen, MODEL, TARGET))[0]
     assert rows(result.parts[0])["the tip"] == ["was not seen"]
     fault = SafetyError("elbow", "measured 3 A, allowed 2.6 A")
-    ended = Struck(Run(cycles(phases=(Phase.APPROACH,)), fault, False, 0, 0), None)
+    ended = Struck(Run(cycles(phases=(Phase.APPROACH,)), fault, False, 0, 0, "CUT THE POWER"), None)
     pictures = draw(ended, MODEL, TARGET)
     found = sections(ended, MODEL, TARGET, pictures)
     assert [section.title for section in found] == ["Result", "Control cycles"]
@@ -134,7 +134,7 @@ def test_what_is_missing_is_left_out_and_said(tmp_path: Path):
     assert isinstance(said, Text)
     assert "fault" in said.text
     assert str(fault) in said.text
-    assert "NOT confirmed off" in said.text
+    assert "CUT THE POWER" in said.text
     assert [path.name for path in save_pictures(tmp_path, pictures)] == ["cycles.png"]
     assert len(to_html("A strike", "", {}, found)) > 5000
 

@@ -170,8 +170,8 @@ class Adapter:
         """Learn from the strike that was asked for, and return all that is known of it.
 
         Args:
-            told: Its recording, time 0 being the start of the command, with the marker `tip`; or a `Seen`, with a fault
-                where there was none.
+            told: Its recording, time 0 being the start of the command, with the marker `tip`; or a `Seen`, which says
+                why there was none.
 
         Raises:
             InputError: No strike was asked for, the recording is of another strike or was told before, or the folder is
@@ -203,9 +203,9 @@ class Adapter:
     def _step(self, seen: Seen) -> Step:
         """Learn from what was seen of the strike that was asked for, and go on to the next."""
         o, number, chosen = self.options, self.number, self._plan()
-        if number and not (seen.fault and seen.recording is None):  # a strike that was refused is none
+        if number and seen.carried_out:
             self._past.append(chosen.strike)
-        if seen.recording is not None:
+        if seen.recording is not None and seen.carried_out:
             self._recordings.append(seen.recording)
             if chosen.contact is not None:
                 self._contacts[seen.recording.source] = chosen.contact
@@ -279,7 +279,9 @@ class Adapter:
 
     def _judged(self, chosen: Plan, seen: Seen, learned: Learned | None) -> Judgement | None:
         recording = seen.recording
-        if recording is None or seen.fault:
+        if not seen.carried_out:
+            return None
+        if recording is None:
             return None if seen.seen_miss is None else judge_seen(seen.seen_miss, self.target)
         if tip_mislabelled(recording):
             return None  # no frame can be trusted to show the tip
@@ -332,7 +334,7 @@ class Adapter:
         if self.place is not None and seen.recording is not None:
             self.place.mkdir(parents=True, exist_ok=True)
             seen.recording.save(self.place / RECORDING)
-        told: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault")}
+        told: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault", "refused")}
         self._write(OUTCOME, told | {"filmed": None if seen.recording is None else seen.recording.source})
         return seen
 

@@ -8,10 +8,12 @@ from pathlib import Path
 
 from whiptool.adaptation.adapter import Adapter, Options
 from whiptool.adaptation.planner import Plan
-from whiptool.adaptation.ports import Port, checked
+from whiptool.adaptation.ports import Port, Seen, checked
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.steps import Step, Steps
+from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rig.stops import STOPPED, Interlock, StrikeStopped
 from whiptool.target import Target
 
 
@@ -28,6 +30,7 @@ class Adaptation:
         recordings: Earlier recordings of the same whip, from which the first strike is planned.
         known: Belief after those recordings, if it was computed before; None: it is identified from them.
         opening: The first plan, if it was made before; None: it is computed.
+        interlock: What locks after a stop, the rig's own where the port has one; it leaves a mark in the folder.
     """
 
     prior: Belief
@@ -38,6 +41,7 @@ class Adaptation:
     recordings: list[StrikeRecording] = field(default_factory=list)
     known: Belief | None = None
     opening: Plan | None = None
+    interlock: Interlock = field(default_factory=Interlock)
 
     def adapter(self) -> Adapter:
         """Return what plans and learns, without the port."""
@@ -55,7 +59,8 @@ class Adaptation:
         """Strike until it hits, or to the last strike.
 
         What the folder holds of an earlier run is read, not struck again. A strike that was killed before its outcome
-        was written is struck again.
+        was written is struck again, and so is one that a fault or a signal ended: it is no trial. After a fault a
+        person has to call `interlock.release()` before anything is struck.
 
         Args:
             on_step: Called with every step as soon as it is complete.
@@ -64,14 +69,34 @@ class Adaptation:
             All steps, the first look included.
 
         Raises:
+            StrikeStopped: A strike was broken off by a fault; nothing was learned from it.
+            KeyboardInterrupt: A signal came.
+            Locked: The session was stopped before, and no person has released it.
             InputError: The folder is damaged.
         """
+        if self.folder is not None:
+            self.interlock.watch(self.folder / STOPPED)
+        self.interlock.check()
         adapter = self.adapter()
         for step in adapter.kept_steps():
             on_step(step)
         while (strike := adapter.ask()) is not None:
             if adapter.place is not None:
                 adapter.place.mkdir(parents=True, exist_ok=True)
-            seen = self.port.strike(strike, adapter.number, adapter.place, adapter.belief.at().model)
-            on_step(adapter.tell(checked(seen, strike, adapter.number)))
+            on_step(adapter.tell(self._struck(strike, adapter)))
         return adapter.steps
+
+    def _struck(self, strike: Strike, adapter: Adapter) -> Seen:
+        """What the port saw of a strike that was carried out or refused.
+
+        Raises:
+            StrikeStopped: It was broken off.
+        """
+        try:
+            seen = self.port.strike(strike, adapter.number, adapter.place, adapter.belief.at().model)
+            if isinstance(seen, Seen) and seen.fault:
+                raise StrikeStopped(seen.fault)
+        except StrikeStopped as stopped:
+            self.interlock.trip(stopped.reason, torque=stopped.torque)
+            raise
+        return checked(seen, strike, adapter.number)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.limits import Limits
     from whiptool.models import Model
+    from whiptool.rig.stops import Interlock
     from whiptool.target import Target
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
@@ -157,6 +158,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.models.strike import StrikeBounds, default_bounds
     from whiptool.recording.readers import read_recording
     from whiptool.rig.emulator.motor import HARDWARE, Motor
+    from whiptool.rig.stops import Interlock
 
     tip = (options.port == "twin" and options.camera == "tip") or options.port == ROBOT  # no motors of ours
     stock = _stock(options)
@@ -186,9 +188,10 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     known = [read_recording(path).for_model(model) for path in options.known]
     motor = None if tip else HARDWARE if options.friction else Motor()
     prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor, stock=stock)
-    port = _port(options, model, controller, stock)
+    interlock = Interlock()
+    port = _port(options, model, controller, stock, interlock)
     _refuse_other_weights(known, prior.plant.controller)
-    return Adaptation(prior, port, target, loop, folder, recordings=known)
+    return Adaptation(prior, port, target, loop, folder, recordings=known, interlock=interlock)
 
 
 def _efforts(model: Model, *, limited: bool) -> dict[str, Any]:
@@ -265,7 +268,7 @@ def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str 
     return rehearse(model, controller, strike, kept_free, believed=smooth).refused
 
 
-def _port(options: AdaptOptions, model, controller, stock):
+def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock):
     """The port: a twin at the tip, a twin of the whole rig, or the rig."""
     from whiptool.adaptation.ports import RigPort, TipPort
     from whiptool.adaptation.robot_port import RobotPort
@@ -278,7 +281,7 @@ def _port(options: AdaptOptions, model, controller, stock):
     if options.port == ROBOT:
         return RobotPort(model, goal, t_stay=options.t_stay)
     if options.port != "twin":
-        rig = hardware_rig(options, model, controller, loop_options(options))
+        rig = hardware_rig(options, model, controller, loop_options(options), interlock)
         return RigPort(lambda number: rig, target)
     twin = draw_twin(options.family, options.seed, model, controller, stock)
     if options.camera == "tip":
@@ -297,6 +300,7 @@ def _port(options: AdaptOptions, model, controller, stock):
             options=loop,
             at_once=True,
             seed=seed,
+            interlock=interlock,
         )
 
     return RigPort(make, target)

@@ -17,6 +17,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.session import Rig
+from whiptool.rig.stops import StrikeRefused
 from whiptool.rollout.compiled import TIMESTEP, CompiledRollout
 from whiptool.target import Target, as_target
 
@@ -33,13 +34,20 @@ class Seen:
         recording: The filmed path of the tip; None: the tip was not seen.
         seen_miss: Miss distance along the filmed path, with the frames joined smoothly [m]; None: unknown.
         true_miss: True miss distance, which only a twin knows [m]; None: the port is not a twin.
-        fault: Why the strike was refused or broken off; empty: it was carried out.
+        fault: Why the strike was broken off, which ends the session; empty: it was not.
+        refused: Why the strike was refused before anything moved; empty: it was not. The next one is planned.
     """
 
     recording: StrikeRecording | None
     seen_miss: float | None
     true_miss: float | None = None
     fault: str = ""
+    refused: str = ""
+
+    @property
+    def carried_out(self) -> bool:
+        """Whether it was a strike: what was refused or broken off is none, and nothing is learned from it."""
+        return not (self.fault or self.refused)
 
 
 def seen_of(
@@ -85,7 +93,8 @@ class Port(Protocol):
             believed: The posterior mean of whip and arm, for a rehearsal.
 
         Returns:
-            See `seen_of`; a strike that was refused is `Seen(None, None, fault="why")`.
+            See `seen_of`; a strike that was refused is `Seen(None, None, refused="why")`, one that was broken off
+            `Seen(None, None, fault="why")`. An exception ends the session as a fault does.
         """
         ...
 
@@ -151,7 +160,7 @@ class TipPort:
         vector = strike.vector[None]
         near = self._rollout.approach(vector, np.array(self.target), t_stay=self.t_stay)
         if near.diverged[0]:
-            return Seen(None, None, fault="the simulated whip diverged")
+            return Seen(None, None, refused="the simulated whip diverged")
         fine, paths, _ = self._rollout.tip_path(vector, t_stay=self.t_stay, rate=1000.0)
         whole = np.isfinite(paths[0]).all(axis=1)
         t = np.arange(int(fine[whole][-1] * self.fps) + 1) / self.fps
@@ -183,18 +192,21 @@ class RigPort:
         self._make, self._target = make, np.array(target)
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """As `Port.strike`; a strike that the rig refuses is a fault, and no strike."""
+        """As `Port.strike`.
+
+        Raises:
+            StrikeStopped, StrikeInterrupted, Locked: See `whiptool.rig.session.Rig.strike`; it was no trial.
+        """
         try:
             struck = self._make(number).strike(strike, folder=folder, believed=believed)
-        except InputError as error:
-            return Seen(None, None, fault=str(error))
+        except StrikeRefused as error:
+            return Seen(None, None, refused=str(error))
         near = struck.approach(self._target)
         seen = float(near.distance[0]) if np.isfinite(near.distance[0]) else None
         true = None if struck.truth is None else float(struck.truth.approach(self._target).distance[0])
-        fault = "" if struck.run.fault is None else str(struck.run.fault)
         recording = struck.recording
         if recording is not None and "tip" not in recording.markers:
             recording = None
         if recording is not None:
             recording = dataclasses.replace(recording, source=f"{recording.source}, strike {number}")
-        return Seen(recording, seen, true, fault)
+        return Seen(recording, seen, true)

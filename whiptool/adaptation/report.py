@@ -65,6 +65,8 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
     said = [f"{_name(step)}: {p.reason}"]
     if o.fault:
         said.append(f"  fault          {o.fault}")
+    if o.refused:
+        said.append(f"  refused        {o.refused}")
     if step.number:
         said.append(f"  outcome        {_outcome(step)}")
     if learned is None:
@@ -225,7 +227,8 @@ def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> S
         misses = misses if step.number else [_NONE] * 4
         number = str(step.number) if step.number else "0, first look"
         stated = _NONE if p.probability is None else f"{p.probability:.0%}"
-        verdict = ("fault, " if o.fault else "") + (_verdict(step) if step.number else "not to hit")
+        kind = "fault, " if o.fault else "refused, " if o.refused else ""
+        verdict = kind + (_verdict(step) if step.number else "not to hit")
         error = f"{100 * learned.belief.model_error.scale:.2f}" if learned is not None and learned.rmse else _NONE
         spent = _NONE if learned is None else f"{learned.wall_time:.1f}"
         rows.append([number, stated, *misses, verdict, path.speed, error, f"{p.wall_time:.1f}", spent])
@@ -384,7 +387,9 @@ def _unused(steps: Sequence[Step]) -> Section:
         table += [[*key, ", ".join(after)] for key, after in rows.items()]
         caption = "Every recording is looked at again after each strike: one that was not used may be used later."
         parts.append(Table(table, caption))
-    parts += [Text(f"{_name(step).capitalize()}, fault: {step.outcome.fault}") for step in steps if step.outcome.fault]
+    for step in steps:
+        for how, why in (("fault", step.outcome.fault), ("refused", step.outcome.refused)):
+            parts += [Text(f"{_name(step).capitalize()}, {how}: {why}")] if why else []
     unseen = [_name(step) for step in steps if step.outcome.recording is None]
     if unseen:
         parts.append(Text(f"No recording of the tip: {', '.join(unseen)}."))

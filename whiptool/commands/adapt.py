@@ -19,6 +19,7 @@ from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import cli
 from whiptool.errors import InputError
 from whiptool.options import OptionGroup
+from whiptool.rig.options import ask_to_release
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -60,8 +61,8 @@ class NextOptions(OptionGroup):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0 after a hit, 1 without one, 2 for bad input, 3 where a robot of somebody
-    else's is to strike next, 130 when interrupted."""
+    """The command line; the exit status is 0 after a hit, 1 without one or after a fault, 2 for bad input, 3 where a
+    robot of somebody else's is to strike next, 130 after a signal."""
     words = list(sys.argv[1:] if args is None else args)
     return cli.run(lambda: _next(words[1:]) if words[:1] == [NEXT] else _main(words))
 
@@ -93,6 +94,7 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
     adaptation = prepare(options)
     with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
+        ask_to_release(adaptation.interlock, folder.path)
         steps: list[Step] = []
         if told is not None and told.recordings:
             adapter, port = adaptation.adapter(), adaptation.port
@@ -174,7 +176,7 @@ def _summary(steps) -> dict[str, Any]:
         "judged_error": [None if s.judged is None else s.judged.error for s in strikes],
         "hit_probability": [None if s.judged is None else s.judged.probability for s in strikes],
         "stated_probability": [s.plan.probability for s in strikes],
-        "faults": [s.outcome.fault for s in strikes],
+        "refused_strikes": [s.outcome.refused for s in strikes],
         "refused": strikes[-1].learned.refused if strikes and strikes[-1].learned else {},
         "values": strikes[-1].learned.belief.values() if strikes and strikes[-1].learned else {},
     }

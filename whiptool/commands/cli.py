@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import os
 import pathlib
-import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
+from whiptool.commands.interruptions import INTERRUPTED, Interruptions
 from whiptool.errors import NOTHING, InputError, WhiptoolError
 from whiptool.extras import require
 from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
@@ -345,22 +345,29 @@ def _given(flag: str, words: list[str]) -> str:
 
 
 def run(command: Callable[[], int]) -> int:
-    """Run a command: its exit status, bad input being one line on stderr and status 2."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # end as by Ctrl-C: save and summarise
-    try:
-        return command()
-    except InputError as error:
-        print(f"whiptool: {error}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:  # the reader of our output went away
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
-        return 1
-    except (WhiptoolError, OSError, MemoryError) as error:
-        print(f"whiptool: {' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt as interruption:
-        print("; ".join(["whiptool: interrupted", *getattr(interruption, "__notes__", [])]), file=sys.stderr)
-        return 130
+    """Run a command: its exit status, bad input being one line on stderr and status 2, a signal status 130."""
+    with Interruptions() as interruptions:
+        try:
+            return command()
+        except InputError as error:
+            _say(error)
+            return 2
+        except BrokenPipeError:  # the reader of our output went away
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
+            return 1
+        except (WhiptoolError, OSError, MemoryError) as error:
+            _say(error)
+            return 1
+        except KeyboardInterrupt as interruption:
+            interruptions.end()
+            _say(interruption, "interrupted")
+            return INTERRUPTED
+
+
+def _say(error: BaseException, what: str = "") -> None:
+    """One line on stderr: an error and its notes."""
+    said = what or " ".join(str(error).split()) or type(error).__name__
+    print("; ".join([f"whiptool: {said}", *getattr(error, "__notes__", [])]), file=sys.stderr)
 
 
 COMMANDS = {

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from whiptool.commands.cli import options_named, parse, run
 from whiptool.errors import InputError
 from whiptool.options import OptionGroup, refuse_idle, whole
+
+if TYPE_CHECKING:
+    from whiptool.rig.dynamixel.bus import DynamixelBus
 
 Baud = Literal[9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 LAST_ID = 252
@@ -30,7 +34,9 @@ class ServoOptions(OptionGroup):
     set_return_delay: int | None = None
     """Return Delay Time of all of them, in 2 us."""
     set_id: int | None = None
-    """Give the one servo of --ids this id."""
+    """Give the one servo of --ids this id, which no other on the line has."""
+    for_strikes: bool = False
+    """Set what changes the meaning of commands (drive mode, homing offset, PWM limit, ..) to what strikes assume."""
     reboot: int | None = None
     """Reboot the servo of this id: it clears a shutdown."""
 
@@ -49,7 +55,7 @@ class ServoOptions(OptionGroup):
         if self.set_id is not None and len(self.ids) != 1:
             raise InputError("--set-id", self.set_id, "together with one id in --ids")
         if self.reboot is not None:
-            others = ("ids", "set_baud", "set_return_delay", "set_id")
+            others = ("ids", "set_baud", "set_return_delay", "set_id", "for_strikes")
             refuse_idle(self, dict.fromkeys(others, "nothing beside --reboot"))
 
 
@@ -72,7 +78,7 @@ def _main(args: Sequence[str] | None) -> int:
 
 def _serve(o: ServoOptions) -> int:
     """Do what is asked of the servos, and say what they answered."""
-    from whiptool.rig.dynamixel.bus import DynamixelBus, NoReply
+    from whiptool.rig.dynamixel.bus import DynamixelBus
     from whiptool.rig.dynamixel.control_table import BAUD_RATES
 
     rate = {bps: value for value, bps in BAUD_RATES.items()}
@@ -82,22 +88,72 @@ def _serve(o: ServoOptions) -> int:
             print(f"servo {o.reboot} reboots")
             return 0
         for id in o.ids:
-            try:
-                model, firmware = bus.ping(id)
-            except NoReply:
-                raise bus.absent(id) from None
-            volts, warm = bus.read(id, "present_input_voltage") / 10, bus.read(id, "present_temperature")
-            error = bus.read(id, "hardware_error_status")
-            print(f"servo {id}: model {model}, firmware {firmware}, {volts:.1f} V, {warm} deg C, error {error}")
+            print(_told(bus, id))
+        if o.set_id is not None:
+            _refuse_taken(bus, o)
+        if o.for_strikes:
+            _set_for_strikes(bus, o.ids)
         for name, value in (
             ("return_delay_time", o.set_return_delay),
-            ("baud_rate", None if o.set_baud is None else rate[o.set_baud]),
             ("id", o.set_id),
+            ("baud_rate", None if o.set_baud is None else rate[o.set_baud]),  # last: it ends the talk at this rate
         ):
             if value is None:
                 continue
-            for id in o.ids:
+            for id in (o.set_id,) if name == "baud_rate" and o.set_id is not None else o.ids:
                 bus.write(id, "torque_enable", 0)  # the EEPROM is locked while torque is on
                 bus.write(id, name, value)
             print(f"{name} of {', '.join(map(str, o.ids))} is now {value}")
     return 0
+
+
+def _told(bus: DynamixelBus, id: int) -> str:
+    """What a servo answers, and what of it strikes would not be made with."""
+    from whiptool.rig.dynamixel.assumed import mismatches
+    from whiptool.rig.dynamixel.bus import NoReply
+    from whiptool.rig.dynamixel.control_table import Units, in_words
+
+    try:
+        model, firmware = bus.ping(id)
+    except NoReply:
+        raise bus.absent(id) from None
+    volts, warm = bus.read(id, "present_input_voltage") / 10, bus.read(id, "present_temperature")
+    error, counts = bus.read(id, "hardware_error_status"), bus.read(id, "present_position")
+    degrees = math.degrees((counts - 2048) * Units().position)
+    said = [
+        f"servo {id}: model {model}, firmware {firmware}, {volts:.1f} V, {warm} deg C",
+        f"position {counts} ({degrees:+.1f} deg from 2048), {in_words(error) if error else 'no error'}",
+    ]
+    said += [f"{a.name} is {found}, strikes assume {a.value}" for a, found in mismatches(bus, id)]
+    return ", ".join(said)
+
+
+def _refuse_taken(bus: DynamixelBus, o: ServoOptions) -> None:
+    """Refuse an id that another servo on the line answers to: two of one id cannot be told apart any more.
+
+    Raises:
+        InputError: It is taken.
+    """
+    from whiptool.rig.dynamixel.bus import Damaged, NoReply
+
+    if o.set_id is None or o.set_id in o.ids:
+        return
+    try:
+        bus.ping(o.set_id)
+    except Damaged:
+        pass  # of several at once
+    except NoReply:
+        return
+    fix = f"give that one another id first, or unplug it; --ids {o.set_id} shows it"
+    raise InputError("--set-id", o.set_id, "an id that no other servo on the line has", fix)
+
+
+def _set_for_strikes(bus: DynamixelBus, ids: Sequence[int]) -> None:
+    """Set every register that is not as strikes assume, its torque off, and say so."""
+    from whiptool.rig.dynamixel.assumed import mismatches
+
+    for id in ids:
+        for assumed, found in mismatches(bus, id):
+            bus.write(id, "torque_enable", 0)
+            bus.write(id, assumed.name, assumed.value)
+            print(f"{assumed.name} of {id} was {found}, and is now {assumed.value}")

@@ -23,15 +23,15 @@ from whiptool.options import (
     learned_with,
     refuse_idle,
 )
-from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
+from whiptool.rig.options import ArmOptions, ask_to_release, hardware_rig, loop_options
 
 if TYPE_CHECKING:
-    from whiptool.models.joint_space import AnyStrike
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
     from whiptool.objective import Objective, Outcome
     from whiptool.optimizers import Result
     from whiptool.rig.session import Rig, Struck
+    from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
     from whiptool.runs import RunFolder
     from whiptool.target import Target
 
@@ -116,7 +116,7 @@ _LEARN = "Search for a hit on the rig itself. Example: python -m whiptool.rig le
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 after a fault, 2 for bad input, 130 when interrupted."""
+    """The command line; the exit status is 0, 1 after a fault, 2 for bad input, 130 after a signal."""
     words = list(sys.argv[1:] if args is None else args)
 
     def command() -> int:
@@ -131,7 +131,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return cli.run(command)
 
 
-def _make_rig(options: RigOptions, model, controller):
+def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
     """The rig that the options describe; everything is checked before anything moves."""
     from whiptool.models.files import find_model
     from whiptool.rig.caps import default_caps
@@ -142,7 +142,7 @@ def _make_rig(options: RigOptions, model, controller):
     if options.cap:
         loop = replace(loop, caps=default_caps(model, period=1 / options.rate, delay=options.latency))
     if options.port != "twin":
-        return hardware_rig(options, model, controller, loop)
+        return hardware_rig(options, model, controller, loop, interlock)
     truth = TwinTruth(
         find_model(options.true_model) if options.true_model is not None else model,
         HARDWARE if options.friction else Motor(),
@@ -151,7 +151,16 @@ def _make_rig(options: RigOptions, model, controller):
     )
     camera = "d435-infrared" if options.camera == "twin" else options.camera
     target = options.build_target().position
-    return TwinRig(model, controller, truth=truth, camera=camera, target=target, options=loop, seed=options.seed)
+    return TwinRig(
+        model,
+        controller,
+        truth=truth,
+        camera=camera,
+        target=target,
+        options=loop,
+        seed=options.seed,
+        interlock=interlock,
+    )
 
 
 def _check_camera(name: str) -> None:
@@ -172,6 +181,7 @@ def _strike_once(options: StrikeOptions) -> int:
     """Strike, write everything, tell people or programs."""
     from whiptool.models.strike import Strike
     from whiptool.rig.session import CYCLES, RECORDING
+    from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
 
     model, controller = options.build_model(), options.build_controller()
     strike, target = Strike.from_vector(options.strike), options.build_target()
@@ -180,11 +190,19 @@ def _strike_once(options: StrikeOptions) -> int:
         raise InputError(
             "--strike", options.strike, f"{2 * model.arm.n + 1} numbers, for an arm of {model.arm.n} joints"
         )
-    rig = _make_rig(options, model, controller)
+    interlock = Interlock()
+    rig = _make_rig(options, model, controller, interlock)
     with cli.new_folder(options, "rig", cli.configuration(options, "rig strike")) as folder:
-        struck = rig.strike(strike, folder=folder.path)
+        ask_to_release(interlock, folder.path)
+        stopped: StrikeStopped | StrikeInterrupted | None = None
+        try:
+            struck = rig.strike(strike, folder=folder.path)
+        except (StrikeStopped, StrikeInterrupted) as error:
+            struck, stopped = error.struck, error
         summary = _summary(struck, target) | {"report": str(folder.path / REPORT)}
         folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
+        if isinstance(stopped, StrikeInterrupted):
+            raise stopped
         _report(folder.path, struck, model, target, options)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
@@ -192,7 +210,9 @@ def _strike_once(options: StrikeOptions) -> int:
         print("\n".join(_lines(struck, summary, target)))
         kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
         print(f"  run folder     {folder.path} ({kept}); look at it: whiptool view {folder.path}")
-    return 0 if struck.run.fault is None else 1
+    if stopped is not None:
+        raise stopped
+    return 0
 
 
 def _report(folder: Path, struck: Struck, model: Model, target: Target, options: StrikeOptions) -> None:
@@ -241,7 +261,7 @@ def _summary(struck, target) -> dict[str, Any]:
 
 def _lines(struck, summary: dict, target) -> list[str]:
     if summary["fault"] is not None:
-        return [f"fault: {summary['fault']}; torque {'is off' if summary['torque_off'] else 'NOT confirmed off'}"]
+        return [f"fault: {summary['fault']}; {struck.run.torque}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
     if summary["miss_distance"] is None:
         lines = [f"struck at ({where}) m; the tip was not seen"]
@@ -270,19 +290,23 @@ def _learn(words: list[str]) -> int:
 
 def _learn_strikes(options: LearnOptions) -> int:
     """Search on the rig, and say what came of it."""
+    from whiptool.rig.stops import Interlock
+
     model, controller = options.build_model(), options.build_controller()
     bounds = options.build_bounds(model)
     options.build_target().check_reach(model)
-    rig = _make_rig(options, model, controller)
+    interlock = Interlock()
+    rig = _make_rig(options, model, controller, interlock)
 
     def make(number: int) -> Rig:
         """The rig of a strike's number: a twin's noise is that strike's own, lest a resumed run see another."""
         if options.port != "twin":
             return rig
-        return _make_rig(replace(options, seed=1000 * options.seed + number), model, controller)
+        return _make_rig(replace(options, seed=1000 * options.seed + number), model, controller, interlock)
 
     config = cli.configuration(options, "rig learn")
     with cli.open_folder(options, "rig-" + options.method, config) as folder:
+        ask_to_release(interlock, folder.path)
         return _search(options, make, model, bounds, folder)
 
 
@@ -294,6 +318,7 @@ def _search(
     from whiptool.optimizers import search
     from whiptool.optimizers.trial_log import TRIALS, TrialLog
     from whiptool.rig.session import RigRollout
+    from whiptool.rig.stops import StrikeStopped
 
     log = TrialLog(folder.path / TRIALS, model.arm, measured=True)
     recorded = log.read()
@@ -310,44 +335,49 @@ def _search(
     def on_trial(trial) -> None:
         if trial.number > len(recorded):
             log.append(trial)
-        print(f"strike {trial.number}: {_measured(trial.outcome)}", file=sys.stderr)
+        refused = rollout.refused.get(trial.number)
+        print(f"strike {trial.number}: {refused or _measured(trial.outcome)}", file=sys.stderr)
 
     objective.record(recorded, on_trial)
-    result = search(objective, options.method, seed=options.seed)
-    summary = {
-        "method": result.method,
-        "status": result.status.value,
-        "n_trials": result.n_trials,
-        "n_refused_or_lost": result.n_diverged,
-        "miss_distance": None if result.outcome is None else result.outcome.miss_distance,
-        "miss_error": None if result.outcome is None else result.outcome.miss_error,
-        "hit": None if result.outcome is None else result.outcome.hit,
-        "strike": None
-        if result.strike is None
-        else dict(zip(objective.space.names, map(float, result.strike.vector), strict=True)),
-    }
+    try:
+        result = search(objective, options.method, seed=options.seed)
+    except StrikeStopped as stopped:
+        folder.write_result(_learned(objective, options.method, "stopped") | {"fault": str(stopped)})
+        stopped.add_note(f"{len(objective.trials)} strikes are kept in {folder.path}")
+        raise
+    summary = _learned(objective, options.method, result.status.value)
     folder.write_result(summary)
     print(json.dumps(summary) if options.json else "\n".join(_learned_lines(result, folder.path)))
     return 130 if result.status.value == "interrupted" else 0
 
 
+def _learned(objective: Objective, method: str, status: str) -> dict[str, Any]:
+    """What a search on the rig came to; what was not carried out is not in it."""
+    best = objective.best
+    return {
+        "method": method,
+        "status": status,
+        "n_trials": len(objective.trials),
+        "n_refused_or_unseen": objective.n_diverged,
+        "miss_distance": None if best is None else best.outcome.miss_distance,
+        "miss_error": None if best is None else best.outcome.miss_error,
+        "hit": None if best is None else best.outcome.hit,
+        "strike": None if best is None else dict(zip(objective.space.names, map(float, best.strike), strict=True)),
+    }
+
+
 def _measured(outcome: Outcome) -> str:
     """What the camera saw of a strike's miss."""
     if outcome.diverged:
-        return "refused or lost"
+        return "refused, or the tip was not seen"
     said = "hit claimed" if outcome.hit else "no hit claimed"
     error = "" if outcome.miss_error is None else f" ± {outcome.miss_error:.4f}"
     return f"{said}, {outcome.miss_distance:.4f}{error} m"
 
 
-def _named(objective: Objective, strike: AnyStrike | None) -> dict[str, float] | None:
-    """Return a strike's numbers by their names."""
-    return None if strike is None else dict(zip(objective.space.names, map(float, strike.vector), strict=True))
-
-
 def _learned_lines(result: Result, folder: Path) -> list[str]:
     """What a search on the rig came to."""
-    lines = [f"{result.method}: {result.message}; {result.n_trials} strikes, {result.n_diverged} refused or lost"]
+    lines = [f"{result.method}: {result.message}; {result.n_trials} strikes, {result.n_diverged} refused or not seen"]
     if result.outcome is not None and result.strike is not None:
         strike = " ".join(f"{x:.4f}" for x in result.strike.vector)
         lines += [f"  miss distance  {_measured(result.outcome)}", f"  strike         {strike}"]

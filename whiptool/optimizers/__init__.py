@@ -72,8 +72,8 @@ def run_search(objective: Objective, run: Method, name: str, *, seed: int, first
         status, detail = Status.CONVERGED, ""
     except SearchStopped as stop:
         status, detail = _STOPS[stop.reason], ""
-    except KeyboardInterrupt:
-        status, detail = Status.INTERRUPTED, ""
+    except KeyboardInterrupt as error:
+        status, detail = Status.INTERRUPTED, "".join(f"; {note}" for note in getattr(error, "__notes__", []))
     except (RuntimeError, MemoryError, nlopt.runtime_error) as error:  # NLopt's own failures
         status, detail = Status.FAILED, f": {error}"
     best = objective.best

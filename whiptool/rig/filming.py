@@ -6,7 +6,11 @@ import dataclasses
 import threading
 import time
 
+from whiptool.errors import WhiptoolError
+from whiptool.rig.stops import SafetyError
 from whiptool.vision.source import Frame, FrameSource
+
+LOST = 0.5  # [s] without a frame: the camera is lost
 
 
 class Filming:
@@ -19,13 +23,18 @@ class Filming:
     Args:
         source: The camera; opened here, closed by `end`.
         keep_before: Frames of this long before the strike are kept, for the tracker's background [s].
+
+    Attributes:
+        lost: Why the camera was lost before the strike began or ended; empty: it was not.
     """
 
     def __init__(self, source: FrameSource, *, keep_before: float = 0.5) -> None:
         self._source, self._keep_before = source, keep_before
         self._frames: list[tuple[float, Frame]] = []  # arrival by the monotonic clock [s]
         self._striking, self._over, self._offset = False, threading.Event(), float("inf")
+        self._first, self._latest = threading.Event(), -float("inf")
         self._error: BaseException | None = None
+        self.lost = ""
         source.open()
         self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
         self._thread.start()
@@ -39,27 +48,59 @@ class Filming:
                 now = time.monotonic()
                 self._offset = min(self._offset, now - frame.t)
                 self._frames.append((now, frame))
+                self._latest = now
+                self._first.set()
                 if not self._striking:
                     while self._frames and self._frames[0][0] < now - self._keep_before:
                         self._frames.pop(0)
         except BaseException as error:  # told to whoever ends the filming
             self._error = error
+            self._first.set()
+
+    def wait(self, timeout: float = 5.0) -> None:
+        """Wait for the first frame.
+
+        Raises:
+            WhiptoolError: None came in this time [s].
+        """
+        self._first.wait(timeout)
+        if self._error is not None or not self._frames:
+            why = f"no frame in {timeout:g} s" if self._error is None else f"{self._error}"
+            raise WhiptoolError(f"the camera gives no frames ({why}); no strike was made: check its cable and --camera")
 
     def during(self, striking: bool) -> None:
-        """Say whether the strike is on; what is filmed after it is not kept. Quick: the control loop calls it."""
-        if self._striking and not striking:
+        """Say whether the strike is on; what is filmed after it is not kept. Quick: the control loop calls it.
+
+        Raises:
+            SafetyError: The strike begins, and the camera gives no frames any more.
+        """
+        begins, ends = striking and not self._striking, self._striking and not striking
+        if (begins or ends) and not self._over.is_set():
+            silent = time.monotonic() - self._latest
+            if self._error is not None or silent > LOST:
+                self.lost = f"{self._error}" if self._error is not None else f"it gave no frame for {silent:.2f} s"
+            if begins and self.lost:
+                raise SafetyError("camera", self.lost)
+        if ends:
             self._over.set()
         self._striking = self._striking or striking
 
     def end(self) -> list[Frame]:
         """Stop filming, and return the frames with their times on the monotonic clock.
 
-        Raises:
-            Exception: Whatever the camera raised meanwhile.
+        A camera that failed gives those that it took until then; `lost` says why it failed.
         """
+        if self._striking:
+            self.during(False)
         self._over.set()
         self._thread.join(5.0)
         self._source.close()
-        if self._error is not None:
-            raise self._error
         return [dataclasses.replace(f, t=f.t + self._offset, clock="monotonic") for _, f in self._frames]
+
+    def __enter__(self) -> Filming:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join(5.0)
+        self._source.close()

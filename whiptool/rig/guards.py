@@ -6,19 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.errors import InputError, WhiptoolError
+from whiptool.errors import InputError
 from whiptool.models.motor_limits import XM430
 from whiptool.models.parameters import number
 from whiptool.rig.dynamixel.control_table import TICKS, WATCHDOG_TRIPPED, in_words
 from whiptool.rig.dynamixel.joints import JointSample
-
-
-class SafetyError(WhiptoolError):
-    """The arm must not move, or must stop; `kind` names the cause in one word."""
-
-    def __init__(self, kind: str, message: str) -> None:
-        super().__init__(f"{kind}: {message}")
-        self.kind = kind
+from whiptool.rig.stops import SafetyError
 
 
 @dataclass(frozen=True)
@@ -69,11 +62,15 @@ class Watch:
         self._still_q: np.ndarray | None = None  # of each joint: where its encoder stands ..
         self._still_ref = np.zeros(joints)  # .. and where the reference was when it came there
 
-    def missed(self) -> SafetyError | None:
-        """Count a cycle in which the servos gave no sample; return the fault, if this is one too many."""
+    def missed(self, why: str = "") -> SafetyError | None:
+        """Count a cycle in which the servos gave no sample; return the fault, if this is one too many.
+
+        Args:
+            why: What the line said of it.
+        """
         self._missed += 1
         if self._missed >= self.guards.missed:
-            return SafetyError("missed", f"no sample in {self._missed} cycles in a row")
+            return SafetyError("missed", f"no sample in {self._missed} cycles in a row" + (f": {why}" if why else ""))
         return None
 
     def timing(self, overran: bool) -> SafetyError | None:

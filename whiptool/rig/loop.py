@@ -21,9 +21,11 @@ from whiptool.rig.clock import Clock, StepClock, WallClock
 from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
 from whiptool.rig.dynamixel.bus import NoReply, Refused, Unplugged
 from whiptool.rig.dynamixel.joints import Joints, JointSample
-from whiptool.rig.guards import Guards, SafetyError, Watch
+from whiptool.rig.guards import Guards, Watch
 from whiptool.rig.loop_options import LoopOptions
-from whiptool.rig.safety import Safety, State, StopSignals
+from whiptool.rig.safety import Safety, State
+from whiptool.rig.stop_signals import StopSignals
+from whiptool.rig.stops import SafetyError, StrikeRefused
 
 
 @dataclass(frozen=True)
@@ -32,9 +34,10 @@ class Run:
 
     Args:
         cycles: Every control cycle.
-        fault: Why it ended early; None: it did not.
+        fault: Why it ended early, or that a signal came; None: neither.
         torque_off: Whether every servo confirmed that its torque is off.
         missed, overruns: Cycles without a sample, and cycles that ended too late.
+        torque: What became of the motors, in words: that torque is off, or to cut the power.
     """
 
     cycles: Cycles
@@ -42,6 +45,7 @@ class Run:
     torque_off: bool
     missed: int
     overruns: int
+    torque: str
 
 
 class Cycle(NamedTuple):
@@ -135,7 +139,10 @@ class RigLoop:
         on_cycle: Callable[[int, Phase], None] | None = None,
         believed: Model | None = None,
     ) -> Run:
-        """Arm, go to the start, settle, strike, return, disarm. A fault ends it early; it does not raise.
+        """Arm, go to the start, settle, strike, return, disarm. A fault or a signal ends it early; it does not raise.
+
+        After either, neither this loop nor another with the same interlock arms the servos before a person has released
+        it: `safety.interlock.release()`.
 
         Args:
             strike: What to do.
@@ -146,13 +153,17 @@ class RigLoop:
             believed: The posterior mean of whip and arm, which the rehearsal uses; default: the model.
 
         Raises:
-            InputError: The strike is of another arm, or the rehearsal refuses it.
+            StrikeRefused: The rehearsal refuses it.
+            InputError: The strike is of another arm, or a servo is set up otherwise than strikes assume.
+            Locked: The arm was stopped, and no person has released it.
+            NoReply, Refused, Unplugged: A servo does not answer before it is armed.
         """
         n = self.joints.n
         if len(strike.q_i) != n:
             raise InputError("strike", strike.vector.tolist(), f"{2 * n + 1} numbers, for an arm of {n} joints")
         if self.options.rehearse:
             self.check(strike, believed)
+        self.safety.check()
         about = {"strike": strike.vector.tolist(), "rate": self.options.rate, **(about or {})}
         log = CycleLog(n, path, about=about)
         self._missed = self._overruns = self._k = 0
@@ -161,13 +172,15 @@ class RigLoop:
         try:
             with StopSignals() as signals, self.safety as safety:
                 try:
-                    first = safety.arm()
+                    first = safety.arm(lambda: signals.received)
                     self._cycles(strike, first, log, signals, on_cycle)
                     safety.disarm()
                 except (SafetyError, Unplugged) as error:
                     reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
                     if safety.state != State.FAULT:
                         safety.fault(reason)
+            if signals.received and self.safety.state != State.FAULT:  # it came after the last cycle
+                self.safety.fault(SafetyError("signal", f"{signals.received} came"))
         finally:
             if self.safety.state == State.FAULT and not self._logged_fault:
                 zero = np.zeros(n, int)
@@ -180,19 +193,20 @@ class RigLoop:
             torque_off=self.safety.confirmed,
             missed=self._missed,
             overruns=self._overruns,
+            torque=self.safety.torque,
         )
 
     def check(self, strike: Strike, believed: Model | None = None) -> None:
         """Rehearse a strike; see `whiptool.rig.rehearsal`.
 
         Raises:
-            InputError: It must not run; the message says why.
+            StrikeRefused: It must not run; the message says why.
         """
         from whiptool.rig.rehearsal import rehearse
 
         rehearsal = rehearse(self.model, self.controller, strike, self.options, guards=self.guards, believed=believed)
         if rehearsal.refused is not None:
-            raise InputError(
+            raise StrikeRefused(
                 "strike", strike.vector.tolist(), "what the motors and the loop can carry", rehearsal.refused
             )
 
@@ -228,7 +242,8 @@ class RigLoop:
                 deadline = start + k * period  # absolute: a late cycle does not shift the ones after it
                 clock.sleep_until(deadline)
                 if on_cycle is not None:
-                    on_cycle(k, phase)
+                    with signals.interruptible():
+                        on_cycle(k, phase)
                 self._cycle(k * period, deadline, (k - begin) * period, loop, watch, log, signals)
                 end = clock.now()
                 k += 1
@@ -261,15 +276,15 @@ class RigLoop:
         try:
             try:
                 sample = joints.read()
-            except (NoReply, Refused):
+            except (NoReply, Refused) as lost:
                 self._missed += 1
                 flags |= Flag.MISSED | Flag.HELD
-                error = watch.missed()
+                error = watch.missed(str(lost))
             stamp = self.clock.now()
             if sample is not None:
                 self._sample = sample
                 error = watch.sample(stamp, sample, q_d)
-            if signals.received:
+            if signals.received and error is None:
                 error = SafetyError("signal", f"{signals.received} came")
             if error is None and sample is not None:
                 torque = loop.torque(in_phase, sample.q, sample.v)

@@ -23,6 +23,7 @@ from whiptool.options import (
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.rig.loop_options import LoopOptions
+    from whiptool.rig.stops import Interlock
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +95,11 @@ def loop_options(options: ArmOptions) -> LoopOptions:
     )
 
 
-def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions):
-    """The real arm and camera that the options name."""
+def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, interlock: Interlock):
+    """The real arm and camera that the options name; a stop leaves a mark for later calls with this port."""
     from whiptool.rig.session import HardwareRig, Line
 
+    interlock.watch(mark_of_port(options.port))
     return HardwareRig(
         model,
         controller,
@@ -106,7 +108,40 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions):
         target=options.build_target().position,
         options=loop,
         confirm=None if options.yes else _confirm,
+        interlock=interlock,
     )
+
+
+def mark_of_port(port: str) -> Path:
+    """The file that tells later calls of a fault of the servos on a serial device."""
+    from platformdirs import user_state_path
+
+    return (
+        user_state_path("whiptool")
+        / "stopped"
+        / (Path(port).resolve().as_posix().strip("/").replace("/", "-") + ".json")
+    )
+
+
+def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
+    """After a stop, have a person say that its cause is gone, whatever the options are; nothing moves before.
+
+    Args:
+        interlock: Of the rig.
+        run_folder: Of the run; it keeps the mark of a stop.
+
+    Raises:
+        Locked: Nobody said so.
+    """
+    from whiptool.rig.stops import STOPPED
+
+    interlock.watch(run_folder / STOPPED)
+    if interlock.stop is None:
+        return
+    question = f"The arm was stopped: {interlock.stop}. Is the cause found and gone, and everybody away? [yes] "
+    if _says_yes(question):
+        interlock.release()
+    interlock.check()
 
 
 def _camera(name: str):
@@ -120,5 +155,10 @@ def _camera(name: str):
 
 
 def _confirm(strike) -> bool:
-    print(f"The arm will move: {strike}. Is everybody away, the power switch at hand? [yes] ", end="", file=sys.stderr)
+    return _says_yes(f"The arm will move: {strike}. Is everybody away, the power switch at hand? [yes] ")
+
+
+def _says_yes(question: str) -> bool:
+    """Whether a person answers a question with yes; nobody being there is no."""
+    print(question, end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("yes", "y")

@@ -6,20 +6,20 @@ them. None of this replaces a switch that cuts the servos' power, within reach o
 
 from __future__ import annotations
 
-import signal
-import threading
 from collections.abc import Callable
 from enum import IntEnum
-from types import FrameType, TracebackType
-from typing import Any
+from types import TracebackType
 
 import numpy as np
 
 from whiptool.models.parameters import number
-from whiptool.rig.dynamixel.bus import BusError, Unplugged
-from whiptool.rig.dynamixel.control_table import CURRENT_MODE, WATCHDOG_UNIT, in_words
+from whiptool.rig.dynamixel.assumed import check_registers
+from whiptool.rig.dynamixel.bus import BusError, NoReply, Refused, Unplugged
+from whiptool.rig.dynamixel.control_table import CURRENT_MODE, WATCHDOG_UNIT, in_words, register
 from whiptool.rig.dynamixel.joints import Joints, JointSample
-from whiptool.rig.guards import Guards, SafetyError, Watch
+from whiptool.rig.guards import Guards, Watch
+from whiptool.rig.stop_signals import signals_held
+from whiptool.rig.stops import Interlock, SafetyError, torque_in_words
 
 
 class State(IntEnum):
@@ -41,56 +41,76 @@ class Safety:
         current: Current limit while armed [A].
         watchdog: A servo stops when it hears nothing for this long [s], 0.04 to 0.1.
         attempts: How often torque off is tried, at most, until every servo confirms it.
+        interlock: What locks after a stop; default: one of its own.
     """
 
-    def __init__(self, joints: Joints, *, current: float = 2.3, watchdog: float = 0.06, attempts: int = 5) -> None:
+    def __init__(
+        self,
+        joints: Joints,
+        *,
+        current: float = 2.3,
+        watchdog: float = 0.06,
+        attempts: int = 5,
+        interlock: Interlock | None = None,
+    ) -> None:
         highest = 1193 * 2.69e-3
         self.current = number("current", current, low=0, high=highest, strict=True)
         self.watchdog = number("watchdog", watchdog, low=0.04, high=0.1)
-        self.joints, self.attempts = joints, attempts
+        self.joints, self.attempts, self.interlock = joints, attempts, interlock or Interlock()
         self.state = State.DISARMED
         self.reason: SafetyError | None = None
         self._touched = False  # whether a servo may be on
+        self._silent: list[int] = []  # ids of servos that did not say that their torque is off
         self.confirmed = False  # whether every servo said that its torque is off
         self.last = np.zeros(joints.n, int)  # Goal Current of the last cycle [counts]
 
-    def arm(self) -> JointSample:
-        """Switch the servos on: torque off, current limit, mode, Goal Current 0 *and read back*, watchdog, torque on.
+    @property
+    def torque(self) -> str:
+        """What became of the motors, in words."""
+        return torque_in_words(self.confirmed, self._silent)
+
+    def check(self) -> None:
+        """Refuse what forbids arming, before anything is written to a servo.
+
+        Raises:
+            Locked: The arm was stopped, and no person has released it.
+            InputError: A servo is set up otherwise than strikes assume.
+            NoReply, Refused, Unplugged: A servo does not answer.
+        """
+        self.interlock.check()
+        check_registers(self.joints.bus)
+
+    def arm(self, wish: Callable[[], str | None] = lambda: None) -> JointSample:
+        """Switch the servos on: torque off, limits, mode, Goal Current 0 *and read back*, watchdog, torque on.
 
         Goal Current is read back because a change of mode sets it to the current limit.
+
+        Args:
+            wish: Returns the name of a signal to stop that has come meanwhile; it is asked before torque goes on.
 
         Returns:
             The joints as they are.
 
         Raises:
-            SafetyError: A step failed; torque is off.
+            Locked: The arm was stopped, and no person has released it.
+            SafetyError: A step failed, or a signal came; torque is off.
         """
         if self.state in (State.ARMED, State.RUNNING):
             raise SafetyError("arm", f"the arm is {self.state.name}")
+        self.interlock.check()
         bus, joints = self.joints.bus, self.joints
-        limit = int(self.current / joints.units.current)
         self.reason, self.confirmed, self._touched = None, False, True
         try:
             for id in bus.ids:
-                bus.write(id, "torque_enable", 0)
-                bus.write(id, "bus_watchdog", 0)
-                error = bus.read(id, "hardware_error_status")
-                if error:
-                    fix = f"find the cause, then `python -m whiptool.rig.dynamixel --port {bus.device} --reboot {id}`"
-                    raise SafetyError("hardware", f"servo {id} reports {in_words(error)}; {fix}")
-                bus.write(id, "current_limit", limit)
-                bus.write(id, "operating_mode", CURRENT_MODE)
-                bus.write(id, "goal_current", 0)
-                for name, wanted in (("operating_mode", CURRENT_MODE), ("current_limit", limit), ("goal_current", 0)):
-                    found = bus.read(id, name)
-                    if found != wanted:
-                        raise SafetyError("arm", f"servo {id}: {name} is {found}, not {wanted}")
-            joints.current_limit = limit
+                self._set_up(id)
+            joints.current_limit = self._limit
             bus.prepare_block()
             sample = joints.read()
             for id in bus.ids:
                 bus.write(id, "bus_watchdog", round(self.watchdog / WATCHDOG_UNIT))
             for id in bus.ids:
+                if came := wish():
+                    raise SafetyError("signal", f"{came} came")
                 bus.write(id, "torque_enable", 1)
         except (BusError, SafetyError) as error:
             self.fault(error if isinstance(error, SafetyError) else SafetyError("line", str(error)))
@@ -99,6 +119,33 @@ class Safety:
         self.last[:] = 0
         self.state = State.ARMED
         return sample
+
+    @property
+    def _limit(self) -> int:
+        """Current limit [counts]."""
+        return int(self.current / self.joints.units.current)
+
+    def _set_up(self, id: int) -> None:
+        """Set up one servo, its torque off, and see that it took everything."""
+        bus = self.joints.bus
+        bus.write(id, "torque_enable", 0)
+        bus.write(id, "bus_watchdog", 0)
+        error = bus.read(id, "hardware_error_status")
+        if error:
+            fix = f"find the cause, then `python -m whiptool.rig.dynamixel --port {bus.device} --reboot {id}`"
+            raise SafetyError("hardware", f"servo {id} reports {in_words(error)}; {fix}")
+        wanted = {
+            "current_limit": self._limit,
+            "operating_mode": CURRENT_MODE,
+            "goal_pwm": register("pwm_limit").default,  # it limits the voltage in current mode
+            "goal_current": 0,
+        }
+        for name, value in wanted.items():
+            bus.write(id, name, value)
+        for name, value in wanted.items():
+            found = bus.read(id, name)
+            if found != value:
+                raise SafetyError("arm", f"servo {id}: {name} is {found}, not {value}")
 
     def command(self, torque: np.ndarray) -> tuple[np.ndarray, bool]:
         """Send joint torques [N m], (n,).
@@ -133,39 +180,60 @@ class Safety:
         return counts
 
     def fault(self, reason: SafetyError) -> None:
-        """Command zero current and switch torque off after a fault; the first reason is kept."""
+        """Command zero current and switch torque off after a fault; the first reason is kept.
+
+        Nothing is armed any more before a person has released the interlock.
+        """
         self.state = State.FAULT
         self.reason = self.reason or reason
+        self.interlock.trip(str(self.reason), lasting=False)
         self._stop()
+        lasting = self.reason.kind != "signal" or not self.confirmed
+        self.interlock.trip(str(self.reason), lasting=lasting, torque=self.torque)
 
     def disarm(self) -> None:
         """Command zero current and switch torque off at the end of a run; a fault stays a fault."""
-        if self.state != State.FAULT:
-            self.state = State.DISARMED
+        if self.state == State.FAULT:
+            self._stop()
+            return
+        self.state = State.DISARMED
         self._stop()
-        if not self.confirmed and self.state != State.FAULT:
+        if not self.confirmed:
             self.state, self.reason = State.FAULT, SafetyError("line", "not every servo confirmed that torque is off")
+            self.interlock.trip(str(self.reason), torque=self.torque)
 
     def _stop(self) -> None:
-        """Zero current and torque off in two packets that need no answer, until every servo confirms it."""
-        bus = self.joints.bus
-        self.last = np.zeros(self.joints.n, int)
-        if not self._touched:
-            self.confirmed = True
-            return
-        self.confirmed = False
-        for _ in range(self.attempts):
-            try:
-                bus.write_currents(self.last)
-                bus.write_all("torque_enable", 0)
-                self.confirmed = all(bus.read(id, "torque_enable") == 0 for id in bus.ids)
-            except Unplugged:
-                return  # nothing reaches them any more but their own watchdog
-            except BusError:
-                continue
-            if self.confirmed:
-                self._touched = False
-                return
+        """Zero current and torque off in two packets that need no answer, until every servo confirms it.
+
+        Signals wait until it is done, however many come.
+        """
+        with signals_held():
+            self.last = np.zeros(self.joints.n, int)
+            self._silent = list(self.joints.bus.ids) if self._touched else []
+            attempts = 0
+            while self._silent and attempts < self.attempts:
+                attempts += 1
+                try:
+                    self.joints.bus.write_currents(self.last)
+                    self.joints.bus.write_all("torque_enable", 0)
+                    self._silent = [id for id in self._silent if not self._is_off(id)]
+                except Unplugged:
+                    break  # nothing reaches them any more but their own watchdog
+                except BusError:
+                    continue
+            self.confirmed = not self._silent
+            self._touched = not self.confirmed
+
+    def _is_off(self, id: int) -> bool:
+        """Whether a servo says that its torque is off.
+
+        Raises:
+            Unplugged: The port is gone.
+        """
+        try:
+            return self.joints.bus.read(id, "torque_enable") == 0
+        except (NoReply, Refused):
+            return False
 
     def __enter__(self) -> Safety:
         return self
@@ -173,36 +241,13 @@ class Safety:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if error is not None and self.state in (State.ARMED, State.RUNNING):
-            self.fault(SafetyError("exception", f"{type(error).__name__}: {error}"))
-        elif self._touched:
-            self.disarm()
+        with signals_held():
+            if error is not None and self.state in (State.ARMED, State.RUNNING):
+                cause = "signal" if isinstance(error, KeyboardInterrupt) else "exception"
+                self.fault(SafetyError(cause, f"{type(error).__name__}: {error}"))
+                error.add_note(self.torque)
+            elif self._touched:
+                self.disarm()
 
 
-class StopSignals:
-    """SIGINT and SIGTERM as a wish that the loop sees in its next cycle; a second SIGINT interrupts at once.
-
-    An exception out of a handler could leave a packet half sent. Outside of the main thread it does nothing.
-    """
-
-    def __init__(self) -> None:
-        self.received: str | None = None
-        self._before: dict[int, Any] = {}
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if self.received is not None and number == signal.SIGINT:
-            raise KeyboardInterrupt
-        self.received = signal.Signals(number).name
-
-    def __enter__(self) -> StopSignals:
-        if threading.current_thread() is threading.main_thread():
-            self._before = {n: signal.signal(n, self._on_signal) for n in (signal.SIGINT, signal.SIGTERM)}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        restore: Callable[[int, Any], Any] = signal.signal
-        for n, handler in self._before.items():
-            restore(n, handler)
-
-
-__all__ = ["Guards", "Safety", "SafetyError", "State", "StopSignals", "Watch"]
+__all__ = ["Guards", "Safety", "SafetyError", "State", "Watch"]

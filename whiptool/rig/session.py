@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,13 +21,16 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
-from whiptool.rig.loop import RigLoop, Run, StepClock, WallClock
+from whiptool.rig.loop import Clock, RigLoop, Run, StepClock, WallClock
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.record import build_recording
+from whiptool.rig.safety import Safety
+from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, strike_vectors, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 from whiptool.target import Target
 from whiptool.vision.camera_model import CameraSettings, camera_preset, expose, measurement_sigma
+from whiptool.vision.source import Frame
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"
 
@@ -128,7 +132,11 @@ class Rig(Protocol):
             believed: The posterior mean of whip and arm, which the rehearsal uses; default: the rig's model.
 
         Raises:
-            InputError: The strike is refused; the message says why.
+            StrikeRefused: The strike must not be made; nothing was armed.
+            StrikeStopped: A fault ended it: it is no trial. What it left is in the exception and in the folder.
+            StrikeInterrupted: A signal came, likewise; it is a KeyboardInterrupt.
+            Locked: The arm was stopped before, and no person has released its interlock.
+            InputError: Servos, line or camera are not as they must be.
         """
         ...
 
@@ -164,7 +172,7 @@ class TwinRig:
         options: Of the loop.
         at_once: The twin stands at the strike's start already: no approach, no waiting, no way back.
         seed: Of the camera's noise.
-        t_stay: The controller stays on after the movement ended [s].
+        interlock: What locks after a stop; default: one of its own.
     """
 
     def __init__(
@@ -178,19 +186,20 @@ class TwinRig:
         options: LoopOptions | None = None,
         at_once: bool = False,
         seed: int = 0,
+        interlock: Interlock | None = None,
     ) -> None:
         self.model, self.controller, self.truth = model, controller, truth or TwinTruth(model)
         options = options or LoopOptions()
         self.options = dataclasses.replace(options, settle=0.0, go_back=False) if at_once else options
         self.target, self._at_once, self._camera = target, at_once, camera
+        self.interlock = interlock or Interlock()
         self._rng = np.random.default_rng(seed)
         points = camera in ("points", "none")
         self.settings: CameraSettings = camera_preset("d435-infrared" if points else camera)
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """Strike once, and return what it left; see `Rig.strike`."""
-        from whiptool.impedance.files import controller_to_table
-
+        self.interlock.check()
         truth, period = self.truth, 1.0 / self.options.rate
         start = strike.q_i if self._at_once else (0.0,) * self.model.arm.n
         twin_options = TwinOptions(
@@ -208,12 +217,12 @@ class TwinRig:
                 if phase is Phase.STRIKE and not began:
                     began.append(float(twin.state()["t"]))
 
-            loop = RigLoop(Joints(bus), self.model, self.controller, options=self.options, clock=StepClock())
+            loop = _loop(self, bus, StepClock())
             path = None if folder is None else folder / CYCLES
             run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed)
             moved = twin.trajectory()
-        if not began:
-            return Struck(run, None)
+        if not _came_to_its_strike(run):
+            return carried_out(Struck(run, None))
         keep = (moved["t"] >= began[0] - 1e-9) & (moved["t"] <= began[0] + strike.D + self.options.t_stay + 1e-9)
         path = complete_trajectory(
             truth.model,
@@ -225,18 +234,10 @@ class TwinRig:
             tau=moved["torque"][keep],
             diverged=False,
         )
-        recording = build_recording(
-            run.cycles,
-            self.model,
-            track=self._film(path),
-            controller=controller_to_table(self.controller.reckoning_with(self.model)),
-            target=self.target,
-            t_stay=self.options.t_stay,
-            source="twin",
-        )
-        if folder is not None:
-            recording.save(folder / RECORDING)
-        return Struck(run, recording, path)
+        recording = _recorded(self, run, "twin", folder)
+        if run.fault is None or run.fault.kind != "signal":
+            recording = _recorded(self, run, "twin", folder, self._film(path))
+        return carried_out(Struck(run, recording, path))
 
     def _film(self, path: Trajectory) -> StrikeRecording | None:
         """The tip as the camera sees it, by the camera's clock."""
@@ -292,7 +293,8 @@ class HardwareRig:
         model, controller, target, options: As for the twin.
         line: To the servos.
         camera: A `whiptool.vision.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
-        confirm: Asked before every strike; False ends it.
+        confirm: Asked before every strike; False ends the session. None: nobody is asked, unless the arm was stopped.
+        interlock: What locks after a stop; default: one of its own.
     """
 
     def __init__(
@@ -305,55 +307,104 @@ class HardwareRig:
         target: tuple[float, ...] | None = None,
         options: LoopOptions | None = None,
         confirm: Callable[[Strike], bool] | None = None,
+        interlock: Interlock | None = None,
     ) -> None:
         self.model, self.controller, self.target = model, controller, target
         self.options, self.line = options or LoopOptions(), line
         self.camera, self.confirm = camera, confirm
+        self.interlock = interlock or Interlock()
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
-        """Strike once, and return what it left; see `Rig.strike`."""
-        from whiptool.impedance.files import controller_to_table
+        """Strike once, and return what it left; see `Rig.strike`.
+
+        A camera that gives no frames is refused. One that is lost before the strike begins stops it; where it is lost
+        during the strike, the joints are kept and the session ends.
+        """
         from whiptool.rig.filming import Filming
 
+        self.interlock.check()
         if self.confirm is not None and not self.confirm(strike):
-            raise InputError("strike", strike.vector.tolist(), "one that was confirmed")
-        filming = None if self.camera is None else Filming(self.camera)
-        ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
-        with DynamixelBus(self.line.port, list(ids), baud=self.line.baud) as bus:
+            raise InputError("strike", strike.vector.tolist(), "one that was confirmed", "nothing was armed")
+        with ExitStack() as stack:
+            ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
+            bus = stack.enter_context(DynamixelBus(self.line.port, list(ids), baud=self.line.baud))
             bus.check(self.options.rate)
-            loop = RigLoop(Joints(bus), self.model, self.controller, options=self.options, clock=WallClock())
+            filming = None if self.camera is None else stack.enter_context(Filming(self.camera))
+            if filming is not None:
+                filming.wait()
 
             def on_cycle(k: int, phase: Phase) -> None:
                 if filming is not None:
                     filming.during(phase is Phase.STRIKE)
 
-            try:
-                path = None if folder is None else folder / CYCLES
-                run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed)
-            finally:
-                frames = [] if filming is None else filming.end()
-        during = run.cycles.during(Phase.STRIKE)
-        if len(during) < 2:
-            return Struck(run, None)
-        seen = None
-        if frames:
-            from whiptool.vision.tracking import track
+            path = None if folder is None else folder / CYCLES
+            run = _loop(self, bus, WallClock()).run(strike, path=path, on_cycle=on_cycle, believed=believed)
+            frames = [] if filming is None else filming.end()
+        if not _came_to_its_strike(run):
+            return carried_out(Struck(run, None))
+        recording = _recorded(self, run, self.line.port, folder)
+        if run.fault is None and frames:
+            recording = _recorded(self, run, self.line.port, folder, _tracked(frames, run))
+        struck = carried_out(Struck(run, recording))
+        if filming is not None and filming.lost:
+            self.interlock.trip(f"camera: {filming.lost}", torque=run.torque)
+            raise StrikeStopped(f"camera: {filming.lost}; the joints were recorded", struck, run.torque)
+        return struck
 
-            found = track(frames).to_recording()
-            zero = float(during.stamp[0])
-            seen = dataclasses.replace(found, t=found.t - zero, t_points=found.t_points - zero)
-        recording = build_recording(
-            run.cycles,
-            self.model,
-            track=seen,
-            controller=controller_to_table(self.controller.reckoning_with(self.model)),
-            target=self.target,
-            t_stay=self.options.t_stay,
-            source=self.line.port,
-        )
-        if folder is not None:
-            recording.save(folder / RECORDING)
-        return Struck(run, recording)
+
+def carried_out(struck: Struck) -> Struck:
+    """Return what a strike left, if it was carried out.
+
+    Raises:
+        StrikeInterrupted: A signal came.
+        StrikeStopped: A fault ended it.
+    """
+    run = struck.run
+    if run.fault is None:
+        return struck
+    if run.fault.kind == "signal":
+        raise StrikeInterrupted(str(run.fault), struck, run.torque)
+    raise StrikeStopped(str(run.fault), struck, run.torque)
+
+
+def _loop(rig: TwinRig | HardwareRig, bus: DynamixelBus, clock: Clock) -> RigLoop:
+    joints = Joints(bus)
+    safety = Safety(joints, interlock=rig.interlock)
+    return RigLoop(joints, rig.model, rig.controller, options=rig.options, clock=clock, safety=safety)
+
+
+def _came_to_its_strike(run: Run) -> bool:
+    """Whether there are joints of the strike that can be recorded."""
+    return bool(np.isfinite(run.cycles.during(Phase.STRIKE).q).all(axis=1).sum() > 1)
+
+
+def _recorded(
+    rig: TwinRig | HardwareRig, run: Run, source: str, folder: Path | None, track: StrikeRecording | None = None
+) -> StrikeRecording:
+    """The recording of a strike, written at once: without a track the joints alone."""
+    from whiptool.impedance.files import controller_to_table
+
+    recording = build_recording(
+        run.cycles,
+        rig.model,
+        track=track,
+        controller=controller_to_table(rig.controller.reckoning_with(rig.model)),
+        target=rig.target,
+        t_stay=rig.options.t_stay,
+        source=source,
+    )
+    if folder is not None:
+        recording.save(folder / RECORDING)
+    return recording
+
+
+def _tracked(frames: list[Frame], run: Run) -> StrikeRecording:
+    """What the camera's frames show, its times on the loop's clock with 0 at the strike's first cycle."""
+    from whiptool.vision.tracking import track
+
+    found = track(frames).to_recording()
+    zero = float(run.cycles.during(Phase.STRIKE).stamp[0])
+    return dataclasses.replace(found, t=found.t - zero, t_points=found.t_points - zero)
 
 
 class RigRollout(Rollout):
@@ -365,7 +416,12 @@ class RigRollout(Rollout):
         folder: Strike 7 leaves `strike-0007` here; None: nothing is left.
         done: Strikes that a run made before it was killed.
 
-    A strike that the rig refuses, or that ends in a fault, counts as diverged, and no further than that.
+    A strike that the rig refuses, or whose tip was not seen, counts as diverged, and no further than that. One that a
+    fault or a signal ends is no trial: its exception ends the search.
+
+    Attributes:
+        struck: What each strike left; None: it was refused.
+        refused: Why strikes were refused, by their numbers.
     """
 
     engine = "rig"
@@ -375,6 +431,7 @@ class RigRollout(Rollout):
         self.make, self.model, self.folder, self._done = make, model, folder, done
         self.timestep = 1e-3
         self.struck: list[Struck | None] = []
+        self.refused: dict[int, str] = {}
 
     def approach(self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY) -> Approach:
         """One strike after the other; see `whiptool.rollout.CompiledRollout.approach`."""
@@ -387,8 +444,8 @@ class RigRollout(Rollout):
                 folder.mkdir(parents=True, exist_ok=True)  # a strike that was killed is struck again
             try:
                 struck = self.make(number).strike(Strike.from_vector(vector), folder=folder)
-            except InputError:  # refused before it began
-                struck = None
+            except StrikeRefused as refused:
+                struck, self.refused[number] = None, str(refused)
             self.struck.append(struck)
             found.append(self._approach(struck, point))
         return joined(found, self.model.arm.n, 2)

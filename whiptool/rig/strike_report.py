@@ -233,8 +233,7 @@ def _result(struck: Struck, target: Target) -> Table | Text:
     """What came of the strike."""
     run = struck.run
     if run.fault is not None:
-        off = "is off" if run.torque_off else "is NOT confirmed off"
-        return Text(f"The strike ended in a fault: {run.fault}. The servos' torque {off}.")
+        return Text(f"The strike ended in a fault: {run.fault}; {run.torque}.")
     rows = [["", ""], ["target", ", ".join(f"{x:.3f}" for x in target.position) + f" m, {_radius(target)}"]]
     judged, unseen = struck.judged(target), struck.unseen(target)
     if judged is None or judged.nearest is None:

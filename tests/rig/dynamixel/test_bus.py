@@ -70,7 +70,7 @@ def test_values_are_signed_both_ways(bus, twin):
 
 def test_refusals_name_the_reason(bus):
     bus.write(1, "torque_enable", 1)
-    with pytest.raises(Refused, match="servo 1: no access to this address now"):
+    with pytest.raises(Refused, match="servo 1, asked to set operating_mode = 0: no access to this address now"):
         bus.write(1, "operating_mode", 0)
     with pytest.raises(Refused, match="out of range"):
         bus.write(2, "current_limit", 2000)
@@ -162,7 +162,7 @@ def test_trap_error_status_decoded_as_data(plain):
 
 def test_error_status_is_not_data(bus):
     with pytest.raises(Refused, match="no access"):
-        bus._read_bytes(1, 700, 2)
+        bus._read_bytes(1, 700, 2, "nothing")
     bus._block_at = 700
     for fast in (False, True):
         bus.fast = fast
@@ -281,8 +281,8 @@ def test_what_needs_stuffing_goes_both_ways(bus):
     start = register("indirect_data_29").address
     for fast in (False, True):
         bus.fast = fast
-        bus._write_bytes(1, start, data)
-        assert bus._read_bytes(1, start, len(data)) == data
+        bus._write_bytes(1, start, data, "data")
+        assert bus._read_bytes(1, start, len(data), "data") == data
 
 
 def test_time_of_day_is_not_used(bus, monkeypatch):

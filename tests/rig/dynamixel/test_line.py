@@ -75,7 +75,7 @@ def line(port: Scripted, monkeypatch) -> Line:
 
 def read(line: Line, id: int = 1, length: int = 2, timeout: float | None = None) -> bytes:
     packet = [0] * 8 + [*(132).to_bytes(2, "little"), *length.to_bytes(2, "little"), 0, 0]
-    return line._ask(packet, id, READ, length, timeout)
+    return line._ask(packet, id, READ, length, timeout, asked="for present_position")
 
 
 def test_a_reply_gives_its_data(line: Line, port: Scripted):
@@ -90,10 +90,10 @@ def test_a_reply_gives_its_data(line: Line, port: Scripted):
 @pytest.mark.parametrize(
     ("reply", "message"),
     [
-        (b"", "no status packet"),
+        (b"", r"servo 1 does not answer when asked for present_position: .*--port /dev/ttyNOWHERE` lists the servos"),
         (status(2, 0, b"\x12\x34"), "reply of servo 2, not 1"),
         (status(1, 0, b"\x12"), "sent 1 bytes of data, not 2"),
-        (status(1, 0, b"\x12\x34")[:-1] + b"\x00", "Incorrect status packet"),
+        (status(1, 0, b"\x12\x34")[:-1] + b"\x00", "servo 1 gave a damaged answer when asked for present_position"),
     ],
 )
 def test_what_is_no_reply_to_the_question_is_none(line: Line, port: Scripted, reply: bytes, message: str):
@@ -105,7 +105,7 @@ def test_what_is_no_reply_to_the_question_is_none(line: Line, port: Scripted, re
 
 def test_an_error_without_data_is_refused_and_named(line: Line, port: Scripted):
     port.answers = [says(status(1, 7))]
-    with pytest.raises(Refused, match="servo 1: no access"):
+    with pytest.raises(Refused, match="servo 1, asked for present_position: no access"):
         read(line)
     assert line.failures == {"refused": 1}
 
@@ -113,9 +113,9 @@ def test_an_error_without_data_is_refused_and_named(line: Line, port: Scripted):
 def test_the_alert_bit_alone_is_no_refusal(line: Line, port: Scripted):
     port.answers = [says(status(1, 0x80, b"\x12\x34"))]
     assert read(line) == b"\x12\x34"
-    accept(0x80, 1)
-    with pytest.raises(Refused, match="servo 3: error 126"):
-        accept(0xFE, 3)
+    accept(0x80, 1, "")
+    with pytest.raises(Refused, match="servo 3, asked for led: error 126"):
+        accept(0xFE, 3, "for led")
 
 
 def test_after_a_failure_the_line_is_drained_and_pinged(line: Line, port: Scripted):
@@ -135,7 +135,7 @@ def test_after_a_failure_the_line_is_drained_and_pinged(line: Line, port: Script
 
 def test_the_question_is_not_asked_while_the_line_is_out_of_step(line: Line, port: Scripted):
     port.answers = [says(b""), says(b"")]
-    for message in ("no status packet", "no reply to the ping after a failure"):
+    for message in ("servo 1 does not answer when asked", "does not answer a ping after a failure"):
         with pytest.raises(NoReply, match=message):
             read(line)
     assert [packet[7] for packet in port.sent] == [READ, PING]

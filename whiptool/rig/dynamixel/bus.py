@@ -10,7 +10,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.rig.dynamixel.control_table import BAUD_RATES, BROADCAST, FIRMWARE, MODEL_NUMBER, Register, register
 from whiptool.rig.dynamixel.line import Line, accept
-from whiptool.rig.dynamixel.port import BusError, NoReply, Refused, Unplugged, check_rate
+from whiptool.rig.dynamixel.port import BusError, Damaged, NoReply, Refused, Unplugged, check_rate
 
 # What is read every cycle, through one block of indirect addresses
 BLOCK = (
@@ -25,6 +25,9 @@ BLOCK = (
     "present_temperature",
 )
 _FORMATS = {(1, False): "B", (1, True): "b", (2, False): "H", (2, True): "h", (4, False): "I", (4, True): "i"}
+
+
+_STATE = f"for its state ({BLOCK[0]} to {BLOCK[-1]})"
 
 
 class DynamixelBus(Line):
@@ -117,8 +120,8 @@ class DynamixelBus(Line):
         start = register("indirect_address_1").address
         data = b"".join(a.to_bytes(2, "little") for a in addresses)
         for id in self.ids:
-            self._write_bytes(id, start, data)
-            if self._read_bytes(id, start, len(data)) != data:
+            self._write_bytes(id, start, data, "indirect addresses")
+            if self._read_bytes(id, start, len(data), "indirect addresses") != data:
                 raise BusError(f"servo {id} did not keep its indirect addresses")
 
     # -- one servo, one register ---------------------------------------------------------------------------------
@@ -129,7 +132,7 @@ class DynamixelBus(Line):
         Raises:
             NoReply, Unplugged: As named.
         """
-        data = self._ask([0] * 8 + [0, 0], id, 1, 3, timeout or self.timeout, refusable=False)
+        data = self._ask([0] * 8 + [0, 0], id, 1, 3, timeout or self.timeout, asked="for a ping", refusable=False)
         return data[0] | data[1] << 8, data[2]
 
     def read(self, id: int, name: str) -> int:
@@ -139,7 +142,7 @@ class DynamixelBus(Line):
             NoReply, Refused, Unplugged: As named.
         """
         r = register(name)
-        return r.decode(self._read_bytes(id, r.address, r.size))
+        return r.decode(self._read_bytes(id, r.address, r.size, name))
 
     def write(self, id: int, name: str, value: int) -> None:
         """Set a register, and see that the servo took it.
@@ -151,14 +154,15 @@ class DynamixelBus(Line):
         r = register(name)
         if not r.writable:
             raise InputError(name, value, "a register that can be written")
-        self._write_bytes(id, r.address, _encode(r, value))
+        self._write_bytes(id, r.address, _encode(r, value), f"{name} = {value}")
 
-    def _read_bytes(self, id: int, address: int, length: int) -> bytes:
+    def _read_bytes(self, id: int, address: int, length: int, what: str) -> bytes:
         packet = [0] * 8 + [*address.to_bytes(2, "little"), *length.to_bytes(2, "little"), 0, 0]
-        return self._ask(packet, id, self._sdk.INST_READ, length)
+        return self._ask(packet, id, self._sdk.INST_READ, length, asked=f"for {what}")
 
-    def _write_bytes(self, id: int, address: int, data: bytes) -> None:
-        self._ask([0] * 8 + [*address.to_bytes(2, "little"), *data, 0, 0], id, self._sdk.INST_WRITE, 0)
+    def _write_bytes(self, id: int, address: int, data: bytes, what: str) -> None:
+        packet = [0] * 8 + [*address.to_bytes(2, "little"), *data, 0, 0]
+        self._ask(packet, id, self._sdk.INST_WRITE, 0, asked=f"to set {what}")
 
     def instruct(self, id: int, instruction: int, parameters: bytes = b"") -> None:
         """Send an instruction whose reply has no data (reboot, factory reset, clear, reg write, action).
@@ -166,7 +170,7 @@ class DynamixelBus(Line):
         Raises:
             NoReply, Refused, Unplugged: As named.
         """
-        self._ask([0] * 8 + [*parameters, 0, 0], id, instruction, 0)
+        self._ask([0] * 8 + [*parameters, 0, 0], id, instruction, 0, asked=f"to carry out instruction {instruction}")
 
     # -- all servos, every cycle ---------------------------------------------------------------------------------
 
@@ -185,20 +189,20 @@ class DynamixelBus(Line):
             self._sent(sent)
             self._port.setPacketTimeoutMillis(self.timeout * 1e3)
             if self.fast:
-                data = self._receive(BROADCAST, len(ids) * (size + 4) - 2, fast=True)
+                data = self._receive(BROADCAST, len(ids) * (size + 4) - 2, fast=True, asked=_STATE)
                 # error, id and data of each; a CRC stands between them, and the last one is the packet's
                 parts = [data[i : i + size + 2] for i in range(0, len(data), size + 4)]
             else:
                 parts = []
                 for id in ids:
-                    data = self._receive(id, size + 1, fast=False)
+                    data = self._receive(id, size + 1, fast=False, asked=_STATE)
                     parts.append(data[:1] + bytes([id]) + data[1:])
             if self._port.has_more():
                 raise NoReply("more bytes than asked for")
             if [part[1] for part in parts] != ids:
                 raise NoReply("a reply of another servo")
             for part in parts:
-                accept(part[0], part[1])
+                accept(part[0], part[1], _STATE)
             return [self._block.unpack(part[2:]) for part in parts]
 
         return self._transaction(transact)
@@ -239,4 +243,4 @@ def _encode(r: Register, value: int) -> bytes:
         raise InputError(r.name, value, f"what fits {r.size} byte{'s' * (r.size > 1)}") from None
 
 
-__all__ = ["BLOCK", "BusError", "DynamixelBus", "NoReply", "Refused", "Unplugged"]
+__all__ = ["BLOCK", "BusError", "Damaged", "DynamixelBus", "NoReply", "Refused", "Unplugged"]

@@ -10,8 +10,18 @@ from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Self, TypeVar
 
-from whiptool.rig.dynamixel.control_table import STATUS_ERRORS
-from whiptool.rig.dynamixel.port import NoReply, Peer, Refused, Unplugged, latency_timer, make_handler, make_port, sdk
+from whiptool.rig.dynamixel.control_table import BROADCAST, STATUS_ERRORS
+from whiptool.rig.dynamixel.port import (
+    Damaged,
+    NoReply,
+    Peer,
+    Refused,
+    Unplugged,
+    latency_timer,
+    make_handler,
+    make_port,
+    sdk,
+)
 
 T = TypeVar("T")
 
@@ -84,7 +94,7 @@ class Line:
             if result == self._sdk.COMM_SUCCESS and packet[4] == id and len(packet) == 14:
                 break
             if result != self._sdk.COMM_SUCCESS and self._port.isPacketTimeout():
-                raise NoReply("no reply to the ping after a failure")
+                raise NoReply(f"servo {id} does not answer a ping after a failure: check its power, cable and id")
         self._dirty = False
 
     def drain(self) -> int:
@@ -107,42 +117,61 @@ class Line:
         return n
 
     def _ask(
-        self, packet: list[int], id: int, instruction: int, length: int, timeout: float | None = None, *, refusable=True
+        self,
+        packet: list[int],
+        id: int,
+        instruction: int,
+        length: int,
+        timeout: float | None = None,
+        *,
+        asked: str,
+        refusable=True,
     ) -> bytes:
-        """One instruction to one servo and the data of its reply, `length` bytes."""
+        """One instruction to one servo and the data of its reply, `length` bytes; `asked` is what for, in words."""
         packet[4], packet[7] = id, instruction
         packet[5:7] = (len(packet) - 7).to_bytes(2, "little")
 
         def transact() -> bytes:
             self._sent(self._handler.txPacket(self._port, packet))
             self._port.setPacketTimeoutMillis((timeout or self.timeout) * 1e3)
-            data = self._receive(id, length + 1, fast=False, or_error=True)
+            data = self._receive(id, length + 1, fast=False, or_error=True, asked=asked)
             if refusable:
-                accept(data[0], id)
+                accept(data[0], id, asked)
             if len(data) != length + 1:
-                raise NoReply(f"servo {id} sent {len(data) - 1} bytes of data, not {length}")
+                raise NoReply(f"servo {id} sent {len(data) - 1} bytes of data, not {length}, when asked {asked}")
             return data[1:]
 
         return self._transaction(transact)
 
     def _sent(self, result: int) -> None:
         if result != self._sdk.COMM_SUCCESS:
-            raise NoReply(f"not sent: {self._handler.getTxRxResult(result)}")
+            raise NoReply(f"{self.device} did not send: {self._handler.getTxRxResult(result)}")
 
-    def _receive(self, id: int, length: int, *, fast: bool, or_error: bool = False) -> bytes:
+    def _receive(self, id: int, length: int, *, fast: bool, asked: str, or_error: bool = False) -> bytes:
         """Error byte and data of the next status packet: `length` bytes from servo `id`, and no other."""
         packet, result = self._handler.rxPacket(self._port, fast)
         if result != self._sdk.COMM_SUCCESS:
-            raise NoReply(self._handler.getTxRxResult(result))
-        body = bytes(packet[8:-2])
+            raise self._lost(id, result, asked)
         if packet[4] != id:
-            raise NoReply(f"reply of servo {packet[4]}, not {id}")
+            raise NoReply(f"reply of servo {packet[4]}, not {id}, when asked {asked}")
+        body = bytes(packet[8:-2])
         # An error status carries no data; it must not be decoded as some
         if len(body) != length and len(body) == 1 and body[0] & 0x7F:
-            accept(body[0], id)
+            accept(body[0], id, asked)
         if len(body) != length and not or_error:
-            raise NoReply(f"{len(body)} bytes, not {length}")
+            raise NoReply(f"{len(body)} bytes, not {length}, when asked {asked}")
         return body
+
+    def _lost(self, id: int, result: int, asked: str) -> NoReply:
+        """Say which servo gave no whole reply to what, and what to do, in place of the SDK's own words."""
+        who = "a servo" if id == BROADCAST else f"servo {id}"
+        cure = f"power, cable and id; `python -m whiptool.rig.dynamixel --port {self.device}` lists the servos"
+        if result == self._sdk.COMM_RX_TIMEOUT:
+            return NoReply(f"{who} does not answer when asked {asked}: check its {cure}")
+        if result == self._sdk.COMM_RX_CORRUPT:
+            why = "do two servos have this id? Check ground and baud rate, its"
+            return Damaged(f"{who} gave a damaged answer when asked {asked}: {why} {cure}")
+        return NoReply(f"{who}, asked {asked}: {self._handler.getTxRxResult(result)}; check its {cure}")
 
     def _count(self, kind: str) -> None:
         self.failures[kind] = self.failures.get(kind, 0) + 1
@@ -161,8 +190,8 @@ class Line:
         self.close()
 
 
-def accept(error: int, id: int) -> None:
+def accept(error: int, id: int, asked: str) -> None:
     """Refuse a status with an error number. The alert bit alone is no refusal: what it is about stands in the block."""
     number = error & 0x7F
     if number:
-        raise Refused(f"servo {id}: {STATUS_ERRORS.get(number, f'error {number}')}")
+        raise Refused(f"servo {id}, asked {asked}: {STATUS_ERRORS.get(number, f'error {number}')}")

@@ -22,6 +22,10 @@ class NoReply(BusError):
     """Nothing whole came back in time."""
 
 
+class Damaged(NoReply):
+    """Something came back that is no whole answer."""
+
+
 class Unplugged(BusError):
     """The serial port is gone."""
 

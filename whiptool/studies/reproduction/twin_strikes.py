@@ -115,6 +115,7 @@ class TwinUnit:
         from whiptool.rig.emulator.motor import HARDWARE
         from whiptool.rig.loop_options import LoopOptions
         from whiptool.rig.session import TwinRig, TwinTruth
+        from whiptool.rig.stops import StrikeStopped
 
         rig = TwinRig(
             self.scene.model,
@@ -132,11 +133,14 @@ class TwinUnit:
             at_once=not self.images,
             seed=self.number,
         )
-        struck = rig.strike(Strike.from_vector(self.strike))
+        try:
+            struck = rig.strike(Strike.from_vector(self.strike))
+        except StrikeStopped as stopped:
+            return {"fault": stopped.reason}
         r = struck.recording
         near = struck.approach(np.array(self.target))
         if r is None or near.diverged[0] or r.joints_t is None or r.joints_q is None:
-            return {"fault": str(struck.run.fault or "the tip was not seen")}
+            return {"fault": "the tip was not seen"}
         i = r.markers.index("tip")
         seen = np.isfinite(r.points[:, i, :2]).all(axis=1)
         return {

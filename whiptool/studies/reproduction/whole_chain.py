@@ -13,13 +13,25 @@ from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.planner import Demands, plan
 from whiptool.adaptation.prior import Belief, driven
+from whiptool.adaptation.steps import Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.plant import Plant
 from whiptool.rig.emulator.motor import HARDWARE
+from whiptool.rig.stops import StrikeStopped
 from whiptool.studies.reproduction.unknown_whips import FINEST, Study, padded, predictions, times
 
 _SLOW_POOL = 512  # candidates of a brief plan, most of which ask too much of motors
 _TRIED = 5  # targets of a whip's own that are tried
+
+
+def until_stopped(adaptation: Adaptation) -> tuple[list[Step], str]:
+    """All steps of an adaptation, and the fault of the twin that ended it; empty: none did."""
+    steps: list[Step] = []
+    try:
+        adaptation.run(steps.append)
+    except StrikeStopped as stopped:
+        return steps, stopped.reason
+    return steps, ""
 
 
 def prepared(study: Study, family: str, seed: int, number: int, **changes: Any) -> Adaptation:
@@ -114,14 +126,14 @@ class RigUnit:
             wiggle=self.method == "wiggle",
             whip="uniform" if self.method == "uniform" else "profile",
         )
-        steps = adaptation.run()
+        steps, fault = until_stopped(adaptation)
         strikes = [step for step in steps if step.number]
         return {
             "target": self.target,
-            "miss": padded([step.outcome.true_miss for step in strikes], s.strikes),
+            "miss": padded([step.outcome.true_miss for step in strikes] or [None], s.strikes),
             **predictions(strikes),
             "seconds": times(strikes),
-            "faults": [step.outcome.fault for step in strikes],
+            "faults": [*(step.outcome.refused for step in strikes), *([fault] if fault else [])],
         }
 
 
@@ -150,19 +162,21 @@ class RigTransferUnit:
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Learn the whip at one target, and strike at the others."""
         s = self.study
-        last = prepared(s, self.family, self.seed, self.target, still=False).run()[-1].learned
+        last = until_stopped(prepared(s, self.family, self.seed, self.target, still=False))[0][-1].learned
         assert last is not None
         reached = [n for n in self.further if motors_reach(s, self.family, self.seed, n)]
         transferred = []
         for number in reached:
             again = prepared(s, self.family, self.seed, number, max_strikes=1)
             again.known, again.options = last.belief, replace(again.options, adapt=False)
-            step = again.run()[-1]
+            steps, fault = until_stopped(again)
+            if fault:
+                continue
             transferred.append({
                 "target": number,
-                "miss": step.outcome.true_miss,
-                "probability": step.plan.probability,
-                "predicted": step.plan.misses,
-                "fault": step.outcome.fault,
+                "miss": steps[-1].outcome.true_miss,
+                "probability": steps[-1].plan.probability,
+                "predicted": steps[-1].plan.misses,
+                "fault": steps[-1].outcome.refused,
             })  # fmt: skip
         return {"transferred": transferred, "passed": len(self.further) - len(reached)}

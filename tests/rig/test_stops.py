@@ -1,0 +1,229 @@
+"""A stop is a stop: whatever layer it passes, nothing is armed after it before a person has said so."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import os
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pretended_rig import Pretend
+from repository import ROOT
+
+import whiptool as wt
+from whiptool.commands import rig as command
+from whiptool.errors import InputError
+from whiptool.impedance import OIAC, Controller
+from whiptool.objective import Objective
+from whiptool.optimizers import METHODS, search
+from whiptool.rig import stop_signals
+from whiptool.rig.session import RigRollout
+from whiptool.rig.stops import (
+    STOPPED,
+    Interlock,
+    Locked,
+    SafetyError,
+    StrikeInterrupted,
+    StrikeStopped,
+    torque_in_words,
+)
+from whiptool.target import Target
+
+pytest.importorskip("dynamixel_sdk")
+
+_SCRIPT = ROOT / "benchmarks" / "rig_stops.py"
+_SPEC = importlib.util.spec_from_file_location("rig_stops", _SCRIPT)
+assert _SPEC is not None
+assert _SPEC.loader is not None
+rig_stops = importlib.util.module_from_spec(_SPEC)
+sys.modules["rig_stops"] = rig_stops  # its dataclasses look there
+_SPEC.loader.exec_module(rig_stops)
+
+MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())
+
+
+@pytest.fixture(autouse=True)
+def usual_signals():
+    """As in a terminal: who starts tests in the background may have them ignore signals."""
+    before = {n: signal.signal(n, signal.default_int_handler) for n in stop_signals.SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+# -- the lock ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_lock_stays_shut_until_a_person_opens_it(tmp_path: Path) -> None:
+    lock = Interlock()
+    lock.check()
+    lock.watch(tmp_path / "run" / STOPPED)
+    lock.trip("hardware: joint 1 reports overheating", torque="torque is off")
+    lock.trip("line: later")
+    with pytest.raises(Locked, match=r"nothing is armed.*joint 1 reports overheating"):
+        lock.check()
+    later = Interlock()  # of another call
+    later.watch(tmp_path / "run" / STOPPED)
+    with pytest.raises(Locked, match="overheating"):
+        later.check()
+    later.release()
+    later.check()
+    after = Interlock()
+    after.watch(tmp_path / "run" / STOPPED)
+    after.check()
+    assert "overheating" in (tmp_path / "run" / "stopped-1.json").read_text()  # what happened stays on record
+
+
+def test_a_signal_locks_this_process_and_a_damaged_mark_locks_all(tmp_path: Path) -> None:
+    lock = Interlock()
+    lock.watch(tmp_path / STOPPED)
+    lock.trip("signal: SIGINT came", lasting=False)
+    with pytest.raises(Locked):
+        lock.check()
+    assert not (tmp_path / STOPPED).exists()
+    (tmp_path / STOPPED).write_text("{")
+    other = Interlock()
+    other.watch(tmp_path / STOPPED)
+    with pytest.raises(Locked, match="cannot be read"):
+        other.check()
+
+
+def test_a_mark_that_cannot_be_written_is_said_and_does_not_keep_torque_on(tmp_path: Path, capsys) -> None:
+    (tmp_path / "file").write_text("")
+    lock = Interlock()
+    lock.watch(tmp_path / "file" / STOPPED)
+    lock.trip("line: gone")
+    assert "cannot be written" in capsys.readouterr().err
+    with pytest.raises(Locked):
+        lock.check()
+
+
+def test_torque_is_told_in_words() -> None:
+    assert torque_in_words(True) == "torque is off"
+    assert "CUT THE POWER (servo 2 did not confirm" in torque_in_words(False, [2])
+    assert str(StrikeStopped("hot", None, "torque is off")) == "the strike was stopped: hot; torque is off"
+
+
+# -- signals -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", stop_signals.SIGNALS)
+def test_signals_are_noted_and_none_of_many_raises(number: int) -> None:
+    before = signal.getsignal(number)
+    with stop_signals.StopSignals() as signals:
+        for _ in range(3):
+            os.kill(os.getpid(), number)
+        assert signals.received == signal.Signals(number).name
+        with pytest.raises(KeyboardInterrupt), signals.interruptible():  # a callback that hangs
+            os.kill(os.getpid(), number)
+    assert signal.getsignal(number) is before
+
+
+def test_signals_wait_for_a_block_and_then_come() -> None:
+    done = []
+
+    def off() -> None:
+        with stop_signals.signals_held():
+            for _ in range(3):
+                os.kill(os.getpid(), signal.SIGINT)
+            done.append("torque off")
+
+    with pytest.raises(KeyboardInterrupt):
+        off()
+    assert done == ["torque off"]
+
+
+# -- the layers above a strike -----------------------------------------------------------------------------------------
+
+
+class Ends(Pretend):
+    """A rig whose second strike ends in an exception."""
+
+    def __init__(self, error: BaseException) -> None:
+        super().__init__()
+        self.error, self.interlock = error, Interlock()
+
+    def strike(self, strike, *, folder=None, believed=None):
+        super().strike(strike, folder=folder)
+        if self.calls == 2:
+            if isinstance(self.error, StrikeStopped):
+                self.interlock.trip(self.error.reason, torque=self.error.torque)
+            raise self.error
+        return self
+
+
+ENDS = {
+    "fault": StrikeStopped("hardware: joint 1 reports overheating", None, "torque is off"),
+    "signal": StrikeInterrupted("signal: SIGINT came", None, "torque is off"),
+    "locked": Locked("nothing is armed"),
+    "servo": InputError("servo 1: homing_offset", 1024, "0"),
+    "line": SafetyError("line", "gone"),
+    "bug": ZeroDivisionError("in a driver"),
+}
+SEARCHES = [m for m in METHODS if m not in ("gradient", "td3", "ddpg", "ppo")] + ["nlopt:GN_CRS2_LM", "nlopt:GN_MLSL"]
+
+
+@pytest.mark.parametrize("method", SEARCHES)
+@pytest.mark.parametrize("end", ENDS)
+def test_no_search_strikes_on_after_a_strike_that_was_ended(method: str, end: str) -> None:
+    rig = Ends(ENDS[end])
+    objective = Objective(RigRollout(lambda number: rig, MODEL), Target(), max_trials=20)
+    if end == "signal":
+        assert search(objective, method, seed=1).status.value == "interrupted"
+    else:
+        with pytest.raises(type(ENDS[end])):
+            search(objective, method, seed=1)
+    assert rig.calls == 2
+    assert len(objective.trials) == 1  # what was not carried out is no trial
+    assert objective.best is not None
+    assert objective.best.outcome.miss_distance == 0.5
+
+
+def test_a_refused_strike_is_told_and_the_search_goes_on() -> None:
+    rollout = RigRollout(lambda number: Pretend(refuse=True), MODEL)
+    assert search(Objective(rollout, Target(), max_trials=3), "random", seed=1).n_diverged == 3
+    assert sorted(rollout.refused) == [1, 2, 3]
+
+
+@pytest.mark.parametrize(("end", "status"), [("fault", 1), ("signal", 130), ("servo", 2), ("line", 1)])
+def test_the_command_tells_why_it_ended_and_asks_before_it_goes_on(end, status, tmp_path, monkeypatch, capsys) -> None:
+    run, rig = tmp_path / "run", Ends(ENDS[end])
+
+    def make(options, model, controller, interlock):
+        rig.interlock = interlock
+        return rig
+
+    monkeypatch.setattr(command, "_make_rig", make)
+    words = ["learn", "--method", "random", "--max-trials", "5", "--hit-radius", "1e-6", "--out", str(run), "--yes"]
+    assert command.main(words) == status
+    said = "".join(capsys.readouterr())
+    told = {"fault": "overheating; torque is off", "signal": "kept; torque is off", "servo": "1024", "line": "gone"}
+    assert told[end] in said
+    assert len((run / "trials.csv").read_text().splitlines()) == 1 + 1
+    monkeypatch.setattr(sys, "stdin", io.StringIO("no\n"))
+    if end != "fault":
+        assert command.main(["learn", "--resume", str(run)]) == 0
+        return
+    assert "overheating" in (run / STOPPED).read_text()
+    assert "overheating" in (run / "result.json").read_text()
+    assert command.main(["learn", "--resume", str(run)]) == 1
+    assert rig.calls == 2
+    assert "Is the cause found and gone" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "stdin", io.StringIO("yes\n"))
+    assert command.main(["learn", "--resume", str(run)]) == 0
+    assert rig.calls == 2 + 4
+    assert not (run / STOPPED).exists()
+
+
+@pytest.mark.slow
+def test_after_random_stops_of_whole_sessions_nothing_is_armed() -> None:
+    """24 of the 300 that `benchmarks/rig_stops.py` makes; what is counted is what the emulated servos were told."""
+    result = rig_stops.stops(24, seed=1)
+    assert result["violations"] == 0, result["what"]
+    assert any(" signals" in end for end in result["ends"])
+    assert len(result["ends"]) > 10
+    assert np.sum(list(result["ends"].values())) == 24

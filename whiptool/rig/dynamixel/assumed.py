@@ -1,0 +1,75 @@
+"""Registers that change what a command means: read before anything is armed, and compared with what strikes assume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from whiptool.errors import InputError
+from whiptool.rig.dynamixel.bus import DynamixelBus
+from whiptool.rig.dynamixel.control_table import register
+
+NO_SECONDARY_ID = 253  # and above: the servo listens to its own id alone
+ALL_REPLIES = 2  # of Status Return Level
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """What strikes assume of a register.
+
+    Args:
+        name: Of the register.
+        value: What it is set to by `--for-strikes`: the maker's default.
+        meaning: What it is for, as a reader of the message needs it.
+        holds: Whether a value will do; None: only `value` does.
+    """
+
+    name: str
+    value: int
+    meaning: str
+    holds: Callable[[int], bool] | None = None
+
+    def fits(self, found: int) -> bool:
+        """Whether strikes may be made with the value that a servo has."""
+        return found == self.value if self.holds is None else self.holds(found)
+
+
+def _default(name: str, meaning: str, holds: Callable[[int], bool] | None = None) -> Assumed:
+    return Assumed(name, register(name).default, meaning, holds)
+
+
+_SHUTDOWN = register("shutdown").default
+ASSUMED = (
+    _default("drive_mode", "counts and currents have their usual sign, and Torque Enable alone switches torque on"),
+    _default("homing_offset", "2048 counts are the arm hanging straight down"),
+    _default("pwm_limit", "the motor gives its whole speed-torque line"),
+    _default("secondary_id", "it obeys its own id alone", lambda id: id >= NO_SECONDARY_ID),
+    _default("shutdown", "it protects itself from heat, shock and overload", lambda x: x & _SHUTDOWN == _SHUTDOWN),
+    _default("status_return_level", "it answers every instruction", lambda level: level == ALL_REPLIES),
+)
+
+
+def mismatches(bus: DynamixelBus, id: int) -> list[tuple[Assumed, int]]:
+    """Return the registers of a servo that are not as strikes assume, with the values found.
+
+    Raises:
+        NoReply, Refused, Unplugged: The servo does not answer.
+    """
+    found = [(assumed, bus.read(id, assumed.name)) for assumed in ASSUMED]
+    return [(assumed, value) for assumed, value in found if not assumed.fits(value)]
+
+
+def check_registers(bus: DynamixelBus) -> None:
+    """Refuse servos that are set up otherwise than strikes assume.
+
+    Raises:
+        InputError: It names the first servo and register, both values, and the command that mends it.
+        NoReply, Refused, Unplugged: A servo does not answer.
+    """
+    for id in bus.ids:
+        for assumed, value in mismatches(bus, id):
+            fix = (
+                f"set it with `python -m whiptool.rig.dynamixel --port {bus.device} --baud {bus.baud} --ids {id} "
+                "--for-strikes`, and see that the arm still hangs at 2048 counts"
+            )
+            raise InputError(f"servo {id}: {assumed.name}", value, f"{assumed.value}: {assumed.meaning}", fix)
