@@ -1,8 +1,17 @@
-"""Numbers as people read them: counts with their nouns, ratios, and changes that rounding would hide."""
+"""Numbers as people read them: counts with their nouns, ratios, and what only a rounding is left of."""
 
 from __future__ import annotations
 
 import math
+
+_NOTHING = 1e-15  # in SI units, below which any number here is the rest of a rounding
+
+
+def figure(x: float, digits: int = 3) -> str:
+    """Return a number to so many digits: `0` where only a rounding is left of it, and `none` where it is no number."""
+    if not math.isfinite(x):
+        return "none"
+    return f"{x:.{digits}g}" if abs(x) >= _NOTHING else "0"
 
 
 def counted(count: int, thing: str, things: str = "") -> str:
@@ -18,14 +27,3 @@ def times(ratio: float, other: str) -> str:
     if not math.isfinite(ratio) or ratio <= 0:
         return f"no ratio to {other}"
     return f"{ratio:.2g} times {other}"
-
-
-def changed(before: float, after: float, *, unit: str = "", digits: int = 3) -> str:
-    """Return `before unit -> after unit` with as many digits, `digits` or more, as tell the two apart."""
-    if before == after:
-        return f"{before:.{digits}g}{unit}, unchanged"
-    for more in range(digits, 13):
-        old, new = f"{before:.{more}g}", f"{after:.{more}g}"
-        if old != new:
-            return f"{old}{unit} -> {new}{unit}"
-    return f"{before:.{digits}g}{unit}, unchanged"

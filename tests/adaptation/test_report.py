@@ -15,7 +15,7 @@ from whiptool.adaptation.planner import Effort, Plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
-from whiptool.adaptation.report import PANELS, SHOWN, lines, sections
+from whiptool.adaptation.report import PANELS, SHOWN, _Number, lines, sections
 from whiptool.adaptation.steps import Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.judgement import Judgement
@@ -67,6 +67,15 @@ def parts(found: list[Section], kind: type) -> list:
 
 def words(found: list[Section]) -> str:
     return to_html("Adaptation", "", {}, found)
+
+
+def test_an_error_that_shows_no_change_is_as_before():
+    """0.812 and 0.808 are both 81 %; 0.81 and 0.77 are not; what is not relative has its unit."""
+    number = _Number("whip.k", True, 1.0, 0.812, 1.0, 0.808, 0.0, ())
+    assert number.narrowing == "81 %, as before"
+    assert dataclasses.replace(number, after=0.77).narrowing == "81 % -> 77 %"
+    delay = _Number("delay", False, 0.0, 0.0061, 0.0, 0.0058, 0.0, ())
+    assert delay.narrowing == "0.0061 s -> 0.0058 s"
 
 
 @pytest.mark.heavy

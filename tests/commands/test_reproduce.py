@@ -28,7 +28,9 @@ def test_quick_form_of_everything(tmp_path):
     assert len(result["claims"]) == page.count("<b class=") >= 13
     assert page.count("<h2>") >= len(PARTS)
     assert page.count("<img") >= len(PARTS)
+    assert {claim["verdict"] for claim in result["claims"]} == {"no verdict"}  # of a quick form
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
+    assert not re.search(r"\binf\b|\bnan\b|\b1 (strikes|targets|trials|seeds|episodes)\b|e-\d\d\b", _text_of(page))
     shown = ("Fig. 5", "Fig. 6", "Fig. 7", "Table 4", "22.36 %", "training trials", "random", "hard task")
     for said in (*shown, "One and the same strike", "a disc of radius 0.3 m", "wherever the tip can pass"):
         assert said in page
@@ -36,6 +38,11 @@ def test_quick_form_of_everything(tmp_path):
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["claims"] == result["claims"]
     assert (tmp_path / "run" / "report.html").read_text() == page
+
+
+def _text_of(page: str) -> str:
+    """What a reader sees of a page: without its style, and without the addresses of pictures."""
+    return re.sub(r"<[^>]*>", " ", re.sub(r"<style>.*?</style>|src=\"[^\"]*\"", "", page, flags=re.DOTALL))
 
 
 def test_unknown_zone_gets_one_line(tmp_path, monkeypatch, capsys):

@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 
 import pytest
+from browser_pages import browser, chromium, count, picture, root_data
 from matplotlib.figure import Figure
 
 from whiptool.viz import report
-from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, to_html
-
-pytestmark = pytest.mark.slow
+from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, to_html, without_verdicts
 
 
 def test_the_page_is_whole_and_escapes_what_it_shows():
@@ -22,5 +21,65 @@ def test_the_page_is_whole_and_escapes_what_it_shows():
     assert page == to_html("title", "sub", {"code": "1"}, [Section("one", parts)])
     assert "&lt;b&gt;" in page
     assert "a &lt; b" in page
-    assert "1 claims: 1 not reproduced." in page
+    assert "1 claim: 1 not reproduced." in page
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
+
+
+def test_a_quick_form_gives_no_verdicts():
+    """Neither on a claim nor in a table of goals; what was measured stays."""
+    claims = Claims([Claim("a", "1 %", "2 %", report.NOT_REPRODUCED, "2 > 1")])
+    goals = Table([["", "goal", "seen", "met"], ["a", "<= 1", "2", "no"]], judges=True)
+    plain = Table([["x", "y"], ["1", "2"]])
+    (section,) = without_verdicts([Section("one", [claims, goals, plain])], "too short")
+    (claim,) = section.claims
+    assert (claim.verdict, claim.reason, claim.ours) == ("no verdict", "too short", "2 %")
+    assert section.parts[1].rows == [["", "goal", "seen"], ["a", "<= 1", "2"]]
+    assert section.parts[1].caption == "No verdicts: too short."
+    assert section.parts[2] is plain
+    page = to_html("title", "sub", {}, [section])
+    assert "1 claim: 1 without a verdict." in page
+    assert "reproduced" not in re.sub(r"<style>.*?</style>", "", page, flags=re.S)
+
+
+@pytest.fixture(scope="module")
+def broad_page():
+    """A table of nine columns, claims with long words, and a broad picture."""
+    figure = Figure((11, 3))
+    figure.subplots().plot([0, 1])
+    header, row = [f"a long head {i}" for i in range(9)], [f"{i}.123 to {i}.456" for i in range(9)]
+    claim = Claim("a claim of some length", "its number", "ours; " * 20, report.REPRODUCED, "why " * 20)
+    parts = [Table([header, row], "caption"), Claims([claim]), Picture(figure, "line")]
+    return to_html("title", "sub", {"fact": "x" * 60 + " " + "y" * 60}, [Section("one", parts)])
+
+
+@pytest.mark.slow
+@browser
+def test_no_table_is_wider_than_a_telephone(broad_page, tmp_path):
+    """At 390 pixels nothing reaches beyond the page but the picture, which is moved sideways in its frame."""
+    probe = """<script>
+    document.querySelector("details").open = true;
+    const root = document.documentElement, cell = document.querySelector("td[data-of]");
+    const wide = (x) => x.getBoundingClientRect().right > innerWidth + 0.5;
+    const all = [...document.querySelectorAll("table, td, th, p, figure")];
+    const label = getComputedStyle(cell, "::before").content;
+    Object.assign(root.dataset, { width: innerWidth, wide: all.filter(wide).length, label });
+    root.dataset.scrolls = root.scrollWidth > innerWidth;
+    </script>"""
+    inner = tmp_path / "inner.html"
+    inner.write_text(broad_page.replace("</body>", probe + "</body>"), encoding="utf-8")
+    frame = f"""<!doctype html><html><body><iframe id=f width=390 height=900 src="{inner.as_uri()}"></iframe><script>
+    f.onload = () => Object.assign(document.documentElement.dataset, f.contentDocument.documentElement.dataset);
+    </script></body></html>"""  # chromium's own windows are broader
+    found = root_data(chromium(tmp_path, frame, "--allow-file-access-from-files", "--dump-dom"))
+    assert found["data-width"] == "390"
+    assert (found["data-wide"], found["data-scrolls"]) == ("0", "false")
+    assert "a long head 1" in found["data-label"]
+
+
+@pytest.mark.slow
+@browser
+def test_the_page_is_dark_where_the_reader_wants_it(broad_page, tmp_path):
+    light = picture(tmp_path, broad_page, "light", size="500,900")
+    dark = picture(tmp_path, broad_page, "dark", "--blink-settings=preferredColorScheme=0", size="500,900")
+    assert dark.mean() < 0.3 < 0.7 < light.mean()
+    assert count(dark, "#15181c") > 1e5  # as the page of a strike

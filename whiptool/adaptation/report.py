@@ -25,6 +25,7 @@ from whiptool.rollout.compiled import CompiledRollout
 from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.words import counted
 
 SHOWN = 6  # numbers that are told after each strike, and that have a colour: those that narrowed most
 PANELS = 6  # strikes that are drawn
@@ -51,6 +52,12 @@ class _Number:
         if self.relative and size >= 1:
             return f"{100 * size:.0f} %"
         return f"{100 * size:.2g} %" if self.relative else f"{size:.2g} {unit_of(self.name)}".strip()
+
+    @property
+    def narrowing(self) -> str:
+        """How the error changed, in words; the same two figures say that it stayed."""
+        old, new = self.error(self.before), self.error(self.after)
+        return f"{old}, as before" if old == new else f"{old} -> {new}"
 
 
 def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str]:
@@ -81,7 +88,7 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
                 said.append("  of the others")
             value = f"{n.value:.4g} {unit_of(n.name)}".strip()
             marks = "".join(f"; {mark}" for mark in n.marks)
-            said.append(f"    {n.name:26s} {value:18s} error {n.error(n.before)} -> {n.error(n.after)}{marks}")
+            said.append(f"    {n.name:26s} {value:18s} error {n.narrowing}{marks}")
     else:
         said.append("  learned        nothing: no recording was used")
     said += [f"  not used       {source}: {reason}" for source, reason in learned.refused.items()]
@@ -243,7 +250,7 @@ def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> S
     said = f"Target at ({place}) m, hit radius {100 * r:g} cm. "
     strikes = [step for step in steps if step.number]
     hit = next((step for step in strikes if step.hit), None)
-    said += f"First hit: strike {hit.number}." if hit else f"No hit in {len(strikes)} strikes."
+    said += f"First hit: strike {hit.number}." if hit else f"No hit in {counted(len(strikes), 'strike')}."
     plans = [Text(f"{_name(step).capitalize()}: {step.plan.reason}.") for step in steps]
     return Section("Strikes", [Text(said), Table(rows, caption), *plans])
 

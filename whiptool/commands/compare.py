@@ -30,6 +30,7 @@ from whiptool.options import (
     whole,
 )
 from whiptool.whole_files import write_whole
+from whiptool.words import counted
 
 if TYPE_CHECKING:
     from whiptool.runs import RunFolder
@@ -227,7 +228,8 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
     folder.write_result(summary)
     rule = comparison.scene.arrival
     asked = "" if rule.only_points else f", {rule}"
-    about = f"{comparison.scene.targets} targets: {words(comparison.scene.zone)}{asked}. {difficulty.sentence(task)}"
+    targets = f"{counted(comparison.scene.targets, 'target')}: {words(comparison.scene.zone)}"
+    about = f"{targets}{asked}. {difficulty.sentence(task)}"
     text = save(folder.path, series, about)
     if options.json:
         print(json.dumps(summary, allow_nan=False))

@@ -88,11 +88,13 @@ def _tell(options: HumanOptions, people: Any) -> int:
     from whiptool.studies.comparison.store import Store
     from whiptool.studies.human.machine_sections import Effort
     from whiptool.studies.human.report import SUBTITLE, TITLE, report
-    from whiptool.viz.report import to_html
+    from whiptool.viz.report import to_html, without_verdicts
 
     effort = Effort(options.seeds, options.trials, options.whips, options.draws)
     with cli.open_folder(options, "human", cli.configuration(options, "human")) as folder:
         result, sections = report(people, options.resamples, effort, Store(folder.path, workers=options.workers))
+        if options.quick:
+            sections = without_verdicts(sections, "the quick form is too short to judge by")
         result = _finite({**result, "report": str(folder.path / REPORT), "version": code_version()})
         folder.write_result(result)
         facts = {"throws": str(len(people.throws)), "version": code_version()}

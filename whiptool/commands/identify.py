@@ -16,6 +16,7 @@ from whiptool.commands.identify_pendulum import identify_pendulum
 from whiptool.errors import InputError
 from whiptool.options import refuse_idle
 from whiptool.whole_files import write_whole
+from whiptool.words import counted
 
 if TYPE_CHECKING:
     from whiptool.identification.plant import Plant
@@ -233,8 +234,8 @@ class _Run:
         fits: dict[int, Fit] = {}
         for N, plant in self.plants.items():
             self._say(
-                f"fitting {len(self.free)} parameters to {len(self.recordings)} recordings, N = {N}, "
-                f"{self.how.starts} starts"
+                f"fitting {counted(len(self.free), 'parameter')} to {counted(len(self.recordings), 'recording')}, "
+                f"N = {N}, {counted(self.how.starts, 'start')}"
             )
             fits[N] = fit(self.recordings, plant, self.free, held_out=self.held_out, options=self.how)
             inside, outside = (root_mean_square(x) for x in (fits[N].recordings, fits[N].held_out))
@@ -280,7 +281,8 @@ class _Run:
             self._say(f"not converged: {self.found.status.value}; more --starts or a nearer --model may help")
         if self.found.failed:
             number, starts = len(self.found.failed), len(self.found.runs)
-            self._say(f"{number} of {starts} starts failed: they ended far above the best, which alone is judged")
+            tried = counted(starts, "start")
+            self._say(f"{number} of {tried} failed: they ended far above the best, which alone is judged")
         if self.warning is not None:
             self._say(self.warning)
         print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary, path))

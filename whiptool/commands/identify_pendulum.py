@@ -11,6 +11,7 @@ from whiptool.commands.identify_options import IDENTIFIED, REPORT, IdentifyOptio
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.whole_files import write_whole
+from whiptool.words import counted
 
 if TYPE_CHECKING:
     from whiptool.identification.results import Fit
@@ -48,7 +49,9 @@ def identify_pendulum(options: IdentifyOptions) -> int:
     )
     train, unseen = ([swings[name] for name in names] for names in (fitted, held_out))
     with _folder(options, free, fitted, held_out) as folder:
-        parameters = f"{len(free)} parameters to {len(train)} swings, {options.starts} starts"
+        parameters = (
+            f"{counted(len(free), 'parameter')} to {counted(len(train), 'swing')}, {counted(options.starts, 'start')}"
+        )
         print(f"whiptool: fitting {parameters}", file=sys.stderr)
         found = fit(train, guess, free, held_out=unseen, options=how)
         return _report(options, found, train, unseen, folder)
@@ -99,7 +102,9 @@ def _report(
     write_whole(folder.path / REPORT, page)
     if found.failed:
         number, starts = len(found.failed), len(found.runs)
-        print(f"whiptool: {number} of {starts} starts failed: they ended far above the best", file=sys.stderr)
+        print(
+            f"whiptool: {number} of {counted(starts, 'start')} failed: they ended far above the best", file=sys.stderr
+        )
     held = summary["held_out_rmse"]
     said = "none held out" if held is None else f"{1e3 * held:.3g} mrad held out"
     lines = [

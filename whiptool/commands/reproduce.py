@@ -19,6 +19,7 @@ from whiptool.commands.compare import QUICK, ComparisonOptions, open_folder
 from whiptool.errors import InputError
 from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, whole
 from whiptool.whole_files import write_whole
+from whiptool.words import counted
 
 if TYPE_CHECKING:
     from whiptool.runs import RunFolder
@@ -135,7 +136,7 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     """Work on what is not done yet, write the report, tell people or programs."""
     from whiptool.studies.comparison import Store
     from whiptool.studies.reproduction import ALL, PARTS, Context
-    from whiptool.viz.report import to_html
+    from whiptool.viz.report import to_html, without_verdicts
 
     scene = comparison.scene
     if options.what not in OTHERS:
@@ -155,7 +156,8 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     sections, start = [], time.monotonic()
     for name in ALL if options.what == "all" else [options.what]:
         print(f"whiptool: {name}", file=sys.stderr)
-        sections += PARTS[name](context)
+        found = PARTS[name](context)
+        sections += without_verdicts(found, _NO_VERDICT) if options.quick else found
         title, subtitle, facts = _head(options, comparison)
         text = to_html(title, subtitle + (_QUICK if options.quick else ""), facts, sections)
         write_whole(folder.path / REPORT, text)  # after each part: a killed run has shown something
@@ -202,6 +204,7 @@ _SUBTITLE = (
     "The LEMON framework (Wang, Xiong, Tolu and Gorb 2024, doi:10.1007/s42235-024-00534-2), its claims and what was "
     "measured here. Verdicts are computed from the data."
 )
+_NO_VERDICT = "the quick form is far too short to judge by"
 _QUICK = " Quick form: it shows that all works; it is far too short to judge the paper by."
 
 
@@ -225,9 +228,9 @@ def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
         f"{options.target_seed}; at most {scene.cap} trials each; hit radii "
         + ", ".join(f"{radius:g}" for radius in scene.radii)
         + " m",
-        "training": f"{comparison.episodes} episodes of {comparison.trials} strikes, "
-        f"{comparison.random_episodes} random; {comparison.seeds} seeds"
-        + (f"; observations other than tip {further} episodes" if further is not None else ""),
+        "training": f"{counted(comparison.episodes, 'episode')} of {counted(comparison.trials, 'strike')}, "
+        f"{comparison.random_episodes} random; {counted(comparison.seeds, 'seed')}"
+        + (f"; observations other than tip {counted(further, 'episode')}" if further is not None else ""),
     }
 
 

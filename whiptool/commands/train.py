@@ -31,6 +31,7 @@ from whiptool.options import (
     whole,
 )
 from whiptool.whole_files import append_whole, write_whole
+from whiptool.words import counted
 
 if TYPE_CHECKING:
     from whiptool.rl.policy import Policy
@@ -305,7 +306,7 @@ class _Run:
 
         zone, rule, rng = self.tests.zone, self.tests.arrival, np.random.default_rng(self.options.seed)
         goals = sample_goals(zone, rule, self.tests.hit_radius, self.options.tests, rng)
-        print(f"striking at {self.options.tests} targets with the trained policy ...", file=sys.stderr)
+        print(f"striking at {counted(self.options.tests, 'target')} with the trained policy ...", file=sys.stderr)
         result: dict[str, Any] = {}
         for convention in CONVENTIONS:
             with tqdm(total=self.options.tests, desc=convention, unit=" targets", leave=False) as bar:
@@ -342,9 +343,9 @@ class _Run:
         if self.options.json:
             print(json.dumps(summary, allow_nan=False))
             return
-        print(f"{self.options.method}: {plan.episodes * plan.trials} strikes in {seconds:.1f} s of training")
+        print(f"{self.options.method}: {counted(plan.episodes * plan.trials, 'strike')} in {seconds:.1f} s of training")
         asked = "" if rule.only_points else f", {rule}"
-        print(f"  trials to the first hit of {self.options.tests} targets{asked}, at most {TRIALS_TO_HIT}")
+        print(f"  trials to the first hit of {counted(self.options.tests, 'target')}{asked}, at most {TRIALS_TO_HIT}")
         for convention, r in result.items():
             print(
                 f"  {convention:12s} mean {r['mean_trials']:.3f}   median {r['median_trials']:g}   "

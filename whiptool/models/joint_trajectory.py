@@ -24,6 +24,7 @@ from whiptool.models.numbers import number, numbers
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import FASTEST, Strike
 from whiptool.whole_files import write_whole
+from whiptool.words import counted
 
 RATE = 500.0  # [1/s], of a UR5e's servos
 REST = 3.0  # [s] in which the whip comes to hang still
@@ -70,7 +71,7 @@ class JointTrajectory:
             raise InputError("trajectory's times", self.t[:3].tolist(), "two instants or more, increasing from 0")
 
     def __repr__(self) -> str:
-        return f"JointTrajectory({len(self.t)} instants of {len(self.joints)} joints, {self.t[-1]:.3f} s)"
+        return f"JointTrajectory({len(self.t)} instants of {counted(len(self.joints), 'joint')}, {self.t[-1]:.3f} s)"
 
     @classmethod
     def of_strike(

@@ -7,6 +7,7 @@ from enum import Enum
 
 from whiptool.models.joint_space import AnyStrike
 from whiptool.objective import Outcome, Trial
+from whiptool.words import counted
 
 
 class Status(Enum):
@@ -54,7 +55,7 @@ class Result:
 
     def __repr__(self) -> str:
         best = "no trial" if self.outcome is None else f"best miss {self.outcome.miss_distance:.4f} m"
-        return f"Result({self.method}: {self.status.value}, {self.n_trials} trials, {best})"
+        return f"Result({self.method}: {self.status.value}, {counted(self.n_trials, 'trial')}, {best})"
 
     def uninterrupted(self) -> Result:
         """Return itself, for work of which the search is a part and that Ctrl-C is to end.

@@ -20,6 +20,7 @@ from whiptool.rollout.trajectory import joint_points
 from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE, legend_above, save_figure
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.words import counted
 
 _PHASES = {
     Phase.APPROACH: COLORS["sky"],
@@ -123,7 +124,7 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
         instants, names = [0.0, nearest.time], ["at the start", f"at {nearest.time:.3f} s"]
     if "tip" in recording.markers:
         t, points = struck.tip_seen()
-        ax.plot(*points.T, "o", **_SEEN, label=f"tip in {len(t)} frames")
+        ax.plot(*points.T, "o", **_SEEN, label=f"tip in {counted(len(t), 'frame')}")
     for instant, name, shade in zip(instants, names, ("0.6", COLORS["black"]), strict=False):
         arm = _arm_points(struck, model, instant)
         ax.plot(*arm.T, "o-", color=shade, linewidth=3, markerfacecolor="white", label=f"arm {name}")

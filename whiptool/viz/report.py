@@ -5,16 +5,19 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
 from matplotlib.figure import Figure
 
 from whiptool.viz.templating import filled
+from whiptool.words import counted
 
 REPRODUCED, NOT_REPRODUCED, ONLY_WITH = "reproduced", "not reproduced", "reproduced only with"
-_STYLE = {REPRODUCED: "yes", NOT_REPRODUCED: "no", ONLY_WITH: "partly"}  # names in report.css
+NO_VERDICT = "no verdict"
+_STYLE = {REPRODUCED: "yes", NOT_REPRODUCED: "no", ONLY_WITH: "partly", NO_VERDICT: "none"}  # names in report.css
+_BROAD = 6.5  # [in], from which a picture's words are too small on a telephone
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,12 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells, the first being the header."""
+    """Rows of cells, the first being the header; of a table that judges the last column is the verdict."""
 
     template: ClassVar[str] = "table.html"
     rows: Sequence[Sequence[str]]
     caption: str = ""
+    judges: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +46,12 @@ class Picture:
     figure: Figure
     caption: str
     vector: bool = True
+
+    @property
+    def look(self) -> str:
+        """The names of its looks in `report.css`."""
+        looks = {"vector": self.vector, "broad": self.figure.get_figwidth() > _BROAD}
+        return " ".join(look for look, has in looks.items() if has)
 
     @cached_property
     def source(self) -> str:
@@ -58,7 +68,7 @@ class Claim:
         claim: In words.
         paper: Its number or where it stands.
         ours: What was measured, with numbers.
-        verdict: Begins with one of `REPRODUCED`, `NOT_REPRODUCED`, `ONLY_WITH`.
+        verdict: Begins with one of `REPRODUCED`, `NOT_REPRODUCED`, `ONLY_WITH`, `NO_VERDICT`.
         reason: What was measured that decides it.
     """
 
@@ -70,8 +80,8 @@ class Claim:
 
     @property
     def kind(self) -> str:
-        """Return which of the three words the verdict begins with."""
-        return next(name for name in (ONLY_WITH, NOT_REPRODUCED, REPRODUCED) if self.verdict.startswith(name))
+        """Return which of these words the verdict begins with."""
+        return next(name for name in (ONLY_WITH, *_STYLE) if self.verdict.startswith(name))
 
     @property
     def style(self) -> str:
@@ -108,6 +118,19 @@ def verdict_over(holds: Mapping[str, bool]) -> str:
     return f"{ONLY_WITH} {' or '.join(kept)}" if kept else NOT_REPRODUCED
 
 
+def without_verdicts(sections: Sequence[Section], why: str) -> list[Section]:
+    """Return the sections with claims on which no verdict is given, and why: a quick form is too short to judge by."""
+
+    def open_to(part: Text | Table | Picture | Claims) -> Text | Table | Picture | Claims:
+        if isinstance(part, Table) and part.judges:
+            return Table([row[:-1] for row in part.rows], f"{part.caption} No verdicts: {why}.".strip())
+        if not isinstance(part, Claims):
+            return part
+        return Claims([replace(claim, verdict=NO_VERDICT, reason=why) for claim in part.claims])
+
+    return [Section(section.title, [open_to(part) for part in section.parts]) for section in sections]
+
+
 def to_html(title: str, subtitle: str, facts: Mapping[str, str], sections: Sequence[Section]) -> str:
     """Return the report as one HTML page.
 
@@ -123,9 +146,11 @@ def to_html(title: str, subtitle: str, facts: Mapping[str, str], sections: Seque
 
 
 def _count(claims: Sequence[Claim]) -> str:
-    counts = {name: sum(c.kind == name for c in claims) for name in (REPRODUCED, ONLY_WITH, NOT_REPRODUCED)}
-    said = [f"{number} {name}{' a change' if name == ONLY_WITH else ''}" for name, number in counts.items() if number]
-    return f"{len(claims)} claims: {', '.join(said)}."
+    words = {REPRODUCED: REPRODUCED, ONLY_WITH: f"{ONLY_WITH} a change", NOT_REPRODUCED: NOT_REPRODUCED}
+    words |= {NO_VERDICT: "without a verdict"}
+    counts = {kind: sum(claim.kind == kind for claim in claims) for kind in words}
+    said = [f"{count} {words[kind]}" for kind, count in counts.items() if count]
+    return f"{counted(len(claims), 'claim')}: {', '.join(said)}."
 
 
 def _image(picture: Picture) -> tuple[str, bytes]:

@@ -7,6 +7,7 @@ import pytest
 from claims import verdicts
 
 from whiptool.studies.comparison import Series
+from whiptool.studies.comparison.plan import OBSERVATIONS
 from whiptool.studies.reproduction import fig6
 from whiptool.viz import report
 from whiptool.viz.report import verdict_over
@@ -32,6 +33,17 @@ def test_the_papers_own_ranking_is_reproduced():
     """Data like the paper's Fig. 6: every claim holds."""
     like = standings(directl=100, ga=120, sac=8, td3=50, ddpg=55, ppo=150, random=200)
     assert verdicts(fig6.claims(like)) == [report.REPRODUCED] * 6
+
+
+def test_what_the_paper_says_stands_beside_what_was_found():
+    """The column of the paper is the same whatever is found, and no observation is named like it."""
+    table = fig6._printed(standings(directl=100, ga=120, sac=8, td3=50, ddpg=55, ppo=150, random=200))
+    assert table.rows[0] == ["", "the paper", "here, observation goal"]
+    assert [row[0] for row in table.rows[1:]] == ["DIRECT-L", "GA", "SAC", "TD3", "DDPG", "PPO"]
+    sac = table.rows[3]
+    assert sac[1] == "the fewest, less than 20% of the others' (abstract)"
+    assert float(sac[2]) == pytest.approx(8, abs=0.2)
+    assert "paper" not in OBSERVATIONS
 
 
 def test_another_ranking_is_not():

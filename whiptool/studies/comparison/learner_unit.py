@@ -17,6 +17,7 @@ from whiptool.extras import optional
 from whiptool.given_files import read_json
 from whiptool.studies.comparison.units import Scene
 from whiptool.whole_files import write_whole
+from whiptool.words import counted
 
 CHECKPOINT_EVERY = 10  # episodes
 MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy
@@ -144,7 +145,7 @@ class LearnerUnit:
             except Diverged as error:  # strike with what it knew before
                 training = self._fresh(threads)
                 history = checkpoint.load(training)
-                note = f"training ended after {training.done} episodes: {error}"
+                note = f"training ended after {counted(training.done, 'episode')}: {error}"
             return training, history, note
 
 

@@ -32,6 +32,7 @@ from whiptool.studies.reproduction.whole_chain import ReachUnit, RigTransferUnit
 from whiptool.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.words import counted
 from whiptool.zone import Disc
 
 ZONE = Disc((1.15, 0.0), 0.1)
@@ -139,7 +140,7 @@ def sections(context: Context) -> list[Section]:
         ),
         *(through if context.tries("chain") else []),
         Section("Does the planner know what it does not know?", calibration(learned, whole)),
-        Section("Goals", [Table(_goals(table, learned, rigs, chain, whole))]),
+        Section("Goals", [Table(_goals(table, learned, rigs, chain, whole), judges=True)]),
     ]
 
 
@@ -226,12 +227,12 @@ def _about(study: Study, size: Size, excluded: int) -> str:
         "known of a whip; the model is the uniform whip in the middle of it. kin: uniform. strange: 36 nodes, a cone "
         "with random deviations, a bead, a soft joint, rest curvature, springs that stiffen with the bend, less drag "
         "along the whip than across, uneven friction, a wrong arm and a late camera. stranger: twice these deviations. "
-        f"{size.whips} whips of each family, {size.targets} targets each, out of {POOL} in a circle of radius "
-        f"{ZONE.radius:g} m around {ZONE.centre} m, those within the whip's own reach"
-        + (f"; {excluded} whips reach none of them and are left out. " if excluded else ". ")
+        f"{counted(size.whips, 'whip')} of each family, {counted(size.targets, 'target')} each, out of {POOL} in a "
+        f"circle of radius {ZONE.radius:g} m around {ZONE.centre} m, those within the whip's own reach"
+        + (f"; {counted(excluded, 'whip')} reach none of them and are left out. " if excluded else ". ")
         + "The tip is seen 60 times a second with 5 mm noise, more than images give; there are no servos. At most "
-        f"{study.strikes} strikes; a look before the first one counts as none, and only still and wiggle have it. A "
-        "strike that is judged to be within 1 cm, from what was seen, is repeated. Misses are "
+        f"{counted(study.strikes, 'strike')}; a look before the first one counts as none, and only still and wiggle "
+        "have it. A strike that is judged to be within 1 cm, from what was seen, is repeated. Misses are "
         "the twin's own. " + " ".join(f"{name}: {what}." for name, what in METHODS.items())
     )
 
@@ -303,7 +304,7 @@ def _further(again: list[RigTransferUnit], further: dict[str, dict[str, Any]]) -
         faults = sum(bool(x["fault"]) for r in further.values() for x in r["transferred"])
         said += (
             f" Through the whole chain {passed} of {asked} others are left out, which the motors do not reach even "
-            f"with the true whip known; {faults} strikes ended in a fault."
+            f"with the true whip known; {counted(faults, 'strike')} ended in a fault."
         )
     return said
 
@@ -344,7 +345,7 @@ def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[s
         f"The same through emulated servos with friction, current limits and latency, {seen}, within the motors' "
         "limits, which leaves slow strikes only. A whip gets the first target of its own that the motors reach when "
         "the true whip is known; targets passed over (and whips left out): "
-        f"{over}. " + (f"{faults} strikes ended in a fault." if faults else "No strike ended in a fault.")
+        f"{over}. " + (f"{counted(faults, 'strike')} ended in a fault." if faults else "No strike ended in a fault.")
     )
     return [Text(text), Table(rows, "Mean trials to a hit (share that ever hit), and median miss by strike.")]
 

@@ -16,6 +16,7 @@ from whiptool.studies.reproduction.trials import reliability
 from whiptool.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Table, Text
+from whiptool.words import counted
 
 
 def forecasts(results: Sequence[dict[str, Any]], *, first: bool = False) -> list[Forecast]:
@@ -96,5 +97,5 @@ def plot_reliability(ax: Axes, stated: np.ndarray, observed: np.ndarray, *, titl
     ax.plot(*100 * bins[:, :2].T, color=COLORS["blue"], linewidth=1.2)
     ax.scatter(*100 * bins[:, :2].T, s=30 + 300 * bins[:, 2] / len(stated), color=COLORS["blue"], alpha=0.7, zorder=3)
     ax.set(xlabel="stated probability of a hit [%]", ylabel="strikes that hit [%]", xlim=(-4, 104), ylim=(-4, 104))
-    ax.set_title(f"{title}\n{len(stated)} strikes, calibration error {error:.3f}", fontsize=10)
+    ax.set_title(f"{title}\n{counted(len(stated), 'strike')}, calibration error {error:.3f}", fontsize=10)
     return ax

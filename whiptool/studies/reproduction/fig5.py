@@ -12,9 +12,11 @@ from whiptool.optimizers import search
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.context import Context
+from whiptool.studies.reproduction.printed import HIT_RADIUS, TARGETS, ZONE_RADIUS, beside
 from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.words import counted
 from whiptool.zone import Disc
 
 _PATH_COLORS = [COLORS[name] for name in ("blue", "vermilion", "green", "pink", "black")]
@@ -43,20 +45,31 @@ def sections(context: Context) -> list[Section]:
             [f"{x:.3f}, {y:.3f}", f"{found.n_trials}", f"{o.miss_distance:.3f}", f"{o.time:.3f}", f"{o.tip_speed:.1f}"]
         )
     caption = (
-        f"{len(points)} random targets (Fig. 5), the arm and whip hanging at rest, and the tip's paths of "
-        f"{len(shown)} strikes that DIRECT-L found, each up to its hit."
+        f"{counted(len(points), 'random target')} (Fig. 5), the arm and whip hanging at rest, and the tip's path of "
+        f"{counted(len(shown), 'strike')} that DIRECT-L found, up to its hit."
     )
     figure = _figure(scene, points, shown)
-    where = f"a circle of radius {scene.zone.radius:g} m" if isinstance(scene.zone, Disc) else "a zone"
     text = (
-        f"The paper draws {len(points)} targets in {where} and does not print where it lies; here its middle is at "
-        f"({np.mean(scene.zone.box, axis=0)[0]:g}, {np.mean(scene.zone.box, axis=0)[1]:g}) m from the shoulder. The "
-        f"stretched arm and whip reach {scene.model.reach:.3f} m. A target is hit within {scene.radii[0]:g} m (Eq. 17)."
+        f"The stretched arm and whip reach {scene.model.reach:.3f} m. Where the circle of the targets lies, the paper "
+        "draws and does not print."
     )
-    parts: list[Text | Table | Picture] = [Text(text), Picture(figure, caption)]
+    parts: list[Text | Table | Picture] = [Text(text), Picture(figure, caption), _printed(scene, points)]
     if len(rows) > 1:
         parts.append(Table(rows, "The strikes shown."))
     return [Section("Fig. 5: the targets", parts)]
+
+
+def _printed(scene: Scene, points: np.ndarray) -> Table:
+    """What the paper prints of the targets, beside ours."""
+    x, y = np.mean(scene.zone.box, axis=0)
+    circle = f"{scene.zone.radius:g} m" if isinstance(scene.zone, Disc) else "another zone"
+    rows = [
+        ["random targets", f"{TARGETS}", f"{len(points)}"],
+        ["radius of their circle", f"{ZONE_RADIUS:g} m", circle],
+        ["its middle, from the shoulder", "not printed", f"({x:g}, {y:g}) m"],
+        ["hit within (Eq. 17)", f"{HIT_RADIUS:g} m", f"{scene.radii[0]:g} m"],
+    ]
+    return beside(rows, "Fig. 5 in numbers.")
 
 
 def _figure(scene: Scene, points: np.ndarray, shown: list[tuple[int, Trajectory]]) -> Figure:

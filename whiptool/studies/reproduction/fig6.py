@@ -12,9 +12,11 @@ from whiptool.studies.comparison.plan import OBSERVATIONS, PAPER_METHODS
 from whiptool.studies.comparison.plots import comparison_figures
 from whiptool.studies.comparison.series import NAMES
 from whiptool.studies.reproduction.context import Context
+from whiptool.studies.reproduction.printed import SHARE_OF_TRIALS as SHARE
+from whiptool.studies.reproduction.printed import TRIALS_OF, beside
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
+from whiptool.words import times
 
-SHARE = 0.2  # of the others' trials, abstract
 OFF_POLICY = ("sac", "td3", "ddpg")
 SEARCHES = ("directl", "ga")
 
@@ -53,7 +55,7 @@ def sections(context: Context) -> list[Section]:
     strikes = [math.prod(comparison.training(o)[:2]) for o in comparison.observations]
     training = " and ".join(f"{n:,}" for n in dict.fromkeys(strikes))
     about = (
-        f"Mean trials until {scene.targets} random targets are hit (Eq. 21), at most {scene.cap} each; a target that "
+        f"Mean trials until a target is hit (Eq. 21), of {scene.targets} at random, at most {scene.cap} each; one that "
         f"is never hit counts {scene.cap}, and lowers the share of hits. Searches start from scratch at every target. "
         f"Learners are trained once per seed, with {training} strikes, and then strike with their policy: the column "
         "of training trials is the price of their few trials afterwards. Intervals are of Student's t over seeds and "
@@ -69,6 +71,7 @@ def sections(context: Context) -> list[Section]:
                 Text(f"The targets: {zones.words(scene.zone)}. {difficulty.sentence(context.difficulty(comparison))}"),
                 Table(tables.main_table(series), tables.CONVENTION_NOTE),
                 Picture(figures["bars"], "Mean trials to the first hit, with 95 % intervals (Fig. 6)."),
+                _printed(standings),
                 Picture(figures["ecdf"], "Share of targets hit within a number of trials, all seeds together."),
                 *([Table(tables.radius_table(series), "Tighter hit radii.")] if len(scene.radii) > 1 else []),
                 Claims(claims(standings)),
@@ -79,6 +82,16 @@ def sections(context: Context) -> list[Section]:
         ),
         *further_zones(context),
     ]
+
+
+def _printed(standings: dict[str, Standings]) -> Table:
+    """What the paper says of every bar, beside the mean trials here."""
+    rows = [[NAMES[m], TRIALS_OF[m], *(tables.figure(s.of[m].mean) for s in standings.values())] for m in PAPER_METHODS]
+    caption = (
+        "Mean trials to the first hit (Eq. 21). The paper's text prints no height of a bar of Fig. 6, and none is read "
+        "off the picture here; what it says of them stands beside what was measured."
+    )
+    return beside(rows, caption, *(f"here, observation {o}" for o in standings))
 
 
 def further_zones(context: Context) -> list[Section]:
@@ -171,14 +184,14 @@ def claims(standings: dict[str, Standings]) -> list[Claim]:
             "Sects. 3.1.2, 4.1",
             lambda s: all(s.fewer(m, "ppo") for m in OFF_POLICY),
             ("ppo", *OFF_POLICY),
-            lambda s: ", ".join(f"{s.ratio('ppo', m):.2g} times {NAMES[m]}" for m in OFF_POLICY),
+            lambda s: ", ".join(times(s.ratio("ppo", m), NAMES[m]) for m in OFF_POLICY),
         ),
         claim(
             "TD3 and DDPG need about the same number of trials (between half and double)",
             "Sect. 4.1",
             lambda s: s.fewer("td3", "ddpg", share=2) and s.fewer("ddpg", "td3", share=2),
             ("td3", "ddpg"),
-            lambda s: f"{s.ratio('td3', 'ddpg'):.2g} times DDPG",
+            lambda s: times(s.ratio("td3", "ddpg"), "DDPG"),
         ),
     ]
 

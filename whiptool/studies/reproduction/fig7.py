@@ -13,11 +13,13 @@ from whiptool.studies.comparison.plan import LEARNERS
 from whiptool.studies.comparison.plots import plot_rewards
 from whiptool.studies.comparison.series import NAMES
 from whiptool.studies.reproduction.context import Context
+from whiptool.studies.reproduction.printed import DRAWN, EPISODES, RANDOM_EPISODES, REWARD_OF, TRIALS, beside
+from whiptool.studies.reproduction.printed import TIMES_THE_REWARD as TIMES
 from whiptool.viz.plots import STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
+from whiptool.words import counted, times
 
 LAST = 0.1  # share of the episodes over which a final reward is taken
-TIMES = 3.0  # abstract: SAC's rewards over those of the others
 
 
 def sections(context: Context) -> list[Section]:
@@ -48,24 +50,45 @@ def sections(context: Context) -> list[Section]:
         cells = [f"{f[method].mean():.1f} ({f[method].min():.1f} to {f[method].max():.1f})" for f in final.values()]
         table.append([NAMES[method], *cells])
     lengths = "; ".join(
-        f"{n} episodes of {trials} strikes, the first {random} random (observation {', '.join(seen)})"
+        f"{counted(n, 'episode')} of {counted(trials, 'strike')}, the first {random} random "
+        f"(observation {', '.join(seen)})"
         for (n, trials, random), seen in _together(comparison).items()
     )
     about = (
-        f"Algorithm 1: {lengths}; {comparison.seeds} seeds. A strike's reward is 50 for a hit (Eq. 17). "
+        f"Algorithm 1: {lengths}; {counted(comparison.seeds, 'seed')}. A strike's reward is 50 for a hit (Eq. 17). "
         "The learners' own exploring strikes are counted, as in the paper: this is what training yields, not what the "
         "trained policy's mean action would."
     )
     caption = (
-        f"Mean reward per episode (Fig. 7): mean over seeds, running mean of {window} episodes (thick), its range over "
-        "seeds (shaded), raw mean over seeds (thin)."
+        f"Mean reward per episode (Fig. 7): mean over seeds, running mean of {counted(window, 'episode')} (thick), its "
+        "range over seeds (shaded), raw mean over seeds (thin)."
     )
     return [
         Section(
             "Fig. 7: rewards while learning",
-            [Text(about), Picture(figure, caption), Table(table), Claims(claims(final)), *_settings()],
+            [
+                Text(about),
+                Picture(figure, caption),
+                _printed(comparison, final),
+                Table(table),
+                Claims(claims(final)),
+                *_settings(),
+            ],
         )
     ]
+
+
+def _printed(comparison: Comparison, final: dict[str, dict[str, np.ndarray]]) -> Table:
+    """What the paper says of the curves, beside ours."""
+    theirs = {"episodes": EPISODES, "strikes in each": TRIALS, "random episodes": RANDOM_EPISODES}
+    ours = [comparison.training(o) for o in final]
+    rows = [[what, f"{theirs[what]}", *(f"{x[i]}" for x in ours)] for i, what in enumerate(theirs)]
+    rows += [
+        [f"{NAMES[m]}, reward in the end", REWARD_OF.get(m, DRAWN), *(f"{f[m].mean():.1f}" for f in final.values())]
+        for m in LEARNERS
+    ]
+    caption = "The paper prints no reward of Fig. 7, and none is read off the picture. Ours: mean of the last tenth."
+    return beside(rows, caption, *(f"here, observation {o}" for o in final))
 
 
 def _together(comparison: Comparison) -> dict[tuple[int, int, int], list[str]]:
@@ -91,7 +114,7 @@ def claims(final: dict[str, dict[str, np.ndarray]]) -> list[Claim]:
         return [m for m in others if f["sac"].min() > f[m].max()]
 
     def ratio(f: dict[str, np.ndarray], other: str) -> float:
-        """Infinite where there is nothing to divide by: a reward above zero against one below."""
+        """Infinite where there is nothing to divide by: a reward above zero against one that is not."""
         mine, theirs = float(f["sac"].mean()), float(f[other].mean())
         return mine / theirs if theirs > 0 else (np.inf if mine > 0 else 0.0)
 
@@ -101,9 +124,7 @@ def claims(final: dict[str, dict[str, np.ndarray]]) -> list[Claim]:
         for o, f in final.items()
     )
     thrice = {f"observation {o}": all(ratio(f, m) > TIMES for m in others) for o, f in final.items()}
-    times = "; ".join(
-        f"{o}: " + ", ".join(f"{ratio(f, m):.2g} times {NAMES[m]}" for m in others) for o, f in final.items()
-    )
+    multiples = "; ".join(f"{o}: " + ", ".join(_times(ratio(f, m), f, m) for m in others) for o, f in final.items())
     return [
         Claim("SAC's reward is the highest of the four", "Fig. 7, Sect. 3.1.2", said, verdict_over(best), why),
         Claim(
@@ -111,9 +132,16 @@ def claims(final: dict[str, dict[str, np.ndarray]]) -> list[Claim]:
             "> 3 times (abstract)",
             said,
             verdict_over(thrice),
-            times,
+            multiples,
         ),
     ]
+
+
+def _times(ratio: float, final: dict[str, np.ndarray], other: str) -> str:
+    """SAC's reward as a multiple of another's; of a reward that is not above zero there is none."""
+    if final[other].mean() > 0 and ratio > 0:
+        return times(ratio, NAMES[other])
+    return f"{final['sac'].mean():.1f} against {final[other].mean():.1f} of {NAMES[other]}, which has no multiples"
 
 
 def _settings() -> list[Text | Table]:

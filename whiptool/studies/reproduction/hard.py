@@ -15,6 +15,7 @@ from whiptool.studies.comparison.zones import QUICK_STRIKES, SPEED, STRIKES, fas
 from whiptool.studies.reproduction.context import Context
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.words import counted
 from whiptool.zone import Region
 
 HIT_RADIUS = 0.01  # [m]
@@ -67,7 +68,7 @@ def sections(context: Context) -> list[Section]:
                     "is trained with hindsight on a reward that falls with the logarithm of the miss distance."
                 ),
                 Picture(map_of(region, base), "Where the tip is fast. Cross: shoulder.", vector=False),
-                Table(main_table(series), caption=f"Trials to the first hit of {scene.targets} targets"),
+                Table(main_table(series), caption=f"Trials to the first hit of {counted(scene.targets, 'target')}"),
             ],
         )
     ]

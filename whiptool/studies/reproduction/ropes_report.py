@@ -16,6 +16,7 @@ from whiptool.studies.reproduction.ropes import MATERIALS, RopeStudy, RopeUnit, 
 from whiptool.studies.reproduction.trials import reliability
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.words import counted
 
 NEAR, CONE = 0.05, math.radians(10)  # [m], [rad] of a hit
 FURTHER = 20  # goals at which the first rope of each family is struck beside
@@ -74,7 +75,7 @@ def sections(context: Context) -> list[Section]:
                 *tables[1:],
             ],
         ),
-        Section("Goals", [Table(_goals(by_family, again, filmed, alone))]),
+        Section("Goals", [Table(_goals(by_family, again, filmed, alone), judges=True)]),
     ]
 
 
@@ -92,14 +93,15 @@ def _about(ropes: int, count: int, tried: Sequence[str]) -> str:
     missing = " rope is left out: PyElastica is not installed (pip install 'whiptool[oracle]')."
     left_out = "" if ROPE in tried else missing
     return (
-        f"{ropes} ropes of each family on a UR5e with a stick of 0.65 m, of {', '.join(MATERIALS)} in turn, drawn by "
-        "seed from what data sheets say of each (whiptool.adaptation.materials); the prior is that of the material. "
-        "kin: uniform, in rods. strange: 36 rods, a cone with random deviations, a bead, a soft joint, springs that "
-        "stiffen, less drag along than across, uneven friction, a late clock. stranger: twice that. rope: a Cosserat "
-        "rod in PyElastica, tapered, that stretches and twists, with drag, a knot at its end and a late clock. Motion "
-        "capture sees the tip 100 times a second with 2 mm noise in one wiggle, and nothing else; then one strike at "
-        f"each of {count} goals of “Point It, Strike It” (2026) that lie within reach: within 5 cm, within 10 degrees, "
-        "at 1 m/s or more, all limits of the robot kept, arm, rope and floor clear of each other."
+        f"{counted(ropes, 'rope')} of each family on a UR5e with a stick of 0.65 m, of {', '.join(MATERIALS)} in turn, "
+        "drawn by seed from what data sheets say of each (whiptool.adaptation.materials); the prior is that of the "
+        "material. kin: uniform, in rods. strange: 36 rods, a cone with random deviations, a bead, a soft joint, "
+        "springs that stiffen, less drag along than across, uneven friction, a late clock. stranger: twice that. rope: "
+        "a Cosserat rod in PyElastica, tapered, that stretches and twists, with drag, a knot at its end and a late "
+        "clock. Motion capture sees the tip 100 times a second with 2 mm noise in one wiggle, and nothing else; then "
+        f"one strike at each of {counted(count, 'goal')} of “Point It, Strike It” (2026) that lie within reach: within "
+        "5 cm, within 10 degrees, at 1 m/s or more, all limits of the robot kept, arm, rope and floor clear of each "
+        "other."
         f"{left_out} For comparison, on real ropes after eight calibration swings: 87 % within 5 cm, 52 % within 5 cm "
         "and 10 degrees."
     )

@@ -17,9 +17,18 @@ from whiptool.identification.similarity import Similarity, similarity
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.emulator.motor import HARDWARE
-from whiptool.rollout import CompiledRollout
+from whiptool.rollout import CompiledRollout, Trajectory
 from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.context import Context
+from whiptool.studies.reproduction.printed import (
+    DRAWN,
+    FIGURE_TARGETS,
+    HIT_RADIUS,
+    LONGEST,
+    RHO,
+    TRAJECTORIES,
+    beside,
+)
 from whiptool.studies.reproduction.twin_strikes import (
     CLOCK_OFFSET,
     LATENCY,
@@ -33,8 +42,8 @@ from whiptool.studies.reproduction.twin_strikes import (
 )
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
+from whiptool.words import counted, figure
 
-RHO = 0.8909  # Sect. 3.3
 LEARN_FROM = 3  # strikes
 OF_WHIP = ("whip.k", "whip.b", "whip.drag", "delay")  # found from tip and measured joints: per mass of the whip
 OF_ARM = ("arm.friction[0]", "arm.friction[1]", "arm.inertia[0]")  # then, from tip and command
@@ -71,7 +80,8 @@ def sections(context: Context) -> list[Section]:
     done = [unit for unit in units if results[unit.name]["fault"] is None]
     if len(done) <= LEARN_FROM:
         faults = {results[unit.name]["fault"] for unit in units} - {None}
-        raise WhiptoolError(f"{len(done)} of {len(units)} strikes came to their end: {', '.join(sorted(faults))}")
+        total = counted(len(units), "strike")
+        raise WhiptoolError(f"{len(done)} of {total} came to their end: {', '.join(sorted(faults))}")
     # iteration after iteration, target after target: it is the first strikes that are learnt from
     done.sort(key=lambda unit: (unit.number % plan.iterations, unit.number))
     recordings = [recording(unit, results[unit.name]) for unit in done]
@@ -88,13 +98,17 @@ def sections(context: Context) -> list[Section]:
     alike = {name: [_similar(r, p) for r, p in zip(recordings, of, strict=True)] for name, of in predicted.items()}
     last = max(range(len(done)), key=lambda i: done[i].number)
     about = (
-        f"{len(units)} strikes at {plan.targets} targets, {plan.iterations} iterations each of a search on the model "
+        f"{counted(len(units), 'strike')} at {counted(plan.targets, 'target')}, "
+        f"{counted(plan.iterations, 'iteration')} each of a search on the model "
         "within the motors' speed-torque line, struck on a twin behind the servos' protocol: another whip ("
         + ", ".join(f"{name.removeprefix('whip.')} {x - 1:+.0%}" for name, x in SCALES.items())
         + f", in air), motors with dry and viscous friction and rotor inertia, {1e3 * LATENCY:g} ms of latency, a "
         f"camera clock that is {1e3 * CLOCK_OFFSET:g} ms late. OIAC as printed, its torque held for a cycle. "
         + ("Quick form: the tip's position with the error of images. " if quick else "The tip is tracked in images. ")
-        + (f"{len(units) - len(done)} strikes ended in a fault and are left out. " if len(done) < len(units) else "")
+        + (
+            f"Left out, as it ended in a fault: {counted(len(units) - len(done), 'strike')}. "
+            * (len(done) < len(units))
+        )
         + f"Then the model was identified from the first {LEARN_FROM} strikes: first the whip, driven by the joints as "
         "they were measured, which gives its stiffness, damping and drag over its mass (there is no force in this to "
         "weigh it by: the mass stays the model's); then the arm, driven by the command. The arm's model knows viscous "
@@ -115,13 +129,19 @@ def sections(context: Context) -> list[Section]:
                 Text(about),
                 Claims([_claim(alike)]),
                 Picture(_paths(done, recordings, predicted), "Fig. 9: tip paths. Crosses: targets.", vector=False),
+                _printed_paths(plan, alike),
                 Picture(
                     _distances(done[last], recordings[last], predicted, last, scene), "Fig. 10b-d: the last strike."
                 ),
-                Table(_similarities(alike, 0), caption=f"Similarity of tip paths, means over {len(done)} strikes"),
+                _printed_strike(done[last], recordings[last], scene),
+                Table(
+                    _similarities(alike, 0),
+                    caption=f"Similarity of tip paths, means over {counted(len(done), 'strike')}",
+                ),
                 Table(
                     _similarities(alike, LEARN_FROM),
-                    caption=f"The same over the {len(done) - LEARN_FROM} strikes that nothing was identified from",
+                    caption="The same without those that it was identified from: "
+                    + counted(len(done) - LEARN_FROM, "strike"),
                 ),
                 Table(_misses(plan, units, results), caption="Distance to the target as the camera saw it [cm]"),
                 Table(
@@ -133,14 +153,46 @@ def sections(context: Context) -> list[Section]:
     ]
 
 
+def _printed_paths(plan: PlanUnit, alike: dict[str, list[Similarity]]) -> Table:
+    """What the paper prints of Fig. 9, beside ours."""
+    rows = [
+        ["targets", f"{FIGURE_TARGETS} (places {DRAWN})", f"{plan.targets}"],
+        ["trajectories", f"{TRAJECTORIES}", f"{len(alike['model'])}"],
+        ["similarity rho (Eq. 23), model as it was", f"{RHO:.2%}", f"{_mean(alike['model'], 'rho_mean'):.2%}"],
+        ["the same, identified", "not done", f"{_mean(alike['identified'], 'rho_mean'):.2%}"],
+    ]
+    return beside(rows, "Fig. 9 in numbers; the paths themselves are only drawn in the paper.")
+
+
+def _printed_strike(unit: TwinUnit, r: StrikeRecording, scene: Scene) -> Table:
+    """What the paper says of Fig. 10, beside the last strike here."""
+    path = _path_of(unit, scene)
+    stiff, damp = (np.abs(np.diagonal(gains, axis1=1, axis2=2)).max(axis=0) for gains in (path.K, path.B))
+    away = np.linalg.norm(r.points[:, 0] - np.array(unit.target), axis=1)
+    rows = [
+        ["duration of the movement", f"< {LONGEST:g} s (abstract)", f"{unit.strike[-1]:.2f} s"],
+        ["least distance L", f"{DRAWN}; a hit within {HIT_RADIUS:g} m", f"{np.nanmin(away):.3f} m, as filmed"],
+        ["largest stiffness", "shoulder above elbow", " and ".join(f"{x:.3g}" for x in stiff) + " N m/rad"],
+        ["largest damping", "shoulder above elbow", " and ".join(f"{x:.3g}" for x in damp) + " N m s/rad"],
+    ]
+    caption = "Fig. 10 in numbers: ours are of shoulder and elbow; the paper's curves are only drawn."
+    return beside(rows, caption)
+
+
+def _path_of(unit: TwinUnit, scene: Scene) -> Trajectory:
+    """The strike as it is simulated with the model."""
+    rollout = CompiledRollout(scene.model, controller())
+    return rollout.trajectory(Strike.from_vector(unit.strike), t_stay=scene.t_stay)
+
+
 def _claim(alike: dict[str, list[Similarity]]) -> Claim:
     before, after = alike["model"], alike["identified"]
     model, other = _mean(before, "rho_mean"), _mean(after[LEARN_FROM:], "rho_mean")
     return Claim(
         claim="Simulated and physical tip paths are alike: rho",
         paper=f"{RHO:.2%} (Sect. 3.3)",
-        ours=f"{model:.2%} over {len(before)} strikes with the model as it was; identified from {LEARN_FROM} of them, "
-        f"{_mean(after, 'rho_mean'):.2%}, and {other:.2%} over the others alone. "
+        ours=f"{model:.2%} over {counted(len(before), 'strike')} with the model as it was; identified from "
+        f"{LEARN_FROM} of them, {_mean(after, 'rho_mean'):.2%}, and {other:.2%} over the others alone. "
         f"RMSE {100 * _mean(before, 'rmse'):.2f} cm and {100 * _mean(after, 'rmse'):.2f} cm",
         verdict=verdict_over({"the model as it was": model >= RHO, "the identified model": other >= RHO}),
         reason="Eq. 23 divides by each coordinate, so it depends on the origin (here the shoulder) and on how often "
@@ -180,8 +232,8 @@ def _numbers(plant: Plant, found: Sequence[Parameter], scene: Scene) -> list[lis
     friction = f"{HARDWARE.viscous_friction:g}, and {HARDWARE.dry_friction:g} N m dry"
     rows = [["number", "model", "twin", "identified", "95 % interval", "class"]]
     for p in found:
-        interval = "none" if p.interval is None else f"{p.interval[0]:.4g} to {p.interval[1]:.4g}"
-        numbers = f"{before.get(p.name, 0.0):.4g}", truth.get(p.name, friction), f"{p.value:.4g}"
+        interval = "none" if p.interval is None else " to ".join(figure(x, 4) for x in p.interval)
+        numbers = figure(before.get(p.name, 0.0), 4), truth.get(p.name, friction), figure(p.value, 4)
         rows.append([p.name, *numbers, interval, p.kind])
     return rows
 
@@ -222,9 +274,7 @@ def _paths(
 def _distances(
     unit: TwinUnit, r: StrikeRecording, predicted: dict[str, list[RecordingFit]], i: int, scene: Scene
 ) -> Figure:
-    law = controller()
-    path = CompiledRollout(scene.model, law).trajectory(Strike.from_vector(unit.strike), t_stay=scene.t_stay)
-    target = np.array(unit.target)
+    path, target = _path_of(unit, scene), np.array(unit.target)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(11, 3.6), layout="constrained")
         left, middle, right = figure.subplots(1, 3)

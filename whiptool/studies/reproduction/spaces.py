@@ -25,6 +25,7 @@ from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP,
 from whiptool.studies.reproduction.context import Context
 from whiptool.target import Target
 from whiptool.viz.report import Section, Table, Text
+from whiptool.words import counted
 
 __all__ = ["CONTROLLER", "MODEL", "SUBTITLE", "TITLE", "SpaceStudy", "SpaceUnit", "facts", "sections"]
 
@@ -189,13 +190,13 @@ def sections(context: Context) -> list[Section]:
     study = SpaceStudy.of(context.store, *size)
     numbers = study.summary()
     about = (
-        f"The same targets, searched until the tip comes within {100 * RADIUS:g} cm, or for {study.cap} trials. In "
-        "joint space a strike says where the joints begin and end; in hand space where the hand does, on a straight "
-        "line between; the duration is the last number of both. Each search has the space's usual bounds. Trials are "
-        "those to the first hit, median (mean), all of them where there was none; a strike that is refused is a "
-        "trial, and one with its derivatives is one. Refused: the share of trials that the arm cannot make or that go "
-        f"beyond its limits. Of {study.targets} targets {numbers['hit_in_all_spaces_by_all_robots']} are hit in both "
-        "spaces by both robots."
+        f"The same targets, searched until the tip comes within {100 * RADIUS:g} cm, or for "
+        f"{counted(study.cap, 'trial')}. In joint space a strike says where the joints begin and end; in hand space "
+        "where the hand does, on a straight line between; the duration is the last number of both. Each search has the "
+        "space's usual bounds. Trials are those to the first hit, median (mean), all of them where there was none; a "
+        "strike that is refused is a trial, and one with its derivatives is one. Refused: the share of trials that the "
+        f"arm cannot make or that go beyond its limits. Of {counted(study.targets, 'target')} "
+        f"{numbers['hit_in_all_spaces_by_all_robots']} are hit in both spaces by both robots."
     )
     caption = "In brackets how many numbers a strike has, of the UR5e and of the Panda."
     return [Section("Trials to hit in joint space and in hand space", [Text(about), Table(study.table(), caption)])]

@@ -16,6 +16,7 @@ from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.studies.reproduction.nah2023 import published
 from whiptool.studies.reproduction.nah2023.claims import PLANAR
 from whiptool.viz.plots import COLORS, STYLE
+from whiptool.words import counted
 
 TARGET_COLORS = tuple(COLORS[name] for name in ("blue", "vermilion", "green", "pink", "orange", "sky"))
 _JOINTS = NAH2023.arm.n
@@ -157,7 +158,7 @@ def sensitivities(scaled: Sequence[np.ndarray]) -> Figure:
         figure = Figure((12, 5.6), layout="constrained")
         axes = figure.subplots(2, 3, sharex=True, sharey=True)
         for i, (ax, values) in enumerate(zip(axes.ravel(), scaled, strict=True)):
-            ax.set_title(f"target {i + 1}: {len(values)} solutions")
+            ax.set_title(f"target {i + 1}: {counted(len(values), 'solution')}")
             ax.set_xticks(range(len(labels)), labels, fontsize=9)
             ax.grid(axis="x", visible=False)
             if not len(values):
