@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 from robot_files import MJCF
 
 from whiptool.errors import InputError
+from whiptool.impedance import ConstantImpedance, Controller, PositionControl
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.mjcf import read_mjcf
@@ -85,15 +88,71 @@ def test_presets_weigh_the_same_in_mujoco(name):
          "equality .*: got 'a connection of two bodies'; allowed: a chain without loops"),
         (MJCF.replace('<inertial pos="0 0 0.15" mass="1.2" diaginertia="0.01 0.012 0.004"/>', ""), TIP,
          "got 'no model'.*mass and inertia of moving bodies"),
-        (MJCF.replace('<inertial pos="0.01 0.02 0.03" euler="0.3 0 0" mass="2" diaginertia="0.02 0.03 0.025"/>', ""),
-         TIP,
-         "body cart: got 'none'; allowed: an <inertial> of each body whose shape is a mesh"),
+        (MJCF.replace('<compiler angle="radian"/>', '<compiler angle="radian"/><option gravity="0 0 9.81"/>'), TIP,
+         r"option gravity: got \(0.0, 0.0, 9.81\); allowed: 0 0 -9.81 .*--base"),
+        (MJCF.replace('joint1="finger_joint"', 'joint1="elbow" joint2="rail"'), TIP,
+         "joint elbow: got 'tied to rail'; .*arm.locked = { elbow = 0 }"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_said_in_one_line(read, text, choice, message):
     with pytest.raises(InputError, match=message) as caught:
         read(text, choice)
     assert "\n" not in str(caught.value)
+
+
+def test_a_body_whose_mesh_is_not_there_and_that_has_no_inertial_is_weightless(read):
+    """Its kinematics are the file's, torques are not limited; the base, which does not move, needs no inertia."""
+    inertial = '<inertial pos="0.01 0.02 0.03" euler="0.3 0 0" mass="2" diaginertia="0.02 0.03 0.025"/>'
+    without = MJCF.replace(inertial, "").replace('<inertial pos="0 0 0" mass="5" diaginertia="1 1 1"/>', "")
+    assert without.count("inertial") == MJCF.count("inertial") - 2
+    arm, whole = read(without), read(MJCF)
+    assert (arm.weightless, whole.weightless) == (("rail",), ())
+    assert arm.links[0].mass == 0
+    assert arm.links[1:] == tuple(replace(x, limits=replace(x.limits, torque=np.inf)) for x in whole.links[1:])
+    assert arm.notes[0].startswith("no <inertial> of what rail moves: the arm has to be under position control")
+    Controller(PositionControl()).check_fits(arm)
+    with pytest.raises(InputError, match=r"arm: got 'no inertia of what rail moves'.*--controller position"):
+        Controller(ConstantImpedance()).check_fits(arm)
+
+
+def test_meshes_tell_an_inertia_and_what_a_shape_is_fitted_to(read, tmp_path):
+    """A tetrahedron of 1/6 m3, as MuJoCo weighs it, and its ball."""
+    (tmp_path / "corner.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    text = """<mujoco><asset><mesh name="corner" file="corner.obj"/></asset><worldbody><body name="one">
+      <joint name="j"/>{}</body></worldbody></mujoco>"""
+    arm = read(text.format('<geom type="mesh" mesh="corner" density="600"/>'), ArmChoice())
+    assert arm.links[0].mass == pytest.approx(100, rel=1e-6)
+    assert arm.links[0].com == pytest.approx((0.25, 0.25, 0.25))
+    fitted = read(text.format('<geom type="sphere" mesh="corner" fitscale="0.5"/>'), ArmChoice())
+    whole = mujoco.MjSpec.from_file(str(tmp_path / "small.xml")).compile()
+    assert fitted.links[0].capsules[0].radius == pytest.approx(whole.geom_size[0, 0])
+    assert fitted.links[0].mass == pytest.approx(whole.body_mass[1])
+
+
+def test_torques_of_motors_are_what_they_can_be_told_times_their_gear(read):
+    """A motor's command is its torque; a servo's is a place, and limits none."""
+    motor = '<motor joint="shoulder-joint" gear="2" forcerange="-10 10"/>'
+    for given, torque in (
+        ('<motor joint="shoulder-joint" gear="-50" ctrlrange="-0.4 0.4"/>', 20.0),
+        ('<general joint="shoulder-joint" gainprm="3" ctrlrange="-2 2"/>', 6.0),
+        ('<position joint="shoulder-joint" kp="9" ctrlrange="-1 1"/>', np.inf),
+        ('<motor joint="shoulder-joint" gear="2"/>', np.inf),
+        ('<motor joint="shoulder-joint" ctrlrange="-5 8"/>', 5.0),
+        (motor + motor, 40.0),
+    ):
+        assert read(MJCF.replace(motor, given)).links[1].limits.torque == pytest.approx(torque)
+
+
+def test_a_loop_beyond_the_tip_is_no_loop_of_the_arm(read):
+    loop = '<connect body1="finger" body2="fore" anchor="0 0 0"/>'
+    assert read(MJCF.replace('<joint joint1="finger_joint"/>', loop)) == read(MJCF)
+    with pytest.raises(InputError, match=r"a connection of two bodies'.*lock elbow, or choose another tip"):
+        read(MJCF.replace('<joint joint1="finger_joint"/>', loop.replace("fore", "upper")))
+
+
+def test_joints_keep_their_names_for_the_robot(read):
+    arm = read(MJCF)
+    assert (arm.joints[1], arm.names) == ("shoulder_joint", ("rail", "shoulder-joint", "elbow"))
 
 
 def test_files_that_are_not_there(tmp_path):

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from whiptool.errors import InputError
 from whiptool.models import Strike, default_bounds, find_model, preset, read_model, write_model
 from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.robots import PANDA_ARM, UR5E_ARM
@@ -96,8 +95,9 @@ def test_bounds_of_strikes():
     assert panda.lower[:7] == panda.lower[7:14] == tuple(link.limits.position[0] for link in preset("panda").arm.links)
     assert panda.upper[5] == 3.7525
     assert set(default_bounds(preset("ur5e").arm).upper[:12]) == {np.pi}
-    with pytest.raises(InputError, match="give --lower and --upper"):
-        default_bounds(type(preset("nah2023").arm)(preset("nah2023").arm.links))  # joints of no name
+    on_and_on = default_bounds(type(preset("nah2023").arm)(preset("nah2023").arm.links))  # no names, and no limits
+    assert set(on_and_on.lower[:8]) == {-np.pi}
+    assert set(on_and_on.upper[:8]) == {np.pi}
 
 
 def test_names_of_strikes():

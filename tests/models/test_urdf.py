@@ -116,8 +116,10 @@ def test_the_whip_goes_on_outward(read):
         (URDF.replace('<child link="finger"/>', '<child link="tool"/>'), TIP, "link tool: .*without loops"),
         (URDF.replace('<child link="finger"/>', '<child link="base"/>'), TIP, "links: got 'tool'; .*without loops"),
         (URDF.replace('<child link="finger"/>', '<child link="thumb"/>'), TIP, "joint finger_joint: got 'child thumb'"),
-        (URDF.replace('<mass value="2"/>', '<mass value="0"/>'), TIP, "joint rail: got 'mass 0 kg'"),  # it has a shape
-        (re.sub("<mass value=.*?/>", '<mass value="0"/>', URDF), TIP, "joint elbow: got 'mass 0 kg'"),  # nothing has
+        (URDF.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="rail" multiplier="2"/>'), TIP,
+         "joint elbow: got 'a mimic of rail'; .*arm.locked = { elbow = 0 }"),
+        (URDF.replace('lower="-2" upper="2"', 'lower="0" upper="0"'), TIP,
+         "joint elbow: got 'lower 0 and upper 0'; .*continuous"),
         (URDF.replace('<parent link="upper"/>', ""), TIP, "joint elbow: got 'parent '"),
     ],
 )  # fmt: skip
@@ -164,9 +166,56 @@ def test_the_urdf_of_franka_description_with_its_hand(read):
     without = text.replace("panda_hand_tcp", "panda_hand_end")
     with pytest.raises(InputError, match=r"tip: .*panda_hand_end, panda_leftfinger, panda_rightfinger; name it"):
         read(None, without)
-    bare = re.sub("<inertial>.*?</inertial>", "<visual/>", text, flags=re.DOTALL)
-    with pytest.raises(InputError, match=r"joint .*7: got 'mass 0 kg'; allowed: an <inertial>"):
-        read(None, bare)  # as franka_description was for years
+    bare = read(None, re.sub("<inertial>.*?</inertial>", "<visual/>", text, flags=re.DOTALL))
+    assert bare.weightless == bare.joints  # as franka_description was for years
+    assert {link.limits.torque for link in bare.links} == {np.inf}
+    assert [link.limits.velocity for link in bare.links] == [link.limits.velocity for link in arm.links]
+
+
+def test_a_link_without_inertial_weighs_what_its_shapes_do(read, tmp_path):
+    """A ball of 0.1 m radius of water, off its joint; a cube of 0.2 m as a mesh."""
+    ball = '<collision><origin xyz="0 0 0.3"/><geometry><sphere radius="0.1"/></geometry></collision>'
+    inertial = re.search('<link name="fore">(<inertial>.*?</inertial>)', URDF, re.DOTALL)[1]
+    rest = read(TIP, URDF.replace(inertial, '<inertial><mass value="1e-9"/></inertial>')).links[2]
+    arm = read(TIP, URDF.replace(inertial, ball))
+    assert arm.links[2].mass - rest.mass == pytest.approx(1000 * 4 / 3 * np.pi * 1e-3)
+    assert arm.weightless == ()
+    assert arm.notes[0].startswith("no <inertial> in fore: taken as 1000 kg/m3")
+    corners = [(x, y, z) for x in (0, 0.2) for y in (0, 0.2) for z in (0, 0.2)]
+    faces = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+    triangles = [triangle for a, b, c, d in faces for triangle in ((a, b, c), (a, c, d))]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in triangles]
+    (tmp_path / "cube.obj").write_text("\n".join(lines))
+    mesh = '<visual><geometry><mesh filename="package://robot/cube.obj"/></geometry></visual>'
+    assert read(TIP, URDF.replace(inertial, mesh)).weightless == ("elbow",)  # there is no such folder
+    there = read(TIP, URDF.replace(inertial, mesh.replace("robot/", "")))
+    assert there.links[2].mass - rest.mass == pytest.approx(8.0)
+
+
+def test_a_tip_with_the_name_of_a_joint_and_a_prefix_that_nothing_declares(read):
+    """As of exporters that call link and joint alike, and of Drake's files."""
+    text = URDF.replace('"tool"', '"bracket"').replace('"finger"', '"finger_joint"')
+    text = text.replace(
+        'name="elbow" type="revolute">', 'name="elbow" type="revolute"><drake:rotor_inertia value="1"/>'
+    )
+    assert read(ArmChoice(tip="bracket"), text) == read(TIP, URDF)
+
+
+def test_what_mimics_a_locked_joint_follows_it(read):
+    """A second finger at twice the first one's place and 1 cm more."""
+    second = re.search('<joint name="finger_joint".*</link>', URDF, re.DOTALL)[0].replace("finger", "thumb")
+    mimic = second.replace("<axis", '<mimic joint="finger_joint" multiplier="2" offset="0.01"/><axis')
+    at = {locked: ArmChoice(tip="tool", locked=locked_at) for locked, locked_at in (
+        ("one", {"finger_joint": 0.02}), ("both", {"finger_joint": 0.02, "thumb_joint": 0.05}))}  # fmt: skip
+    assert read(at["one"], URDF.replace("</robot>", mimic + "</robot>")) == read(
+        at["both"], URDF.replace("</robot>", second + "</robot>")
+    )
+
+
+def test_speed_limits_by_position_are_said_not_to_be_judged(read):
+    extended = '<position_based_velocity_limits velocity_offset="0.3" deceleration_limit="6"/><axis xyz="0 1 0"/>'
+    arm = read(TIP, URDF.replace('<axis xyz="0 1 0"/>', extended))
+    assert arm.notes == ("speed limits that depend on the position of elbow are not judged, only the largest speeds",)
 
 
 def test_files_that_are_not_there(tmp_path):

@@ -93,9 +93,14 @@ class Controller:
         """Refuse a law whose matrices are of another arm.
 
         Raises:
-            InputError: The law's matrices have not as many rows as the arm has joints, in hand space as the hand has
-                coordinates, or `torque_limit` not as many numbers, or `compensated` not one mass more.
+            InputError: Torques move the arm, and its inertia is not known; or the law's matrices have not as many rows
+                as the arm has joints, in hand space as the hand has coordinates, or `torque_limit` not as many numbers,
+                or `compensated` not one mass more.
         """
+        if isinstance(arm, SpatialArm) and arm.weightless and not self.prescribed:
+            given = f"no inertia of what {', '.join(arm.weightless)} moves"
+            fix = "give --controller position, for which it does not matter, or write an <inertial> into the file"
+            raise InputError("arm", given, "an arm whose links' inertia is known, where torques move it", fix)
         if isinstance(self.torque_limit, tuple) and len(self.torque_limit) != arm.n:
             raise InputError("torque_limit", self.torque_limit, f"one number, or {arm.n}, one per arm joint")
         if self.compensated is not None and len(self.compensated) != arm.n + 1:

@@ -102,7 +102,10 @@ def arm_to_table(arm: ArmParameters | SpatialArm) -> dict[str, Any]:
             link["limits"] = limits
         if not link["capsules"]:
             del link["capsules"]
-    for name in ("base", "never_touch"):
+    table.pop("notes", None)
+    if table.get("names") == table["joints"]:
+        del table["names"]
+    for name in ("base", "never_touch", "weightless"):
         if not table.get(name, True):
             del table[name]
     return {"joints": table.pop("joints"), **table}

@@ -12,8 +12,9 @@ from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
-from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
+from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
 
+GRAVITY = 9.81  # [m/s2]
 _BASE = -1  # in place of a joint's number
 _SIMPLE = ("sphere", "capsule", "cylinder", "box")  # shapes
 
@@ -22,45 +23,83 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of an MJCF file, its base frame that of the world.
 
     Bodies without joints, or on locked ones, count with the link that carries them. Meshes need not be there where
-    bodies have an `<inertial>`. Spheres, capsules, cylinders and boxes that may collide are the arm's capsules:
-    cylinders with round ends, boxes in the capsule that holds them. Dry friction and springs of joints have no part in
-    the model.
+    bodies that move have an `<inertial>`; a body that has none and whose meshes are not there is `weightless`. Spheres,
+    capsules, cylinders and boxes that may collide are the arm's capsules. Dry friction and springs of joints have no
+    part in the model, nor has what only closes loops beyond the tip, as in grippers.
 
     Args:
         path: Of the file.
         choice: Which chain; default: all of a robot that does not branch.
 
     Raises:
-        InputError: The file cannot be read, closes a loop, has joints of an unknown kind in the chain or moving links
-            without inertia, or does not have what was chosen.
+        InputError: The file cannot be read, its gravity is none that acts on a model, it closes a loop of the arm or
+            couples its joints, has joints of an unknown kind in the chain, or does not have what was chosen.
     """
     try:
-        return _Robot(_compiled(Path(path)), choice or ArmChoice()).arm()
+        return _Robot(*_compiled(Path(path)), choice or ArmChoice()).arm()
     except InputError as error:
         raise error.within(f"{path}: ") from None
 
 
-def _compiled(path: Path) -> Any:
-    """The file as MuJoCo's model, without the shapes of meshes."""
-    import mujoco
+def _compiled(path: Path) -> tuple[Any, set[str]]:
+    """The file as MuJoCo's model, and the names of moving bodies whose inertia nothing tells.
 
+    Meshes are read where a body's inertia or a shape that is fitted to one needs them, and left out where they are not
+    there.
+    """
     if not path.is_file():
         raise InputError("file", str(path), "a readable MJCF file (there is none)")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        in_files = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
-        for shape in [geom for geom in spec.geoms if geom.type in in_files]:
-            if not shape.parent.explicitinertial and shape.parent is not spec.worldbody:
-                rule = "an <inertial> of each body whose shape is a mesh"
-                raise InputError(f"body {shape.parent.name}", "none", rule)
-            spec.delete(shape)
-        for thing in (*spec.skins, *spec.meshes, *spec.hfields, *spec.keys, *spec.sensors):
-            spec.delete(thing)
-        return spec.compile()
-    except InputError:
-        raise
-    except Exception as error:  # MuJoCo's own are of several kinds
-        raise InputError("file", "no model", f"an MJCF file that MuJoCo compiles ({error})") from None
+        spec, _ = _without_meshes(path, needed=True)
+        return spec.compile(), set()
+    except Exception as first:  # MuJoCo's own are of several kinds
+        try:
+            spec, weightless = _without_meshes(path, needed=False)
+            return spec.compile(), weightless
+        except Exception:
+            said = f"an MJCF file that MuJoCo compiles ({first})"
+            raise InputError("file", "no model", said) from None
+
+
+def _without_meshes(path: Path, *, needed: bool) -> tuple[Any, set[str]]:
+    """The file without the shapes of meshes, and the names of moving bodies that have lost their inertia by that.
+
+    Args:
+        path: Of the file.
+        needed: Whether those stay that tell an inertia, or what a simple shape is fitted to.
+    """
+    import mujoco
+
+    spec, weightless = mujoco.MjSpec.from_file(str(path)), set()
+    in_files = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
+    from_shapes = spec.compiler.inertiafromgeom == 1 or spec.compiler.settotalmass > 0
+    kept = set()
+    for shape in list(spec.geoms):
+        body, fitted = shape.parent, shape.type not in in_files and bool(shape.meshname)
+        if not fitted and shape.type not in in_files:
+            continue
+        untold = _moves(body, spec) and (from_shapes or not body.explicitinertial)
+        if needed and (fitted or untold):
+            kept |= {shape.meshname}
+            continue
+        if untold:
+            weightless.add(body)
+        spec.delete(shape)
+    for body in weightless:  # a stand-in: MuJoCo compiles no moving body without
+        body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
+    meshes = [mesh for mesh in spec.meshes if mesh.name not in kept]
+    for thing in (*spec.skins, *meshes, *spec.hfields, *spec.keys, *spec.sensors):
+        spec.delete(thing)
+    return spec, {body.name for body in weightless}
+
+
+def _moves(body: Any, spec: Any) -> bool:
+    """Whether a body hangs on a joint."""
+    while body is not None and body is not spec.worldbody:
+        if body.joints:
+            return True
+        body = body.parent
+    return False
 
 
 @dataclass(frozen=True)
@@ -88,18 +127,21 @@ def _together(bodies: list[_Body]) -> _Body:
 class _Robot:
     """A compiled model with all joints where the choice has them, the movers at 0."""
 
-    def __init__(self, model: Any, choice: ArmChoice) -> None:
+    def __init__(self, model: Any, weightless: set[str], choice: ArmChoice) -> None:
         import mujoco
 
-        self.model, self.choice, self.mujoco = model, choice, mujoco
+        self.model, self.weightless, self.choice, self.mujoco = model, weightless, choice, mujoco
         self.bodies = [model.body(i).name for i in range(model.nbody)]
         self.sites = [model.site(i).name for i in range(model.nsite)]
-        self._refuse_loops()
+        self._refuse_gravity()
         self.tip = choice.only_tip(self._ends(), [*self.bodies[1:], *self.sites])
         chain = self._chain()
         names = [model.joint(i).name or f"joint {i}" for i in range(model.njnt)]
         movers = choice.movers([names[i] for i in chain], names)
         self.movers = [i for i in chain if names[i] in movers]
+        self.names = names
+        self._refuse_loops()
+        self._refuse_couplings()
         for i in self.movers:
             if self._kind(i) not in ("hinge", "slide"):
                 raise InputError(f"joint {names[i]}", self._kind(i), "hinge or slide")
@@ -116,12 +158,46 @@ class _Robot:
     def _kind(self, joint: int) -> str:
         return self.mujoco.mjtJoint(self.model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
 
+    def _refuse_gravity(self) -> None:
+        x, y, z = self.model.opt.gravity.tolist()
+        if x or y or abs(z + GRAVITY) > 0.01 * GRAVITY:
+            fix = (
+                "take it out of <option>: a model file's gravity tells another strength, --base how the base is turned"
+            )
+            raise InputError("option gravity", (x, y, z), f"0 0 -{GRAVITY:g} [m/s2], as models have it", fix)
+
     def _refuse_loops(self) -> None:
+        """Refuse connections of bodies over which a joint of the arm moves; others are beyond it."""
         kinds = (self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtEq.mjEQ_WELD)
         for i in range(self.model.neq):
-            if self.mujoco.mjtEq(self.model.eq_type[i]) in kinds:
-                name = self.model.equality(i).name or str(i)
-                raise InputError(f"equality {name}", "a connection of two bodies", "a chain without loops")
+            if self.model.eq_active0[i] and self.mujoco.mjtEq(self.model.eq_type[i]) in kinds:
+                one, other = (self._carriers(self._body_of(i, end)) for end in ("obj1id", "obj2id"))
+                if (one ^ other) & set(self.movers):
+                    name = self.model.equality(i).name or str(i)
+                    moved = ", ".join(self.names[j] for j in self.movers if j in one ^ other)
+                    rule = "a chain without loops"
+                    fix = f"lock {moved}, or choose another tip, in a model file"
+                    raise InputError(f"equality {name}", "a connection of two bodies", rule, fix)
+
+    def _body_of(self, equality: int, end: str) -> int:
+        number = int(getattr(self.model, f"eq_{end}")[equality])
+        of_sites = self.model.eq_objtype[equality] == int(self.mujoco.mjtObj.mjOBJ_SITE)
+        return int(self.model.site_bodyid[number]) if of_sites else number
+
+    def _carriers(self, body: int) -> set[int]:
+        """Joints between the world and a body."""
+        return set(self._joints_to(body))
+
+    def _refuse_couplings(self) -> None:
+        for i in range(self.model.neq):
+            couples = self.mujoco.mjtEq(self.model.eq_type[i]) == self.mujoco.mjtEq.mjEQ_JOINT
+            if couples and self.model.eq_active0[i] and self.model.eq_obj1id[i] in self.movers:
+                name, other = self.names[self.model.eq_obj1id[i]], int(self.model.eq_obj2id[i])
+                given = f"tied to {self.names[other]}" if other >= 0 else "held by an equality"
+                rule = "joints that move on their own, between base and tip"
+                raise InputError(
+                    f"joint {name}", given, rule, f"lock it in a model file: arm.locked = {{ {name} = 0 }}"
+                )
 
     def _ends(self) -> list[str]:
         carriers = set(self.model.body_parentid[1:].tolist())
@@ -134,8 +210,11 @@ class _Robot:
 
     def _chain(self) -> list[int]:
         """Joints from the world to the tip."""
+        return self._joints_to(self._at_tip())
+
+    def _joints_to(self, body: int) -> list[int]:
+        """Joints from the world to a body."""
         joints: list[int] = []
-        body = self._at_tip()
         while body:
             first = self.model.body_jntadr[body]
             joints = [*range(first, first + self.model.body_jntnum[body]), *joints]
@@ -157,9 +236,12 @@ class _Robot:
             tip = self.data.site(self.tip)
         x, y, z = (axes.T @ (tip.xpos - origin)).tolist()
         hand = axes.T @ tip.xmat.reshape(3, 3) @ self.choice.hand
-        names = tuple(joint_name(self.model.joint(i).name or f"joint{i}") for i in self.movers)
+        own = tuple(self.model.joint(i).name or f"joint{i}" for i in self.movers)
         turn = tuple(map(tuple, hand.tolist()))
-        return SpatialArm(tuple(links), names, (x, y, z), turn, base=tuple(capsules[_BASE]))
+        joints = tuple(map(joint_name, own))
+        arm = SpatialArm(tuple(links), joints, (x, y, z), turn, base=tuple(capsules[_BASE]), names=own)
+        lost = {self._mover_of(self.bodies.index(name)) for name in self.weightless}
+        return without_inertia(arm, [joints[k] for k, i in enumerate(self.movers) if i in lost])
 
     def _axes(self, joint: int) -> np.ndarray:
         return self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
@@ -169,7 +251,7 @@ class _Robot:
         groups: dict[int, list[_Body]] = {i: [] for i in self.movers}
         for body in range(1, self.model.nbody):
             mover = self._mover_of(body)
-            if mover != _BASE:
+            if mover != _BASE and self.bodies[body] not in self.weightless:
                 R = self.data.ximat[body].reshape(3, 3)
                 inertia = (R * self.model.body_inertia[body]) @ R.T
                 groups[mover].append(_Body(float(self.model.body_mass[body]), self.data.xipos[body], inertia))
@@ -202,10 +284,6 @@ class _Robot:
 
     def _link(self, joint: int, body: _Body, position: np.ndarray, rotation: np.ndarray) -> SpatialLink:
         model, v = self.model, self.model.jnt_dofadr[joint]
-        last = all(i <= joint for i in self.movers if model.jnt_bodyid[i] == model.jnt_bodyid[joint])
-        if last and not body.mass:
-            rule = "an <inertial> with a mass > 0"
-            raise InputError(f"body {self.bodies[model.jnt_bodyid[joint]]}", "mass 0 kg", rule)
         axes = self._axes(joint)
         I = axes.T @ body.inertia @ axes
         com: np.ndarray = axes.T @ (body.com - self.data.xanchor[joint]) if body.mass else np.zeros(3)
@@ -229,12 +307,27 @@ class _Robot:
         return low, high
 
     def _torque(self, joint: int) -> float:
-        """Largest torque: of the joint itself, or of its actuators together."""
+        """Largest torque: of the joint itself, or of its actuators together; the smaller one of two directions."""
         model = self.model
         if model.jnt_actfrclimited[joint]:
-            return float(np.abs(model.jnt_actfrcrange[joint]).max())
-        at = int(self.mujoco.mjtTrn.mjTRN_JOINT)
-        own = [i for i in range(model.nu) if model.actuator_trntype[i] == at and model.actuator_trnid[i, 0] == joint]
-        if not own or not all(model.actuator_forcelimited[i] for i in own):
+            return _both_ways(model.jnt_actfrcrange[joint])
+        kinds = [int(self.mujoco.mjtTrn.mjTRN_JOINT), int(self.mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
+        own = [i for i in range(model.nu) if model.actuator_trntype[i] in kinds and model.actuator_trnid[i, 0] == joint]
+        return sum(map(self._force, own)) if own else float("inf")
+
+    def _force(self, actuator: int) -> float:
+        """Largest force of an actuator at its joint: its own limit, or of a plain motor what it can be told."""
+        model, gear = self.model, abs(float(self.model.actuator_gear[actuator, 0]))
+        if model.actuator_forcelimited[actuator]:
+            return gear * _both_ways(model.actuator_forcerange[actuator])
+        plain = model.actuator_gaintype[actuator] == int(self.mujoco.mjtGain.mjGAIN_FIXED)
+        plain &= model.actuator_biastype[actuator] == int(self.mujoco.mjtBias.mjBIAS_NONE)
+        if not plain or not model.actuator_ctrllimited[actuator]:
             return float("inf")
-        return float(sum(np.abs(model.actuator_forcerange[i]).max() * abs(model.actuator_gear[i, 0]) for i in own))
+        return gear * abs(float(model.actuator_gainprm[actuator, 0])) * _both_ways(model.actuator_ctrlrange[actuator])
+
+
+def _both_ways(span: np.ndarray) -> float:
+    """The largest magnitude of a range that both of its ends have; of one that begins or ends at 0, the other's."""
+    low, high = sorted(np.abs(span).tolist())
+    return low or high

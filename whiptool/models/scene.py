@@ -12,7 +12,7 @@ from whiptool.models.capsules import Capsule
 from whiptool.models.kinematics import arm_frames, joint_points, whip_motion
 from whiptool.models.parameters import Model
 from whiptool.models.segment_distances import nearest_points
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.spatial_arm import BASE, SpatialArm
 
 NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared with the links that hold it
 Of: TypeAlias = Literal["close", "apart", "whip"]
@@ -141,7 +141,8 @@ class Scene:
         if self.of == "whip":
             far = other.segment >= NEAR_HAND or one.link < arm.n - _HOLDING
             return other.link == _WHIP and far
-        never = [tuple(sorted(arm.joints.index(joint) for joint in pair)) for pair in arm.never_touch]
+        numbers = {BASE: _BASE} | {joint: i for i, joint in enumerate(arm.joints)}
+        never = [tuple(sorted(numbers[name] for name in pair)) for pair in arm.never_touch]
         between = other.link - one.link - 1
         asked = between == 1 if self.of == "close" else between > 1
         return asked and (one.link, other.link) not in never

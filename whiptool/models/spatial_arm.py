@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -207,7 +207,13 @@ class SpatialArm:
         hand_rotation: The hand's frame in the last link's, (3, 3): the whip lies along its -z where its joints are
             at 0.
         base: Capsules of what does not move, in the base's frame.
-        never_touch: Pairs of links, by their joints' names, whose capsules are not compared: their shapes never meet.
+        never_touch: Pairs of links, by their joints' names, `base` for what does not move, whose capsules are not
+            compared: their shapes never meet, or always do.
+        weightless: Joints whose links' inertia is not known. Such an arm goes where it is told, under position control;
+            its torques are not known.
+        names: What the joints are called elsewhere, as by the robot's controller, to which strikes are exported; empty:
+            the same.
+        notes: What was assumed where the arm was read from a file, for people.
 
     Raises:
         InputError: There is no link, a name is wrong, or a prismatic joint has no limits of position.
@@ -219,6 +225,9 @@ class SpatialArm:
     hand_rotation: Matrix = IDENTITY
     base: tuple[Capsule, ...] = ()
     never_touch: tuple[tuple[str, str], ...] = ()
+    weightless: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     dimension: ClassVar = 3
 
@@ -235,6 +244,14 @@ class SpatialArm:
         object.__setattr__(self, "hand_rotation", checked_rotation("hand_rotation", self.hand_rotation))
         object.__setattr__(self, "base", checked_capsules("base", self.base))
         object.__setattr__(self, "never_touch", _checked_pairs(self.never_touch, self.joints))
+        object.__setattr__(self, "weightless", tuple(self.weightless))
+        if not set(self.weightless) <= set(self.joints):
+            raise InputError("weightless", self.weightless, "some of the arm's joints, by their names")
+        names = tuple(self.names) or self.joints
+        if len(names) != len(links) or not all(isinstance(name, str) for name in names):
+            raise InputError("names", self.names, f"{len(links)} names, one for each joint, or none")
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "notes", tuple(self.notes))
 
     @property
     def n(self) -> int:
@@ -296,10 +313,25 @@ class SpatialArm:
         return dataclasses.replace(self, links=links, hand_position=vector("hand_position"))
 
 
+def without_inertia(arm: SpatialArm, joints: Sequence[str]) -> SpatialArm:
+    """Return an arm whose links at some joints have an unknown inertia: no joint's torque is limited any more."""
+    if not joints:
+        return arm
+    unlimited = {"torque": math.inf, "torque_rate": math.inf}
+    limits = [dataclasses.replace(link.limits, **unlimited) for link in arm.links]
+    links = tuple(dataclasses.replace(link, limits=x) for link, x in zip(arm.links, limits, strict=True))
+    note = f"no <inertial> of what {', '.join(joints)} moves: the arm has to be under position control, and its torques"
+    notes = (*arm.notes, f"{note} are not known")
+    return dataclasses.replace(arm, links=links, weightless=tuple(joints), notes=notes)
+
+
+BASE = "base"  # of an arm, in pairs that never touch
+
+
 def _checked_pairs(given: object, joints: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     pairs = tuple(tuple(pair) for pair in given) if isinstance(given, (list, tuple)) else (())
-    if not isinstance(given, (list, tuple)) or not all(len(p) == 2 and set(p) <= set(joints) for p in pairs):
-        raise InputError("never_touch", given, "pairs of the arm's joints, by their names")
+    if not isinstance(given, (list, tuple)) or not all(len(p) == 2 and set(p) <= {*joints, BASE} for p in pairs):
+        raise InputError("never_touch", given, f"pairs of the arm's joints, by their names, or {BASE} and one of them")
     return tuple((a, b) for a, b in pairs)
 
 

@@ -152,8 +152,8 @@ def default_bounds(arm: ArmParameters | SpatialArm) -> StrikeBounds:
     """Return the bounds of strikes of an arm that has usual ones. [rad or m], [s]
 
     For the planar arm of two joints they are ours, the paper prints none. For the person's arm they are those of Nah et
-    al. 2023. For another arm in space they are its joints' limits of position, of hinges that go farther half a turn to
-    either side.
+    al. 2023. For another arm in space they are its joints' limits of position, of hinges that go farther, or on and on,
+    half a turn to either side.
 
     Raises:
         InputError: The arm has none; give bounds of your own.
@@ -179,11 +179,8 @@ def _person_bounds() -> StrikeBounds:
     return StrikeBounds((*lower, _D[0]), (*upper, _D[1]))
 
 
-def _bounds_of_limits(arm: SpatialArm) -> StrikeBounds | None:
-    ends = [link.limits.position for link in arm.links]
-    if not np.isfinite(ends).all():
-        return None
-    low, high = np.array(ends).T
+def _bounds_of_limits(arm: SpatialArm) -> StrikeBounds:
+    low, high = np.array([link.limits.position for link in arm.links]).T
     around = np.array([link.kind == "revolute" for link in arm.links]) & (high - low > 2 * PI)
     low, high = np.where(around, -PI, low), np.where(around, PI, high)
     return StrikeBounds((*low, *low, _D[0]), (*high, *high, _D[1]))

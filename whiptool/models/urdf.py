@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,38 +16,51 @@ from whiptool.given_files import read_text
 from whiptool.models.arm_choice import ArmChoice, quiet
 from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
-from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
+from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
+from whiptool.models.urdf_shapes import (
+    DENSITY,
+    add_inertias,
+    capsule_of,
+    massless_links,
+    shaped_links,
+    simple_shapes,
+)
 
 _MOVABLE = ("revolute", "continuous", "prismatic")
 _TYPES = (*_MOVABLE, "fixed")
-_SIMPLE = ("box", "cylinder", "capsule", "sphere")  # shapes
+_BY_POSITION = "position_based_velocity_limits"  # an extension of Franka's files
 
 
 def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of a URDF file, its base frame that of the root link.
 
     Bodies on fixed or locked joints count with the link that carries them. Spheres, capsules, cylinders and boxes that
-    are `<collision>` shapes are the arm's capsules: cylinders with round ends, boxes in the capsule that holds them;
-    meshes are not looked at. A moving link without mass is a mere frame, as between two hinges at one point, if it has
-    no shape. Dry friction of joints has no part in the model.
+    are `<collision>` shapes are the arm's capsules; meshes are not looked at. A moving link without mass is a mere
+    frame, as between two hinges at one point, if it has no shape; a body that has one gets the mass of its shapes or
+    meshes as if of water, and where their files are not there it is `weightless`. Dry friction of joints has no part in
+    the model. What was assumed is in the arm's `notes`.
 
     Args:
         path: Of the file; xacro has to be expanded.
         choice: Which chain; default: all of a robot that does not branch, or the one to its only tool frame.
 
     Raises:
-        InputError: The file cannot be read, is no tree of links, has joints of an unknown type or moving links without
-            inertia, or does not have what was chosen.
+        InputError: The file cannot be read, is no tree of links, has joints of an unknown type, joints in the chain
+            that mimic others or have no range, or does not have what was chosen.
     """
     choice = choice or ArmChoice()
     text = read_text(path, "URDF")
     try:
-        parents = _tree(text)
+        robot = _robot(text)
+        parents = _tree(robot)
         ends = [link for link in parents if link not in _carriers(parents)]
         moving = [link for link in ends if _movable(_path(parents, link))]
         tip = choice.only_tip(moving or ends, list(parents))
         movers = choice.movers(_movable(_path(parents, tip)), _movable(parents.values()))
-        return _arm(text, choice, tip, movers)
+        for joint in _path(parents, tip):
+            if joint.get("name") in movers:
+                _check_moving(joint)
+        return _arm(robot, Path(path).parent, choice, tip, movers)
     except InputError as error:
         raise error.within(f"{path}: ") from None
 
@@ -54,12 +68,22 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 Parents = Mapping[str, "ET.Element | None"]  # the joint that each link hangs on, none at the root
 
 
-def _tree(text: str) -> dict[str, ET.Element | None]:
-    """Links and the joints that they hang on, checked to be one tree."""
+def _robot(text: str) -> ET.Element:
+    """The file's XML; prefixes of names that nothing declares, as exporters write, are."""
     try:
-        robot = ET.fromstring(text)
+        return ET.fromstring(text)
     except ET.ParseError as error:
+        undeclared = set(re.findall(r"[<\s/]([A-Za-z_][\w.-]*):[A-Za-z_]", text)) - {"xml", "xmlns"}
+        declared = " ".join(
+            f'xmlns:{prefix}="{prefix}"' for prefix in sorted(undeclared) if f"xmlns:{prefix}" not in text
+        )
+        if "unbound prefix" in str(error) and declared:
+            return _robot(re.sub(r"<robot\b", f"<robot {declared}", text, count=1))
         raise InputError("file", "no XML", f"a URDF file ({error})") from None
+
+
+def _tree(robot: ET.Element) -> dict[str, ET.Element | None]:
+    """Links and the joints that they hang on, checked to be one tree."""
     if robot.tag != "robot":
         raise InputError("file", f"<{robot.tag}>", "a URDF file, which is a <robot>", "expand xacro first")
     parents: dict[str, ET.Element | None] = {link.get("name", ""): None for link in robot.findall("link")}
@@ -107,84 +131,123 @@ def _movable(joints: Any) -> list[str]:
     return [joint.get("name") for joint in joints if joint is not None and joint.get("type") in _MOVABLE]
 
 
-def _arm(text: str, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialArm:
+def _check_moving(joint: ET.Element) -> None:
+    """Refuse a joint that cannot be moved on its own.
+
+    Raises:
+        InputError: It mimics another, or its range is empty.
+    """
+    name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
+    if mimic is not None:
+        rule = "joints that move on their own, between base and tip"
+        fix = f"a tip before it, or arm.locked = {{ {name} = 0 }} in a model file"
+        raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
+    if joint.get("type") == "continuous":
+        return
+    ends = [_number("0" if limit is None else limit.get(end, "0")) for end in ("lower", "upper")]
+    if not ends[0] < ends[1]:
+        rule = 'a <limit> whose lower is below its upper, or type="continuous"'
+        raise InputError(f"joint {name}", f"lower {ends[0]:g} and upper {ends[1]:g}", rule)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialArm:
     """The arm that Pinocchio reads, all joints but the movers locked."""
     import pinocchio as pin
 
+    tip = _tell_apart(robot).get(tip, tip)
     try:
         with quiet():
-            whole = pin.buildModelFromXML(text)
+            whole = pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"))
     except (ValueError, RuntimeError) as error:
         raise InputError("file", "no robot", f"a URDF file that Pinocchio reads ({error})") from None
+    weighed = add_inertias(whole, robot, folder)
     at = np.zeros(whole.nv)
-    for name, value in choice.locked.items():
+    for name, value in _locked(robot, choice).items():
         at[whole.idx_vs[whole.getJointId(name)]] = value
     locked = [i for i in range(1, whole.njoints) if whole.names[i] not in movers]
     posture = pin.integrate(whole, pin.neutral(whole), at)
-    model, (shapes,) = pin.buildReducedModel(whole, [_shapes(whole, text)], locked, posture)
+    model, (shapes,) = pin.buildReducedModel(whole, [simple_shapes(whole, robot)], locked, posture)
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
-    _check_masses(model, _shaped(text))
     capsules: list[list[Capsule]] = [[] for _ in range(model.njoints)]
     for shape in shapes.geometryObjects:
-        capsules[shape.parentJoint].append(_capsule(shape))
+        capsules[shape.parentJoint].append(capsule_of(shape))
     links = tuple(replace(_link(model, data, i), capsules=tuple(capsules[i])) for i in range(1, model.njoints))
-    frame = model.frames[model.getFrameId(tip)]
+    frame = model.frames[model.getFrameId(tip, pin.FrameType.BODY)]
     hand = frame.placement.rotation @ choice.hand
     x, y, z = frame.placement.translation.tolist()
     names = tuple(joint_name(name) for name in model.names[1:])
-    return SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]))
+    carried = _links_of(model)
+    weightless = _weightless(model, carried, (massless_links(robot) & shaped_links(robot)) - weighed)
+    notes = []
+    if weighed & set().union(*carried[1:]):
+        of = ", ".join(sorted(weighed & set().union(*carried[1:])))
+        notes.append(
+            f"no <inertial> in {of}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on"
+        )
+    limited = [joint.get("name") for joint in robot.findall("joint") if joint.find(_BY_POSITION) is not None]
+    if any(name in movers for name in limited):
+        of = ", ".join(name for name in movers if name in limited)
+        notes.append(f"speed limits that depend on the position of {of} are not judged, only the largest speeds")
+    arm = SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]), names=tuple(model.names[1:]))
+    return without_inertia(replace(arm, notes=tuple(notes)), [names[i - 1] for i in weightless])
 
 
-def _shapes(model: Any, text: str) -> Any:
-    """Return the simple collision shapes of a robot, as Pinocchio reads them."""
+def _tell_apart(robot: ET.Element) -> dict[str, str]:
+    """Rename links that have the name of a joint, which Pinocchio confuses; return their new names."""
+    joints = {joint.get("name", "") for joint in robot.findall("joint")}
+    renamed = {name: f"{name} (link)" for name in (link.get("name", "") for link in robot.findall("link"))}
+    renamed = {name: new for name, new in renamed.items() if name in joints}
+    for key, place in (("name", "link"), ("link", "joint/parent"), ("link", "joint/child")):
+        for element in robot.iterfind(place):
+            name = element.get(key, "")
+            element.set(key, renamed.get(name, name))
+    return renamed
+
+
+def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
+    """Where joints are that do not move: those that mimic a locked one follow it."""
+    locked = dict(choice.locked)
+    for joint in robot.findall("joint"):
+        mimic, name = joint.find("mimic"), joint.get("name", "")
+        if mimic is not None and name not in locked and joint.get("type") in _MOVABLE:
+            value = choice.locked.get(mimic.get("joint", ""), 0.0)
+            locked[name] = _number(mimic.get("multiplier", "1")) * value + _number(mimic.get("offset", "0"))
+    return locked
+
+
+def _links_of(model: Any) -> list[set[str]]:
+    """Names of the links that each joint carries, (joints,)."""
     import pinocchio as pin
 
-    robot = ET.fromstring(text)
-    for link in robot.findall("link"):
-        for shape in link.findall("collision"):
-            if not any(shape.find(f"geometry/{kind}") is not None for kind in _SIMPLE):
-                link.remove(shape)
-    simple = ET.tostring(robot, encoding="unicode")
-    try:
-        with quiet():
-            return pin.buildGeomFromUrdfString(model, simple, pin.GeometryType.COLLISION)
-    except (ValueError, RuntimeError) as error:
-        raise InputError("file", "no shapes", f"a URDF file whose shapes Pinocchio reads ({error})") from None
+    carried: list[set[str]] = [set() for _ in range(model.njoints)]
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY:
+            carried[frame.parentJoint].add(frame.name)
+    return carried
 
 
-def _capsule(shape: Any) -> Capsule:
-    """Return the capsule that holds a simple shape, in its joint's frame."""
-    import coal
+def _weightless(model: Any, carried: list[set[str]], without: set[str]) -> list[int]:
+    """Return the joints whose bodies' inertia is not known.
 
-    R, p, kind = shape.placement.rotation, shape.placement.translation, shape.geometry
-    if isinstance(kind, coal.Box):
-        return Capsule.around_box(R, p, np.array(kind.halfSide))
-    return Capsule.along(R, p, float(getattr(kind, "halfLength", 0.0)), float(kind.radius))
-
-
-def _shaped(text: str) -> set[str]:
-    """Names of the links that have a shape: those are bodies, and no mere frames."""
-    links = ET.fromstring(text).findall("link")
-    return {x.get("name", "") for x in links if x.find("visual") is not None or x.find("collision") is not None}
-
-
-def _check_masses(model: Any, shaped: set[str]) -> None:
-    """Refuse joints that move nothing with a mass, and shapes without one.
-
-    Raises:
-        InputError: There is such a joint.
+    Args:
+        model: Of the arm.
+        carried: Names of the links that each joint carries, (joints,).
+        without: Names of the links that have shapes, and no mass.
     """
-    import pinocchio as pin
-
-    beyond = 0.0
+    found, beyond = [], 0.0
     for i in reversed(range(1, model.njoints)):
-        mass = model.inertias[i].mass
-        beyond += mass
-        moved = {f.name for f in model.frames if f.parentJoint == i and f.type == pin.FrameType.BODY}
-        if beyond <= 0 or (mass <= 0 and moved & shaped):
-            rule = "an <inertial> with a mass > 0 on the link that it moves, or on one fixed to that"
-            raise InputError(f"joint {model.names[i]}", f"mass {mass:g} kg", rule)
+        beyond += model.inertias[i].mass
+        if beyond <= 0 or carried[i] & without:
+            found.insert(0, i)
+    return found
 
 
 def _link(model: Any, data: Any, i: int) -> SpatialLink:
@@ -200,7 +263,7 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
         velocity=_limit(model.upperVelocityLimit[v]),
         torque=_limit(model.upperEffortLimit[v]),
     )
-    I = body.inertia
+    I = body.inertia if body.mass else np.zeros((3, 3))
     return SpatialLink(
         mass=float(body.mass),
         com=tuple(body.lever.tolist()) if body.mass else (0.0, 0.0, 0.0),

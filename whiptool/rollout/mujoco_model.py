@@ -20,6 +20,8 @@ from whiptool.rollout.mujoco_scene import add_ball, add_capsule, add_scene, add_
 # MuJoCo refuses masses without inertia. This much [kg m^2] on a node of 12 g at 72 mm changes its inertia by 2e-8.
 NODE_INERTIA = 1e-12
 
+STAND_IN = 0.1  # [kg m^2 or kg] at joints of an arm of unknown inertia, which MuJoCo could not move without any
+
 _HINGE = (("", (0.0, -1.0, 0.0)),)  # a node's joints: what its name ends with, and their axes
 _NODE_JOINTS = {"hinge": _HINGE, "universal": tuple(zip(("x", "y"), UNIVERSAL, strict=True)), "rod": ()}
 
@@ -144,11 +146,12 @@ def _at_least(inertia: Sequence[float], least: float) -> list[float]:
 def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -> _Place:
     """Links, joints and motors; returns the place of the hand."""
     place, ends = _Place(spec.worldbody), [link.position for link in arm.links[1:]] + [arm.hand_position]
+    stand_in = STAND_IN if arm.weightless else 0.0
     if any(arm.links[0].position):
         add_capsule(spec.worldbody, arm.links[0].position, 0.025 * reach, "arm")
     for i, (name, link, end) in enumerate(zip(arm.joints, arm.links, ends, strict=True)):
         kind = mujoco.mjtJoint.mjJNT_HINGE if link.kind == "revolute" else mujoco.mjtJoint.mjJNT_SLIDE
-        options = {"type": kind, "damping": link.friction, "armature": link.armature}
+        options = {"type": kind, "damping": link.friction, "armature": link.armature + stand_in}
         if np.isfinite(link.limits.position).all():
             options["range"] = link.limits.position
         place = place.carried(link.position, link.rotation).with_joint(name, link.axis, **options)

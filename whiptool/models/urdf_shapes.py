@@ -1,0 +1,140 @@
+"""Shapes of URDF files: the capsules of links, and the inertia of links that have shapes but no `<inertial>`."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.arm_choice import quiet
+from whiptool.models.capsules import Capsule
+
+DENSITY = 1000.0  # [kg/m3], of bodies whose mass a file does not tell: what MuJoCo takes
+SIMPLE = ("box", "cylinder", "capsule", "sphere")
+
+
+def simple_shapes(model: Any, robot: ET.Element) -> Any:
+    """Return the simple collision shapes of a robot, as Pinocchio's geometry of a model.
+
+    Raises:
+        InputError: Pinocchio does not read them.
+    """
+    kept = _copied(robot)
+    for link in kept.findall("link"):
+        for shape in link.findall("collision"):
+            if not any(shape.find(f"geometry/{kind}") is not None for kind in SIMPLE):
+                link.remove(shape)
+    return _geometry(model, kept, "COLLISION")
+
+
+def capsule_of(shape: Any) -> Capsule:
+    """Return the capsule that holds a simple shape, in its joint's frame."""
+    import coal
+
+    R, p, kind = shape.placement.rotation, shape.placement.translation, shape.geometry
+    if isinstance(kind, coal.Box):
+        return Capsule.around_box(R, p, np.array(kind.halfSide))
+    return Capsule.along(R, p, float(getattr(kind, "halfLength", 0.0)), float(kind.radius))
+
+
+def shaped_links(robot: ET.Element) -> set[str]:
+    """Return the names of the links that have a shape: those are bodies, and no mere frames."""
+    links = robot.findall("link")
+    return {x.get("name", "") for x in links if x.find("visual") is not None or x.find("collision") is not None}
+
+
+def massless_links(robot: ET.Element) -> set[str]:
+    """Return the names of the links without an `<inertial>`, or with one without mass."""
+    masses = {link.get("name", ""): link.find("inertial/mass") for link in robot.findall("link")}
+    return {name for name, mass in masses.items() if mass is None or not _positive(mass.get("value", ""))}
+
+
+def _positive(text: str) -> bool:
+    try:
+        return float(text) > 0
+    except ValueError:
+        return False
+
+
+def add_inertias(model: Any, robot: ET.Element, folder: Path) -> set[str]:
+    """Give the bodies of a Pinocchio model that have no mass that of their shapes; return the names of these links.
+
+    A link's collision shapes count, or else its visual ones; meshes where their files are there.
+
+    Args:
+        model: Changed in place.
+        robot: What it was read from.
+        folder: Of the file, from which meshes are looked for.
+    """
+    import pinocchio as pin
+
+    wanted = massless_links(robot) & shaped_links(robot)
+    found: set[str] = set()
+    for kind in ("collision", "visual"):
+        kept = _copied(robot)
+        for link in kept.findall("link"):
+            for shape in [*link.findall("collision"), *link.findall("visual")]:
+                used = shape.tag == kind and link.get("name") in wanted - found
+                if not used or not _is_there(shape, folder):
+                    link.remove(shape)
+        try:
+            shapes = _geometry(model, kept, kind.upper()).geometryObjects
+        except InputError:  # of a format that is not read
+            continue
+        bodies: dict[str, list[Any]] = {}
+        for shape in shapes:
+            bodies.setdefault(model.frames[shape.parentFrame].name, []).append(shape)
+        for name, parts in bodies.items():
+            inertias = [_inertia_of(part) for part in parts]
+            if all(inertia is not None for inertia in inertias):
+                joint = model.frames[model.getFrameId(name, pin.FrameType.BODY)].parentJoint
+                for inertia in inertias:
+                    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+                found.add(name)
+    return found
+
+
+def _inertia_of(shape: Any) -> Any:
+    """Return the inertia of a shape of water in its joint's frame; None: a mesh that encloses no volume."""
+    import pinocchio as pin
+
+    geometry = shape.geometry
+    volume = float(geometry.computeVolume())
+    moments = np.array(geometry.computeMomentofInertiaRelatedToCOM())
+    if not volume > 0 or not np.isfinite(moments).all() or np.linalg.eigvalsh(moments)[0] < 0:
+        return None
+    inertia = pin.Inertia(DENSITY * volume, np.array(geometry.computeCOM()), DENSITY * moments)
+    return shape.placement.act(inertia)
+
+
+def _is_there(shape: ET.Element, folder: Path) -> bool:
+    """Whether a shape is simple, or a mesh whose file is there; its name becomes the file's path."""
+    mesh = shape.find("geometry/mesh")
+    if mesh is None:
+        return any(shape.find(f"geometry/{kind}") is not None for kind in SIMPLE)
+    name = mesh.get("filename", "")
+    for scheme in ("package://", "file://", "model://"):
+        name = name.removeprefix(scheme)
+    places = [Path(name), *(above / name for above in (folder, *folder.parents)), folder / "meshes" / Path(name).name]
+    found = next((place for place in places if place.is_file()), None)
+    if found is not None:
+        mesh.set("filename", str(found.resolve()))
+    return found is not None
+
+
+def _copied(robot: ET.Element) -> ET.Element:
+    return ET.fromstring(ET.tostring(robot))
+
+
+def _geometry(model: Any, robot: ET.Element, kind: str) -> Any:
+    import pinocchio as pin
+
+    try:
+        with quiet():
+            text = ET.tostring(robot, encoding="unicode")
+            return pin.buildGeomFromUrdfString(model, text, getattr(pin.GeometryType, kind))
+    except (ValueError, RuntimeError) as error:
+        raise InputError("file", "no shapes", f"a URDF file whose shapes Pinocchio reads ({error})") from None
