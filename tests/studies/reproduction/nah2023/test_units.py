@@ -81,7 +81,9 @@ def test_a_search_says_what_it_found(monkeypatch, nearest: float, hit: bool):
 
     def search(objective, method):
         asked.append((objective, method))
-        trials = [SimpleNamespace(outcome=SimpleNamespace(miss_distance=x)) for x in (0.9, nearest, 0.5)]
+        misses, radius = (0.9, nearest, 0.5), objective.target.hit_radius
+        outcomes = [SimpleNamespace(miss_distance=miss, hit=miss <= radius) for miss in misses]
+        trials = [SimpleNamespace(number=i + 1, outcome=outcome) for i, outcome in enumerate(outcomes)]
         return Result(method, Status.MAX_TRIALS, "", None, None, tuple(trials), 0, 1.0)
 
     monkeypatch.setattr(whiptool.optimizers, "search", search)
