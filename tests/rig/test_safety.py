@@ -17,7 +17,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, oiac_preset
 from whiptool.models.motor_limits import XM430, limits_preset
 from whiptool.rig.caps import CappedLoop, Caps, default_caps
-from whiptool.rig.cyclelog import Flag
+from whiptool.rig.cyclelog import Flag, Phase
 from whiptool.rig.dynamixel import Joints, JointSample
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions, random_faults
 from whiptool.rig.loop import RigLoop, StepClock
@@ -324,6 +324,168 @@ def test_signals_turn_torque_off(bus, twin, number):
     assert run.torque_off
     assert twin.state()["torque_on"] == [False, False]
     assert signal.getsignal(number) is before
+
+
+PHASES = LoopOptions(rate=100.0, settle=0.05, approach_speed=2.0, t_stay=0.02, rehearse=False)
+GENTLE = wt.Strike((0.1, 0.1), (0.2, 0.15), 0.15)
+
+
+@pytest.fixture(scope="module")
+def slow_twin():
+    """A twin of few cycles, which goes through all phases."""
+    with Emulator(dataclasses.replace(FAST_PHYSICS, period=0.01)) as emulator:
+        yield emulator
+
+
+def phases_on(twin: Emulator, bus, **more) -> RigLoop:
+    joints = Joints(bus)
+    return RigLoop(joints, MODEL, Controller(OIAC()), options=PHASES, clock=StepClock(), **more)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("phase", Phase)
+def test_a_signal_in_any_phase_ends_the_run_however_often_it_comes(slow_twin, phase, number):
+    def stop(k, now):
+        if now is phase:
+            for _ in range(1 if k % 2 else 3):
+                os.kill(os.getpid(), number)
+
+    slow_twin.reset((0.0, 0.0))
+    with slow_twin.bus() as bus:
+        loop = phases_on(slow_twin, bus)
+        run = loop.run(GENTLE, on_cycle=stop)
+        assert str(run.fault) == f"signal: {signal.Signals(number).name} came"
+        assert run.cycles.phase[-1] == phase
+        assert run.torque == "torque is off"
+        changes = slow_twin.state()["torque_changes"]
+        with pytest.raises(Locked):
+            loop.run(GENTLE)
+    assert [on for _, _, on in changes] == [True, True, False, False]
+    assert slow_twin.state()["torque_changes"] == changes
+
+
+@pytest.mark.parametrize("register", ["current_limit", "bus_watchdog", "torque_enable"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_arming_keeps_torque_off(slow_twin, register, number):
+    slow_twin.reset((0.0, 0.0))
+    with slow_twin.bus() as bus:
+        write = bus.write
+
+        def stopped(id, name, value):
+            if (id, name) == (2, register) and value:
+                os.kill(os.getpid(), number)
+            write(id, name, value)
+
+        bus.write = stopped
+        run = phases_on(slow_twin, bus).run(GENTLE)
+    assert run.fault is not None
+    assert run.fault.kind == "signal"
+    assert run.torque_off
+    on = [servo for _, servo, on in slow_twin.state()["torque_changes"] if on]
+    assert on == ([0] if register == "torque_enable" else [])
+
+
+def test_a_signal_after_the_last_cycle_is_no_end_like_any_other(slow_twin, monkeypatch):
+    slow_twin.reset((0.0, 0.0))
+    disarm = Safety.disarm
+
+    def stopped(safety):
+        disarm(safety)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Safety, "disarm", stopped)
+    with slow_twin.bus() as bus:
+        run = phases_on(slow_twin, bus).run(GENTLE)
+    assert str(run.fault) == "signal: SIGINT came"
+    assert run.torque_off
+
+
+def test_torque_off_is_completed_however_often_ctrl_c_comes(bus, twin):
+    """Also where a person arms from Python, without the loop."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    safety, write_all = Safety(Joints(bus)), bus.write_all
+
+    def interrupted(name, value):
+        for _ in range(3):
+            os.kill(os.getpid(), signal.SIGINT)
+        write_all(name, value)
+
+    bus.write_all = interrupted
+
+    def run() -> None:
+        with safety:
+            safety.arm()
+            os.kill(os.getpid(), signal.SIGINT)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert safety.confirmed
+    assert twin.state()["torque_on"] == [False, False]
+
+
+BAD = {
+    "position": {"q": np.array([0, 5.0])},
+    "speed": {"v": np.array([-7.0, 0])},
+    "current": {"current": np.array([0, 2.7])},
+    "temperature": {"temperature": np.array([71, 30])},
+    "voltage": {"voltage": np.array([12, 9.0])},
+    "hardware": {"hardware_error": np.array([0, 4])},
+    "torque": {"torque_on": np.array([1, 0])},
+    "watchdog": {"watchdog": np.array([3, -1])},
+    "tracking": {"q": np.array([1.6, 0])},
+    "stale": {"tick": np.array([0, 0])},
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_guard_in_any_phase_ends_the_run_and_locks_the_arm(slow_twin, kind, monkeypatch):
+    read, now = Joints.read, {}
+
+    def bad(joints):
+        sample = read(joints)
+        if now.get("phase") is not now["until"] or now["cycles"] < 2:
+            return sample
+        change = BAD[kind] if kind != "stale" else {"tick": sample.tick - 500}
+        return dataclasses.replace(sample, **change)
+
+    def tell(k, phase):
+        now["cycles"] = now["cycles"] + 1 if now.get("phase") is phase else 0
+        now["phase"] = phase
+
+    monkeypatch.setattr(Joints, "read", bad)
+    for phase in Phase:
+        now.clear()
+        now.update(until=phase, cycles=0)
+        slow_twin.reset((0.0, 0.0))
+        with slow_twin.bus() as bus:
+            loop = phases_on(slow_twin, bus)
+            run = loop.run(GENTLE, on_cycle=tell)
+            assert run.fault is not None
+            assert run.fault.kind == kind
+            assert run.cycles.phase[-1] == phase
+            assert run.torque_off
+            changes = slow_twin.state()["torque_changes"]
+            assert [on for _, _, on in changes] == [True, True, False, False]
+            with pytest.raises(Locked, match=kind):
+                loop.run(GENTLE)
+        assert slow_twin.state()["torque_changes"] == changes
+
+
+def test_a_dead_servo_is_named_and_so_is_the_cure(slow_twin):
+    slow_twin.reset((0.0, 0.0))
+    with slow_twin.bus() as bus:
+        slow_twin.inject(Fault("dead", at=0.1, servo=1))
+        run = phases_on(slow_twin, bus).run(GENTLE)
+    assert run.fault is not None
+    said = f"{run.fault}; {run.torque}"
+    assert "status packet" not in said
+    assert "no sample in 3 cycles in a row: " in said
+    assert f"--port {slow_twin.port}` lists the servos" in said
+    assert "CUT THE POWER (servo 2 did not confirm that it is off)" in said
+    assert not slow_twin.state()["torque_on"][0]
 
 
 def test_an_exception_in_a_callback_keeps_the_record(bus, twin, tmp_path):

@@ -7,6 +7,8 @@ import io
 import os
 import signal
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +18,17 @@ from repository import ROOT
 
 import whiptool as wt
 from whiptool.commands import rig as command
-from whiptool.errors import InputError
+from whiptool.errors import InputError, WhiptoolError
 from whiptool.impedance import OIAC, Controller
 from whiptool.objective import Objective
 from whiptool.optimizers import METHODS, search
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rig import session as sessions
 from whiptool.rig import stop_signals
+from whiptool.rig.cyclelog import Phase
+from whiptool.rig.emulator import Emulator
+from whiptool.rig.filming import Filming
+from whiptool.rig.options import mark_of_port
 from whiptool.rig.session import RigRollout
 from whiptool.rig.stops import (
     STOPPED,
@@ -32,6 +40,8 @@ from whiptool.rig.stops import (
     torque_in_words,
 )
 from whiptool.target import Target
+from whiptool.vision.camera_model import camera_preset
+from whiptool.vision.source import Frame
 
 pytest.importorskip("dynamixel_sdk")
 
@@ -118,8 +128,10 @@ def test_signals_are_noted_and_none_of_many_raises(number: int) -> None:
         for _ in range(3):
             os.kill(os.getpid(), number)
         assert signals.received == signal.Signals(number).name
-        with pytest.raises(KeyboardInterrupt), signals.interruptible():  # a callback that hangs
+        with pytest.raises(KeyboardInterrupt), signals.interruptible(4):  # a callback that hangs
             os.kill(os.getpid(), number)
+        with pytest.raises(KeyboardInterrupt), signals.interruptible():  # torque is not switched on any more
+            pytest.fail("it came before")
     assert signal.getsignal(number) is before
 
 
@@ -217,6 +229,133 @@ def test_the_command_tells_why_it_ended_and_asks_before_it_goes_on(end, status, 
     assert command.main(["learn", "--resume", str(run)]) == 0
     assert rig.calls == 2 + 4
     assert not (run / STOPPED).exists()
+
+
+# -- cameras, prompts, later calls -------------------------------------------------------------------------------------
+
+
+class Camera:
+    """A camera that gives black frames up to a phase of the strike, or none at all."""
+
+    def __init__(self, frames: bool = True) -> None:
+        self.settings, self.frames = camera_preset("d435-infrared"), frames
+        self.fails, self.closed, self.n = threading.Event(), False, 0
+
+    def open(self) -> None:
+        pass
+
+    def read(self, timeout: float) -> Frame | None:
+        if self.fails.is_set():
+            raise OSError("the camera was unplugged")
+        time.sleep(0.002)
+        if not self.frames:
+            return None
+        self.n += 1
+        image = np.zeros((self.settings.height, self.settings.width), np.uint8)
+        return Frame(image, t=0.01 * self.n, clock="camera", sequence=self.n, settings=self.settings)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture(scope="module")
+def emulator():
+    with Emulator(rig_stops.PHYSICS) as one:
+        yield one
+
+
+@pytest.fixture
+def filmed(emulator, monkeypatch):
+    """Strike with a camera and the hardware's code on the twin: the rig, and how often torque was switched on."""
+
+    def strike(camera: Camera, folder: Path, at: Phase | None = None):
+        watched = rig_stops.Watched(emulator, rig_stops.Stop(9))
+        monkeypatch.setattr(sessions, "Emulator", watched)
+        during = Filming.during
+
+        def fails(filming: Filming, striking: bool) -> None:
+            filming.phases = getattr(filming, "phases", 0) + 1
+            if (
+                at is not None
+                and (striking if at is Phase.STRIKE else filming.phases == 5)
+                and not camera.fails.is_set()
+            ):
+                during(filming, striking)
+                camera.fails.set()
+                filming._thread.join()
+            during(filming, striking)
+
+        monkeypatch.setattr(Filming, "during", fails)
+        monkeypatch.setattr(Filming, "wait", lambda self, wait=Filming.wait: wait(self, 0.2))
+        rig = rig_stops.rig_of(True)
+        rig.camera = camera
+        with pytest.raises(WhiptoolError) as ended:
+            rig.strike(rig_stops.strikes_of(np.random.default_rng(0))[0], folder=folder)
+        assert camera.closed
+        return rig, ended.value, len(watched.armed)
+
+    return strike
+
+
+@pytest.mark.slow
+def test_a_camera_without_frames_is_no_strike(filmed, tmp_path: Path) -> None:
+    _, error, armed = filmed(Camera(frames=False), tmp_path)
+    assert "the camera gives no frames (no frame in 0.2 s); no strike was made" in str(error)
+    assert armed == 0
+
+
+@pytest.mark.slow
+def test_a_camera_that_is_lost_on_the_way_stops_the_strike(filmed, tmp_path: Path) -> None:
+    rig, error, armed = filmed(Camera(), tmp_path, at=Phase.APPROACH)
+    assert str(error) == "the strike was stopped: camera: the camera was unplugged; torque is off"
+    assert armed == 2
+    assert error.struck.recording is None
+    with pytest.raises(Locked):
+        rig.interlock.check()
+
+
+@pytest.mark.slow
+def test_a_camera_that_is_lost_during_a_strike_leaves_the_joints(filmed, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(sessions, "_tracked", lambda frames, run: None)
+    rig, error, _ = filmed(Camera(), tmp_path, at=Phase.STRIKE)
+    assert "camera: the camera was unplugged; the joints were recorded; torque is off" in str(error)
+    joints = StrikeRecording.load(tmp_path / "recording.npz").joints_q
+    assert joints is not None
+    assert len(joints) > 10
+    with pytest.raises(Locked):
+        rig.interlock.check()
+
+
+HARDWARE = ["--port", "/dev/nowhere", "--camera", "none", "--strike", "0.1", "0.1", "0.2", "0.15", "0.5"]
+
+
+class Person(io.StringIO):
+    """A person at the keyboard who presses Ctrl-C instead of answering."""
+
+    def readline(self, *args) -> str:
+        os.kill(os.getpid(), signal.SIGINT)
+        return ""
+
+
+@pytest.mark.parametrize(("answer", "status"), [("no\n", 2), ("", 2), (None, 130)])
+def test_nothing_is_opened_without_an_answer(answer, status, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr(sys, "stdin", Person() if answer is None else io.StringIO(answer))
+    assert command.main(["strike", *HARDWARE, "--out", str(tmp_path / "run")]) == status
+    assert "nowhere" not in capsys.readouterr().err.splitlines()[-1].replace("Is everybody", "")
+
+
+def test_a_later_call_with_the_port_asks_whatever_its_options(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    before = Interlock()
+    before.watch(mark_of_port("/dev/nowhere"))
+    before.trip("hardware: joint 1 reports overheating")
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    assert command.main(["strike", *HARDWARE, "--yes", "--out", str(tmp_path / "run")]) == 1
+    assert "nothing is armed: the arm was stopped (hardware: joint 1 reports overheating)" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "stdin", io.StringIO("yes\n"))
+    assert command.main(["strike", *HARDWARE, "--yes", "--out", str(tmp_path / "run")]) == 2
+    assert "/dev/nowhere" in capsys.readouterr().err  # so far it came
 
 
 @pytest.mark.slow

@@ -78,6 +78,7 @@ def _main(args: Sequence[str] | None) -> int:
 
 def _serve(o: ServoOptions) -> int:
     """Do what is asked of the servos, and say what they answered."""
+    from whiptool.rig.dynamixel.assumed import set_registers
     from whiptool.rig.dynamixel.bus import DynamixelBus
     from whiptool.rig.dynamixel.control_table import BAUD_RATES
 
@@ -92,7 +93,9 @@ def _serve(o: ServoOptions) -> int:
         if o.set_id is not None:
             _refuse_taken(bus, o)
         if o.for_strikes:
-            _set_for_strikes(bus, o.ids)
+            for id in o.ids:
+                for assumed, found in set_registers(bus, id):
+                    print(f"{assumed.name} of {id} was {found}, and is now {assumed.value}")
         for name, value in (
             ("return_delay_time", o.set_return_delay),
             ("id", o.set_id),
@@ -146,14 +149,3 @@ def _refuse_taken(bus: DynamixelBus, o: ServoOptions) -> None:
         return
     fix = f"give that one another id first, or unplug it; --ids {o.set_id} shows it"
     raise InputError("--set-id", o.set_id, "an id that no other servo on the line has", fix)
-
-
-def _set_for_strikes(bus: DynamixelBus, ids: Sequence[int]) -> None:
-    """Set every register that is not as strikes assume, its torque off, and say so."""
-    from whiptool.rig.dynamixel.assumed import mismatches
-
-    for id in ids:
-        for assumed, found in mismatches(bus, id):
-            bus.write(id, "torque_enable", 0)
-            bus.write(id, assumed.name, assumed.value)
-            print(f"{assumed.name} of {id} was {found}, and is now {assumed.value}")

@@ -24,8 +24,6 @@ class Interruptions:
         self._before: dict[int, Any] = {}
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if self._over:
-            return
         if self._came:
             os.write(2, b"whiptool: ended at once by a second signal\n")
             os._exit(INTERRUPTED)
@@ -35,6 +33,8 @@ class Interruptions:
     def end(self) -> None:
         """Ignore further signals: the command has saved what it could, and the process is about to end."""
         self._over = True
+        for number in self._before:
+            signal.signal(number, signal.SIG_IGN)  # also while the interpreter ends
 
     def __enter__(self) -> Interruptions:
         self._before = {number: signal.signal(number, self._on_signal) for number in _SIGNALS}

@@ -172,13 +172,15 @@ class RigLoop:
         try:
             with StopSignals() as signals, self.safety as safety:
                 try:
-                    first = safety.arm(lambda: signals.received)
+                    first = safety.arm(signals.interruptible)
                     self._cycles(strike, first, log, signals, on_cycle)
                     safety.disarm()
                 except (SafetyError, Unplugged) as error:
                     reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
                     if safety.state != State.FAULT:
                         safety.fault(reason)
+                except KeyboardInterrupt:
+                    safety.fault(SafetyError("signal", f"{signals.received or 'Ctrl-C'} came"))
             if signals.received and self.safety.state != State.FAULT:  # it came after the last cycle
                 self.safety.fault(SafetyError("signal", f"{signals.received} came"))
         finally:
@@ -242,7 +244,7 @@ class RigLoop:
                 deadline = start + k * period  # absolute: a late cycle does not shift the ones after it
                 clock.sleep_until(deadline)
                 if on_cycle is not None:
-                    with signals.interruptible():
+                    with signals.interruptible(2):
                         on_cycle(k, phase)
                 self._cycle(k * period, deadline, (k - begin) * period, loop, watch, log, signals)
                 end = clock.now()

@@ -7,6 +7,7 @@ them. None of this replaces a switch that cuts the servos' power, within reach o
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from enum import IntEnum
 from types import TracebackType
 
@@ -80,20 +81,22 @@ class Safety:
         self.interlock.check()
         check_registers(self.joints.bus)
 
-    def arm(self, wish: Callable[[], str | None] = lambda: None) -> JointSample:
+    def arm(self, interruptible: Callable[[], AbstractContextManager[None]] = nullcontext) -> JointSample:
         """Switch the servos on: torque off, limits, mode, Goal Current 0 *and read back*, watchdog, torque on.
 
         Goal Current is read back because a change of mode sets it to the current limit.
 
         Args:
-            wish: Returns the name of a signal to stop that has come meanwhile; it is asked before torque goes on.
+            interruptible: Context in which a signal to stop raises KeyboardInterrupt at once: torque is switched on
+                in it.
 
         Returns:
             The joints as they are.
 
         Raises:
             Locked: The arm was stopped, and no person has released it.
-            SafetyError: A step failed, or a signal came; torque is off.
+            SafetyError: A step failed; torque is off.
+            KeyboardInterrupt: A signal came; torque is off.
         """
         if self.state in (State.ARMED, State.RUNNING):
             raise SafetyError("arm", f"the arm is {self.state.name}")
@@ -108,10 +111,12 @@ class Safety:
             sample = joints.read()
             for id in bus.ids:
                 bus.write(id, "bus_watchdog", round(self.watchdog / WATCHDOG_UNIT))
-            for id in bus.ids:
-                if came := wish():
-                    raise SafetyError("signal", f"{came} came")
-                bus.write(id, "torque_enable", 1)
+            with interruptible():
+                for id in bus.ids:
+                    bus.write(id, "torque_enable", 1)
+        except KeyboardInterrupt:
+            self.fault(SafetyError("signal", "a signal to stop came while arming"))
+            raise
         except (BusError, SafetyError) as error:
             self.fault(error if isinstance(error, SafetyError) else SafetyError("line", str(error)))
             assert self.reason is not None

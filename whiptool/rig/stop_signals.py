@@ -15,8 +15,9 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class StopSignals:
     """Signals as a wish that the loop sees in its next cycle; however many come, torque-off is completed.
 
-    An exception out of a handler could leave a packet half sent, and torque on. Only a callback that is not ours and
-    may hang is interrupted, by a second signal. Outside of the main thread Python knows no handlers: it does nothing.
+    An exception out of a handler could leave a packet half sent, and torque on. Two things are interrupted all the
+    same: the switching on of torque, and, by a second signal, a callback that is not ours and may hang. Outside of the
+    main thread Python knows no handlers: it does nothing.
 
     Attributes:
         received: Name of the first signal that came; None: none did.
@@ -24,22 +25,27 @@ class StopSignals:
 
     def __init__(self) -> None:
         self.received: str | None = None
-        self._interruptible = False
+        self._count = 0
+        self._raises_at: int | None = None  # so many signals interrupt what is done now; None: it is not interrupted
         self._before: dict[int, Any] = {}
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        again, self.received = self.received is not None, self.received or signal.Signals(number).name
-        if again and self._interruptible:
+        self.received, self._count = self.received or signal.Signals(number).name, self._count + 1
+        self._raise_if_due()
+
+    def _raise_if_due(self) -> None:
+        if self._raises_at is not None and self._count >= self._raises_at:
             raise KeyboardInterrupt
 
     @contextmanager
-    def interruptible(self) -> Iterator[None]:
-        """A second signal raises KeyboardInterrupt within this block."""
-        self._interruptible = True
+    def interruptible(self, signals: int = 1) -> Iterator[None]:
+        """Raise KeyboardInterrupt within this block once so many signals have come, also if they came before it."""
+        self._raises_at = signals
         try:
+            self._raise_if_due()
             yield
         finally:
-            self._interruptible = False
+            self._raises_at = None
 
     def __enter__(self) -> StopSignals:
         if threading.current_thread() is threading.main_thread():

@@ -10,7 +10,6 @@ from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.dynamixel.control_table import register
 
 NO_SECONDARY_ID = 253  # and above: the servo listens to its own id alone
-ALL_REPLIES = 2  # of Status Return Level
 
 
 @dataclass(frozen=True)
@@ -40,12 +39,12 @@ def _default(name: str, meaning: str, holds: Callable[[int], bool] | None = None
 
 _SHUTDOWN = register("shutdown").default
 ASSUMED = (
+    _default("status_return_level", "it answers every instruction"),
     _default("drive_mode", "counts and currents have their usual sign, and Torque Enable alone switches torque on"),
     _default("homing_offset", "2048 counts are the arm hanging straight down"),
     _default("pwm_limit", "the motor gives its whole speed-torque line"),
     _default("secondary_id", "it obeys its own id alone", lambda id: id >= NO_SECONDARY_ID),
     _default("shutdown", "it protects itself from heat, shock and overload", lambda x: x & _SHUTDOWN == _SHUTDOWN),
-    _default("status_return_level", "it answers every instruction", lambda level: level == ALL_REPLIES),
 )
 
 
@@ -73,3 +72,20 @@ def check_registers(bus: DynamixelBus) -> None:
                 "--for-strikes`, and see that the arm still hangs at 2048 counts"
             )
             raise InputError(f"servo {id}: {assumed.name}", value, f"{assumed.value}: {assumed.meaning}", fix)
+
+
+def set_registers(bus: DynamixelBus, id: int) -> list[tuple[Assumed, int]]:
+    """Set those registers of a servo that are not as strikes assume, its torque off.
+
+    Returns:
+        They, with the values that they had.
+
+    Raises:
+        NoReply, Refused, Unplugged: The servo does not answer.
+    """
+    bus.write_all("status_return_level", register("status_return_level").default)  # first, unanswered: it may be mute
+    found = mismatches(bus, id)
+    for assumed, _ in found:
+        bus.write(id, "torque_enable", 0)
+        bus.write(id, assumed.name, assumed.value)
+    return found

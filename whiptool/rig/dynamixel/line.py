@@ -71,13 +71,10 @@ class Line:
                 if self._dirty and replies:
                     self._resynchronise()
                 return transact()
-            except NoReply:
-                self._dirty = True
-                self._count("no reply")
-                raise
-            except Refused:
-                self._dirty = True  # replies of the servos behind it may be under way
-                self._count("refused")
+            except BaseException as error:
+                self._dirty = True  # a reply may be under way, also where a signal cut the wait for it short
+                if isinstance(error, NoReply | Refused):
+                    self._count("no reply" if isinstance(error, NoReply) else "refused")
                 raise
             finally:
                 self._port.is_using = False  # an exception in the SDK leaves it set, and every later call fails

@@ -21,6 +21,7 @@ from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.emulator.faults import Fault
 from whiptool.rig.emulator.options import TwinOptions
 from whiptool.rig.emulator.server import Server
+from whiptool.rig.stop_signals import signals_held
 from whiptool.whole_files import write_npz
 
 
@@ -96,7 +97,7 @@ class Emulator:
             raise OSError("the emulator has ended") from error
 
     def _ask(self, *command: Any) -> Any:
-        with self._asking:
+        with self._asking, signals_held():  # else an answer would be left for the next question
             self._control.send((0 if self._client is None else self._client.sent, *command))
             return self._control.recv()
 

@@ -1,0 +1,107 @@
+"""An adaptation whose strike is stopped: nothing is learned from it, and nothing is struck before a person says so."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import whiptool as wt
+from whiptool.adaptation.adapter import OUTCOME, Adapter, Options
+from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.ports import RigPort, Seen
+from whiptool.adaptation.prior import default_prior
+from whiptool.impedance import OIAC, Controller
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rig.stops import STOPPED, Locked, StrikeInterrupted, StrikeRefused, StrikeStopped
+from whiptool.target import Target
+
+MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())
+STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])
+PLAN = Plan(tuple(map(float, STRIKE.vector)), None, None, None, None, "as given", 0.0)
+TARGET = Target((1.2, 0.1))
+
+
+class Robot:
+    """A port whose second strike ends as it is told."""
+
+    def __init__(self, end: BaseException | Seen) -> None:
+        self.end, self.numbers = end, []
+
+    def strike(self, strike, number, folder, believed=None):
+        self.numbers.append(number)
+        if number == 2:
+            if isinstance(self.end, BaseException):
+                raise self.end
+            return self.end
+        return Seen(None, 0.5)
+
+
+def adaptation(port, folder: Path | None = None) -> wt.Adaptation:
+    options = Options(max_strikes=4, stop_at=0.0, still=False, adapt=False)
+    return wt.Adaptation(default_prior(MODEL, CONTROLLER), port, TARGET, options, folder, opening=PLAN)
+
+
+@pytest.mark.parametrize(
+    "end",
+    [StrikeStopped("hardware: joint 1 reports overheating", None, "torque is off"), Seen(None, None, fault="hot")],
+)
+def test_a_fault_ends_the_run_and_locks_it(end, tmp_path: Path) -> None:
+    port = Robot(end)
+    run, steps = adaptation(port, tmp_path), []
+    with pytest.raises(StrikeStopped, match="hot|overheating"):
+        run.run(steps.append)
+    assert [step.number for step in steps] == [1]
+    assert "hot" in json.loads((tmp_path / STOPPED).read_text())["reason"] or isinstance(end, StrikeStopped)
+    assert not (tmp_path / "strike-0002" / OUTCOME).exists()
+    for again in (run, adaptation(port, tmp_path)):  # in this process, and in another
+        with pytest.raises(Locked):
+            again.run()
+    assert port.numbers == [1, 2]
+    port.end = Seen(None, 0.4)
+    run.interlock.release()
+    assert [step.number for step in run.run()] == [1, 2, 3, 4]
+    assert port.numbers == [1, 2, 2, 3, 4]  # what was not carried out is no trial
+
+
+def test_a_signal_ends_the_run_and_no_one_is_asked(tmp_path: Path) -> None:
+    port = Robot(StrikeInterrupted("signal: SIGINT came", None, "torque is off"))
+    with pytest.raises(KeyboardInterrupt):
+        adaptation(port, tmp_path).run()
+    assert not (tmp_path / STOPPED).exists()
+    port.end = Seen(None, 0.4)
+    assert len(adaptation(port, tmp_path).run()) == 4
+
+
+def test_a_refused_strike_is_told_and_the_next_one_is_made() -> None:
+    class Refuses:
+        def strike(self, strike, *, folder=None, believed=None):
+            raise StrikeRefused("strike", [0.0], "what the motors can carry", "lengthen D")
+
+    steps = adaptation(RigPort(lambda number: Refuses(), TARGET.position)).run()
+    assert len(steps) == 4
+    assert all("lengthen D" in step.outcome.refused and step.judged is None for step in steps)
+
+
+def test_bad_set_up_of_a_rig_is_no_refused_strike() -> None:
+    class Unfit:
+        def strike(self, strike, *, folder=None, believed=None):
+            raise wt.errors.InputError("servo 1: homing_offset", 1024, "0")
+
+    with pytest.raises(ValueError, match="homing_offset"):
+        adaptation(RigPort(lambda number: Unfit(), TARGET.position)).run()
+
+
+def test_nothing_is_learned_from_a_strike_that_was_broken_off() -> None:
+    t = np.arange(30) / 60
+    film = StrikeRecording(t, np.tile([1.0, 0.0], (30, 1, 1)), ("tip",), np.array(0.005), strike=STRIKE)
+    prior = default_prior(MODEL, CONTROLLER)
+    adapter = Adapter(prior, TARGET, Options(still=False), opening=PLAN)
+    adapter.ask()
+    step = adapter.tell(Seen(film, 0.01, fault="a cable came loose"))
+    assert step.learned is None
+    assert step.judged is None
+    assert adapter.belief is prior
+    assert not adapter.done
