@@ -7,7 +7,7 @@ RUN := $(VENV)/bin/python
 TEST := env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 $(RUN) -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint requirements.lock
 
-.PHONY: demo test test-fast mutants check docs clean
+.PHONY: demo test test-fast mutants check docs docs-commands clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.core
@@ -22,6 +22,10 @@ test-fast: $(VENV)/.dev
 # does a wrong formula fail a test? goes on where it was stopped; MUTANTS="--package rl --sample 20" for a part
 mutants: $(VENV)/.dev
 	$(RUN) -m tools.mutants $(MUTANTS)
+
+# every command of README and documentation, as it is typed, to its end: hours; PAGES="how-to and identify" for some
+docs-commands: $(VENV)/.dev
+	$(RUN) -m pytest -m "slow or hours" tests/whole/test_page_commands.py -k "as_it_is_typed and ($(or $(PAGES),md))"
 
 docs: $(VENV)/.dev
 	$(RUN) -m sphinx -W --keep-going -b html docs docs/_build/html

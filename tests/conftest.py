@@ -25,8 +25,10 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["MPLCONFIGDIR"] = str(cache.mkdir("matplotlib"))
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files that take longest first, so that no process waits for the last of them."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what takes hours unless `-m` names it, and put the files first that take longest."""
+    if "hours" not in config.getoption("markexpr"):
+        items[:] = [item for item in items if item.get_closest_marker("hours") is None]
     longest = ("tests/commands/", "tests/studies/", "tests/whole/")
     items.sort(key=lambda item: not item.nodeid.startswith(longest))
 

@@ -20,7 +20,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from command_line import called
+from page_commands import FENCE, SPAN, Command, lines_of, parts_of
 from processes import HANG
 from repository import ROOT
 
@@ -30,10 +30,8 @@ from whiptool.commands import cli
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
-TUTORIAL = (DOCS / "tutorial.md").read_text(encoding="utf-8")
-FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+TUTORIAL = DOCS / "tutorial.md"
 COMMAND = re.compile(r"^(?:\S*python3? -m whiptool\.|whiptool )(.*)$")
-CODE = re.compile(r"(?<!\})`([^`\n]+)`")  # of a line; not a role such as {doc}
 TWOFOLD = ("rig", "map")  # commands whose second word says what they do
 COMMANDS = (
     *(set(cli.COMMANDS) - set(TWOFOLD)),
@@ -68,7 +66,7 @@ def tables(text: str, header: str) -> list[list[str]]:
 def commands(text: str) -> list[list[str]]:
     """The words behind `whiptool` of every command in a text's code, as `["rig", "strike", "--json"]`."""
     code = [line for body in fences(text, "sh") for line in body.replace("\\\n", " ").splitlines()]
-    code += CODE.findall(FENCE.sub("", text))
+    code += SPAN.findall(FENCE.sub("", text))
     found = []
     for line in code:
         match = COMMAND.match(line.split(" #")[0].strip())
@@ -115,7 +113,7 @@ def test_commands_and_their_options_exist(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_options_without_a_command_belong_to_some_command(page):
     known = frozenset().union(*map(options_of, COMMANDS)) | {"--version"}
-    for span in CODE.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
+    for span in SPAN.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
         for word in re.findall(r"(?:^|\s)(--[a-z][\w-]*)", span):
             assert word in known, f"{page.name}: {span}"
 
@@ -229,9 +227,22 @@ def test_snippets_of_the_how_to_run(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+@dataclasses.dataclass(frozen=True)
+class Tutorial:
+    """The tutorial as it was done.
+
+    Args:
+        folder: In which.
+        shown: What the page shows of what a command prints, and what it printed.
+    """
+
+    folder: Path
+    shown: list[tuple[str, str]]
+
+
 @pytest.fixture(scope="module")
-def tutorial(tmp_path_factory) -> Path:
-    """The folder in which the whole tutorial was done, snippets and commands in their order.
+def tutorial(tmp_path_factory) -> Tutorial:
+    """The whole tutorial, snippets and commands in their order.
 
     A snippet goes on where the one before it ended, as in an interpreter that stays open.
     """
@@ -239,26 +250,22 @@ def tutorial(tmp_path_factory) -> Path:
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"the tutorial needs {module}")
     folder, names = tmp_path_factory.mktemp("tutorial"), {"__name__": "tutorial"}
-    for language, body in FENCE.findall(TUTORIAL):
+    shown: list[tuple[str, str]] = []
+    said = ""
+    for language, body in parts_of(TUTORIAL):
         if language == "python":
             with contextlib.chdir(folder):
                 exec(compile(body, "tutorial.md", "exec"), names)
+        elif language == "text":
+            shown.append((body, said))
         elif language == "sh":
-            for line in body.splitlines():
-                if line.startswith("python -m whiptool.doctor"):  # it quietens whoever calls it
-                    _done([sys.executable, *shlex.split(line)[1:]], folder, line)
-                elif line.startswith("python -m whiptool."):
-                    name, *words = shlex.split(line)[2:]
-                    done = called(name.removeprefix("whiptool."), *words, cwd=folder)
-                    assert done.returncode == 0, f"{line}\n{done.stderr[-2000:]}"
-                elif line.startswith("printf"):
-                    _done(["sh", "-c", line], folder, line)
-    return folder
-
-
-def _done(command: list[str], folder: Path, what: str) -> None:
-    done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, timeout=HANG)
-    assert done.returncode == 0, f"{what}\n{done.stderr[-2000:]}"
+            for command in (Command(TUTORIAL, line) for line in lines_of(body)):
+                if command.elsewhere:
+                    continue
+                done = command.run(folder)
+                assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr[-2000:]}"
+                said = done.stdout
+    return Tutorial(folder, shown)
 
 
 def documented_keys(command: str) -> set[str]:
@@ -281,14 +288,30 @@ def documented_keys(command: str) -> set[str]:
     ],
 )
 def test_the_tutorial_runs_and_results_have_the_documented_keys(tutorial, command, folder):
-    result = json.loads((tutorial / folder / "result.json").read_text(encoding="utf-8"))
+    result = json.loads((tutorial.folder / folder / "result.json").read_text(encoding="utf-8"))
     assert set(result) == documented_keys(command)
+
+
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?")
+COMPUTING = re.compile(r"(in|no more;) [\d.]+ s\b")  # how long it took here
+
+
+@pytest.mark.slow
+def test_the_tutorial_shows_what_its_commands_print(tutorial):
+    """Word by word; numbers to what other processors change in them."""
+    assert len(tutorial.shown) == 3
+    for shown, printed in tutorial.shown:
+        page, here = (COMPUTING.sub(r"\1 0 s", text).strip().splitlines() for text in (shown, printed))
+        for line, said in zip(page, here[: len(page)], strict=True):
+            assert NUMBER.sub("0", line) == NUMBER.sub("0", said), f"the page: {line}\nprinted: {said}"
+            numbers = [[float(x) for x in NUMBER.findall(text)] for text in (line, said)]
+            assert numbers[0] == pytest.approx(numbers[1], rel=0.03, abs=0.01), f"the page: {line}\nprinted: {said}"
 
 
 @pytest.mark.slow
 def test_the_tutorial_says_what_its_fits_find(tutorial):
     def classes(name: str) -> set[str]:
-        return {p["class"] for p in json.loads((tutorial / name / "result.json").read_text())["parameters"]}
+        return {p["class"] for p in json.loads((tutorial.folder / name / "result.json").read_text())["parameters"]}
 
     assert classes("fitted") == {"traded"}
     assert classes("weighed") == {"pinned"}

@@ -59,6 +59,12 @@ class NextOptions(OptionGroup):
     json: bool = False
     """Print one JSON object."""
 
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        from whiptool.recording.readers import needed_for
+
+        return needed_for(self.recordings)
+
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command line; the exit status is 0 after a hit, 1 without one or after a fault, 2 for bad input, 3 where a

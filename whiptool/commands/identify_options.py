@@ -100,3 +100,9 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         if self.drive == "free":
             refuse_idle(self, dict.fromkeys(OF_WHIPS, "nothing with --drive free"))
         read_marker(self.tip)
+
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        from whiptool.recording.readers import needed_for
+
+        return needed_for(self.recordings)

@@ -7,7 +7,8 @@ and `whiptool.recording.npz`; what the TOML file beside any of them may hold, in
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,12 +33,14 @@ class Format:
         matches: Whether a path with these first bytes (none of a folder) is of it.
         tracks: Reads tracks, if it can hold any.
         video: Reads images, if it can hold any.
+        needs: Module of an extra that it is read with, if any.
     """
 
     what: str
     matches: Callable[[Path, bytes], bool]
     tracks: Callable[..., StrikeRecording] | None = None
     video: Callable[..., VideoSource] | None = None
+    needs: str = ""
 
 
 def _named(*suffixes: str) -> Callable[[Path, bytes], bool]:
@@ -53,16 +56,21 @@ READERS: dict[str, Format] = {
     "csv": Format("CSV with columns t, tip_x, tip_y, ...", _named(".csv"), read_csv),
     "npz": Format("NPZ of whiptool", _named(".npz"), StrikeRecording.load),
     "mat": Format("MAT version 5", _named(".mat"), read_mat),
-    "c3d": Format("C3D motion capture", _named(".c3d"), read_c3d),
+    "c3d": Format("C3D motion capture", _named(".c3d"), read_c3d, needs="ezc3d"),
     "lerobot": Format(
-        "folder of a LeRobotDataset v3", lambda p, _: (p / "meta/info.json").is_file(), read_lerobot, lerobot_video
+        "folder of a LeRobotDataset v3",
+        lambda p, _: (p / "meta/info.json").is_file(),
+        read_lerobot,
+        lerobot_video,
+        needs="pyarrow",
     ),
     "db3": Format(
         "ROS 2 bag (.db3, or its folder)",
         lambda p, _: p.suffix.lower() == ".db3" or (p / "metadata.yaml").is_file(),
         video=read_db3,
+        needs="rosbags",
     ),
-    "video": Format("video (" + ", ".join(SUFFIXES) + ")", _named(*SUFFIXES), video=read_video),
+    "video": Format("video (" + ", ".join(SUFFIXES) + ")", _named(*SUFFIXES), video=read_video, needs="cv2"),
 }
 
 
@@ -89,6 +97,15 @@ def find_format(path: Path | str) -> str:
             return name
     formats = "; ".join(f"{name}: {form.what}" for name, form in READERS.items())
     raise InputError("recording", str(path), f"one of the formats {formats}", "or give the option format")
+
+
+def needed_for(paths: Iterable[Path | str]) -> tuple[str, ...]:
+    """Return the modules of extras that recordings are read with; what is no recording is told when it is read."""
+    found = []
+    for path in paths:
+        with suppress(InputError):
+            found.append(READERS[find_format(path)].needs)
+    return tuple(module for module in found if module)
 
 
 def read_recording(path: Path | str, *, format: str | None = None, **options: Any) -> StrikeRecording:

@@ -1,0 +1,98 @@
+"""What is not installed is asked for before any work, and each page names its extras before its first command.
+
+On the core installation, whose extras' modules are kept from being imported here, every module and every command of
+README is there, but for those that take an extra.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from page_commands import OURS, PAGES, SERVES, Command, commands_of, lines_of, parts_of
+from page_files import provide
+from processes import HANG
+from repository import ROOT
+
+from whiptool.commands import cli
+from whiptool.extras import EXTRAS
+
+README = ROOT / "README.md"
+FILMS = (".mkv", ".mp4")
+INSTALL = re.compile(r"pip install 'whiptool\[([\w,]+)\]'")
+
+
+class Asked(BaseException):
+    """A command says what it needs."""
+
+
+def extras_of(command: Command, folder) -> set[str]:
+    """The extras that a command asks for, which it does before anything else."""
+
+    for word in command.words:
+        if word.endswith(FILMS):  # is known by its name
+            (folder / word.replace("*", "1")).touch()
+
+    def asked(purpose, modules):
+        raise Asked(*modules)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cli, "require", asked)
+        try:
+            command.run(folder)
+        except Asked as wanted:
+            return {extra for extra, packages in EXTRAS.items() if packages.keys() & set(wanted.args)}
+    return set()  # it has no options yet: the run that it goes on with is not there
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_names_extras_before_the_commands_that_take_them(page, tmp_path):
+    provide(page, tmp_path)
+    named: set[str] = set()
+    for language, text in parts_of(page):
+        if language not in ("sh", "span"):
+            continue
+        for extras in INSTALL.findall(text):
+            named |= set(EXTRAS) if extras == "all" else set(extras.split(","))
+        for line in lines_of(text):
+            if line.startswith(OURS) and "NAME" not in line and "doctor" not in line and SERVES not in line:
+                assert extras_of(Command(page, line), tmp_path) <= named, f"{page.name}: {line}"
+
+
+def test_the_table_of_commands_names_the_extras_of_each(tmp_path):
+    provide(README, tmp_path)
+    text = README.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(python -m whiptool[^`]*)` \|([^|]*)\| ", text, re.MULTILINE)
+    assert len(rows) >= 12
+    for line, extras in rows:
+        assert extras_of(Command(README, line), tmp_path) == set(re.findall(r"`(\w+)`", extras)), line
+
+
+CORE = ROOT / "tests/helpers/core_installation.py"
+
+
+@pytest.mark.heavy
+def test_on_the_core_installation(tmp_path):
+    provide(README, tmp_path)
+    (tmp_path / "strike2.mkv").touch()
+    commands = [c for c in commands_of(README) if "doctor" not in c.line and "view" not in c.line]
+    words = [[name.removeprefix("whiptool."), *rest] for name, *rest in (c.words for c in commands)]
+    blocked = [module for modules in EXTRAS.values() for module in modules]
+    done = subprocess.run(
+        [sys.executable, str(CORE), json.dumps(blocked), json.dumps(words)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    failed, statuses = json.loads(done.stdout.splitlines()[-1])
+    learners = {name for name in failed if name.startswith("whiptool.rl.")}
+    assert set(failed) - learners == {"whiptool.rollout.cosserat_parts", "whiptool.studies.comparison.policy_trials"}
+    refused = [c for c, status in zip(commands, statuses, strict=True) if status != "started"]
+    assert len(refused) == len(INSTALL.findall(done.stderr)) == done.stderr.count("\n"), done.stderr
+    assert refused == [c for c in commands if extras_of(c, tmp_path)]

@@ -1,0 +1,112 @@
+"""Every command of README and documentation runs as it is typed, in a folder of its page, one after the other.
+
+Those that take more than some ten seconds are marked `hours`: `make docs-commands` runs them, other tests only see them
+start. What a page takes from its reader (recordings, robots, people's throws) is made by `page_files`.
+"""
+
+from __future__ import annotations
+
+import io
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from page_commands import NEEDS_HARDWARE, PAGES, SERVES, Command, commands_of
+from page_files import provide, provide_for
+from processes import HANG
+
+from whiptool.runs import RunFolder
+
+TUTORIAL = "tutorial.md"  # its snippets and commands are run together, by `test_docs`
+ALL = [command for page in PAGES if page.name != TUTORIAL for command in commands_of(page)]
+HARDWARE = [command for command in ALL if any(word in command.line for word in NEEDS_HARDWARE)]
+OURS = [command for command in ALL if command not in HARDWARE and SERVES not in command.line]
+LONG = [command for command in OURS if command.long]
+AWAITS = 3  # of `adapt --port robot`: a strike is to be recorded
+
+
+def first_of_its_line(command: Command) -> bool:
+    """Whether no page before has the same command."""
+    return command == next(c for c in OURS if c.line == command.line)
+
+
+def cases(commands: list[Command]) -> list:
+    """Commands to run to their ends; what is long, or stands on a page before, is run by `make docs-commands` alone."""
+    marks = [pytest.mark.slow if first_of_its_line(c) and not c.long else pytest.mark.hours for c in commands]
+    return [pytest.param(c, id=str(c), marks=mark) for c, mark in zip(commands, marks, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def folder_of(tmp_path_factory):
+    """The folder of a page, made when it is first asked for, with what the page takes from its reader."""
+    made: dict[str, Path] = {}
+
+    def folder(command: Command) -> Path:
+        page = command.page
+        if page.stem not in made:
+            made[page.stem] = tmp_path_factory.mktemp(page.stem)
+            provide(page, made[page.stem])
+        return made[page.stem]
+
+    return folder
+
+
+@pytest.mark.parametrize("command", cases(OURS))
+def test_a_command_runs_as_it_is_typed(command, folder_of):
+    folder = folder_of(command)
+    provide_for(command, folder)
+    done = command.run(folder)
+    allowed = (0, AWAITS) if "whiptool.adapt" in command.line else (0,)
+    assert done.returncode in allowed, f"{command}\n{done.stderr[-2000:]}"
+
+
+class Started(BaseException):
+    """A command came to making its run folder: what it was given is checked."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [pytest.param(c, id=str(c)) for c in LONG if first_of_its_line(c)])
+def test_a_long_command_starts(command, folder_of, monkeypatch):
+    def start(*_, **__):
+        raise Started
+
+    for name in ("create", "open"):
+        monkeypatch.setattr(RunFolder, name, start)
+    folder = folder_of(command)
+    try:
+        done = command.run(folder)
+    except Started:
+        return
+    missing = [word for word in command.words if word in done.stderr and not (folder / word).exists()]
+    assert missing, f"{command}\n{done.stderr[-2000:]}"  # what the command before it would have left
+
+
+def hardware_cases() -> list:
+    """Commands that need it; a strike is rehearsed before a camera is asked for, and takes long."""
+    marks = [pytest.mark.hours if "rig strike" in c.line else pytest.mark.slow for c in HARDWARE]
+    return [pytest.param(c, id=str(c), marks=mark) for c, mark in zip(HARDWARE, marks, strict=True)]
+
+
+@pytest.mark.parametrize("command", hardware_cases())
+def test_what_needs_hardware_is_refused_where_there_is_none(command, folder_of, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))  # the arm may move
+    done = command.run(folder_of(command))
+    assert done.returncode in (1, 2), f"{command}\n{done.stderr}"
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert any(named in done.stderr for named in ("/dev/ttyUSB0", "RealSense", "cluster")), done.stderr
+
+
+@pytest.mark.slow
+def test_what_serves_ends_when_it_is_stopped(tmp_path):
+    """The emulator of servos, whose place is told when it is there."""
+    command = next(c for c in ALL if SERVES in c.line)
+    words, link = [sys.executable, *shlex.split(command.line)[1:]], Path(command.words[-1])
+    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        told, there = server.stdout.readline(), link.resolve()
+        server.terminate()
+        server.communicate(timeout=HANG)
+    assert told.split()[-1] == str(there)
+    assert not link.is_symlink()
