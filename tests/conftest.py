@@ -28,7 +28,9 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what takes hours unless `-m` names it, and put the files first that take longest."""
     if "hours" not in config.getoption("markexpr"):
-        items[:] = [item for item in items if item.get_closest_marker("hours") is None]
+        long = [item for item in items if item.get_closest_marker("hours") is not None]
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if item not in long]
     longest = ("tests/commands/", "tests/studies/", "tests/whole/")
     items.sort(key=lambda item: not item.nodeid.startswith(longest))
 
