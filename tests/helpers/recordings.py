@@ -52,7 +52,7 @@ def full() -> StrikeRecording:
     )
 
 
-def write_lerobot(folder, *, whip=True, info=None, episodes=None, data=None) -> None:
+def write_lerobot(folder, *, whip=True, info=None, episodes=None, data=None, features=None) -> None:
     """Two episodes in one Parquet file and one video; the second is the strike."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -62,6 +62,7 @@ def write_lerobot(folder, *, whip=True, info=None, episodes=None, data=None) -> 
         (folder / place).mkdir(parents=True)
     names = ["tip_x", "tip_y", "handle_x", "handle_y"]
     number = {"dtype": "float32", "shape": [1], "names": None}
+    more = features or {}
     features = {
         "observation.images.front": {"dtype": "video", "shape": [48, 64, 3], "names": ["height", "width", "channels"]},
         "observation.state": {"dtype": "float32", "shape": [2], "names": {"motors": ["shoulder", "elbow"]}},
@@ -70,6 +71,7 @@ def write_lerobot(folder, *, whip=True, info=None, episodes=None, data=None) -> 
         "episode_index": {**number, "dtype": "int64"},
     }
     features |= {"observation.whip": {"dtype": "float32", "shape": [4], "names": names}} if whip else {}
+    features |= more
     (folder / "meta/info.json").write_text(json.dumps({
         "codebase_version": "v3.0", "fps": FPS, "total_episodes": 2, "features": features,
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",

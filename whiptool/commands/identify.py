@@ -147,8 +147,7 @@ class _Run:
         self._check_films(every)  # before hours of film are tracked
         found = [tracked(x, name=name, tip=tip) for name, x in every.items()]
         recordings = [self._labelled(name, r.for_model(self.model)) for name, (r, _) in zip(every, found, strict=True)]
-        for name, recording in zip(every, recordings, strict=True):
-            self._say(f"{name}: {'; '.join(recording.remarks) or 'nothing to remark'}")
+        self.files = list(every)
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
         _check_cameras(recordings)
         self.plane = fit_plane(recordings) if self.model.dimension == 2 else None
@@ -198,7 +197,18 @@ class _Run:
         for plant in self.plants.values():
             variables_of({**plant.values(), **NEUTRAL}, self.free, {})  # starts of all are in order
         own = self.options.per_recording
-        Predictor([*self.recordings, *self.held_out], self.plant, drive=self.options.drive, shared=self.free, own=own)
+        recordings = [*self.recordings, *self.held_out]
+        try:
+            Predictor(recordings, self.plant, drive=self.options.drive, shared=self.free, own=own)
+        except InputError as error:
+            raise self._by_file(error, recordings) from None
+
+    def _by_file(self, error: InputError, recordings: Sequence[StrikeRecording]) -> InputError:
+        """The error with the file that was given, where it names the source of a recording in it."""
+        for name, recording in zip(self.files, recordings, strict=True):
+            if recording.source and recording.source in str(error) and name not in str(error):
+                return error.within(f"{name}: ")
+        return error
 
     def open_folder(self) -> RunFolder:
         """The run folder, with its configuration."""
@@ -219,8 +229,11 @@ class _Run:
         return cli.open_folder(self.options, "identify", config)
 
     def write_recordings(self, folder: RunFolder) -> None:
-        """Keep the recordings as they are fitted."""
+        """Keep the recordings as they are fitted, and say how each was read."""
         recordings = [*self.recordings, *self.held_out]
+        for name, recording in zip(self.files, recordings, strict=True):
+            if recording.remarks:
+                self._say(f"{name}: {'; '.join(recording.remarks)}")
         (folder.path / RECORDINGS).mkdir(exist_ok=True)
         for recording, file in zip(recordings, _file_names([r.source for r in recordings]), strict=True):
             recording.save(folder.path / RECORDINGS / file)

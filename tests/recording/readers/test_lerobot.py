@@ -27,6 +27,43 @@ def test_lerobot(tmp_path):
     assert set(lerobot_episode(tmp_path, 1).columns) >= {"action", "observation.state"}
 
 
+NAMED = {"dtype": "float32", "shape": [3], "names": ["elbow_flex.pos", "gripper.pos", "shoulder_pan.pos"]}
+STATES = np.column_stack([np.linspace(-40, 60, 2 * T), np.full(2 * T, 99.0), np.linspace(10, 50, 2 * T)])
+
+
+@pytest.mark.parametrize(
+    ("options", "joints"),
+    [
+        ({"joint_units": "deg"}, np.deg2rad(STATES[T:, [2, 0]])),
+        (
+            {"joint_units": "normalized", "joint_ranges": {"shoulder_pan": [-2, 2], "elbow_flex": [-1, 0]}},
+            [0, -0.5] + STATES[T:, [2, 0]] / 100 * [2, 0.5],
+        ),
+        (
+            {
+                "joint_units": "deg",
+                "joint_columns": {"elbow_flex": "shoulder_pan.pos", "shoulder_pan": "elbow_flex.pos"},
+            },
+            np.deg2rad(STATES[T:, [0, 2]]),
+        ),
+    ],
+)
+def test_lerobots_names_units_and_grippers_are_heard(tmp_path, options, joints):
+    write_lerobot(tmp_path, features={"observation.state": NAMED}, data={"observation.state": STATES.tolist()})
+    r = read_recording(tmp_path, episode=1, **options).ordered(("shoulder_pan", "elbow_flex"))
+    np.testing.assert_allclose(r.joints_q, joints, rtol=1e-5, atol=1e-6)
+    if "joint_columns" not in options:
+        assert "left aside gripper.pos" in "; ".join(r.remarks)
+
+
+def test_lerobots_units_are_never_guessed(tmp_path):
+    write_lerobot(tmp_path, features={"observation.state": NAMED}, data={"observation.state": STATES.tolist()})
+    with pytest.raises(InputError, match=r"joint_units.*deg, or normalized with joint_ranges"):
+        read_recording(tmp_path, episode=1)
+    with pytest.raises(InputError, match="column: got 'wrist'"):
+        read_recording(tmp_path, episode=1, joint_columns=["wrist"])
+
+
 def test_lerobot_video(tmp_path):
     write_lerobot(tmp_path, whip=False)
     write_video(tmp_path / "videos/observation.images.front/chunk-000/file-000.mp4", images(T) + images(T), "mp4v")

@@ -20,7 +20,7 @@ def coloured(count: int = T) -> list[np.ndarray]:
     return [image // np.array([1, 2, 4], np.uint8) for image in images(count)]
 
 
-def write_bag(folder, *, encoding="bgr8", metadata=False, compress=False, stamps=None, count=T):
+def write_bag(folder, *, encoding="bgr8", metadata=False, compress=False, stamps=None, written=None, count=T):
     """A bag of rosbags' own writer; gives its .db3 file."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -48,7 +48,11 @@ def write_bag(folder, *, encoding="bgr8", metadata=False, compress=False, stamps
             header = Header(stamp=Time(sec=ns // 10**9, nanosec=ns % 10**9), frame_id="")
             step = data.size // 48
             message = Image(header=header, height=48, width=64, encoding=encoding, is_bigendian=0, step=step, data=data)
-            writer.write(topic, ns, pack(store.serialize_cdr(message, Image.__msgtype__)))
+            writer.write(
+                topic,
+                ns if written is None else int(1e9 + 1e9 * written[k]),
+                pack(store.serialize_cdr(message, Image.__msgtype__)),
+            )
             if notes is not None:
                 note = Text(data=f"Frame number={k};timestamp={5000 + 1000 * times()[k] * 1.01:.6f};")
                 writer.write(notes, ns, pack(store.serialize_cdr(note, Text.__msgtype__)))
@@ -88,6 +92,27 @@ def test_db3_of_realsense(tmp_path):
     video = open_video(write_bag(tmp_path / "bag", metadata=True, compress=True))
     np.testing.assert_allclose(video.times, 1.01 * times(), atol=1e-6)
     np.testing.assert_array_equal(list(video.frames()), coloured())
+
+
+@pytest.mark.parametrize("value", [0.0, 11 / 60, -1.0])
+def test_one_bad_stamp_costs_its_image_and_not_the_clock(tmp_path, value):
+    """The bag was written 1 % too fast; the header of one image is zero, doubled or of long ago."""
+    stamps = times().copy()
+    stamps[12] = value
+    file = write_bag(tmp_path / "bag", stamps=stamps, written=1.01 * times())
+    for options in ({}, {"fps": 59.0}):
+        video = open_video(file, **options)
+        np.testing.assert_allclose(video.times, np.delete(times(), 12), atol=1e-6)
+        np.testing.assert_array_equal(list(video.frames()), np.delete(coloured(), 12, axis=0))
+        said = "; ".join(video.about["notes"])
+        assert "times from the images' header stamps" in said
+        assert "left out 1 of 30" in said
+
+
+def test_a_clock_that_stands_still_is_left_for_the_next(tmp_path):
+    video = open_video(write_bag(tmp_path / "bag", stamps=np.full(T, 3.0), written=times()))
+    np.testing.assert_allclose(video.times, times(), atol=1e-6)
+    assert "times at which the bag was written; not by the images' header stamps" in video.about["notes"][0]
 
 
 @pytest.mark.parametrize(

@@ -67,3 +67,46 @@ def test_csv_damage(tmp_path, damage, said):
 def test_fuzz_csv(tmp_path):
     write_csv(full(), tmp_path / "a.csv")
     fuzz(tmp_path / "a.csv", 150, lambda: read_recording(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize(("mark", "point"), [(";", ","), (";", "."), ("\t", ","), ("\t", ".")])
+def test_semicolons_tabs_and_decimal_commas_are_read(tmp_path, mark, point):
+    """As spreadsheets of half the world write tables."""
+    table = [
+        ["time", *plain_rows()[0][1:]],
+        *[[f"{x:.9g}".replace(".", point) for x in row] for row in plain_rows()[1:]],
+    ]
+    (tmp_path / "a.csv").write_text("\n".join(mark.join(row) for row in table))
+    r = read_recording(tmp_path / "a.csv")
+    np.testing.assert_allclose(r.points, places(), rtol=1e-8)
+    np.testing.assert_allclose(r.t, times(), atol=1e-9)
+
+
+def test_a_bad_stamp_costs_its_frame_and_a_repeated_row_nothing(tmp_path):
+    rows = plain_rows()
+    rows[12][0] = rows[11][0]
+    write_rows(tmp_path / "a.csv", [*rows[:20], rows[19], *rows[20:]])
+    r = read_recording(tmp_path / "a.csv")
+    np.testing.assert_array_equal(r.t, np.delete(times(), 11))
+    np.testing.assert_array_equal(r.points, np.delete(places(), 11, axis=0))
+    said = "; ".join(r.remarks)
+    assert "left out 1 rows that repeat" in said
+    assert "left out 1 of 30 samples, whose stamps cannot be right: 12 (" in said
+    assert "frames: a hole where about 1 samples are missing" in said
+
+
+@pytest.mark.parametrize("clock", [4e5, 1.7e9])
+def test_an_uptime_clock_needs_a_start(tmp_path, clock):
+    """Frames by a clock since the computer was started, or since 1970, are none of a strike that begins at 0."""
+    rows = plain_rows()
+    write_rows(tmp_path / "a.csv", [rows[0], *[[row[0] + clock, *row[1:]] for row in rows[1:]]])
+    with pytest.raises(InputError, match=r"a\.csv: t: got 'frames from .*1970\? Say when the command began: start"):
+        read_recording(tmp_path / "a.csv", strike=STRIKE)
+    np.testing.assert_allclose(read_recording(tmp_path / "a.csv", strike=STRIKE, start=clock).t, times(), atol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_the_unit_of_a_time_is_heard(tmp_path, unit, factor):
+    rows = plain_rows()
+    write_rows(tmp_path / "a.csv", [[f"t [{unit}]", *rows[0][1:]], *[[row[0] * factor, *row[1:]] for row in rows[1:]]])
+    np.testing.assert_allclose(read_recording(tmp_path / "a.csv").t, times(), atol=1e-12)

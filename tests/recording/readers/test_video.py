@@ -1,7 +1,9 @@
 """Films as frames with times, and every kind of damage."""
 
 import dataclasses
+import subprocess
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 import tomli_w
@@ -38,6 +40,40 @@ def test_video(tmp_path, name, fourcc):
             assert np.argwhere(image[..., 0] > 127).mean(axis=0)[1] == pytest.approx(k + 3.5, abs=0.5)
     with pytest.raises(InputError, match="track"):
         read_recording(tmp_path / name)
+
+
+def without_images(path, out, *gone: int, codec=("-c:v", "ffv1")) -> None:
+    """A film again, some images left out and the stamps of the others kept, as a recorder that drops images writes it."""
+    chosen = "+".join(f"eq(n\\,{k})" for k in gone)
+    told = ["-vf", f"select=not({chosen})", "-fps_mode", "vfr", *codec, str(out)]
+    subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-i", str(path), *told], check=True)
+
+
+@pytest.mark.parametrize(("name", "codec"), [("b.mkv", ("-c:v", "ffv1")), ("b.mp4", ("-c:v", "mpeg4", "-q:v", "2"))])
+def test_stamps_in_a_film_know_of_images_that_were_dropped(tmp_path, name, codec):
+    write_video(tmp_path / "a.avi", images())
+    without_images(tmp_path / "a.avi", tmp_path / name, 9, 20, 21, codec=codec)
+    left = np.delete(times(), [9, 20, 21])
+    for fps in (None, FPS, 61.0):
+        video = open_video(tmp_path / name, **({} if fps is None else {"fps": fps}))
+        np.testing.assert_allclose(video.times, left, atol=2e-4)  # stamps of MKV are in whole milliseconds
+        (note,) = video.about["notes"]
+        assert note.startswith("times from the film's own stamps")
+        assert (", 60" in note) == (fps == 61)
+    slow = open_video(tmp_path / name, fps=8 * FPS)
+    np.testing.assert_allclose(slow.times, left / 8, atol=2e-5)
+    assert "8 times slower than fps = 480: slow motion" in slow.about["notes"][0]
+
+
+def test_a_bad_timestamp_costs_its_image(tmp_path):
+    write_video(tmp_path / "a.avi", images())
+    stamps = times().copy()
+    stamps[12] = stamps[11]
+    video = open_video(tmp_path / "a.avi", timestamps=stamps.tolist())
+    np.testing.assert_array_equal(video.times, np.delete(times(), 12))
+    places = [np.argwhere(image[..., 0] > 127).mean(axis=0)[1] for _, image in video]
+    np.testing.assert_allclose(places, np.delete(np.arange(T), 12) + 3.5, atol=0.5)
+    assert "left out 1 of 30" in "; ".join(video.about["notes"])
 
 
 def test_a_film_of_a_camera_in_space(tmp_path):

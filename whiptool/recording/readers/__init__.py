@@ -16,6 +16,7 @@ from typing import Any
 from whiptool.errors import InputError
 from whiptool.recording.readers.c3d import read_c3d
 from whiptool.recording.readers.deeplabcut import read_deeplabcut
+from whiptool.recording.readers.foreign import refuse_foreign
 from whiptool.recording.readers.lerobot import lerobot_episode, lerobot_video, read_lerobot
 from whiptool.recording.readers.mat import read_mat
 from whiptool.recording.readers.rosbag import db3_frames, db3_topics, read_db3
@@ -87,11 +88,12 @@ def find_format(path: Path | str) -> str:
             raise InputError("recording", str(path), "a file or folder that exists")
         if path.is_file():
             with path.open("rb") as file:
-                head = file.read(64)
+                head = file.read(4096)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError("recording", str(path)[:200], f"a path that can be read ({error})") from None
+    refuse_foreign(path, head)
     for name, form in READERS.items():
         if form.matches(path, head):
             return name

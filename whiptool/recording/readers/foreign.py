@@ -50,7 +50,7 @@ FOREIGN = (
     Foreign(
         "a text export of Tracker",
         "name the columns t, tip_x, tip_y in one row, without the row of the mass, and save it as .csv",
-        head=rb'#?[^\n]{0,80}\bmass[ _A-Z][^\n]*\n"?#?t"?[\t,;]"?x"?[\t,;]"?y"?',
+        head=rb'(#multi:\s*?\n)?[^\n]{0,200}\n#?"?t"?[\t,;] *"?(v_?)?\{?x\}?"?[\t,;]',
     ),
     Foreign("a ROS 1 bag", "convert it with rosbags: rosbags-convert --src IN.bag --dst OUT", (".bag",), rb"#ROSBAG"),
     Foreign("an MCAP file", "convert it with ros2 bag convert to storage_id sqlite3", (".mcap",), rb"\x89MCAP"),
