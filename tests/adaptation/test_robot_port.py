@@ -93,7 +93,11 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)
     monkeypatch.setattr(adapter, "aim", lambda *args, **named: planned)
     monkeypatch.setattr(adapt, "_page", lambda *args: "page")
-    monkeypatch.setattr(adapter, "update", lambda prior, recordings, **named: Learned(prior, {}, {}, 0.0))
+    reasons: dict[str, str] = {}
+    learned = lambda prior, recordings, **named: Learned(  # noqa: E731
+        prior, {}, {recordings[-1].source: reasons[x] for x in reasons}, 0.0
+    )
+    monkeypatch.setattr(adapter, "update", learned)
     out, recorded = tmp_path / "run", tmp_path / "anywhere.csv"
     rows = [[0.02 * i, 1.0, 0.5, 0.001 * i] for i in range(40)]
     write_rows(recorded, [["t", "tip_x", "tip_y", "tip_z"], *rows])
@@ -114,6 +118,18 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     (tmp_path / "left.toml").write_text('sigma = 0.2\ncamera = "left"\n')
     assert adapt.main([*go_on, str(pixels), str(pixels), "--cameras", "absent.toml"]) == 2
     assert capsys.readouterr().err.startswith("whiptool: --cameras: got 'absent.toml'; allowed: a readable TOML file")
+    reasons["unusable"] = "the tip was lost in 90% of the frames"
+    assert adapt.main([*go_on, str(recorded)]) == 2
+    said = capsys.readouterr().err
+    assert f"{recorded}, strike 0: got 'nothing to learn from: the tip was lost in 90% of the frames'" in said
+    assert adapt.main(go_on) == adapt.AWAITS  # nothing was kept of it: the same strike is asked for
+    assert json.loads(capsys.readouterr().out)["number"] == 0
+    in_place = out / "strike-0000" / "recorded.csv"
+    in_place.write_text(recorded.read_text())
+    assert adapt.main(["--resume", str(out), "--json"]) == 2
+    assert f"{in_place}, strike 0: got 'nothing to learn" in capsys.readouterr().err
+    in_place.unlink()
+    reasons.clear()
     assert adapt.main([*go_on, str(recorded)]) == adapt.AWAITS
     asked = json.loads(capsys.readouterr().out)
     assert (asked["number"], asked["strike"]) == (1, list(planned.strike))

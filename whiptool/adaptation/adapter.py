@@ -134,6 +134,8 @@ class Adapter:
         self._asked: Plan | None = None
         if self._recordings and o.adapt and not self._taught:
             learned = update(prior, self._recordings, starts=o.starts, seed=o.seed)
+            for recording in self._recordings:
+                _refuse_unused(learned, recording, "leave it out")
             self.belief, self._taught = learned.belief, bool(learned.rmse)
         self.number = 0 if o.wiggle or (o.still and o.adapt and not self._taught) else 1
 
@@ -166,16 +168,18 @@ class Adapter:
             raise InputError("told", f"strike {self.number}", "a strike that was asked for")
         return Strike.from_vector(self._plan().strike)
 
-    def tell(self, told: StrikeRecording | Seen) -> Step:
+    def tell(self, told: StrikeRecording | Seen, *, must_teach: bool = False) -> Step:
         """Learn from the strike that was asked for, and return all that is known of it.
 
         Args:
             told: Its recording, time 0 being the start of the command, with the marker `tip`; or a `Seen`, which says
                 why there was none.
+            must_teach: Whether to refuse, and not to keep, a recording that nothing can be learned from: somebody can
+                mend it, or record the strike again.
 
         Raises:
-            InputError: No strike was asked for, the recording is of another strike or was told before, or the folder is
-                damaged.
+            InputError: No strike was asked for, the recording is of another strike, was told before or has to teach and
+                does not, or the folder is damaged.
         """
         strike = self.asked
         if isinstance(told, StrikeRecording):
@@ -184,7 +188,22 @@ class Adapter:
         seen = checked(seen, strike, self.number)
         if seen.recording is not None:
             self._refuse_told_before(seen.recording)
-        return self._step(self._keep(seen))
+        learned = self._taught_by(seen) if must_teach else None
+        return self._step(self._keep(seen), learned)
+
+    def _taught_by(self, seen: Seen) -> Learned | None:
+        """What a recording teaches, before it is kept; None where there is nothing to learn.
+
+        Raises:
+            InputError: It teaches nothing.
+        """
+        if seen.recording is None or not seen.carried_out or not self.options.adapt:
+            return None
+        contact, source = self._plan().contact, seen.recording.source
+        contacts = self._contacts if contact is None else {**self._contacts, source: contact}
+        learned = self._update([*self._recordings, seen.recording], contacts)
+        _refuse_unused(learned, seen.recording, "mend it, or record the strike again, and tell it then: none was kept")
+        return learned
 
     def kept_steps(self) -> Iterator[Step]:
         """Go on with the steps of which the folder has what was seen, one after the other.
@@ -200,8 +219,8 @@ class Adapter:
         for _ in self.kept_steps():
             pass
 
-    def _step(self, seen: Seen) -> Step:
-        """Learn from what was seen of the strike that was asked for, and go on to the next."""
+    def _step(self, seen: Seen, taught: Learned | None = None) -> Step:
+        """Learn from what was seen of the strike that was asked for, unless that was done, and go on to the next."""
         o, number, chosen = self.options, self.number, self._plan()
         if number and seen.carried_out:
             self._past.append(chosen.strike)
@@ -211,7 +230,7 @@ class Adapter:
                 self._contacts[seen.recording.source] = chosen.contact
         learned = None
         if o.adapt and self._recordings:
-            learned = self._learned()
+            learned = self._learned(taught)
             self.belief = learned.belief
             if number == 0 and not o.wiggle:  # tells the length alone: the next plan is a first one
                 self._resting = set(learned.rmse)
@@ -289,18 +308,19 @@ class Adapter:
         until = None if chosen.contact is None else chosen.contact + AFTER
         return judge(recording, self.target, belief, until=until, seed=(self.options.seed, self.number))
 
-    def _learned(self) -> Learned:
+    def _learned(self, taught: Learned | None) -> Learned:
         stored = self._read(POSTERIOR)
         if stored is not None:
             rest = {name: stored[name] for name in _LEARNED}
             return Learned(Belief.from_table(self.prior.plant, stored), **rest)
-        o = self.options
-        learned = update(
-            self.prior, self._recordings, guess=self.belief, contacts=self._contacts, starts=o.starts, seed=o.seed
-        )
+        learned = taught or self._update(self._recordings, self._contacts)
         told = {name: getattr(learned, name) for name in _LEARNED}
         self._write(POSTERIOR, learned.belief.to_table() | told)
         return learned
+
+    def _update(self, recordings: Sequence[StrikeRecording], contacts: dict[str, float]) -> Learned:
+        o = self.options
+        return update(self.prior, recordings, guess=self.belief, contacts=contacts, starts=o.starts, seed=o.seed)
 
     def _refuse_told_before(self, recording: StrikeRecording) -> None:
         """Refuse the recording of an earlier strike.
@@ -351,3 +371,13 @@ class Adapter:
         if self.place is not None:
             self.place.mkdir(parents=True, exist_ok=True)
             write_whole(self.place / name, json.dumps(table, indent=1) + "\n")
+
+
+def _refuse_unused(learned: Learned, recording: StrikeRecording, fix: str) -> None:
+    """Refuse a recording that nothing was learned from.
+
+    Raises:
+        InputError: Nothing was, and why.
+    """
+    if (reason := learned.refused.get(recording.source)) is not None:
+        raise InputError(recording.source, f"nothing to learn from: {reason}", "a recording of use", fix)

@@ -10,6 +10,7 @@ from whiptool.adaptation.adapter import Adapter, Options
 from whiptool.adaptation.planner import Plan
 from whiptool.adaptation.ports import Port, Seen, checked
 from whiptool.adaptation.prior import Belief
+from whiptool.adaptation.robot_port import RobotPort
 from whiptool.adaptation.steps import Step, Steps
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
@@ -83,7 +84,7 @@ class Adaptation:
         while (strike := adapter.ask()) is not None:
             if adapter.place is not None:
                 adapter.place.mkdir(parents=True, exist_ok=True)
-            on_step(adapter.tell(self._struck(strike, adapter)))
+            on_step(adapter.tell(self._struck(strike, adapter), must_teach=isinstance(self.port, RobotPort)))
         return adapter.steps
 
     def _struck(self, strike: Strike, adapter: Adapter) -> Seen:

@@ -76,6 +76,8 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
         said.append(f"  refused        {o.refused}")
     if step.number:
         said.append(f"  outcome        {_outcome(step)}")
+    if o.recording is not None and o.recording.remarks:
+        said.append(f"  recording      {'; '.join(o.recording.remarks)}")
     if learned is None:
         return said
     if learned.rmse:

@@ -101,11 +101,13 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
     with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
         ask_to_release(adaptation.interlock, folder.path)
+        for recording in adaptation.recordings:
+            print(f"known: {recording.source}: {'; '.join(recording.remarks) or 'nothing to remark'}", file=sys.stderr)
         steps: list[Step] = []
         if told is not None and told.recordings:
             adapter, port = adaptation.adapter(), adaptation.port
             assert isinstance(port, RobotPort)
-            adapter.tell(_recorded(port, adapter.asked, told))
+            adapter.tell(_recorded(port, adapter.asked, told), must_teach=True)
         try:
             adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
         except AwaitsRecording as waits:
