@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from whiptool.dynamics.hand_motion import hand_motion
-from whiptool.dynamics.swing import BASE
+from whiptool.dynamics.swing import BASE, SPATIAL_BASE
 from whiptool.errors import InputError
 from whiptool.models.parameters import ArmParameters, SpatialArm
 
@@ -19,6 +19,7 @@ SHORTEST = 0.02  # [s] between knots
 HANDLE_JERK, JOINT_JERK = 3e3, 1e4  # [m/s^3], [rad/s^3]: usual size, a weak prior that bridges gaps
 REST = 1e-3  # [m/s], [rad/s]: usual speed of what is at rest
 _FINEST = 1e-6  # [rad] of a joint log
+LARGEST = 6e9  # [bytes] of a motion's derivatives
 
 
 class SmoothSpline:
@@ -59,6 +60,20 @@ class SmoothSpline:
         rows = np.vstack([np.kron(self.basis(t[seen]), np.eye(self.d)) * weight.reshape(-1, 1), self.penalty])
         right = np.concatenate([(values[seen] * weight).ravel(), np.zeros(len(self.penalty))])
         return np.linalg.lstsq(rows, right, rcond=None)[0]
+
+
+def _check_size(instants: np.ndarray, knots: float, d: int, width: int) -> None:
+    """Refuse a motion whose derivatives by its coefficients would not fit into memory, before they are made.
+
+    Raises:
+        InputError: It is too long for its knots.
+    """
+    span = float(instants[-1] - instants[0])
+    needed = 8 * len(instants) * (span / knots + DEGREE) * d * width  # [bytes]
+    if needed > LARGEST:
+        rule = f"a span whose derivatives take {LARGEST / 1e9:g} GB at most, about {span * (LARGEST / needed) ** 0.5:.2g} s"
+        given = f"{span:.4g} s, a knot every {knots:.3g} s: {needed / 1e9:.3g} GB"
+        raise InputError("recording", given, rule, "cut the strike out of it")
 
 
 def _spacing(t: np.ndarray, samples: float) -> float:
@@ -148,6 +163,7 @@ class HandleMotion:
         at_rest: bool = False,
     ) -> None:
         knots = knots or _spacing(t, 1.5)
+        _check_size(instants, knots, 2, BASE + 2)
         spline = SmoothSpline(start=instants[0], end=instants[-1], knots=knots, jerk=HANDLE_JERK, d=2, at_rest=at_rest)
         self.start = spline.fit(t, points, sigma)
         self.rows, self.mean = spline.penalty, np.zeros(len(spline.penalty))
@@ -199,6 +215,7 @@ class MeasuredJoints:
                 "joints_q", f"shape {q.shape}", f"8 or more samples of {arm.n} joints, as many as the arm has"
             )
         knots = knots or _spacing(t, 2)
+        _check_size(instants, knots, arm.n, BASE + 2 if isinstance(arm, ArmParameters) else SPATIAL_BASE + 3)
         spline = SmoothSpline(
             start=instants[0], end=instants[-1], knots=knots, jerk=JOINT_JERK, d=arm.n, at_rest=at_rest
         )
