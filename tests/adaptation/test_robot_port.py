@@ -93,9 +93,9 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)
     monkeypatch.setattr(adapter, "aim", lambda *args, **named: planned)
     monkeypatch.setattr(adapt, "_page", lambda *args: "page")
-    reasons: dict[str, str] = {}
+    reasons: list[str] = []
     learned = lambda prior, recordings, **named: Learned(  # noqa: E731
-        prior, {}, {recordings[-1].source: reasons[x] for x in reasons}, 0.0
+        prior, {}, dict.fromkeys([recordings[-1].source], reasons[0]) if reasons else {}, 0.0
     )
     monkeypatch.setattr(adapter, "update", learned)
     out, recorded = tmp_path / "run", tmp_path / "anywhere.csv"
@@ -118,7 +118,7 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     (tmp_path / "left.toml").write_text('sigma = 0.2\ncamera = "left"\n')
     assert adapt.main([*go_on, str(pixels), str(pixels), "--cameras", "absent.toml"]) == 2
     assert capsys.readouterr().err.startswith("whiptool: --cameras: got 'absent.toml'; allowed: a readable TOML file")
-    reasons["unusable"] = "the tip was lost in 90% of the frames"
+    reasons.append("the tip was lost in 90% of the frames")
     assert adapt.main([*go_on, str(recorded)]) == 2
     said = capsys.readouterr().err
     assert f"{recorded}, strike 0: got 'nothing to learn from: the tip was lost in 90% of the frames'" in said

@@ -71,7 +71,8 @@ def _check_size(instants: np.ndarray, knots: float, d: int, width: int) -> None:
     span = float(instants[-1] - instants[0])
     needed = 8 * len(instants) * (span / knots + DEGREE) * d * width  # [bytes]
     if needed > LARGEST:
-        rule = f"a span whose derivatives take {LARGEST / 1e9:g} GB at most, about {span * (LARGEST / needed) ** 0.5:.2g} s"
+        most = span * (LARGEST / needed) ** 0.5
+        rule = f"a span whose derivatives take {LARGEST / 1e9:g} GB at most, about {most:.2g} s"
         given = f"{span:.4g} s, a knot every {knots:.3g} s: {needed / 1e9:.3g} GB"
         raise InputError("recording", given, rule, "cut the strike out of it")
 

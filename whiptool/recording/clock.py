@@ -10,9 +10,10 @@ from whiptool.errors import InputError
 
 MOST_BAD = 0.05  # share of stamps
 NEAR, CROWD = 10, 3  # as many bad stamps among so many rows are a stretch
-SLOWEST = 1.0  # [s] between samples; milliseconds and frame numbers are beyond it
+SLOWEST = 0.25  # [s] between samples; milliseconds and frame numbers are beyond it
 FASTEST = 1e-6  # [s]
-LONGEST = 600.0  # [s] of one strike or swing
+LONGEST = 300.0  # [s] of one strike or swing
+LONE = 1.0  # [s], and
 APART = 100.0  # steps by which a stamp at the end stands alone
 QUICKEST = 2e-5  # [s] between samples of any camera or robot; what stands for less counts a smaller unit
 
@@ -39,7 +40,7 @@ def good_stamps(stamps: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     if len(bad) > max(1, MOST_BAD * len(stamps)) or len(crowds):
         first, last = (bad[crowds[0]], bad[crowds[-1] + CROWD - 1]) if len(crowds) else (bad[0], bad[-1])
         given = f"{len(bad)} of {len(stamps)} stamps that repeat or go back, samples {first + 1} to {last + 1}"
-        fix = "cut that stretch out, or say the right times (key timestamps, or fps) where the format takes them"
+        fix = "were they written with too few digits? Cut that stretch out, or say the times (timestamps, fps)"
         raise InputError(what, given, "increasing stamps, each later than the one before", fix)
     rows = ", ".join(f"{i + 1} ({stamps[i]:.6g} s)" for i in bad[:5])
     return keep, [f"{what}: left out {len(bad)} of {len(stamps)} samples, whose stamps cannot be right: {rows}"]
@@ -83,7 +84,7 @@ def _drop_lone_ends(stamps: np.ndarray, keep: np.ndarray) -> None:
     for inwards in (1, -1):
         kept = np.flatnonzero(keep)
         steps = np.abs(np.diff(stamps[kept]))[::inwards]
-        if len(steps) > 2 and steps[0] > max(SLOWEST, APART * np.median(steps)):
+        if len(steps) > 2 and steps[0] > max(LONE, APART * np.median(steps)):
             keep[kept[::inwards][0]] = False
 
 

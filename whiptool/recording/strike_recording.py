@@ -14,7 +14,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
-from whiptool.recording.clock import LONGEST, SLOWEST, check_pace
+from whiptool.recording.clock import LONGEST, check_pace
 from whiptool.recording.depth_noise import depth_error
 from whiptool.recording.joint_names import order_of
 from whiptool.recording.space_camera import SpaceCamera
@@ -25,8 +25,10 @@ FORMAT = 1  # of the NPZ file; raised when a key changes its meaning
 DEFAULT_SIGMA = 1e-3  # [m]
 DEFAULT_PIXELS = 0.5  # of a camera's view
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
+FAR = 'are these millimetres or pixels? Say units = "mm", or the way to metres'
 WIDEST = 50.0  # [rad], eight turns of a joint
 WIDEST_WAY = 4 * np.pi  # [rad] between a joint's ends in one log
+FAR_OFF = 1.0  # [s] of a point from its frame
 A_DAY = 86400.0  # [s] of a log, of which what lies near the frames is used
 UP_IN = {2: "y", 3: "z"}  # which axis points up, by a model's dimension
 TURNED = {"y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "z": ((1, 0, 0), (0, 0, -1), (0, 1, 0))}  # so that this one does
@@ -128,9 +130,7 @@ class StrikeRecording:
         if self.view is None:
             farthest = np.abs(points[seen]).max()
             if not farthest <= FARTHEST:
-                raise InputError(
-                    "points", float(farthest), f"coordinates within {FARTHEST:g} m", "are these millimetres or pixels?"
-                )
+                raise InputError("points", float(farthest), f"coordinates within {FARTHEST:g} m", FAR)
         else:
             _check_in_image(points, self.view)
             sigma = DEFAULT_PIXELS
@@ -143,8 +143,8 @@ class StrikeRecording:
             unit = "m" if self.view is None else "pixels"
             allowed = f"finite and > 0 {unit} wherever there is a point"
             raise InputError("sigma", float(np.nanmin(self.sigma[seen])), allowed)
-        if not (np.abs((self.t_points - t[:, None])[seen]) <= SLOWEST).all():
-            raise InputError("t_points", "times far from their frame's", f"within {SLOWEST:g} s of t")
+        if not (np.abs((self.t_points - t[:, None])[seen]) <= FAR_OFF).all():
+            raise InputError("t_points", "times far from their frame's", f"within {FAR_OFF:g} s of t")
         for name, value in (("t", t), ("points", points), ("markers", markers)):
             put(name, value)
         depth, depth_sigma = _depths(self.depth, self.depth_sigma, seen, self.view)
@@ -275,7 +275,7 @@ class StrikeRecording:
             joints_t=self.joints_t[near],
             joints_q=self.joints_q[near][:, order],
             joint_names=called,
-            notes=(*self.notes, *_read_by_name(self.joint_names, joints, order)),
+            notes=(*self.notes, *_read_by_name(self.joint_names, order)),
         )
 
     def marker(self, name: str) -> np.ndarray:
@@ -432,13 +432,13 @@ def _check_angles(q: np.ndarray, names: Sequence[str]) -> None:
         raise InputError(name, given, rule, cure)
 
 
-def _read_by_name(names: Sequence[str], joints: Sequence[str], order: Sequence[int]) -> list[str]:
+def _read_by_name(names: Sequence[str], order: Sequence[int]) -> list[str]:
     """What was read by which name, where it is not as it stands, and what was left aside."""
     if not names or list(order) == list(range(len(names))):
         return []
     aside = [name for i, name in enumerate(names) if i not in order]
-    pairs = ", ".join(f"{joint} is {names[i]}" for joint, i in zip(joints, order, strict=True))
-    return [f"joints by name: {pairs}" + (f"; left aside: {', '.join(aside)}" if aside else "")]
+    called = ", ".join(names[i] for i in order)
+    return [f"joints by name, in the arm's order: {called}" + (f"; left aside: {', '.join(aside)}" if aside else "")]
 
 
 def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:

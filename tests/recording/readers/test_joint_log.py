@@ -141,7 +141,7 @@ def test_speeds_torques_commands_and_grippers_are_no_joints(tmp_path):
     np.testing.assert_allclose(angles(recording), np.column_stack([SHOULDER, ELBOW]))
     said = "; ".join(recording.remarks)
     assert "left aside gripper" in said
-    assert "shoulder is shoulder, elbow is elbow; left aside: camera_ok" in said
+    assert "joints by name, in the arm's order: shoulder, elbow; left aside: camera_ok" in said
 
 
 def test_a_log_that_no_name_matches_is_refused_and_a_list_is_heard(tmp_path):

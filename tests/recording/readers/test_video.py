@@ -43,7 +43,7 @@ def test_video(tmp_path, name, fourcc):
 
 
 def without_images(path, out, *gone: int, codec=("-c:v", "ffv1")) -> None:
-    """A film again, some images left out and the stamps of the others kept, as a recorder that drops images writes it."""
+    """A film again, some images left out and the stamps of the others kept, as recorders do."""
     chosen = "+".join(f"eq(n\\,{k})" for k in gone)
     told = ["-vf", f"select=not({chosen})", "-fps_mode", "vfr", *codec, str(out)]
     subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-i", str(path), *told], check=True)
