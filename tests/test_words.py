@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from whiptool.words import counted, figure, times
+from whiptool.words import counted, fixed, rounded, times
 
 
 def test_one_thing_is_singular():
@@ -21,7 +21,8 @@ def test_what_has_no_ratio_gets_none():
 
 
 def test_the_rest_of_a_rounding_is_nothing():
-    assert figure(1.753e-20, 4) == "0"
-    assert figure(-1e-16) == "0"
-    assert figure(2.5e-7, 4) == "2.5e-07"
-    assert figure(math.inf) == "none"
+    assert rounded(1.753e-20, 4) == "0"
+    assert rounded(-1e-16) == "0"
+    assert rounded(2.5e-7, 4) == "2.5e-07"
+    assert rounded(math.inf) == "none"
+    assert (fixed(2.5), fixed(math.inf), fixed(0.4, 0)) == ("2.50", "none", "0")

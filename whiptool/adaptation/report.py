@@ -18,14 +18,14 @@ from whiptool.adaptation.posterior import AFTER, usable
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.adaptation.steps import Step, percent
 from whiptool.goals import CLAIMED
-from whiptool.identification.units import unit_of
+from whiptool.identification.units import unit_of, with_unit
 from whiptool.models.strike import T_STAY
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
-from whiptool.words import counted
+from whiptool.words import counted, rounded
 
 SHOWN = 6  # numbers that are told after each strike, and that have a colour: those that narrowed most
 PANELS = 6  # strikes that are drawn
@@ -88,7 +88,7 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
         for i, n in enumerate(shown):
             if i == SHOWN:
                 said.append("  of the others")
-            value = f"{n.value:.4g} {unit_of(n.name)}".strip()
+            value = with_unit(n.name, n.value, 4)
             marks = "".join(f"; {mark}" for mark in n.marks)
             said.append(f"    {n.name:26s} {value:18s} error {n.narrowing}{marks}")
     else:
@@ -368,7 +368,7 @@ def _spread(places: np.ndarray, gap: float) -> np.ndarray:
 def _values(numbers: Sequence[_Number], belief: Belief) -> Section:
     rows = [["number", "unit", "prior", "error", "now", "error", "narrowed by", "moved", ""]]
     for n in numbers:
-        was, now = [f"{n.prior:.4g}", n.error(n.before)], [f"{n.value:.4g}", n.error(n.after)]
+        was, now = [rounded(n.prior, 4), n.error(n.before)], [rounded(n.value, 4), n.error(n.after)]
         moved = [f"{n.before / n.after:.3g}", f"{n.moved:+.1f}", ", ".join(n.marks)]
         rows.append([n.name, unit_of(n.name), *was, *now, *moved])
     caption = (

@@ -27,6 +27,7 @@ from whiptool.identification.units import with_unit
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.words import rounded
 
 _MEANING = {
     "pinned": "known to 10 % or better",
@@ -78,7 +79,7 @@ def parameters_section(fit: Fit) -> Section:
         rows.append(
             [
                 p.name,
-                f"{p.start:.4g}",
+                rounded(p.start, 4),
                 format_value(p),
                 format_interval(p),
                 p.kind,
@@ -368,7 +369,7 @@ def convergence_section(fit: Fit) -> Section:
     names = [p.name for p in fit.parameters]
     rows = [["start", *(f"{n} from" for n in names), *(f"{n} to" for n in names), "cost", "steps"]]
     for i, run in enumerate(fit.runs):
-        ends = [f"{values[n]:.4g}" for values in (run.start, run.values) for n in names]
+        ends = [rounded(values[n], 4) for values in (run.start, run.values) for n in names]
         rows.append([str(i + 1), *ends, f"{run.solution.cost:.6g}", str(max(len(run.solution.history) - 1, 0))])
     text = "Every start, the best first. Values, intervals and classes are those of the best. "
     if len(fit.runs) == 1:

@@ -19,6 +19,7 @@ from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import unit_of, with_unit
 from whiptool.identification.variables import Variable
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.words import rounded
 
 _SHARE = 0.05  # part of a direction from which a number belongs to it
 
@@ -30,7 +31,9 @@ def format_value(p: Parameter) -> str:
 
 def format_interval(p: Parameter) -> str:
     """Its 95 % interval, or that there is none."""
-    return "none" if p.interval is None else f"{p.interval[0]:.5g} to {p.interval[1]:.5g}"
+    if p.interval is None:
+        return "none"
+    return " to ".join(rounded(x, 5) if math.isfinite(x) else "no bound" for x in p.interval)
 
 
 def parameter_lines(fit: Fit) -> list[str]:

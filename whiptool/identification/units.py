@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from whiptool.words import rounded
+
 _LINK = {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"}
 _UNITS = {
     "whip": {
@@ -32,4 +34,4 @@ def unit_of(name: str) -> str:
 
 def with_unit(name: str, value: float, digits: int = 5) -> str:
     """Return a free number's value with its unit, to so many significant digits."""
-    return f"{value:.{digits}g} {unit_of(name)}".strip()
+    return f"{rounded(value, digits)} {unit_of(name)}".strip()

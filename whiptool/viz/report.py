@@ -17,7 +17,7 @@ from whiptool.words import counted
 REPRODUCED, NOT_REPRODUCED, ONLY_WITH = "reproduced", "not reproduced", "reproduced only with"
 NO_VERDICT = "no verdict"
 _STYLE = {REPRODUCED: "yes", NOT_REPRODUCED: "no", ONLY_WITH: "partly", NO_VERDICT: "none"}  # names in report.css
-_BROAD = 6.5  # [in], from which a picture's words are too small on a telephone
+_BROAD = 6.5  # [in], beyond which a picture that is as broad as a telephone has words that nobody reads
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,9 @@ class Picture:
     vector: bool = True
 
     @property
-    def look(self) -> str:
-        """The names of its looks in `report.css`."""
-        looks = {"vector": self.vector, "broad": self.figure.get_figwidth() > _BROAD}
-        return " ".join(look for look, has in looks.items() if has)
+    def broad(self) -> bool:
+        """Whether its words would be too small on a telephone."""
+        return bool(self.figure.get_figwidth() > _BROAD)
 
     @cached_property
     def source(self) -> str:

@@ -61,7 +61,7 @@ def test_the_report_of_unknown_whips():
     assert by_name["kin", "nominal"][2:] == ["15", "0 %", "0 %", "8.00", "8.00"]
     assert [by_name[family, "uniform"][2] for family in ("kin", "strange")] == ["15", "3"]
     assert by_name["stranger", "adapt"][2:] == ["15", "100 %", "100 %", "4.00", "0.50"]
-    assert by_name["strange", "sac"][5:] == ["inf", "7.00"]
+    assert by_name["strange", "sac"][5:] == ["none", "7.00"]
     row = {tuple(row[:2]): row for row in trials}["kin", "wiggle"]
     assert row[2:] == ["1.00 (1.00 to 1.00), 100 %", "2.00 (2.00 to 2.00), 100 %", "2.00 (2.00 to 2.00), 100 %"]
     goals = {row[0]: row for row in sections["Goals"].parts[0].rows}

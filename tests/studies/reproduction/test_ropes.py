@@ -88,7 +88,7 @@ def test_a_table_counts_points_and_directions_apart():
     assert told["and 10 degrees"] == "33 %"
     assert told["calibration error"] == f"{2 / 3 * 0.5:.3f}"  # two were stated as sure, one hit
     assert told["not reached on the mean, or not allowed"] == "1"
-    assert told["miss [cm]"] == "4 (inf)"
+    assert told["miss [cm]"] == "4 (none)"
     assert column(struck, "miss")[2] == np.inf
     met = {what: verdict for what, *_, verdict in _goals({"kin": look}, {}, {}, {"kin": look})[1:]}
     assert met["kin: median miss [m]"] == "no"

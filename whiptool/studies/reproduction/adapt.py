@@ -32,7 +32,7 @@ from whiptool.studies.reproduction.whole_chain import ReachUnit, RigTransferUnit
 from whiptool.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
-from whiptool.words import counted
+from whiptool.words import counted, fixed, rounded
 from whiptool.zone import Disc
 
 ZONE = Disc((1.15, 0.0), 0.1)
@@ -252,7 +252,7 @@ def _hits(table: dict[tuple[str, str], Trials]) -> list[list[str]]:
         hit = np.logical_or.accumulate(t.miss <= HIT_RADIUS, axis=1).mean(axis=0)
         median = np.median(t.miss, axis=0)
         rows.append([family, method, str(len(t.miss)), *(f"{100 * x:.0f} %" for x in hit)])
-        rows[-1] += [f"{100 * x:.2f}" for x in median]
+        rows[-1] += [fixed(100 * x) for x in median]
     return rows
 
 
@@ -318,7 +318,7 @@ def _transfer(learned: dict[str, list[dict[str, Any]]], whole: dict[str, list[di
                 miss = _misses([x for whip in whips for x in whip])
                 shares = [f"{100 * (miss <= r).mean():.0f} %" for r in RADII[:2]]
                 said = [family, through, str(len(whips)), str(len(miss))]
-                rows.append([*said, *shares, f"{100 * np.median(miss):.2f}"])
+                rows.append([*said, *shares, fixed(100 * np.median(miss))])
     return rows
 
 
@@ -338,7 +338,7 @@ def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[s
         means = [f"{t.trials(r).mean():.2f} ({100 * (t.miss <= r).any(axis=1).mean():.0f} %)" for r in RADII]
         hit = np.logical_or.accumulate(t.miss <= HIT_RADIUS, axis=1).mean(axis=0)[:2]
         said = [family, method, str(len(t.miss)), *(f"{100 * x:.0f} %" for x in hit), *means]
-        rows.append([*said, *(f"{100 * x:.2f}" for x in np.median(t.miss, axis=0))])
+        rows.append([*said, *(fixed(100 * x) for x in np.median(t.miss, axis=0))])
     faults = sum(bool(fault) for result in chain.values() for fault in result["faults"])
     over = "; ".join(f"{family}: {targets} ({whips})" for family, (whips, targets) in passed.items())
     text = (
@@ -375,7 +375,7 @@ def _goals(
         if not known:
             return  # no row that was tried says it
         met = all(x >= goal if least else x <= goal for x in known)
-        said = ["" if x is None else f"{x:.3g}" for x in (tip, full)]
+        said = ["" if x is None else rounded(x) for x in (tip, full)]
         rows.append([what, f"{'>=' if least else '<='} {goal:g}", *said, "yes" if met else "no"])
 
     def add_scores(family: str, firsts: list[Scores | None], alls: list[Scores | None]) -> None:

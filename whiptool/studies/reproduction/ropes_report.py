@@ -16,7 +16,7 @@ from whiptool.studies.reproduction.ropes import MATERIALS, RopeStudy, RopeUnit, 
 from whiptool.studies.reproduction.trials import reliability
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
-from whiptool.words import counted
+from whiptool.words import counted, fixed, rounded
 
 NEAR, CONE = 0.05, math.radians(10)  # [m], [rad] of a hit
 FURTHER = 20  # goals at which the first rope of each family is struck beside
@@ -144,7 +144,9 @@ def column(strikes: Struck, name: str) -> np.ndarray:
 
 def _spread(values: np.ndarray) -> str:
     middle, high = np.median(values), np.percentile(values, 95, method="higher")
-    return " ".join(form.format(f"{x:.2g}" if x < 99.5 else f"{x:.0f}") for x, form in ((middle, "{}"), (high, "({})")))
+    return " ".join(
+        form.format(rounded(x, 2) if x < 99.5 else fixed(x, 0)) for x, form in ((middle, "{}"), (high, "({})"))
+    )
 
 
 def _misses(struck: Mapping[str, Struck]) -> Figure:
@@ -167,7 +169,7 @@ def _goals(by_family: ByFamily, again: ByFamily, filmed: ByFamily, alone: ByFami
 
     def add(what: str, goal: float, value: float, *, least: bool = False) -> None:
         met = value >= goal if least else value <= goal
-        rows.append([what, f"{'>=' if least else '<='} {goal:g}", f"{value:.3g}", "yes" if met else "no"])
+        rows.append([what, f"{'>=' if least else '<='} {goal:g}", rounded(value), "yes" if met else "no"])
 
     def add_hits(family: str, found: ByFamily, when: str) -> None:
         if strikes := _struck(found.get(family, [])):

@@ -42,7 +42,7 @@ from whiptool.studies.reproduction.twin_strikes import (
 )
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
-from whiptool.words import counted, figure
+from whiptool.words import counted, rounded
 
 LEARN_FROM = 3  # strikes
 OF_WHIP = ("whip.k", "whip.b", "whip.drag", "delay")  # found from tip and measured joints: per mass of the whip
@@ -232,8 +232,8 @@ def _numbers(plant: Plant, found: Sequence[Parameter], scene: Scene) -> list[lis
     friction = f"{HARDWARE.viscous_friction:g}, and {HARDWARE.dry_friction:g} N m dry"
     rows = [["number", "model", "twin", "identified", "95 % interval", "class"]]
     for p in found:
-        interval = "none" if p.interval is None else " to ".join(figure(x, 4) for x in p.interval)
-        numbers = figure(before.get(p.name, 0.0), 4), truth.get(p.name, friction), figure(p.value, 4)
+        interval = "none" if p.interval is None else " to ".join(rounded(x, 4) for x in p.interval)
+        numbers = rounded(before.get(p.name, 0.0), 4), truth.get(p.name, friction), rounded(p.value, 4)
         rows.append([p.name, *numbers, interval, p.kind])
     return rows
 
