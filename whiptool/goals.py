@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import ndtr, stdtr
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import NoArray
 
 if TYPE_CHECKING:
     from whiptool.rollout.trajectory import Approach
@@ -39,7 +40,7 @@ def probability_within(
 
 
 @dataclass(frozen=True, eq=False)
-class Goals:
+class Goals(NoArray, instead="its positions"):
     """Goals of B strikes, or one goal of them all (B = 1), in d = 2 or 3 dimensions.
 
     Args:

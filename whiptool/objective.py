@@ -15,6 +15,7 @@ from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.limits import AllLimits, Limits, Smooth
+from whiptool.models.arrays import NoArray
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds
@@ -47,7 +48,7 @@ class Arrival:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(NoArray, instead="its miss_distance or tip"):
     """What one strike came to.
 
     Args:
@@ -110,7 +111,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Trial(NoArray, instead="its strike or outcome"):
     """One strike and its outcome, numbered from 1."""
 
     number: int

@@ -11,6 +11,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals import CONE, Goals, arrival_directions
+from whiptool.models.arrays import Vector
 from whiptool.models.numbers import number, numbers
 from whiptool.models.parameters import Model
 
@@ -24,8 +25,8 @@ _COORDINATES = {2: "two coordinates x y", 3: "three coordinates x y z"}
 
 
 @dataclass(frozen=True)
-class Target:
-    """A point to hit, and how the tip has to arrive there.
+class Target(Vector):
+    """A point to hit, and how the tip has to arrive there; as an array or a list, its position.
 
     Args:
         position: (x, y) in the plane, (x, y, z) in space [m].
@@ -110,6 +111,11 @@ class Target:
         place, direction, sight = (None if x is None else tuple(map(float, x[i])) for x in rows)
         assert place is not None
         return cls(place, goals.hit_radius, direction, goals.cone, goals.speed, sight)
+
+    @property
+    def vector(self) -> np.ndarray:
+        """Its position [m], (2,) or (3,)."""
+        return np.array(self.position)
 
     @property
     def goals(self) -> Goals:

@@ -14,6 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
+from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.target import TARGET
@@ -75,7 +76,7 @@ def directions(uniform: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Disc:
+class Disc(NoArray, instead="its centre or radius"):
     """The paper's circle of targets; in space, a ball.
 
     Args:

@@ -16,6 +16,7 @@ from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.solver import Solution, Status
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import with_unit
+from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import Model
 from whiptool.recording.space_camera import SpaceCamera
 
@@ -140,7 +141,7 @@ def judge_starts(runs: Sequence[Run], readings: int) -> list[Run]:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(NoArray, instead="its parameters"):
     """An identified model.
 
     Args:

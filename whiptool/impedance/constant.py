@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.impedance.law import register
+from whiptool.models.arrays import NoArray
 
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -28,7 +29,7 @@ def _matrix(name: str, value: object) -> Matrix:
 
 @register
 @dataclass(frozen=True)
-class ConstantImpedance:
+class ConstantImpedance(NoArray, instead="its K or B"):
     """`tau = K e + B de`, with the paper's matrices (Eq. 22, from Nah et al. 2020) by default.
 
     Args:

@@ -13,6 +13,7 @@ from whiptool.impedance.hand import SINGULAR, HandControl, hand_space
 from whiptool.impedance.law import Law
 from whiptool.impedance.oiac import oiac_preset
 from whiptool.impedance.position import PositionControl
+from whiptool.models.arrays import NoArray
 from whiptool.models.hand_path import HandPath
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.joint_space import JointSpace, StrikePath
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Controller:
+class Controller(NoArray, instead="its parameters()"):
     """What turns tracking errors into torques (Eq. 2): the law, gravity compensation (Eq. 3) always with it.
 
     Args:

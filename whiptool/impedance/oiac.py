@@ -11,12 +11,13 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.impedance.law import register
+from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
 
 
 @register
 @dataclass(frozen=True)
-class OIAC:
+class OIAC(NoArray, instead="its parameters()"):
     """Stiffness and damping that grow with the tracking error.
 
     `eps = e + beta de` (Eq. 8), `F = eps / gamma`, `K = F e^T`, `B = F de^T` (Eq. 9),

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import Vector
 
 
 @dataclass(frozen=True)
-class HandStrike:
-    """Zero-torque trajectory of the hand, in m coordinates; see `HandKinematics`.
+class HandStrike(Vector):
+    """Zero-torque trajectory of the hand, in m coordinates, see `HandKinematics`; as an array or a list, its `vector`.
 
     Args:
         x_i: Of the hand at the start: its place [m] and, where the strike holds its orientation, how it is turned from

@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
 from whiptool.models.spatial_arm import kept_free
 
@@ -63,7 +64,7 @@ class Peaks(Protocol):
 
 
 @dataclass(frozen=True)
-class MotorLimits:
+class MotorLimits(NoArray, instead="its numbers by name"):
     """The speed-torque line of a motor at its supply voltage.
 
     Driving at speed w, a motor gives at most `stall_torque (1 - w / no_load_speed)`; braking, at most its stall

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import number, whole
 from whiptool.models.planar_arm import ArmLink, ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
@@ -18,7 +19,7 @@ __all__ = ["ArmLink", "ArmParameters", "Model", "PerNode", "SpatialArm", "WhipPa
 
 
 @dataclass(frozen=True)
-class Model:
+class Model(NoArray, instead="its parameters()"):
     """A whip in the hand of an arm, under gravity [m/s^2], in the plane or in space. `name` is for people only.
 
     Raises:

@@ -10,12 +10,13 @@ from typing import ClassVar
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import NoArray
 from whiptool.models.joint_names import checked_joints, subscripts
 from whiptool.models.numbers import number
 
 
 @dataclass(frozen=True)
-class ArmLink:
+class ArmLink(NoArray, instead="its numbers by name"):
     """One rigid link of the arm (Table 3).
 
     Args:
@@ -45,7 +46,7 @@ class ArmLink:
 
 
 @dataclass(frozen=True)
-class ArmParameters:
+class ArmParameters(NoArray, instead="its per_link(name)"):
     """Serial planar arm, shoulder first.
 
     Args:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import number, whole
 from whiptool.models.whip import Joints, WhipParameters
 
@@ -24,7 +25,7 @@ _QUADRATURE = np.polynomial.legendre.leggauss(8)  # exact to degree 15 on each h
 
 
 @dataclass(frozen=True)
-class WhipProfile:
+class WhipProfile(NoArray, instead="its numbers"):
     """Continuous whip: an inextensible beam whose properties vary along it, from handle (s = 0) to tip (s = length).
 
     Each tapered quantity runs geometrically, `q(s) = q taper^(s / length)`: `q` is its value at the handle, `taper`

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import NoArray
 from whiptool.models.capsules import Capsule, checked_capsules
 from whiptool.models.joint_names import checked_joints, subscripts
 from whiptool.models.numbers import number, numbers
@@ -197,7 +198,7 @@ def checked_rotation(name: str, given: object) -> Matrix:
 
 
 @dataclass(frozen=True)
-class SpatialArm:
+class SpatialArm(NoArray, instead="its per_link(name)"):
     """Serial arm in space, its base at the origin: x forward, y to the left, z up.
 
     Args:

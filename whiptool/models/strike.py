@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import ArrayLike, Vector
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 
@@ -33,8 +34,8 @@ def named_strike(strike: Strike, arm: ArmParameters | SpatialArm) -> dict[str, f
 
 
 @dataclass(frozen=True)
-class Strike:
-    """Zero-torque trajectory of the arm's n joints.
+class Strike(Vector):
+    """Zero-torque trajectory of the arm's n joints; as an array or a list, its `vector`.
 
     Args:
         q_i: Joint positions at the start [rad, m where a joint slides], length n.
@@ -104,8 +105,8 @@ class Strike:
 
 
 @dataclass(frozen=True)
-class StrikeBounds:
-    """Box in which strikes are searched; `lower` and `upper` in the order of `Strike.vector`.
+class StrikeBounds(ArrayLike):
+    """Box in which strikes are searched; `lower` and `upper` in the order of `Strike.vector`; as an array, their rows.
 
     Raises:
         InputError: Lengths differ, a value is not finite, lower is not below upper, or D may be <= 0.
@@ -130,6 +131,9 @@ class StrikeBounds:
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper as arrays of shape (2 n + 1,)."""
         return np.array(self.lower), np.array(self.upper)
+
+    def _as_array(self) -> np.ndarray:
+        return np.stack(self.box)
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Uniformly random strike vectors, shape (size, 2 n + 1)."""

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import number, whole
 
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
@@ -18,7 +19,7 @@ UNIVERSAL_ONLY = ("node_inertia", "rest_angle_x")  # quantities that no other jo
 
 
 @dataclass(frozen=True)
-class WhipParameters:
+class WhipParameters(NoArray, instead="its per_node(name)"):
     """Lumped whip (Fig. 2, Table 2): N point masses on massless links, joined by springs and dampers.
 
     Each quantity is one number or one value per node. Joint 1 is the hinge that joins the whip to the hand. It is

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from whiptool.models.arrays import NoArray
 from whiptool.models.joint_space import AnyStrike
 from whiptool.objective import Outcome, Trial
 from whiptool.words import counted
@@ -32,7 +33,7 @@ MESSAGES = {
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(NoArray, instead="its strike or outcome"):
     """What a search found.
 
     Args:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.clock import LONGEST, check_pace
@@ -37,7 +38,7 @@ NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's coun
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
-class StrikeRecording:
+class StrikeRecording(NoArray, instead="its t and points"):
     """One strike as it was recorded, M markers over T frames.
 
     With a `view` it holds what one camera in space saw: `points` and `sigma` are then in pixels, and `t` is the middle

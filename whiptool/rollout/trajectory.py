@@ -10,6 +10,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
+from whiptool.models.arrays import NoArray
 from whiptool.models.hand_path import HandPath
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.kinematics import chain_motion, joint_points
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Approach:
+class Approach(NoArray, instead="its distance, tip or velocity"):
     """Closest approach of the tip to its target, for B strikes of an arm of a joints.
 
     Args:
@@ -97,7 +98,7 @@ _SHAPES |= {"tip": "Td", "tip_velocity": "Td", "diverged": ""}  # of a trajector
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(NoArray, instead="its t, q, tau or tip"):
     """One strike over T instants, for an arm of a joints and a chain of n.
 
     Args:
