@@ -7,7 +7,7 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.models import preset
-from whiptool.target import Target, as_target
+from whiptool.target import Target, as_target, usual_target
 
 FLAT, SPACE = preset("lemon2024"), preset("nah2023")
 
@@ -46,8 +46,8 @@ def test_a_target_is_within_reach():
 
 
 def test_places_become_targets():
-    assert as_target(None) == Target((1.3, 0.0))
-    assert as_target(None, 3) == Target((1.3, 0.0, 0.0))
+    assert usual_target(2) == Target((1.3, 0.0))
+    assert usual_target(3) == Target((1.3, 0.0, 0.0))
     assert as_target(np.array([1.0, 2.0, 0.5])) == Target((1.0, 2.0, 0.5))
     target = Target((1.0, 2.0), 0.01)
     assert as_target(target) is target

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from os import PathLike
+
 _LONGEST = 400  # [characters] of a name, and of what was given, as they are shown
 
 
@@ -55,3 +58,33 @@ def _shown(given: object) -> str:
 def _cut(text: str) -> str:
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
+
+
+class _Told:
+    """A value that stands in a message for what it is."""
+
+    def __init__(self, value: object) -> None:
+        self.kind = type(value).__name__
+
+    def __repr__(self) -> str:
+        return self.kind
+
+
+_SHOWN = (str, bytes, int, float, complex, list, tuple, dict, set, type, type(None))  # as they are written
+_WORDS = {str: "text", bool: "true or false", type(None): "none", Mapping: "a dict", PathLike: "a path"}
+
+
+def expect(*kinds: type, **arguments: object) -> None:
+    """Refuse arguments that are of no kind that is allowed, each by its name.
+
+    Args:
+        kinds: Classes that are allowed.
+        arguments: Values by their names.
+
+    Raises:
+        InputError: A value is an instance of none of these.
+    """
+    for name, value in arguments.items():
+        if not isinstance(value, kinds):
+            given = value if isinstance(value, _SHOWN) else _Told(value)
+            raise InputError(name, given, " or ".join(_WORDS.get(kind, kind.__name__) for kind in kinds))

@@ -86,6 +86,10 @@ class AllLimits:
         self.members: tuple[Limits, ...] = (
             () if given is None else tuple(given) if isinstance(given, Sequence) else (given,)
         )
+        for member in self.members:
+            if isinstance(member, type) or not hasattr(member, "violation"):
+                rule = "MotorLimits, ArmLimits or Clearance, one or several"
+                raise InputError("limits", type(member).__name__, rule)
         self._by_joints = by_joints
         self.commands = tuple(x.command for x in self.members if by_joints and x.command is not None)
 

@@ -13,15 +13,16 @@ import numpy as np
 
 from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
-from whiptool.errors import InputError, WhiptoolError
+from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.limits import AllLimits, Limits, Smooth
 from whiptool.models.arrays import NoArray
 from whiptool.models.joint_space import AnyStrike
+from whiptool.models.numbers import array_of
 from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
-from whiptool.target import Target, as_target
+from whiptool.target import Target, as_target, usual_target
 
 UNREACHABLE = "posture"  # what refuses a strike of the hand that no joints can make
 _WHY_LOST = {
@@ -174,7 +175,11 @@ class Objective:
         limits: Limits | Sequence[Limits] | None = None,
         criteria: Sequence[Criterion] = (),
     ) -> None:
-        self.rollout, self.target = rollout, as_target(target, rollout.model.dimension)
+        expect(Rollout, rollout=rollout)
+        expect(StrikeBounds, type(None), bounds=bounds)
+        expect(bool, stop_at_hit=stop_at_hit, check_reach=check_reach)
+        usual = usual_target(rollout.model.dimension)
+        self.rollout, self.target = rollout, usual if target is None else as_target(target)
         if check_reach:
             self.target.check_reach(rollout.model)
         self.space = rollout.space
@@ -183,6 +188,9 @@ class Objective:
         if len(self.bounds.lower) != self.space.width:
             raise InputError("bounds", self.bounds.lower, f"{self.space.width} values each")
         self.bounds = self.limits.narrowed(self.bounds)
+        expect(Sequence, criteria=criteria)
+        for criterion in criteria:
+            expect(Criterion, criteria=criterion)
         self.criteria = tuple(criteria)
         self.t_stay = number("t_stay", t_stay, low=0)
         longest = np.array([self.bounds.upper[-1] + self.t_stay])
@@ -231,6 +239,7 @@ class Objective:
         They stay in the bounds. It is no promise: what joints really do depends on the whip and the controller, and is
         judged with the outcome.
         """
+        strikes = self._array(strikes)
         return np.clip(self.limits.shortened(strikes), *self.bounds.box) if self.limits.commands else strikes
 
     def __call__(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
@@ -255,8 +264,7 @@ class Objective:
         Raises:
             SearchStopped: The budget was used up before this strike, or this strike was the hit to stop at.
         """
-        vector = strike.vector if isinstance(strike, AnyStrike) else np.asarray(strike, float)
-        return self.batch(np.atleast_2d(vector))[0]
+        return self.batch(np.atleast_2d(self._array(strike)))[0]
 
     def batch(self, strikes: np.ndarray) -> list[Outcome]:
         """Outcomes of strike vectors, shape (B, 2 n + 1), each a trial.
@@ -265,12 +273,15 @@ class Objective:
             SearchStopped: The budget ended within the batch (the trials up to its end are counted), or one of them
                 was the hit to stop at (all are counted, but of a rollout that is `one_by_one` no later ones).
         """
-        strikes = np.array(strikes, float, ndmin=2)  # a copy: optimizers reuse their buffers
+        strikes = np.array(self._array(strikes), ndmin=2)  # a copy: optimizers reuse their buffers
         width = self.space.width
         if strikes.ndim != 2 or strikes.shape[1] != width or not np.isfinite(strikes).all():
             raise InputError("strikes", strikes.tolist()[:1], f"{width} finite numbers each")
         with self._one_by_one:
             return self._batch(strikes)
+
+    def _array(self, strikes: AnyStrike | np.ndarray | Sequence[float]) -> np.ndarray:
+        return array_of("strikes", strikes, f"a Strike, or vectors of {self.space.width} finite numbers each")
 
     def _batch(self, strikes: np.ndarray) -> list[Outcome]:
         """Outcomes of strikes that are well formed; see `batch`."""
@@ -320,7 +331,7 @@ class Objective:
             InputError: The simulator has no derivatives.
             SearchStopped: As in `__call__`.
         """
-        vector = np.array(strike, float)
+        vector = np.array(self._array(strike))
         outcome = self.trial(vector)
         if outcome.miss_distance >= self.penalty:
             return outcome, np.zeros_like(vector)
@@ -350,7 +361,7 @@ class Objective:
         Raises:
             SearchStopped: As in `__call__`.
         """
-        vector = np.array(strike, float)
+        vector = np.array(self._array(strike))
         outcome, struck = self.trial(vector), self._last
         if struck is None or not np.array_equal(struck.strikes, vector[None]):  # it was refused, or is in a log
             struck = StrikesAtGoal(self.rollout, vector[None], self.goals, self.t_stay)
@@ -402,6 +413,7 @@ class Objective:
             trajectory: What the strike did.
             strike: What was commanded; None: limits of that are not judged.
         """
+        expect(Trajectory, trajectory=trajectory)
         beyond, by = self.limits.judged_whole(trajectory, strike)
         return self._outcome(trajectory.approach(np.array(self.target.position)), 0, beyond, by)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.goals import CONE, Goals, arrival_directions
 from whiptool.models.arrays import Vector
 from whiptool.models.numbers import number, numbers
@@ -50,8 +50,8 @@ class Target(Vector):
     sight: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        position = tuple(float(x) for x in self.position)
-        if len(position) not in _COORDINATES or not all(map(math.isfinite, position)):
+        position = numbers("position of the target", self.position)
+        if len(position) not in _COORDINATES:
             raise InputError("target", position, "two finite coordinates x y in m, or three in space")
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "hit_radius", number("hit radius", self.hit_radius, low=0, strict=True))
@@ -99,7 +99,7 @@ class Target(Vector):
         Raises:
             InputError: A value is out of range, or a target in space lies above or below the base.
         """
-        place = cls(tuple(position)).position
+        place = cls(numbers("position of the target", position)).position
         directions, sights = arrival_directions(np.array([place]), np.array([number("arrival angle", angle)]))
         sight = None if sights is None else tuple(map(float, sights[0]))
         return cls(place, hit_radius, tuple(map(float, directions[0])), cone, speed, sight)
@@ -134,6 +134,7 @@ class Target(Vector):
         Raises:
             InputError: It has too many coordinates, or too few.
         """
+        expect(Model, model=model)
         if len(self.position) != model.dimension:
             where = "in space" if model.dimension == 3 else "in the plane"
             rule = f"{_COORDINATES[model.dimension]} in m, for the model {model.name}, which is {where}"
@@ -187,20 +188,22 @@ def _unit(name: str, vector: Sequence[float], dimension: int) -> tuple[float, ..
     Raises:
         InputError: It has others, one is not finite, or all are zero.
     """
-    values = numbers(name, tuple(vector), dimension)
+    values = numbers(name, vector, dimension)
     length = math.hypot(*values)
     if length == 0:
         raise InputError(name, values, "a vector that is not zero")
     return tuple(x / length for x in values)
 
 
-def as_target(target: Target | Sequence[float] | np.ndarray | None, dimension: int = 2) -> Target:
-    """Return a target, or the one at a place (x, y) or (x, y, z) [m] with the usual hit radius; None: the usual one.
+def usual_target(dimension: int) -> Target:
+    """Return the usual target in the plane (2), or in space (3), straight ahead of the base."""
+    return Target((*TARGET, 0.0)[:dimension])
 
-    Args:
-        target: A target, or its place.
-        dimension: 2 for the usual target in the plane, 3 for that in space, straight ahead of the base.
+
+def as_target(target: Target | Sequence[float] | np.ndarray) -> Target:
+    """Return a target, or the one at a place (x, y) or (x, y, z) [m] with the usual hit radius.
+
+    Raises:
+        InputError: It is neither.
     """
-    if isinstance(target, Target):
-        return target
-    return Target((*TARGET, 0.0)[:dimension] if target is None else tuple(target))
+    return target if isinstance(target, Target) else Target(numbers("target", target))

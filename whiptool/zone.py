@@ -15,6 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
 from whiptool.models.arrays import NoArray
+from whiptool.models.numbers import numbers
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.target import TARGET
@@ -91,7 +92,8 @@ class Disc(NoArray, instead="its centre or radius"):
     radius: float = RADIUS
 
     def __post_init__(self) -> None:
-        if len(self.centre) not in (2, 3) or not all(map(math.isfinite, self.centre)):
+        object.__setattr__(self, "centre", numbers("centre of the zone", self.centre))
+        if len(self.centre) not in (2, 3):
             raise InputError("centre of the zone", self.centre, "two finite coordinates x y in m, or three in space")
         number("radius of the zone", self.radius, low=0, strict=True)
 

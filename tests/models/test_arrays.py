@@ -34,7 +34,7 @@ def test_vectors_are_arrays_of_their_numbers(vector, numbers):
 
 def test_strikes_stay_equal_by_their_numbers():
     same, other = whiptool.Strike((0.1, 0.2), (0.3, 0.4), 0.5), whiptool.Strike((0.1, 0.2), (0.3, 0.4), 0.6)
-    assert STRIKE == same
+    assert same == STRIKE
     assert hash(STRIKE) == hash(same)
     assert other != STRIKE
     assert STRIKE in {same}

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from whiptool.adaptation.twins import Twin
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.strike_recording import StrikeRecording
@@ -152,6 +152,7 @@ class TipPort:
         t_stay: float = T_STAY,
         timestep: float = TIMESTEP,
     ) -> None:
+        expect(Twin, twin=twin)
         self.twin, self.target, self.fps, self.t_stay = twin, as_target(target).position, fps, t_stay
         self._rollout = CompiledRollout(twin.model, twin.controller, timestep=timestep)
 

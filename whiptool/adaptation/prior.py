@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 
 from whiptool.adaptation.materials import NUMBERS, Stock, stock_of_model
 from whiptool.adaptation.model_error import NONE, ModelError
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.identification.inputs import profile_of
 from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Plant
@@ -196,6 +196,9 @@ def default_prior(
     Raises:
         InputError: `whip` is not one of these, or the model's whip has values per node.
     """
+    expect(Model, model=model)
+    expect(Controller, controller=controller)
+    expect(str, whip=whip)
     if whip not in WHIPS:
         raise InputError("whip", whip, ", ".join(WHIPS))
     if stock is not None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.adaptation.materials import Stock, stock_of_model, uniform_whip
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.parameters import ArmParameters, Model, SpatialArm, WhipParameters, whole
 from whiptool.rig.emulator.motor import HARDWARE, Motor
@@ -85,6 +85,8 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     Raises:
         InputError: The family or seed is not allowed, or there is no stock and the model has values per node.
     """
+    expect(Model, model=model)
+    expect(Controller, controller=controller)
     if family not in FAMILIES:
         raise InputError("family", family, ", ".join(FAMILIES))
     seed = whole("seed", seed, low=0)

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -14,7 +15,7 @@ import numpy as np
 from tyro.conf import Positional
 
 from whiptool.commands import cli
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.extras import optional
 from whiptool.options import (
     MANY_TARGETS,
@@ -148,6 +149,7 @@ def load_map(run_folder: str | Path) -> StrikeMap:
     Raises:
         InputError: PyTorch is not installed, the folder is of another command, or its map is not whole.
     """
+    expect(str, PathLike, run_folder=run_folder)
     _one_torch_thread()
     from whiptool.strike_map import Answers, StrikeMap
     from whiptool.strike_map.store import load_gate, load_parts

@@ -9,11 +9,12 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from whiptool.commands import cli
-from whiptool.errors import InputError, WhiptoolError
+from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.extras import optional
 from whiptool.options import (
     MANY_TARGETS,
@@ -172,6 +173,7 @@ def load_policy(run_folder: str | Path) -> Policy:
     Raises:
         InputError: PyTorch is not installed, or the folder is of another command, or holds no whole checkpoint.
     """
+    expect(str, PathLike, run_folder=run_folder)
     optional("torch", "a policy")
     from whiptool.rl.policy import Policy
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.identification.classes import classify
 from whiptool.identification.inputs import common_controller, full_name
+from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.predict import Recording
@@ -17,6 +18,7 @@ from whiptool.identification.problem import Options, Problem
 from whiptool.identification.results import Fit, RecordingFit, Run, judge_starts
 from whiptool.identification.solver import Solution, Status
 from whiptool.identification.variables import variables_of
+from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
 from whiptool.recording.strike_recording import StrikeRecording
 
@@ -49,10 +51,15 @@ def fit(
     began, options = time.perf_counter(), options or Options()
     if not isinstance(recordings, Sequence):
         recordings = [recordings]
+    for recording in (*recordings, *held_out):
+        expect(StrikeRecording, AngleRecording, recordings=recording)
+    free = texts("free", free)
     if not free:
         raise InputError("free parameters", "none", "one or more names", "such as whip.k")
     if isinstance(plant, Model):
         plant = Plant(plant, common_controller([x for x in recordings if isinstance(x, StrikeRecording)]))
+    elif not hasattr(plant, "values"):
+        raise InputError("plant", type(plant).__name__, "a Plant or a Model")
     known = {**plant.values(), **NEUTRAL}
     free = [full_name(name, plant) for name in free]
     variables = variables_of(known, free, options.bounds)

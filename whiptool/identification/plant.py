@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from whiptool.dynamics.structure import arm_numbers
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.profile import WhipProfile, lump
@@ -66,6 +66,9 @@ class Plant:
     clamp: float | None = None
 
     def __post_init__(self) -> None:
+        expect(Model, model=self.model)
+        expect(Controller, type(None), controller=self.controller)
+        expect(WhipProfile, type(None), profile=self.profile)
         if self.model.dimension == 3 and self.clamp is not None:
             raise InputError("clamp", self.clamp, "none, in space")
         if self.profile is not None:

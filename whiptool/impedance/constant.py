@@ -13,15 +13,13 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.impedance.law import register
 from whiptool.models.arrays import NoArray
+from whiptool.models.numbers import array_of
 
 Matrix = tuple[tuple[float, ...], ...]
 
 
 def _matrix(name: str, value: object) -> Matrix:
-    try:
-        array = np.asarray(value, float)
-    except (TypeError, ValueError):  # rows of different lengths, words
-        raise InputError(name, value, "a square matrix of finite numbers") from None
+    array = array_of(name, value, "a square matrix of finite numbers")
     if array.ndim != 2 or array.shape[0] != array.shape[1] or not np.isfinite(array).all():
         raise InputError(name, value, "a square matrix of finite numbers")
     return tuple(tuple(float(x) for x in row) for row in array)

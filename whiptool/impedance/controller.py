@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.impedance.hand import SINGULAR, HandControl, hand_space
 from whiptool.impedance.law import Law
 from whiptool.impedance.oiac import oiac_preset
@@ -17,12 +17,12 @@ from whiptool.models.arrays import NoArray
 from whiptool.models.hand_path import HandPath
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.joint_space import JointSpace, StrikePath
-from whiptool.models.parameters import ArmParameters, number
+from whiptool.models.numbers import numbers
+from whiptool.models.parameters import ArmParameters, Model, number
 from whiptool.models.spatial_arm import SpatialArm
 
 if TYPE_CHECKING:
     from whiptool.impedance.arm import Arm
-    from whiptool.models.parameters import Model
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Controller(NoArray, instead="its parameters()"):
         if not isinstance(self.feedforward, bool):
             raise InputError("feedforward", self.feedforward, "true or false")
         if self.compensated is not None:
-            masses = tuple(number("compensated", m, low=0) for m in self.compensated)
+            masses = tuple(number("compensated", m, low=0) for m in numbers("compensated", self.compensated))
             object.__setattr__(self, "compensated", masses)
         if self.control_period is not None:
             object.__setattr__(
@@ -74,6 +74,7 @@ class Controller(NoArray, instead="its parameters()"):
             for name in ("feedforward", "torque_limit", "control_period", "compensated"):
                 if getattr(self, name) not in (None, False):
                     raise InputError(name, getattr(self, name), "nothing beside position control")
+        expect(HandControl, type(None), hand=self.hand)
         if self.hand is not None and self.feedforward:
             raise InputError("feedforward", True, "nothing in hand space")
 
@@ -88,6 +89,7 @@ class Controller(NoArray, instead="its parameters()"):
         Raises:
             InputError: It is hand space, and the arm has none.
         """
+        expect(ArmParameters, SpatialArm, arm=arm)
         return JointSpace(arm) if self.hand is None else hand_space(arm, self.hand, led=self.prescribed)
 
     def check_fits(self, arm: ArmParameters | SpatialArm) -> None:
@@ -98,6 +100,7 @@ class Controller(NoArray, instead="its parameters()"):
                 as the arm has joints, in hand space as the hand has coordinates, or `torque_limit` not as many numbers,
                 or `compensated` not one mass more.
         """
+        expect(ArmParameters, SpatialArm, arm=arm)
         if isinstance(arm, SpatialArm) and arm.weightless and not self.prescribed:
             given = f"no inertia of what {', '.join(arm.weightless)} moves"
             fix = "give --controller position, for which it does not matter, or write an <inertial> into the file"
@@ -116,6 +119,7 @@ class Controller(NoArray, instead="its parameters()"):
 
     def reckoning_with(self, model: Model) -> Controller:
         """The same controller, whose gravity compensation stays that of this model, whatever it is rolled out with."""
+        expect(Model, model=model)
         if self.prescribed:
             return self
         return replace(self, compensated=(*model.arm.per_link("mass").tolist(), float(model.whip.mass)))

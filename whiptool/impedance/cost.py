@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
+from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 
 
+@runtime_checkable
 class Tracked(Protocol):
     """What the cost needs of a strike at T instants; a `Trajectory` has it. The arm's joints come first in q and v."""
 
@@ -89,6 +91,9 @@ def impedance_cost(
     """
     from whiptool.impedance.arm import Arm
 
+    expect(Model, model=model)
+    expect(Tracked, trajectory=trajectory)
+    D, beta = number("D", D, low=0, strict=True), number("beta", beta)
     a = trajectory.q_d.shape[1]
     for name, Q in (("Q_K", Q_K), ("Q_B", Q_B)):
         if Q is not None and np.shape(Q) != (a * a, a * a):

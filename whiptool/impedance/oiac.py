@@ -9,7 +9,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.impedance.law import register
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
@@ -79,6 +79,7 @@ def oiac_preset(name: str) -> OIAC:
     Raises:
         InputError: There is none of that name; the message lists them.
     """
+    expect(str, name=name)
     if name not in OIAC_PRESETS:
         raise InputError("OIAC preset", name, ", ".join(OIAC_PRESETS))
     return OIAC_PRESETS[name]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
 
 import tomli_w
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.arm_files import ROBOT_FILES, arm_from_table, arm_to_table, read_robot
 from whiptool.models.parameters import Model
 from whiptool.models.presets import PRESETS, preset
@@ -63,6 +64,7 @@ def read_model(path: Path) -> Model:
     Raises:
         InputError: The file cannot be read, or says something that is not allowed.
     """
+    expect(str, PathLike, path=path)
     table = read_toml(path)
     try:
         return model_from_table({"name": Path(path).stem, **table}, Path(path).parent)
@@ -72,6 +74,8 @@ def read_model(path: Path) -> Model:
 
 def write_model(model: Model, path: Path) -> None:
     """Write a model as a TOML file that `read_model` reads back the same."""
+    expect(Model, model=model)
+    expect(str, PathLike, path=path)
     write_whole(Path(path), tomli_w.dumps(model_to_table(model)))
 
 
@@ -81,6 +85,7 @@ def find_model(name: str) -> Model:
     Raises:
         InputError: There is neither, or the file says something that is not allowed.
     """
+    expect(str, name=name)
     if name in PRESETS:
         return preset(name)
     if name.endswith(".toml"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.arrays import Vector
+from whiptool.models.numbers import array_of, number, numbers
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,10 @@ class HandStrike(Vector):
 
     def __post_init__(self) -> None:
         for name in ("x_i", "x_f"):
-            values = tuple(float(x) for x in getattr(self, name))
-            if not values or not all(map(math.isfinite, values)):
-                raise InputError(name, values, "finite coordinates of the hand in m, turns in rad")
-            object.__setattr__(self, name, values)
+            object.__setattr__(self, name, numbers(name, getattr(self, name)))
         if len(self.x_i) != len(self.x_f):
             raise InputError("x_f", self.x_f, f"{len(self.x_i)} coordinates, as many as x_i")
-        if not (math.isfinite(self.D) and self.D > 0):
-            raise InputError("D", self.D, "a finite duration > 0 s")
-        object.__setattr__(self, "D", float(self.D))
+        object.__setattr__(self, "D", number("D", self.D, low=0, strict=True))
 
     def __repr__(self) -> str:
         start, end = (", ".join(f"{x:.4g}" for x in hand) for hand in (self.x_i, self.x_f))
@@ -53,8 +48,8 @@ class HandStrike(Vector):
         Raises:
             InputError: The length is even, or a value breaks its rule.
         """
-        values = [float(x) for x in vector]
-        if len(values) < 3 or len(values) % 2 == 0:
+        values = array_of("strike vector", vector, "a vector of numbers").tolist()
+        if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
             raise InputError("strike", values, "the hand's coordinates x_i, as many x_f, and D")
         m = len(values) // 2
         return cls(tuple(values[:m]), tuple(values[m : 2 * m]), values[-1])

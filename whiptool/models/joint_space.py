@@ -9,6 +9,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.hand_strike import HandStrike
+from whiptool.models.numbers import array_of
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds, strike_names
@@ -159,11 +160,8 @@ def checked_vectors(strikes: Any, width: int, whose: str) -> np.ndarray:
     Raises:
         InputError: They are of another width, a value is not finite, or a duration D is not positive.
     """
-    if isinstance(strikes, AnyStrike):
-        strikes = strikes.vector
-    elif not isinstance(strikes, np.ndarray):
-        strikes = np.array([x.vector if isinstance(x, AnyStrike) else x for x in strikes], float)
-    vectors = np.ascontiguousarray(np.atleast_2d(strikes), float)
+    given = array_of("strikes", strikes, f"a Strike, or an array of shape (B, {width}), for {whose}")
+    vectors = np.ascontiguousarray(np.atleast_2d(given))
     if vectors.ndim != 2 or vectors.shape[1] != width:
         raise InputError("strikes", vectors.shape, f"an array of shape (B, {width}), for {whose}")
     if not np.isfinite(vectors).all() or not (vectors[:, -1] > 0).all():

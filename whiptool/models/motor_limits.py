@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
 from whiptool.models.spatial_arm import kept_free
@@ -89,6 +89,7 @@ class MotorLimits(NoArray, instead="its numbers by name"):
     by_peaks: ClassVar[bool] = False  # the line joins speed and torque, whose peaks need not come at once
 
     def __post_init__(self) -> None:
+        expect(str, name=self.name)
         for name in ("stall_torque", "no_load_speed", "stall_current"):
             number(name, getattr(self, name), low=0, strict=True)
 
@@ -190,6 +191,7 @@ def limits_preset(name: str) -> MotorLimits:
     Raises:
         InputError: There is none of that name; the message lists them.
     """
+    expect(str, name=name)
     if name not in LIMITS:
         raise InputError("limits", name, ", ".join(LIMITS))
     return LIMITS[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -35,8 +36,34 @@ def whole(name: str, value: object, *, low: int = 1, high: int | None = None) ->
     raise InputError(name, value, f"a whole number {span}")
 
 
-def numbers(name: str, value: object, count: int) -> tuple[float, ...]:
-    """`value` as `count` finite floats."""
-    if not isinstance(value, (list, tuple, np.ndarray)) or np.ndim(value) != 1 or len(value) != count:
-        raise InputError(name, value, f"{count} finite numbers")
-    return tuple(number(f"{name}[{i}]", x) for i, x in enumerate(value))
+def numbers(name: str, value: object, count: int | None = None) -> tuple[float, ...]:
+    """`value` as `count` finite floats, or as any number of them but none."""
+    rule = "finite numbers" if count is None else f"{count} finite numbers"
+    row = value if isinstance(value, (list, tuple)) else array_of(name, value, rule).tolist()
+    nested = not isinstance(row, (list, tuple)) or any(isinstance(x, (list, tuple, np.ndarray)) for x in row)
+    if nested or not row or len(row) != (count or len(row)):
+        raise InputError(name, value, rule)
+    return tuple(number(f"{name}[{i}]", x) for i, x in enumerate(row))
+
+
+def array_of(name: str, value: object, rule: str) -> np.ndarray:
+    """`value` as an array of finite floats; text, truth values, complex numbers, rows of other lengths are none."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise InputError(name, value, rule) from None
+    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        raise InputError(name, value, rule)
+    if (np.abs(array) > LARGEST).any():
+        raise InputError(name, value, f"numbers of magnitude <= {LARGEST:g}")
+    return array.astype(float, copy=False)
+
+
+def texts(name: str, value: object) -> tuple[str, ...]:
+    """`value` as texts, any number of them."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InputError(name, value, "a list of texts")
+    found = tuple(value)
+    if not all(isinstance(x, str) for x in found):
+        raise InputError(name, value, "a list of texts")
+    return found

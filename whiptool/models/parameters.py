@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
-from whiptool.models.numbers import number, whole
+from whiptool.models.numbers import number, numbers, whole
 from whiptool.models.planar_arm import ArmLink, ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.whip import UNIVERSAL_ONLY, PerNode, WhipParameters
@@ -32,9 +32,10 @@ class Model(NoArray, instead="its parameters()"):
     name: str = field(default="unnamed", compare=False)
 
     def __post_init__(self) -> None:
+        expect(WhipParameters, whip=self.whip)
+        expect(ArmParameters, SpatialArm, arm=self.arm)
         object.__setattr__(self, "gravity", number("gravity", self.gravity, low=0))
-        if not isinstance(self.name, str):
-            raise InputError("name", self.name, "text")
+        expect(str, name=self.name)
         bends = self.whip.joints
         if isinstance(self.arm, SpatialArm):
             if bends == "hinge":
@@ -64,7 +65,7 @@ class Model(NoArray, instead="its parameters()"):
 
     def farthest_miss(self, place: Sequence[float]) -> float:
         """Return the farthest that the tip can be from a place (2,) or (3,), [m]: a penalty that no miss reaches."""
-        return self.reach + math.hypot(*place)
+        return self.reach + math.hypot(*numbers("place", place))
 
     def parameters(self) -> dict[str, float]:
         """Every number of the model under its name: `whip.k` or `whip.k[3]`, `arm.mass[0]`, `gravity`."""
@@ -89,6 +90,7 @@ class Model(NoArray, instead="its parameters()"):
         Raises:
             InputError: A name is not one of `parameters()`, or a value breaks its rule.
         """
+        expect(Mapping, changes=changes)
         known = self.parameters()
         whip: dict[str, Any] = {}
         arm: dict[str, float] = {}

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.joint_names import checked_joints, subscripts
 from whiptool.models.numbers import number
@@ -61,7 +61,7 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
     dimension: ClassVar = 2
 
     def __post_init__(self) -> None:
-        links = tuple(self.links)
+        links = tuple(self.links) if isinstance(self.links, Iterable) else ()
         if not links or not all(isinstance(link, ArmLink) for link in links):
             raise InputError("links", self.links, "one or more ArmLink")
         object.__setattr__(self, "links", links)
@@ -79,6 +79,8 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
 
     def per_link(self, name: str) -> np.ndarray:
         """Quantity `name` of every link, shape (n,)."""
+        if name not in list(self.QUANTITIES):
+            raise InputError("name", name, ", ".join(self.QUANTITIES))
         return np.array([getattr(link, name) for link in self.links], float)  # (n,)
 
     @property
@@ -92,6 +94,7 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
 
     def with_parameters(self, changes: Mapping[str, float]) -> ArmParameters:
         """Return a copy with some of `parameters()` changed."""
+        expect(Mapping, changes=changes)
         known = self.parameters() | dict(changes)
         links = tuple(ArmLink(**{name: known[f"{name}[{i}]"] for name in self.QUANTITIES}) for i in range(self.n))
         return dataclasses.replace(self, links=links)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.robots import NAH2023, PANDA, UR5E
 
@@ -46,6 +46,7 @@ def preset(name: str) -> Model:
     Raises:
         InputError: There is none of that name; the message lists them.
     """
+    expect(str, name=name)
     if name not in PRESETS:
         raise InputError("model preset", name, ", ".join(PRESETS))
     return dataclasses.replace(PRESETS[name])

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
-from whiptool.models.numbers import number, whole
+from whiptool.models.numbers import array_of, number, numbers, whole
 from whiptool.models.whip import Joints, WhipParameters
 
 WAVES = 3  # of what a taper leaves out
@@ -74,10 +74,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         object.__setattr__(self, "rest_curvature", number("rest_curvature", self.rest_curvature))
         object.__setattr__(self, "bead_place", number("bead_place", self.bead_place, low=0, high=1))
         for name in _WAVES:
-            waves = getattr(self, name)
-            if np.shape(waves) != (WAVES,):
-                raise InputError(name, waves, f"{WAVES} numbers")
-            object.__setattr__(self, name, tuple(number(f"{name}[{i}]", x) for i, x in enumerate(waves)))
+            object.__setattr__(self, name, numbers(name, getattr(self, name), WAVES))
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -97,6 +94,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         Raises:
             InputError: A name is unknown, or a value is not finite or out of range.
         """
+        expect(Mapping, changes=changes)
         known = self.numbers
         for name in changes:
             if name not in known:
@@ -107,7 +105,9 @@ class WhipProfile(NoArray, instead="its numbers"):
 
     def at(self, quantity: str, place: np.ndarray) -> np.ndarray:
         """Return `linear_density`, `bending_stiffness` or `bending_damping` at places in parts of the length."""
-        return graded(self.numbers, quantity, place)
+        if quantity not in list(_GRADED):
+            raise InputError("quantity", quantity, ", ".join(_GRADED))
+        return graded(self.numbers, quantity, array_of("place", place, "finite numbers"))
 
     def lump(self, N: int, *, joints: Joints = "hinge", node_inertia: float = 0.0) -> WhipParameters:
         """The whip as N nodes, its mass, drag and compliance shared out by hat functions.

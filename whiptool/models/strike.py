@@ -9,8 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.arrays import ArrayLike, Vector
+from whiptool.models.numbers import array_of, number, numbers, whole
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 
@@ -52,15 +53,10 @@ class Strike(Vector):
 
     def __post_init__(self) -> None:
         for name in ("q_i", "q_f"):
-            values = tuple(float(x) for x in getattr(self, name))
-            if not values or not all(map(math.isfinite, values)):
-                raise InputError(name, values, "finite angles in rad")
-            object.__setattr__(self, name, values)
+            object.__setattr__(self, name, numbers(name, getattr(self, name)))
         if len(self.q_i) != len(self.q_f):
             raise InputError("q_f", self.q_f, f"{len(self.q_i)} angles, as many as q_i")
-        if not (math.isfinite(self.D) and self.D > 0):
-            raise InputError("D", self.D, "a finite duration > 0 s")
-        object.__setattr__(self, "D", float(self.D))
+        object.__setattr__(self, "D", number("D", self.D, low=0, strict=True))
 
     def __repr__(self) -> str:
         start, end = (", ".join(f"{x:.4g}" for x in q) for q in (self.q_i, self.q_f))
@@ -73,8 +69,8 @@ class Strike(Vector):
         Raises:
             InputError: The length is even, or a value breaks its rule.
         """
-        values = [float(x) for x in vector]
-        if len(values) < 3 or len(values) % 2 == 0:
+        values = array_of("strike vector", vector, "a vector of numbers").tolist()
+        if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
             raise InputError("strike", values, "the angles q_i, as many angles q_f, and D")
         n = len(values) // 2
         return cls(tuple(values[:n]), tuple(values[n : 2 * n]), values[-1])
@@ -117,7 +113,7 @@ class StrikeBounds(ArrayLike):
 
     def __post_init__(self) -> None:
         for name in ("lower", "upper"):
-            object.__setattr__(self, name, tuple(float(x) for x in getattr(self, name)))
+            object.__setattr__(self, name, numbers(name, getattr(self, name)))
         lower, upper = self.lower, self.upper
         if len(lower) != len(upper) or len(lower) < 3 or len(lower) % 2 == 0:
             raise InputError("bounds", (lower, upper), "lower and upper of the same odd length (q_i, q_f, D)")
@@ -137,8 +133,9 @@ class StrikeBounds(ArrayLike):
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Uniformly random strike vectors, shape (size, 2 n + 1)."""
+        expect(np.random.Generator, rng=rng)
         lower, upper = self.box
-        return rng.uniform(lower, upper, (size, len(lower)))
+        return rng.uniform(lower, upper, (whole("size", size, low=0), len(lower)))
 
 
 def eased(t: np.ndarray, D: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -162,6 +159,7 @@ def default_bounds(arm: ArmParameters | SpatialArm) -> StrikeBounds:
     Raises:
         InputError: The arm has none; give bounds of your own.
     """
+    expect(ArmParameters, SpatialArm, arm=arm)
     if isinstance(arm, SpatialArm):
         found = _person_bounds() if arm.joints == _PERSON else _bounds_of_limits(arm)
     else:

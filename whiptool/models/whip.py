@@ -120,6 +120,8 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
 
     def per_node(self, name: str) -> np.ndarray:
         """Quantity `name` as an array of shape (N,), the hinge's entry being 0 where a single number was given."""
+        if name not in list(self._LOW):
+            raise InputError("name", name, ", ".join(self._LOW))
         value = getattr(self, name)
         array = np.full(self.N, value) if isinstance(value, float) else np.array(value)
         if isinstance(value, float) and name in self._JOINT:

@@ -9,7 +9,8 @@ from functools import partial
 import nlopt
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
+from whiptool.models.numbers import whole
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers.cmaes_search import cmaes_search
 from whiptool.optimizers.genetic_search import genetic_search
@@ -40,6 +41,7 @@ def find_method(name: str) -> Method:
     Raises:
         InputError: There is none of that name; the message lists them.
     """
+    expect(str, method=name)
     if name in METHODS:
         return METHODS[name]
     if name.startswith("nlopt:") and name.removeprefix("nlopt:") in nlopt_names():
@@ -59,7 +61,8 @@ def search(objective: Objective, method: str, *, seed: int = 0, first: np.ndarra
     Raises:
         InputError: The method is unknown, or does not fit the objective.
     """
-    return run_search(objective, find_method(method), method, seed=seed, first=first)
+    expect(Objective, objective=objective)
+    return run_search(objective, find_method(method), method, seed=whole("seed", seed, low=0), first=first)
 
 
 def run_search(objective: Objective, run: Method, name: str, *, seed: int, first: np.ndarray | None = None) -> Result:

@@ -13,6 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.arrays import NoArray
+from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.clock import LONGEST, check_pace
@@ -114,7 +115,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         t = _times("t", self.t)
         points = _numbers("points", self.points)
-        markers = tuple(str(name) for name in self.markers)
+        markers = tuple(map(str, texts("markers", self.markers)))
         if points.ndim != 3 or points.shape[:2] != (len(t), len(markers)) or points.shape[2] not in (2, 3):
             raise InputError(
                 "points",

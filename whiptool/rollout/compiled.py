@@ -13,9 +13,10 @@ from whiptool.dynamics.modes import explicit_timestep
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.dynamics.structure import Structure, arm_column
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace
+from whiptool.models.numbers import array_of, texts, whole
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY
 from whiptool.rollout.batch import Batch, Engine
@@ -78,16 +79,18 @@ class CompiledRollout(Rollout):
         threads: int | None = None,
         sag: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
+        expect(Model, model=model)
+        expect(Controller, controller=controller)
         if engine is not None and engine not in RUNGS:
             raise InputError("engine", engine, ", ".join(RUNGS))
         self.model, self.controller = model, controller
         self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
-        self.free = tuple(free)
+        self.free = texts("free", free)
         self._sag = sag
         explicit = controller.prescribed and self.timestep <= explicit_timestep(model)
         self.structure = Structure.of(model, controller, free=free, explicit=explicit)
         controller.check_fits(model.arm)
-        self._rung, self._threads = engine or wanted_rung(), threads
+        self._rung, self._threads = engine or wanted_rung(), None if threads is None else whole("threads", threads)
         self.engine: str = self._engine(forward=False).rung
 
     @property
@@ -122,6 +125,9 @@ class CompiledRollout(Rollout):
         """
         strikes = self.vectors(strikes)
         B, a = len(strikes), self.model.arm.n
+        for name, given in (("models", models), ("controllers", controllers)):
+            if given and not (isinstance(given, (list, tuple)) and len(given) == B):
+                raise InputError(name, given, f"a list of {B}, one for each strike, or none")
         targets = target_points(target, B, self.model.dimension)
         engine, out = self._engine(forward=False), np.empty((B, outcome_columns(a, self.model.dimension).width))
         bar = tqdm(total=B, unit=" strikes", disable=not progress, leave=False)
@@ -153,9 +159,9 @@ class CompiledRollout(Rollout):
         """
         strikes = self.vectors(strikes)
         B, a, d = len(strikes), self.model.arm.n, self.model.dimension
-        if not nodes or not all(0 <= i < self.model.whip.N for i in nodes):
-            raise InputError("nodes", list(nodes), f"some of 0 to {self.model.whip.N - 1}")
-        targets, stay = target_points(target, B, d), np.broadcast_to(t_stay, B)
+        if not isinstance(nodes, Sequence) or not nodes or not all(i in range(self.model.whip.N) for i in nodes):
+            raise InputError("nodes", nodes, f"a list of some of 0 to {self.model.whip.N - 1}")
+        targets, stay = target_points(target, B, d), _stays(t_stay, B)
         columns = np.array([d * (a + i) + c for i in nodes for c in range(d)])
         found: list[Approach] = []
         for first in range(0, B, _TRAJECTORIES_AT_ONCE):
@@ -207,7 +213,7 @@ class CompiledRollout(Rollout):
     ) -> tuple[Approach, np.ndarray, Columns]:
         """The approaches, what the engine says along each of m directions, (B, m, width), and its columns."""
         strikes = self.vectors(strikes)
-        names = list(self.space.names if names is None else names)
+        names = self.space.names if names is None else texts("names", names)
         B, m = len(strikes), len(names)
         targets = target_points(target, B, self.model.dimension)
         columns = outcome_columns(self.model.arm.n, self.model.dimension)
@@ -269,6 +275,8 @@ class CompiledRollout(Rollout):
         """Return what `tip_path` does, and what the engine says of each strike, (B, width)."""
         strikes = self.vectors(strikes)
         number("rate", rate, low=0, strict=True)
+        number("t_stay", t_stay, low=0)
+        names = texts("names", names)
         if names and (models or controllers):
             raise InputError("names", list(names), "none, where strikes differ in their models")
         S = int((strikes[:, -1].max(initial=0.0) + t_stay) * rate + 1e-9) + 1
@@ -358,7 +366,7 @@ class CompiledRollout(Rollout):
         Raises:
             InputError: A name is unknown, or its term is not part of this rollout (see `free`).
         """
-        of_strike = self.space.names
+        names, of_strike = texts("names", names), self.space.names
         of_model, of_controller = self.model.parameters(), self.controller.parameters()
         rows = np.zeros((len(names), self.structure.n_parameters))
         layout = self.structure.layout
@@ -398,7 +406,9 @@ class CompiledRollout(Rollout):
     ) -> Batch:
         n, B = self.structure.n, len(strikes)
         period = self.controller.control_period
-        h, h_last, steps, hold = time_grid(strikes[:, -1] + t_stay, timestep=self.timestep, control_period=period)
+        h, h_last, steps, hold = time_grid(
+            strikes[:, -1] + _stays(t_stay, B), timestep=self.timestep, control_period=period
+        )
         x0, numbers = np.zeros((B, 2 * n)), self.space.numbers(strikes)
         if models is None and controllers is None:
             p = self.structure.pack(self.model, self.controller, numbers)
@@ -421,6 +431,8 @@ class CompiledRollout(Rollout):
         return q_i if self._sag is None else q_i + self._sag(q_i)
 
     def _check_within(self, model: Model, controller: Controller) -> None:
+        expect(Model, models=model)
+        expect(Controller, controllers=controller)
         needs = Structure.of(model, controller)
         if needs not in self.structure or controller.control_period != self.controller.control_period:
             raise InputError(
@@ -454,6 +466,15 @@ class CompiledRollout(Rollout):
             slopes = self.space.slopes(strikes)
             for k, column in own:
                 directions[:, k, : slopes.shape[1]] = slopes[:, :, column]
+
+
+def _stays(t_stay: float | np.ndarray, count: int) -> np.ndarray:
+    """Return how long each of so many strikes is watched after its movement ended [s], (count,)."""
+    rule = "a finite number >= 0, or one for each strike"
+    stays = array_of("t_stay", t_stay, rule)
+    if stays.shape not in ((), (count,)) or (stays < 0).any():
+        raise InputError("t_stay", t_stay, rule)
+    return np.broadcast_to(stays, count)
 
 
 def _approach(out: np.ndarray, a: int, dimension: int) -> Approach:

@@ -8,6 +8,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.numbers import array_of
 
 
 class Placed(Protocol):
@@ -33,10 +34,9 @@ def target_points(target: Points, count: int, dimension: int = 2) -> np.ndarray:
     Raises:
         InputError: It has another shape.
     """
-    position = target if isinstance(target, np.ndarray | Sequence) else target.position
-    points, d = np.asarray(position, float), dimension
+    d, where = dimension, "in the plane" if dimension == 2 else "in space"
+    rule = f"a Target {where}, shape ({d},), or one each, ({count}, {d})"
+    points = array_of("target", getattr(target, "position", target), rule)
     if points.shape not in ((d,), (count, d)):
-        where = "in the plane" if d == 2 else "in space"
-        rule = f"a Target {where}, shape ({d},), or one each, ({count}, {d})"
         raise InputError("target", f"shape {points.shape}", rule)
     return np.broadcast_to(points, (count, d))

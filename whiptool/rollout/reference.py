@@ -13,10 +13,11 @@ from scipy.linalg import eigh
 
 from whiptool.dynamics.posture import start_posture
 from whiptool.dynamics.stepping import FASTEST, LARGEST_STEP, SMALLEST_STEP, time_grid
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike, StrikeSpace
+from whiptool.models.numbers import numbers
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY
 from whiptool.rollout.interface import Rollout
@@ -61,6 +62,8 @@ class ReferenceRollout(Rollout):
         timestep: float | None = None,
         integrator: str | None = None,
     ) -> None:
+        expect(Model, model=model)
+        expect(Controller, controller=controller)
         if integrator is not None:
             check_integrator(integrator)
         controller.check_fits(model.arm)
@@ -101,6 +104,7 @@ class ReferenceRollout(Rollout):
         """
         a, n = self.model.arm.n, self.model.coordinates
         path = self.space.path(self.one_vector(strike))
+        t_stay = number("t_stay", t_stay, low=0)
         loop = None if self.controller.prescribed else self.controller.bind(self._arm, path)
         grid = time_grid(
             np.array([path.D + t_stay]), timestep=self.timestep, control_period=self.controller.control_period
@@ -172,8 +176,9 @@ class ReferenceRollout(Rollout):
 
     def hang(self, q: np.ndarray) -> mujoco.MjData:
         """Put the arm into a posture q (a,) [rad or m] at time 0, at rest, with the whip hanging; return the data."""
+        posture = np.array(numbers("q", q, self.model.arm.n))
         mujoco.mj_resetData(self._mj, self._data)
-        start = start_posture(self.model, q[None])[0]
+        start = start_posture(self.model, posture[None])[0]
         self._data.qpos[:] = start if self._rods is None else self._rods.positions(start)
         return self._data
 

@@ -14,6 +14,7 @@ from whiptool.models.arrays import NoArray
 from whiptool.models.hand_path import HandPath
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.kinematics import chain_motion, joint_points
+from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.points import Points, target_points
@@ -153,6 +154,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
 
     def since(self, begin: float) -> Trajectory:
         """Return the part from a time on [s]; its times are measured from there."""
+        begin = number("begin", begin)
         part = {f.name: getattr(self, f.name)[self.t >= begin] for f in fields(self) if f.name != "diverged"}
         part["t"] = part["t"] - begin
         return Trajectory(**part, diverged=self.diverged)

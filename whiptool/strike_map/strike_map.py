@@ -45,7 +45,7 @@ class StrikeMap:
         Raises:
             InputError: It is none of the map's region.
         """
-        asked, zone = as_target(target, self.region.zone.dimension), self.region.zone
+        asked, zone = as_target(target), self.region.zone
         if len(asked.position) != zone.dimension:
             raise InputError("target", asked.position, f"{zone.dimension} coordinates, as the model has")
         if not zone.contains(np.array(asked.position)):

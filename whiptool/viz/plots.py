@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
+from whiptool.errors import expect
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.objective import Trial, why_lost
@@ -111,6 +112,9 @@ def plot_strike(
     Raises:
         InputError: The target has other coordinates than the model.
     """
+    expect(Trajectory, trajectory=trajectory)
+    expect(Model, model=model)
+    expect(Axes, type(None), ax=ax)
     if model.dimension == 3:
         return _plot_strike_in_space(trajectory, model, target, ax)
     if ax is None:
@@ -314,6 +318,8 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
     Returns:
         The axes.
     """
+    expect(Trajectory, trajectory=trajectory)
+    expect(Axes, type(None), ax=ax)
     if ax is None:
         with matplotlib.rc_context(STYLE):
             return plot_distance(trajectory, target, ax=_new_axes(_DISTANCE_SIZE))

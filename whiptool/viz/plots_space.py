@@ -100,7 +100,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
     Raises:
         InputError: The target is not in space.
     """
-    goal = as_target(target, 3)
+    goal = as_target(target)
     goal.check_dimension(model)
     near, t = trajectory.approach(goal), trajectory.t
     when = float(near.time[0])

@@ -70,7 +70,7 @@ def render_video(
             raise InputError(name, value, "a finite number > 0")
     if any(x < 16 or x % 2 for x in size):
         raise InputError("size", size, "an even width and height of 16 pixels or more")
-    goal = as_target(target, model.dimension)
+    goal = as_target(target)
     film = film_of(trajectory, model, goal, fps=fps, speed=speed, size=size)
     try:
         used, frames = "mujoco", _mujoco_frames(film, goal)

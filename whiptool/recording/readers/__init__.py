@@ -10,10 +10,11 @@ import inspect
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.recording.readers.c3d import read_c3d
 from whiptool.recording.readers.deeplabcut import read_deeplabcut
 from whiptool.recording.readers.foreign import refuse_foreign
@@ -81,6 +82,7 @@ def find_format(path: Path | str) -> str:
     Raises:
         InputError: There is nothing at the path, or it is none of the formats, which are listed.
     """
+    expect(str, PathLike, path=path)
     path = Path(path)
     head = b""
     try:
@@ -122,6 +124,7 @@ def read_recording(path: Path | str, *, format: str | None = None, **options: An
         InputError: The format is unknown or holds images (see `open_video`), the file is damaged, empty, in wrong
             units, or breaks another rule, or an option is unknown.
     """
+    expect(str, PathLike, path=path)
     form = _format(path, format)
     if form.tracks is None:
         raise InputError(
