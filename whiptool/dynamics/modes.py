@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag, eigh
 from scipy.optimize import linear_sum_assignment
 
-from whiptool.dynamics.chain import Chain, bias_forces, chain_of, mass_matrix, passive_torque
+from whiptool.dynamics.chain import Chain, chain_of, inverse_dynamics, passive_torque
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.models.kinematics import joint_points
@@ -71,10 +71,9 @@ def _in_plane(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray) -> list[np.n
     """M, C and K of a planar chain."""
     if isinstance(chain, Model):
         chain = chain_of(chain)
-    q, v = ca.SX.sym("q", chain.n), ca.SX.sym("v", chain.n)
-    force = bias_forces(chain, q, v) - passive_torque(chain, q, v)  # M ddq + force = tau
-    matrices = ca.Function("linearise", [q, v], [mass_matrix(chain, q), ca.jacobian(force, v), ca.jacobian(force, q)])
-    return [np.array(x) for x in matrices(q0, v0)]
+    q, v, a = (ca.SX.sym(name, chain.n) for name in "qva")
+    force = ca.Function("force", [q, v, a], [inverse_dynamics(chain, q, v, a) - passive_torque(chain, q, v)])
+    return _slopes(force, q0, v0)
 
 
 def _in_space(model: Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
@@ -96,11 +95,26 @@ def _in_space(model: Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
         v = ca.jtimes(q, x, dx)
         qdd = ca.jtimes(v, x, dx) + ca.jtimes(q, x, ddx)
         force = ca.mtimes(turns.T, loop.inverse_dynamics(q, v, qdd))
-    slopes = ca.Function(
-        "linearise", [x, dx, ddx, loop.p], [ca.jacobian(force, s) for s in (ddx, dx, x)], {"cse": True}
-    )
     p = structure.pack(model, controller, np.ones((1, 2 * a + 1)))[0]
-    return [np.array(matrix) for matrix in slopes(start, rate, 0, p)]
+    return _slopes(ca.Function("force", [x, dx, ddx, loop.p], [force], {"cse": True}), start, rate, p)
+
+
+def _slopes(force: ca.Function, q0: np.ndarray, v0: np.ndarray, *parameters: np.ndarray) -> list[np.ndarray]:
+    """Derivatives of a force (q, v, a, ...) by accelerations, speeds and positions, (n, n) each.
+
+    One direction after the other, through the recursion over the links: whole Jacobians of n joints, as expressions,
+    are longer by n.
+    """
+    n = len(q0)
+    point = [q0, v0, np.zeros(n), *parameters]
+    along = force.forward(1).map(n)
+    here = [np.repeat(x[:, None], n, axis=1) for x in (*point, np.zeros(n))]  # the last is the force itself, not used
+    found = []
+    for which in (2, 1, 0):
+        directions = [np.zeros((len(x), n)) for x in point]
+        directions[which] = np.eye(n)
+        found.append(np.array(along(*here, *directions)))
+    return found
 
 
 def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -141,13 +155,12 @@ def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
     return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])  # (2 n, 2 n)
 
 
-def _displacement(model: Model, q: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """How hand, nodes and tip move with small deviations x (n,) of the joints from q, (N + 1, d)."""
+def _displacements(model: Model, q: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """How hand, nodes and tip move with small deviations x (k, n) of the joints from q, (k, N + 1, d)."""
     a, step = model.arm.n, 1e-6
     if model.whip.joints == "rod":
-        x = np.r_[x[:a], _across_rods(q[a:], 0 * q[a:]) @ x[a:]]
-    ahead, behind = joint_points(model, np.stack([q + step * x, q - step * x]))
-    return (ahead - behind)[a:] / (2 * step)
+        x = np.hstack([x[:, :a], x[:, a:] @ _across_rods(q[a:], 0 * q[a:]).T])
+    return (joint_points(model, q + step * x) - joint_points(model, q - step * x))[:, a:] / (2 * step)
 
 
 @dataclass(frozen=True)
@@ -274,6 +287,6 @@ def hanging_modes(
         frequencies=np.sqrt(np.maximum(squares, 0))[:k] / (2 * np.pi),
         damping_ratios=ratios[:k],
         shapes=shapes[:k],
-        displacements=np.array([_displacement(model, hanging, shape) for shape in shapes[:k]]),
+        displacements=_displacements(model, hanging, shapes[:k]),
         eigenvalues=eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))],
     )
