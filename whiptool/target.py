@@ -50,7 +50,7 @@ class Target(Vector):
     sight: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        position = numbers("position of the target", self.position)
+        position = numbers("target", self.position)
         if len(position) not in _COORDINATES:
             raise InputError("target", position, "two finite coordinates x y in m, or three in space")
         object.__setattr__(self, "position", position)
@@ -99,7 +99,7 @@ class Target(Vector):
         Raises:
             InputError: A value is out of range, or a target in space lies above or below the base.
         """
-        place = cls(numbers("position of the target", position)).position
+        place = cls(numbers("target", position)).position
         directions, sights = arrival_directions(np.array([place]), np.array([number("arrival angle", angle)]))
         sight = None if sights is None else tuple(map(float, sights[0]))
         return cls(place, hit_radius, tuple(map(float, directions[0])), cone, speed, sight)

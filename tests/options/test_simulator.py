@@ -9,7 +9,7 @@ import pytest
 
 from whiptool.dynamics.modes import hanging_modes
 from whiptool.errors import InputError
-from whiptool.impedance import Controller, oiac_preset
+from whiptool.impedance import Controller, PositionControl, oiac_preset
 from whiptool.models import Strike, preset
 from whiptool.options import SimulatorOptions, StepOptions
 from whiptool.rollout.compiled import CompiledRollout
@@ -33,10 +33,11 @@ def test_other_steps_are_refused(timestep):
 
 
 def test_the_step_is_as_asked_for_or_less_for_stiff_whips():
-    assert StepOptions().step_for(MODEL) == 0.00025
+    assert StepOptions().step_for(MODEL, CONTROLLER) == 0.00025
     fastest = np.abs(hanging_modes(STIFF).eigenvalues.imag).max()
-    assert StepOptions().step_for(STIFF) < 0.5 / fastest < 0.00025
-    assert StepOptions(timestep=0.001).step_for(STIFF) == 0.001
+    assert StepOptions().step_for(STIFF, CONTROLLER) < 0.5 / fastest < 0.00025
+    assert StepOptions().step_for(STIFF, Controller(PositionControl())) == pytest.approx(2 / fastest)
+    assert StepOptions(timestep=0.001).step_for(STIFF, CONTROLLER) == 0.001
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicit", "implicitfast"])

@@ -133,7 +133,7 @@ class ComparisonOptions(
             radii=(self.hit_radius, *self.tighter),
             cap=self.max_trials,
             t_stay=self.t_stay,
-            timestep=self.step_for(model),
+            timestep=self.step_for(model, controller),
         )
         return Comparison(
             scene=scene,

@@ -36,12 +36,14 @@ class StepOptions(OptionGroup):
         if self.timestep is not None:
             number("--timestep", self.timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
 
-    def step_for(self, model: Model) -> float:
+    def step_for(self, model: Model, controller: Controller) -> float:
         """The compiled simulator's step [s]."""
         from whiptool.dynamics.modes import steady_timestep
         from whiptool.rollout.compiled import TIMESTEP
 
-        return steady_timestep(model, TIMESTEP) if self.timestep is None else self.timestep
+        if self.timestep is not None:
+            return self.timestep
+        return steady_timestep(model, TIMESTEP, prescribed=controller.prescribed)
 
     def warn_if_coarse(self, model: Model, controller: Controller, target: tuple[float, ...], t_stay: float) -> None:
         """Say so on stderr where the step that was asked for lets random strikes miss otherwise than a finer one."""
@@ -68,7 +70,7 @@ class StepOptions(OptionGroup):
         """Return the compiled simulator of a model and controller."""
         from whiptool.rollout.compiled import CompiledRollout
 
-        return CompiledRollout(model, controller, timestep=self.step_for(model))
+        return CompiledRollout(model, controller, timestep=self.step_for(model, controller))
 
 
 @dataclass(frozen=True, kw_only=True)

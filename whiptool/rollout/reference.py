@@ -304,7 +304,8 @@ def replay(
 
 
 def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:
-    """A step [s] well inside RK4's stability limit (2.78 over the fastest decay) for damping and friction."""
+    """A step [s] well inside RK4's stability limits: 2.78 over the fastest decay by damping and friction, and 2.83 over
+    the fastest swing of the springs."""
     rng, data = np.random.default_rng(0), mujoco.MjData(mj)
     whip = model.whip
     damping = mj.dof_damping + np.r_[np.zeros(model.arm.n), whip.per_joint("dry_friction")] / whip.friction_velocity
@@ -314,5 +315,6 @@ def _stable_timestep(mj: mujoco.MjModel, model: Model) -> float:
         mujoco.mj_forward(mj, data)
         M = np.empty((model.n, model.n))
         mujoco.mj_fullM(mj, data, M)
-        fastest = max(fastest, np.asarray(eigh(np.diag(damping), M, eigvals_only=True))[-1])
+        decay, square = (np.asarray(eigh(np.diag(x), M, eigvals_only=True))[-1] for x in (damping, mj.jnt_stiffness))
+        fastest = max(fastest, decay, np.sqrt(square))
     return 2.0 / fastest

@@ -41,6 +41,12 @@ class Refined:
         return f"the step is too coarse: at {1e3 * self.timestep:.3g} ms {said}; take a smaller --timestep"
 
 
+def _finer(model: Model, controller: Controller, timestep: float) -> float:
+    """Half a step [s], or half the usual one if that is less."""
+    usual = steady_timestep(model, TIMESTEP, prescribed=controller.prescribed)
+    return max(min(timestep, usual) / 2, FINEST)
+
+
 def refine(
     model: Model,
     controller: Controller,
@@ -59,7 +65,7 @@ def refine(
         timestep: Its step [s].
         target: Where the miss distance is measured from [m].
     """
-    finer = max(min(timestep, steady_timestep(model, TIMESTEP)) / 2, FINEST)
+    finer = _finer(model, controller, timestep)
     again = CompiledRollout(model, controller, timestep=finer).trajectory(strike, t_stay=t_stay)
     if path.diverged or again.diverged:
         said = ("the strike diverges",) if again.diverged else ("the strike does not diverge",)
@@ -87,7 +93,7 @@ def share_too_coarse(
         timestep: To be judged [s].
     """
     strikes = bounds.sample(np.random.default_rng(0), SAMPLE)
-    finer = max(min(timestep, steady_timestep(model, TIMESTEP)) / 2, FINEST)
+    finer = _finer(model, controller, timestep)
     rollouts = [CompiledRollout(model, controller, timestep=h) for h in (timestep, finer)]
     coarse, fine = (rollout.approach(strikes, target, t_stay=t_stay) for rollout in rollouts)
     same = (coarse.diverged & fine.diverged) | (np.abs(coarse.distance - fine.distance) <= MISS)

@@ -115,12 +115,12 @@ def plot_strike(
     expect(Trajectory, trajectory=trajectory)
     expect(Model, model=model)
     expect(Axes, type(None), ax=ax)
+    goal = as_target(target)
     if model.dimension == 3:
-        return _plot_strike_in_space(trajectory, model, target, ax)
+        return _plot_strike_in_space(trajectory, model, goal, ax)
     if ax is None:
         with matplotlib.rc_context(STYLE):
-            return _fit_width(plot_strike(trajectory, model, target, ax=_new_axes(_STRIKE_SIZE)))
-    goal = as_target(target)
+            return _fit_width(plot_strike(trajectory, model, goal, ax=_new_axes(_STRIKE_SIZE)))
     goal.check_dimension(model)
     near, t = trajectory.approach(np.array(goal.position)), trajectory.t
     t_near = float(near.time[0])
@@ -320,10 +320,11 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
     """
     expect(Trajectory, trajectory=trajectory)
     expect(Axes, type(None), ax=ax)
+    goal = as_target(target)
     if ax is None:
         with matplotlib.rc_context(STYLE):
-            return plot_distance(trajectory, target, ax=_new_axes(_DISTANCE_SIZE))
-    place, hit_radius = np.array(as_target(target).position), as_target(target).hit_radius
+            return plot_distance(trajectory, goal, ax=_new_axes(_DISTANCE_SIZE))
+    place, hit_radius = np.array(goal.position), goal.hit_radius
     near = trajectory.approach(place)
     ax.plot(trajectory.t, trajectory.distance(place), color=COLORS["blue"])
     ax.axhspan(0, hit_radius, color=COLORS["orange"], alpha=0.25, linewidth=0)
