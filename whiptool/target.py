@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from whiptool.errors import InputError, expect
 from whiptool.goals import CONE, Goals, arrival_directions
 from whiptool.models.arrays import Vector
-from whiptool.models.numbers import number, numbers
+from whiptool.models.numbers import array_of, number, numbers
 from whiptool.models.parameters import Model
 
 if TYPE_CHECKING:
@@ -50,9 +50,11 @@ class Target(Vector):
     sight: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        position = numbers("target", self.position)
-        if len(position) not in _COORDINATES:
-            raise InputError("target", position, "two finite coordinates x y in m, or three in space")
+        rule = "two finite coordinates x y in m, or three in space"
+        place = array_of("target", self.position, rule)
+        if place.shape not in ((2,), (3,)):
+            raise InputError("target", self.position, rule)
+        position = tuple(place.tolist())
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "hit_radius", number("hit radius", self.hit_radius, low=0, strict=True))
         object.__setattr__(self, "cone", number("cone", self.cone, low=0, high=math.pi, strict=True))
@@ -99,7 +101,7 @@ class Target(Vector):
         Raises:
             InputError: A value is out of range, or a target in space lies above or below the base.
         """
-        place = cls(numbers("target", position)).position
+        place = as_target(position).position
         directions, sights = arrival_directions(np.array([place]), np.array([number("arrival angle", angle)]))
         sight = None if sights is None else tuple(map(float, sights[0]))
         return cls(place, hit_radius, tuple(map(float, directions[0])), cone, speed, sight)
@@ -206,4 +208,5 @@ def as_target(target: Target | Sequence[float] | np.ndarray) -> Target:
     Raises:
         InputError: It is neither.
     """
-    return target if isinstance(target, Target) else Target(numbers("target", target))
+    place: Any = target  # a sequence of any kind, which a `Target` keeps as a tuple
+    return target if isinstance(target, Target) else Target(place)

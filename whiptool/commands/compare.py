@@ -122,10 +122,10 @@ class ComparisonOptions(
         """
         from whiptool.studies.comparison import Comparison, Scene
 
-        model = self.build_model()
+        model, controller = self.build_model(), self.build_controller()
         scene = Scene(
             model=model,
-            controller=self.build_controller(),
+            controller=controller,
             zone=self.build_disc(model),
             arrival=self.build_arrival(),
             targets=self.targets,
