@@ -30,7 +30,7 @@ def strike_page(
         target: What was to be hit, or its position (2,) or (3,) [m].
         label: The controller, in words.
     """
-    goal = as_target(target, model.dimension)
+    goal = as_target(target)
     data = strike_data(model, trajectory, goal)
     period = 1e3 * float(np.median(np.diff(data["t"]))) if len(data["t"]) > 1 else 0.0
     return filled(

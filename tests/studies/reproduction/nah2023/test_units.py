@@ -11,6 +11,7 @@ import pytest
 
 from whiptool.models.joint_space import JointSpace
 from whiptool.optimizers.result import Result, Status
+from whiptool.rollout.interface import Rollout
 from whiptool.studies.reproduction.nah2023 import published, units
 from whiptool.studies.reproduction.nah2023.nearest import EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.units import (
@@ -37,7 +38,15 @@ UNITS = [
 
 
 SPACE = JointSpace(units.NAH2023.arm)
-PRETENDED = SimpleNamespace(model=units.NAH2023, space=SPACE, timestep=units.TIMESTEP)  # rolls nothing out
+
+
+class Pretended(Rollout):
+    """It rolls nothing out."""
+
+    model, timestep = units.NAH2023, units.TIMESTEP
+
+    def trajectory(self, strike, *, t_stay=0.0):
+        raise NotImplementedError
 
 
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: type(unit).__name__)
@@ -87,7 +96,7 @@ def test_a_search_says_what_it_found(monkeypatch, nearest: float, hit: bool):
         return Result(method, Status.MAX_TRIALS, "", None, None, tuple(trials), 0, 1.0)
 
     monkeypatch.setattr(whiptool.optimizers, "search", search)
-    monkeypatch.setattr(units, "simulator", lambda *given: PRETENDED)
+    monkeypatch.setattr(units, "simulator", lambda *given: Pretended())
     monkeypatch.setattr(units, "LastNodes", lambda rollout, nodes, until: rollout)
     found = DirectUnit(target=1, nodes=15, cap=40).run(None, 1)
     assert found["misses"] == [0.9, nearest, 0.5]
@@ -105,7 +114,7 @@ def test_an_interrupted_search_is_no_result(monkeypatch):
 
     stopped = Result("gradient", Status.INTERRUPTED, "", None, None, (), 0, 1.0)
     monkeypatch.setattr(whiptool.optimizers, "search", lambda objective, method: stopped)
-    monkeypatch.setattr(units, "simulator", lambda *given: PRETENDED)
+    monkeypatch.setattr(units, "simulator", lambda *given: Pretended())
     with pytest.raises(KeyboardInterrupt):
         GradientUnit(target=0, cap=10).run(None, 1)
 
