@@ -197,12 +197,13 @@ class _Run:
         table = limits_table(self.objective.limits, trajectory, result.strike, self.model.arm.joints)
         summary |= table | (self._refusals(result) if table else {})
         self.folder.write_result(summary)
+        refused = ", refused" if result.outcome.refused is not None else ""
         files = save_strike(
             self.folder.path,
             trajectory,
             self.model,
             self.target,
-            self.options.controller_label(),
+            self.options.controller_label() + refused,
             D=result.strike.D,
             video=self.options.video,
         )

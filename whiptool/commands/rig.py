@@ -24,6 +24,7 @@ from whiptool.options import (
     refuse_idle,
 )
 from whiptool.rig.options import ArmOptions, ask_to_release, hardware_rig, loop_options
+from whiptool.words import counted
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
@@ -343,7 +344,7 @@ def _search(
         result = search(objective, options.method, seed=options.seed)
     except StrikeStopped as stopped:
         folder.write_result(_learned(objective, options.method, "stopped") | {"fault": str(stopped)})
-        stopped.add_note(f"{len(objective.trials)} strikes are kept in {folder.path}")
+        stopped.add_note(f"kept in {folder.path}: {counted(len(objective.trials), 'strike')}")
         raise
     summary = _learned(objective, options.method, result.status.value)
     folder.write_result(summary)
@@ -377,7 +378,8 @@ def _measured(outcome: Outcome) -> str:
 
 def _learned_lines(result: Result, folder: Path) -> list[str]:
     """What a search on the rig came to."""
-    lines = [f"{result.method}: {result.message}; {result.n_trials} strikes, {result.n_diverged} refused or not seen"]
+    strikes = f"{counted(result.n_trials, 'strike')}, {result.n_diverged} refused or not seen"
+    lines = [f"{result.method}: {result.message}; {strikes}"]
     if result.outcome is not None and result.strike is not None:
         strike = " ".join(f"{x:.4f}" for x in result.strike.vector)
         lines += [f"  miss distance  {_measured(result.outcome)}", f"  strike         {strike}"]
