@@ -3,7 +3,9 @@
 `python benchmarks/rig.py [--quick] [--json]`. Unpaced: the whole cycle (sync read, guards, controller with Pinocchio's
 gravity, sync write, record) as fast as it goes against an emulator that runs with the wall clock. Paced: at 500 Hz.
 Fault to torque off: lock-step, in simulated time, from the fault to the last instant at which a motor was asked for
-current; where the line itself is gone, that is the servos' bus watchdog (60 ms).
+current; where the line itself is gone, that is the servos' bus watchdog (60 ms). There a cycle without a sample lasts
+no longer than another; on a line it lasts until the reply is given up. So one dead servo is measured with the wall
+clock, too: from its death to the last current that was asked of the other one.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import numpy as np
 
 import whiptool as wt
 from whiptool.impedance import OIAC, Controller
+from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints, Units
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions
 from whiptool.rig.loop import Clock, RigLoop, StepClock, WallClock
@@ -114,6 +117,34 @@ def detection() -> dict[str, float]:
     return times
 
 
+def one_dead(strikes: int) -> dict[str, list[float]]:
+    """Wall-clock time from the death of each servo to the last current asked of the other [ms], in rising order."""
+    times = {}
+    with Emulator(dataclasses.replace(COARSE, lockstep=False)) as twin:
+        for servo in (0, 1):
+            found: list[float] = []
+            for _ in range(5 * strikes):  # a busy machine stalls in some, and then the other guards end them
+                if len(found) == strikes:
+                    break
+                twin.reset(STRIKE.q_i)
+                died: list[float] = []
+
+                def die(k: int, phase: Phase, servo: int = servo, died: list[float] = died) -> None:
+                    if k == 100:
+                        twin.inject(Fault("dead", servo=servo))
+                        died.append(twin.state()["t"])
+
+                with DynamixelBus(twin.port, [1, 2]) as bus:
+                    loop, joints = LoopOptions(settle=0, go_back=False, rehearse=False), Joints(bus)
+                    safety = Safety(joints, watchdog=0.1)
+                    rig = RigLoop(joints, MODEL, Controller(OIAC()), options=loop, safety=safety)
+                    run = rig.run(STRIKE, on_cycle=die)
+                if run.fault is not None and run.fault.kind == "missed" and died:  # else this machine stalled
+                    found.append(round(1e3 * (twin.state()["last_driven"] - died[0]), 1))
+            times[f"servo {servo + 1}"] = sorted(found)
+    return times
+
+
 def gaps() -> dict[str, float]:
     """Largest distance between the tips of twin and plain simulation at equal times [mm]."""
     plain = ReferenceRollout(MODEL, Controller(OIAC(), control_period=0.002)).trajectory(STRIKE, t_stay=0.3)
@@ -152,6 +183,7 @@ def main() -> None:
         **{name: round(value, 1) for name, value in unpaced(0.5 if args.quick else 5.0).items()},
         **paced(1 if args.quick else 20),
         "detection_ms": detection(),
+        "one_dead_servo_ms": one_dead(2 if args.quick else 20),
         "python": platform.python_version(),
     }
     if not args.quick:
@@ -163,7 +195,8 @@ def main() -> None:
         if isinstance(value, dict):
             print(f"{name}:")
             for key, x in value.items():
-                print(f"  {key:36s} {x:10.3f}")
+                shown = f"{x:10.3f}" if isinstance(x, float) else ", ".join(f"{y:g}" for y in x)
+                print(f"  {key:36s} {shown}")
         else:
             print(f"{name:26s} {value if isinstance(value, str) else f'{value:.5g}'}")
 

@@ -43,7 +43,7 @@ class LabPort:
         """Strike and film; what the robot must not do is refused, and the next plan is another one."""
         fastest = 1.875 * np.abs(np.subtract(strike.q_f, strike.q_i)).max() / strike.D  # of a minimum-jerk path
         if fastest > FASTEST:
-            return Seen(None, None, fault=f"a joint would turn at {fastest:.0f} rad/s")
+            return Seen(None, None, refused=f"a joint would turn at {fastest:.0f} rad/s")
         frames, tip, encoders, angles = self.robot.swing(strike)
         recording = StrikeRecording(
             t=frames,

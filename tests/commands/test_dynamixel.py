@@ -8,11 +8,12 @@ import termios
 import threading
 import time
 
+import pytest
 from ports import sdk
 from processes import HANG
 
 from whiptool.commands import dynamixel as command
-from whiptool.rig.emulator import TwinOptions
+from whiptool.rig.emulator import Emulator, TwinOptions
 from whiptool.rig.emulator.packets import Packet, encode
 from whiptool.rig.emulator.server import Server
 
@@ -49,3 +50,40 @@ def test_the_command_finds_servos_that_answer_late(monkeypatch, capsys):
         done.set()
         thread.join()
     assert capsys.readouterr().out.count("model 1020") == 2
+
+
+@pytest.fixture(scope="module")
+def twin():
+    """Servos whose time does not pass: what is asked of them is answered at once."""
+    with Emulator(TwinOptions(timestep=5e-4, integrator="implicitfast")) as emulator:
+        yield emulator
+
+
+def test_it_lists_where_the_servos_stand(twin, capsys):
+    twin.reset((0.5, -0.25))
+    assert command.main(["--port", twin.port]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(
+        "servo 1: model 1020, firmware 45, 12.0 V, 30 deg C, position 2374 (+28.7 deg from 2048), no error"
+    )
+    assert "position 1885 (-14.3 deg" in second  # 0.25 rad are 163 counts
+
+
+def test_an_id_that_another_servo_has_is_not_given_again(twin, monkeypatch, capsys):
+    twin.reset()
+    monkeypatch.setattr(command, "PATIENCE", 0.2)
+    assert command.main(["--port", twin.port, "--ids", "1", "--set-id", "2"]) == 2
+    assert "--set-id: got 2; allowed: an id that no other servo on the line has" in capsys.readouterr().err
+    assert command.main(["--port", twin.port, "--ids", "1", "2"]) == 0  # both are there as before
+    assert command.main(["--port", twin.port, "--ids", "1", "--set-id", "7", "--set-baud", "57600"]) == 0
+    assert command.main(["--port", twin.port, "--baud", "57600", "--ids", "7"]) == 0
+    assert "servo 7: model 1020" in capsys.readouterr().out
+
+
+def test_a_servo_that_does_not_answer_is_named(twin, monkeypatch, capsys):
+    twin.reset()
+    monkeypatch.setattr(command, "PATIENCE", 0.05)
+    assert command.main(["--port", twin.port, "--reboot", "9"]) == 1
+    said = capsys.readouterr().err
+    assert "servo 9 does not answer when asked to carry out instruction 8: check its power, cable and id" in said
+    assert "status packet" not in said

@@ -326,7 +326,7 @@ class Rehearsed:
     def strike(self, strike: Strike, number: int, folder, believed=None) -> Seen:
         self.believed.append(believed)
         if number == 1:
-            return Seen(None, None, fault="refused")
+            return Seen(None, None, refused="too fast")
         return self.port.strike(strike, number, folder)
 
 
@@ -401,7 +401,7 @@ def test_a_look_alone_does_not_count_as_having_struck(prior, monkeypatch):
 
     class Refuses:
         def strike(self, strike, number: int, folder, believed=None) -> Seen:
-            return Seen(None, None, fault="no") if number == 1 else port.strike(strike, number, folder)
+            return Seen(None, None, refused="no") if number == 1 else port.strike(strike, number, folder)
 
     later = dataclasses.replace(QUICK, rounds=1)
     options = Options(max_strikes=3, stop_at=0.0, still=True, first=QUICK, later=later)

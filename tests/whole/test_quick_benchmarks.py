@@ -13,7 +13,9 @@ pytest.importorskip("dynamixel_sdk")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", ["rig.py", "rig_faults.py", "emulator_load.py", "replan.py", "replan.py --space"])
+@pytest.mark.parametrize(
+    "words", ["rig.py", "rig_faults.py", "rig_stops.py", "emulator_load.py", "replan.py", "replan.py --space"]
+)
 def test_benchmarks_run(words):
     script, *options = words.split()
     command = [sys.executable, str(ROOT / "benchmarks" / script), "--json", "--quick", *options]
