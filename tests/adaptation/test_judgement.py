@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation import judgement
-from whiptool.adaptation.judgement import judge
+from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.goals import CLAIMED
 from whiptool.identification.judgement import Frames, weigh
@@ -164,3 +164,10 @@ def test_what_came_after_the_target_was_met_is_not_looked_at(sure, path):
     assert judged is not None
     assert judged.error < 0.005
     assert judged.hit
+
+
+def test_a_distance_alone_claims_no_hit_of_a_direction():
+    """Where the tip passed is known, and how it moved is not: undecided, or missed where it was far."""
+    point, aimed = Target((1.2, 0.1), 0.06), Target((1.2, 0.1), 0.06, direction=(0, 1))
+    assert [judge_seen(0.01, target).verdict for target in (point, aimed)] == ["hit", "undecided"]
+    assert [judge_seen(0.5, target).verdict for target in (point, aimed)] == ["missed", "missed"]

@@ -25,8 +25,12 @@ _SIZES, _PACES = np.geomspace(0.001, 0.5, 9), np.array([0.015, 0.03, 0.06, 0.12]
 
 
 def judge_seen(miss: float, target: Target, error: float = NOISE) -> Judgement:
-    """From a miss distance alone, as a port without a recording tells it [m]."""
-    return Judgement(miss, error, float(probability_within(target.hit_radius, np.array(miss), error)))
+    """From a miss distance alone, as a port without a recording tells it [m].
+
+    It says nothing of the tip's velocity: of a target that asks for a direction or a speed no hit is claimed.
+    """
+    within = float(probability_within(target.hit_radius, np.array(miss), error))
+    return Judgement(miss, error, within if target.goals.only_points else min(within, 0.5))
 
 
 def judge(
