@@ -107,7 +107,7 @@ class RobotPort:
         """Write a strike's trajectory, and return its file."""
         arm = self.model.arm
         told = JointTrajectory.of_strike(
-            strike, arm.joints, limits=limits_of(arm), rate=self.rate, rest=self.rest, t_stay=self.t_stay
+            strike, arm.names, limits=limits_of(arm), rate=self.rate, rest=self.rest, t_stay=self.t_stay
         )
         told.save_goal(folder / f"{TRAJECTORY}.yaml")
         told.save_csv(folder / f"{TRAJECTORY}.csv")

@@ -279,7 +279,7 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
         print(json.dumps(summary, allow_nan=False))
     else:
         said = "no result in MuJoCo" if seen.miss_distance is None else f"{seen.miss_distance:.4f} m in MuJoCo"
-        lines = [f"one strike from the map of {model.name}", *strike_lines(summary["strike"])]
-        lines += [*outcome_lines(outcome, target, model.arm.joints), f"  reference      {said}"]
+        lines = [f"one strike from the map of {model.name}", *strike_lines(summary["strike"], model.arm)]
+        lines += [*outcome_lines(outcome, target, model.arm), f"  reference      {said}"]
         print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
     export_trajectory(options, commanded, rollout.controller)

@@ -349,11 +349,11 @@ class _Run:
         lines = [
             f"{result.method}: {result.message}, after {counted(result.n_trials, 'trial')}{first} in "
             f"{result.wall_time:.2f} s ({result.n_diverged} diverged)",
-            *strike_lines(summary["strike"], zip(bounds.lower, bounds.upper, strict=True)),
+            *strike_lines(summary["strike"], self.model.arm, zip(bounds.lower, bounds.upper, strict=True)),
             *(
                 [f"  outcome        refused, as was every strike tried; the best: {summary['beyond']}"]
                 if refused
-                else outcome_lines(result.outcome, self.target, self.model.arm.joints)
+                else outcome_lines(result.outcome, self.target, self.model.arm)
             ),
         ]
         for judged in summary["judged"] or ():
@@ -383,42 +383,62 @@ def finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def strike_lines(strike: dict[str, float], bounds=None) -> list[str]:
-    """A strike for people, with the bounds in which it was searched if given."""
+def strike_lines(strike: dict[str, float], arm, bounds=None) -> list[str]:
+    """A strike of an arm for people, with the bounds in which it was searched if given."""
+    slides = _sliding(arm)
     lines = []
     limits = list(bounds) if bounds is not None else [None] * len(strike)
     width = max(14, *map(len, strike))
     for (name, value), limit in zip(strike.items(), limits, strict=True):
-        text = _number_text(name, value)
+        text = _number_text(name, value, slides)
         within = "" if limit is None else f"   within {limit[0]:+.4f} .. {limit[1]:+.4f}"
         lines.append(f"  {name:{width}s} {text:27s}{within}")
     return lines
 
 
-def _number_text(name: str, value: float) -> str:
-    """One of a strike's numbers for people: joint positions are angles, coordinates of the hand lengths."""
+def _sliding(arm) -> set[str]:
+    """Names of a strike's numbers that are positions of joints that slide."""
+    from whiptool.models.strike import strike_names
+
+    names = zip(strike_names(arm), (*arm.joints, *arm.joints), strict=False)
+    return {name for name, joint in names if joint in arm.slides}
+
+
+def _number_text(name: str, value: float, slides: set[str]) -> str:
+    """One of a strike's numbers for people: angles, or lengths where a joint slides or the hand is."""
     if name == "D":
         return f"{value:.4f} s"
-    return f"{value:+.4f} m" if name[0] in "xyz" else cli.degrees(value)
+    return f"{value:+.4f} m" if name[0] in "xyz" or name in slides else cli.degrees(value)
 
 
-def outcome_lines(outcome, target, joints: Sequence[str]) -> list[str]:
-    """Return the lines that tell people an outcome; the joints are the arm's, by their names."""
+def torques_known(arm) -> bool:
+    """Whether an arm's torques can be told: the inertia of all that moves is known."""
+    return arm.dimension == 2 or not arm.weightless
+
+
+def _joint_lines(outcome, arm) -> list[str]:
+    """The lines that tell people how fast joints were, and with how much torque or force."""
+    width, lines = max(14, *map(len, arm.joints)), []
+    for joint, speed, torque in zip(arm.joints, outcome.max_joint_speed, outcome.max_torque, strict=True):
+        fast, strong, what = ("m/s", "N", "force") if joint in arm.slides else ("rad/s", "N m", "torque")
+        said = f"{torque:.1f} {strong}" if torques_known(arm) else f"{what} not known"
+        lines.append(f"  {joint:{width}s} at most {speed:.1f} {fast}, {said}")
+    return lines
+
+
+def outcome_lines(outcome, target, arm) -> list[str]:
+    """Return the lines that tell people the outcome of a strike of an arm."""
     if outcome.diverged:
         cure = "a stiff or hardly damped whip needs a smaller --timestep"
         return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
-    width = max(14, *map(len, joints))
     said = "hit" if outcome.hit else "missed"
     return [
         f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
         f"hit radius {target.hit_radius:.3f} m",
         f"  tip speed      {outcome.tip_speed:.1f} m/s",
         *_arrival_lines(outcome, target),
-        *(
-            f"  {joint:{width}s} at most {speed:.1f} rad/s, {torque:.1f} N m"
-            for joint, speed, torque in zip(joints, outcome.max_joint_speed, outcome.max_torque, strict=True)
-        ),
+        *_joint_lines(outcome, arm),
     ]
 
 

@@ -117,7 +117,14 @@ def _export(options: SimulateOptions, model) -> None:
 
 def _play(options: SimulateOptions, model, strike) -> None:
     from whiptool.commands.limits_told import limit_lines, limits_table
-    from whiptool.commands.optimize import arrival_table, export_trajectory, outcome_lines, save_strike, strike_lines
+    from whiptool.commands.optimize import (
+        arrival_table,
+        export_trajectory,
+        outcome_lines,
+        save_strike,
+        strike_lines,
+        torques_known,
+    )
     from whiptool.impedance.files import controller_to_table
     from whiptool.limits import AllLimits
     from whiptool.rollout.refinement import refine
@@ -154,7 +161,9 @@ def _play(options: SimulateOptions, model, strike) -> None:
         "tip_speed": None if outcome.diverged else outcome.tip_speed,
         "arrival": arrival_table(outcome, target),
         "max_joint_speed": dict(zip(model.arm.joints, outcome.max_joint_speed, strict=True)),
-        "max_torque": dict(zip(model.arm.joints, outcome.max_torque, strict=True)),
+        "max_torque": dict(zip(model.arm.joints, outcome.max_torque, strict=True))
+        if torques_known(model.arm)
+        else None,
         "diverged": outcome.diverged,
         **used,
         "simulator": options.simulator,
@@ -173,8 +182,8 @@ def _play(options: SimulateOptions, model, strike) -> None:
         print(json.dumps(summary, allow_nan=False))
     else:
         engine = f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
-        lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"])]
-        lines += [*outcome_lines(outcome, target, model.arm.joints), *limit_lines(limits, used)]
+        lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"], model.arm)]
+        lines += [*outcome_lines(outcome, target, model.arm), *limit_lines(limits, used)]
         print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
     export_trajectory(options, commanded, controller)
 
@@ -228,6 +237,7 @@ def _follow(options: SimulateOptions, model) -> None:
     if options.json:
         print(json.dumps(summary, allow_nan=False))
         return
-    lines = [f"a joint trajectory: {model.name}, {label}, MuJoCo", *outcome_lines(outcome, target, model.arm.joints)]
-    lines.append(f"  servos         at most {summary['tracking_error']:.2g} rad from the trajectory")
+    lines = [f"a joint trajectory: {model.name}, {label}, MuJoCo", *outcome_lines(outcome, target, model.arm)]
+    unit = "rad or m" if model.arm.slides else "rad"
+    lines.append(f"  servos         at most {summary['tracking_error']:.2g} {unit} from the trajectory")
     print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))

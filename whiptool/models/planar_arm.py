@@ -73,6 +73,16 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
         return len(self.links)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """What the joints are called elsewhere: the same."""
+        return self.joints
+
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the joints that slide: none."""
+        return ()
+
+    @property
     def subscripts(self) -> tuple[str, ...]:
         """Subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow; see `joint_names`."""
         return subscripts(self.joints)

@@ -260,6 +260,11 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
         return len(self.links)
 
     @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the joints that slide."""
+        return tuple(joint for joint, link in zip(self.joints, self.links, strict=True) if link.kind == "prismatic")
+
+    @property
     def subscripts(self) -> tuple[str, ...]:
         """Subscript of each joint in the strike's names; see `joint_names.subscripts`."""
         return subscripts(self.joints)

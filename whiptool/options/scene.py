@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -148,11 +149,18 @@ class ModelOptions(OptionGroup):
     """Arm of this model or file instead, such as a robot's URDF; it holds the whip of --model if that is in space."""
 
     def build_model(self) -> Model:
-        """The model that `--model` names, with the arm that `--arm` names.
+        """The model that `--model` names, with the arm that `--arm` names; what was assumed of that is said on stderr.
 
         Raises:
             InputError: There is none, the arm does not fit the whip, or the command takes no models in space.
         """
+        model = self.find_model()
+        for note in model.arm.notes if model.dimension == 3 else ():
+            print(f"whiptool: {self.arm or self.model}: {note}", file=sys.stderr)
+        return model
+
+    def find_model(self) -> Model:
+        """The same, and nothing is said."""
         from whiptool.models.files import find_model
 
         model = find_model(self.model)

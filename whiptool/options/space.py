@@ -110,7 +110,7 @@ class SpaceOptions(SimulatedControllerOptions):
         return ConstantImpedance(K, _with_blocks(usual.B, d, self.damping, self.turn_damping))
 
     def _model(self) -> Model:
-        return cast("ModelOptions", self).build_model()  # every command with a space has a model
+        return cast("ModelOptions", self).find_model()  # every command with a space has a model
 
 
 def _with_blocks(usual: Matrix, d: int, of_place: float | None, of_turn: float | None) -> Matrix:

@@ -39,8 +39,8 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: f
     Raises:
         InputError: The trajectory is of other joints, or a number is out of range.
     """
-    if trajectory.joints != tuple(model.arm.joints):
-        rule = f"those of the arm of {model.name}: {', '.join(model.arm.joints)}"
+    if trajectory.joints not in (model.arm.joints, model.arm.names):
+        rule = f"those of the arm of {model.name}: {', '.join(model.arm.names)}"
         raise InputError("joints of the trajectory", trajectory.joints, rule)
     omega = 2 * math.pi * number("bandwidth", bandwidth, low=0, strict=True)
     rollout, path = ReferenceRollout(model, Controller(PositionControl())), _smooth(trajectory)
