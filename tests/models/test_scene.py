@@ -10,7 +10,8 @@ import pytest
 
 from whiptool.models import Model, WhipParameters, preset
 from whiptool.models.capsules import Capsule
-from whiptool.models.scene import NEAR_HAND, Scene
+from whiptool.models.kinematics import rotation_about
+from whiptool.models.scene import NEAR_HAND, Scene, _pose
 from whiptool.models.spatial_arm import SpatialArm, SpatialLink
 
 BODY = (1.0, (0, 0, 0), (1, 1, 1, 0, 0, 0))
@@ -113,3 +114,57 @@ def test_capsules_of_robots_hold_what_their_links_join():
 
 def test_there_may_be_nothing_to_compare():
     assert Scene(preset("nah2023"), of="apart").nearest(np.zeros((1, 4))) is None
+
+
+def solid_arm() -> Model:
+    """Cylinders and boxes, askew, on three hinges, and a ball on the last."""
+    rng = np.random.default_rng(4)
+    R = rotation_about((0.6, 0.0, 0.8), 0.7)
+    shapes = [
+        Capsule.along(R, rng.normal(size=3) * 0.1, 0.2, 0.07, flat=True),
+        Capsule.around_box(R, rng.normal(size=3) * 0.1, np.array([0.05, 0.2, 0.1])),
+    ]
+    links = [SpatialLink(*BODY, (0, 1, 0), (0, 0, 0.3), capsules=tuple(shapes)) for _ in range(3)]
+    links.append(SpatialLink(*BODY, (1, 0, 0), (0, 0, 0.3), capsules=(Capsule((0, 0, 0), (0, 0, 0), 0.1),)))
+    return Model(WhipParameters(N=4, l=0.3, m=0.01, k=0, b=0, joints="rod"), SpatialArm(tuple(links)))
+
+
+@pytest.mark.parametrize("of", ["close", "apart", "whip"])
+def test_cylinders_and_boxes_are_as_near_as_mujoco_has_them(of):
+    """Where they do not overlap; and the nearest of all states is that of every pair at every state."""
+    model = solid_arm()
+    rng = np.random.default_rng(5)
+    rods = rng.normal(size=(40, 4, 3))
+    rods /= np.linalg.norm(rods, axis=2, keepdims=True)
+    q = np.hstack([rng.uniform(-2, 2, (40, 4)), rods.reshape(40, 12)])
+    scene = Scene(model, floor=-0.8, of=of)
+    distances = scene.distances(q)[0]
+    found = scene.nearest(q)
+    assert found is not None
+    assert found.clearance == pytest.approx(distances.min(), abs=1e-9)
+    for k in range(4):
+        spec = mujoco.MjSpec()
+        for body, place in zip(scene.bodies, scene._places(q)[k], strict=True):
+            R, middle = _pose(*place)
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, R.ravel())
+            half, radius, width = body.capsule.length / 2, max(body.capsule.radius, 1e-9), body.capsule.width
+            kind, size = (
+                mujoco.mjtGeom.mjGEOM_CYLINDER if body.capsule.flat else mujoco.mjtGeom.mjGEOM_CAPSULE,
+                [radius, half, 0],
+            )
+            if width is not None:
+                across = np.linalg.norm(width)
+                kind, size = mujoco.mjtGeom.mjGEOM_BOX, [across, np.sqrt(radius**2 - across**2), half]
+            spec.worldbody.add_geom(
+                type=kind if half else mujoco.mjtGeom.mjGEOM_SPHERE, pos=middle, quat=quaternion, size=size
+            )
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, pos=[0, 0, -0.8], size=[9, 9, 0.1])
+        world = spec.compile()
+        data = mujoco.MjData(world)
+        mujoco.mj_forward(world, data)
+        theirs = np.array([mujoco.mj_geomDistance(world, data, i, j, 10.0, None) for i, j in scene.pairs])
+        apart = theirs > 0
+        assert apart.any()
+        np.testing.assert_allclose(distances[k][apart], theirs[apart], atol=1e-5)
+        assert (distances[k][~apart] <= 1e-6).all()

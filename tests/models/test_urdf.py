@@ -164,7 +164,7 @@ def test_the_urdf_of_franka_description_with_its_hand(read):
     for ours, its in zip(arm.links[:-1], PANDA_ARM.links, strict=False):
         np.testing.assert_allclose(ours.inertia, its.inertia, atol=1e-9)
     without = text.replace("panda_hand_tcp", "panda_hand_end")
-    with pytest.raises(InputError, match=r"tip: .*panda_hand_end, panda_leftfinger, panda_rightfinger; name it"):
+    with pytest.raises(InputError, match=r"tip: .*panda_hand_end, panda_leftfinger, panda_rightfinger; give --arm-tip"):
         read(None, without)
     bare = read(None, re.sub("<inertial>.*?</inertial>", "<visual/>", text, flags=re.DOTALL))
     assert bare.weightless == bare.joints  # as franka_description was for years

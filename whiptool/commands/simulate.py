@@ -66,7 +66,7 @@ class SimulateOptions(
         elif self.export is None:
             raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, --trajectory or --export FILE.xml")
         else:
-            used = ("model", "arm", "target", "export")
+            used = ("model", "arm", "arm_tip", "base", "target", "export")
             refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
 
 

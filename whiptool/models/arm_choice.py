@@ -27,6 +27,8 @@ class ArmChoice:
         locked: Where joints are that do not move [rad or m], by name; a joint that neither moves nor is named here is
             locked at 0.
         outward: Direction in the tip's frame in which a stick or the whip goes on (3,); flanges have their z axis so.
+        never_touch: Pairs of joints, by their names, or `base` and one, whose links' shapes are not compared; None:
+            those that touch where all joints are at 0.
 
     Raises:
         InputError: A value is of the wrong kind, or a joint both moves and is locked.
@@ -36,6 +38,7 @@ class ArmChoice:
     moving: tuple[str, ...] | None = None
     locked: Mapping[str, float] = field(default_factory=dict)
     outward: tuple[float, ...] = (0.0, 0.0, 1.0)
+    never_touch: Sequence[tuple[str, str]] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.tip, str):
@@ -101,7 +104,7 @@ class ArmChoice:
                 "tip",
                 "none",
                 "the name of one end, as the robot branches: " + ", ".join(ends),
-                "name it in a model file, beside the arm's",
+                "give --arm-tip NAME, or arm.tip in a model file",
             )
         return found[0]
 

@@ -11,10 +11,12 @@ from typing import Any
 from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.capsules import Capsule
+from whiptool.models.mount import mounted
 from whiptool.models.planar_arm import ArmLink, ArmParameters
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
 from whiptool.models.stick import with_stick
 from whiptool.models.tables import build_from
+from whiptool.models.touching import without_touching
 
 ROBOT_FILES = (".urdf", ".xml")  # URDF, MJCF
 
@@ -28,11 +30,11 @@ def read_robot(path: Path, choice: ArmChoice | None = None) -> SpatialArm:
     if path.suffix == ".urdf":
         from whiptool.models.urdf import read_urdf
 
-        return read_urdf(path, choice)
+        return without_touching(read_urdf(path, choice), choice)
     if path.suffix == ".xml":
         from whiptool.models.mjcf import read_mjcf
 
-        return read_mjcf(path, choice)
+        return without_touching(read_mjcf(path, choice), choice)
     raise InputError("file", str(path), "a robot's file: " + ", ".join(ROBOT_FILES))
 
 
@@ -78,7 +80,7 @@ def _link_from_table(table: object, place: str) -> SpatialLink:
 
 
 def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
-    file, stick = table.pop("file"), table.pop("stick", None)
+    file, stick, base = table.pop("file"), table.pop("stick", None), table.pop("base", "floor")
     if not isinstance(file, str):
         raise InputError("arm.file", file, "the path of a robot's file: " + ", ".join(ROBOT_FILES))
     choice = build_from(ArmChoice, table, "arm.")
@@ -86,6 +88,10 @@ def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
         arm = read_robot(folder / file, choice)
     except InputError as error:
         raise error.within("arm: ") from None
+    try:
+        arm = mounted(arm, base)
+    except InputError as error:
+        raise error.within("arm.") from None
     if stick is None:
         return arm
     if not isinstance(stick, Mapping) or set(stick) - {"radius"} != {"length", "mass"}:
@@ -102,6 +108,10 @@ def arm_to_table(arm: ArmParameters | SpatialArm) -> dict[str, Any]:
             link["limits"] = limits
         if not link["capsules"]:
             del link["capsules"]
+    for capsule in [*table.get("base", ()), *(c for link in table["links"] for c in link.get("capsules", ()))]:
+        for name in ("flat", "width"):
+            if not capsule[name]:
+                del capsule[name]
     table.pop("notes", None)
     if table.get("names") == table["joints"]:
         del table["names"]

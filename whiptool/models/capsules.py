@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -16,46 +16,102 @@ Point: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Capsule:
-    """All points that are no farther than a radius from a segment.
+    """All points that are no farther than a radius from a segment; or a cylinder or a box that it holds.
 
     Args:
         start, end: Of the segment, in the frame of the link that it belongs to [m], (3,) each; a ball, where they are
             the same.
         radius: [m]
+        flat: Whether only the cylinder about the segment is meant, without round ends.
+        width: Of a box along the segment, half of one of its sides across [m], (3,); the other side reaches as far as
+            the radius lets its edges.
 
     Raises:
-        InputError: A number is not finite, or the radius is negative.
+        InputError: A number is not finite, the radius is negative, a cylinder or box has no length, or the width is not
+            across the segment or longer than the radius.
     """
 
     start: Point
     end: Point
     radius: float
+    flat: bool = False
+    width: Point | None = None
 
     def __post_init__(self) -> None:
         for name in ("start", "end"):
             object.__setattr__(self, name, numbers(name, getattr(self, name), 3))
         object.__setattr__(self, "radius", number("radius", self.radius, low=0))
+        if not isinstance(self.flat, bool):
+            raise InputError("flat", self.flat, "true or false")
+        if self.flat and not (self.length and self.radius):
+            raise InputError("flat", self.flat, "false where start and end are the same, or the radius is 0")
+        if self.width is not None:
+            object.__setattr__(self, "width", numbers("width", self.width, 3))
+            along, across = np.subtract(self.end, self.start), np.array(self.width)
+            size = float(np.linalg.norm(across))
+            if self.flat or not self.length or not 0 < size < self.radius or abs(along @ across) > 1e-6 * size:
+                raise InputError("width", self.width, "a vector across the segment, shorter than the radius")
 
     @property
     def length(self) -> float:
         """Of the segment [m]."""
         return math.dist(self.start, self.end)
 
+    @property
+    def exact(self) -> bool:
+        """Whether it is a capsule, and not only holds a cylinder or a box."""
+        return not self.flat and self.width is None
+
+    @property
+    def inner_radius(self) -> float:
+        """Of the largest ball about the middle that is inside [m]."""
+        if self.width is not None:
+            return min(self.length / 2, float(np.linalg.norm(self.width)), self._height)
+        return min(self.length / 2, self.radius) if self.flat else self.radius
+
+    @property
+    def _height(self) -> float:
+        """Half of a box's other side across [m]."""
+        assert self.width is not None
+        return math.sqrt(self.radius**2 - float(np.dot(self.width, self.width)))
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Axes (3, 3) of the shape in the link's frame: the last along the segment, the first along a box's width."""
+        length = self.length
+        z = np.subtract(self.end, self.start) / length if length else np.array([0.0, 0.0, 1.0])
+        x = np.eye(3)[np.abs(z).argmin()] if self.width is None else np.array(self.width)
+        x = x - (x @ z) * z
+        x /= np.linalg.norm(x)
+        return np.column_stack([x, np.cross(z, x), z])
+
+    def solid(self) -> Any:
+        """Return the shape as coal has it, about its middle and along its `rotation`."""
+        import coal
+
+        if self.width is not None:
+            return coal.Box(2 * float(np.linalg.norm(self.width)), 2 * self._height, self.length)
+        return coal.Cylinder(self.radius, self.length) if self.flat else coal.Capsule(self.radius, self.length)
+
     @classmethod
-    def along(cls, rotation: np.ndarray, position: np.ndarray, half: float, radius: float) -> Capsule:
-        """Return the capsule about the z axis of a frame.
+    def along(
+        cls, rotation: np.ndarray, position: np.ndarray, half: float, radius: float, *, flat: bool = False
+    ) -> Capsule:
+        """Return the capsule, or cylinder, about the z axis of a frame.
 
         Args:
             rotation, position: Of the frame in the link's, (3, 3) and (3,) [m].
             half: Length of the segment to either side of the frame's origin [m].
             radius: [m]
+            flat: Whether it is a cylinder.
         """
         reach = half * np.asarray(rotation)[:, 2]
-        return cls(tuple((position - reach).tolist()), tuple((position + reach).tolist()), radius)
+        ends = tuple((position - reach).tolist()), tuple((position + reach).tolist())
+        return cls(*ends, radius, flat and half > 0 and radius > 0)
 
     @classmethod
     def around_box(cls, rotation: np.ndarray, position: np.ndarray, halves: np.ndarray) -> Capsule:
-        """Return a capsule that holds a box: along its longest side, and as thick as the diagonal across that.
+        """Return a box in the capsule that holds it: along its longest side, and as thick as the diagonal across that.
 
         Args:
             rotation, position: Of the box in the link's frame, (3, 3) and (3,) [m].
@@ -64,7 +120,11 @@ class Capsule:
         longest = int(np.argmax(halves))
         across = float(np.linalg.norm(np.delete(halves, longest)))
         turned = np.roll(np.asarray(rotation), 2 - longest, axis=1)  # the longest side becomes the last axis
-        return cls.along(turned, position, float(halves[longest]), across)
+        held = cls.along(turned, position, float(halves[longest]), across)
+        if not all(halves):  # a plate without thickness
+            return held
+        width = turned[:, 0] * np.roll(halves, 2 - longest)[0]
+        return replace(held, width=tuple(width.tolist()))
 
 
 def checked_capsules(name: str, given: object) -> tuple[Capsule, ...]:

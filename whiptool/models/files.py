@@ -10,6 +10,7 @@ from pathlib import Path
 import tomli_w
 
 from whiptool.errors import InputError, expect
+from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.arm_files import ROBOT_FILES, arm_from_table, arm_to_table, read_robot
 from whiptool.models.parameters import Model
 from whiptool.models.presets import PRESETS, preset
@@ -79,18 +80,25 @@ def write_model(model: Model, path: Path) -> None:
     write_whole(Path(path), tomli_w.dumps(model_to_table(model)))
 
 
-def find_model(name: str) -> Model:
+def find_model(name: str, *, tip: str = "") -> Model:
     """A preset by its name, or a model from a file: a TOML table, or a robot in URDF or MJCF with the presets' rope.
+
+    Args:
+        name: Of the preset, or the file's path.
+        tip: Of a robot's file, the name of the link, body or site at which the hand is; empty: its only end.
 
     Raises:
         InputError: There is neither, or the file says something that is not allowed.
     """
     expect(str, name=name)
+    if tip and not name.endswith(ROBOT_FILES):
+        rule = "nothing but beside a robot's file: " + ", ".join(ROBOT_FILES)
+        raise InputError("tip", tip, rule, "in a model file it is arm.tip")
     if name in PRESETS:
         return preset(name)
     if name.endswith(".toml"):
         return read_model(Path(name))
     if name.endswith(ROBOT_FILES):
-        return Model(rope(), read_robot(Path(name)), name=Path(name).stem)
+        return Model(rope(), read_robot(Path(name), ArmChoice(tip=tip)), name=Path(name).stem)
     rule = "a preset (" + ", ".join(PRESETS) + ") or the path of a .toml file, or of a robot: " + ", ".join(ROBOT_FILES)
     raise InputError("model", name, rule)

@@ -279,7 +279,8 @@ class _Robot:
             if kind == "box":
                 found[mover].append(Capsule.around_box(R, p, size))
             else:
-                found[mover].append(Capsule.along(R, p, 0.0 if kind == "sphere" else float(size[1]), float(size[0])))
+                half, flat = 0.0 if kind == "sphere" else float(size[1]), kind == "cylinder"
+                found[mover].append(Capsule.along(R, p, half, float(size[0]), flat=flat))
         return found
 
     def _link(self, joint: int, body: _Body, position: np.ndarray, rotation: np.ndarray) -> SpatialLink:

@@ -59,6 +59,7 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
 
     QUANTITIES: ClassVar = ("mass", "length", "com", "inertia", "friction")
     dimension: ClassVar = 2
+    notes: ClassVar[tuple[str, ...]] = ()  # of what was assumed: nothing
 
     def __post_init__(self) -> None:
         links = tuple(self.links) if isinstance(self.links, Iterable) else ()

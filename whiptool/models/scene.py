@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -12,6 +14,7 @@ from whiptool.models.capsules import Capsule
 from whiptool.models.kinematics import arm_frames, joint_points, whip_motion
 from whiptool.models.parameters import Model
 from whiptool.models.segment_distances import nearest_points
+from whiptool.models.solids import Solids
 from whiptool.models.spatial_arm import BASE, SpatialArm
 
 NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared with the links that hold it
@@ -102,12 +105,16 @@ class Scene:
         self._first, self._second = np.array(self.pairs, int).reshape(-1, 2).T
         self._floor, self._height = self._second == len(self.bodies), self.floor or 0.0
         self._radii = np.array([*(body.capsule.radius for body in self.bodies), 0.0])  # the last: of the floor
-        self._halves = np.array([*(body.capsule.length / 2 for body in self.bodies), 0.0])
+        self._inner = np.array([*(body.capsule.inner_radius for body in self.bodies), 0.0])
+        self._outer = self._radii + np.array([*(body.capsule.length / 2 for body in self.bodies), 0.0])
+        exact = np.array([*(body.capsule.exact for body in self.bodies), True])
+        self._inexact = ~(exact[self._first] & exact[self._second])
         ends: dict[int, list] = {body.link: [] for body in self.bodies if body.link != _WHIP}
         for body in self.bodies:
             if body.link != _WHIP:
-                ends[body.link].append((body.capsule.start, body.capsule.end))
-        self._local = {link: np.array(both) for link, both in ends.items()}  # in each link's frame, (bodies, 2, 3)
+                start, end = body.capsule.start, body.capsule.end
+                ends[body.link].append((start, end, start + body.capsule.rotation[:, 0]))
+        self._local = {link: np.array(points) for link, points in ends.items()}  # in each link's frame, (bodies, 3, 3)
 
     def _capsules_of_arm(self) -> list[tuple[str, int, Capsule]]:
         """Name, link and capsule of all that the arm consists of."""
@@ -149,13 +156,20 @@ class Scene:
 
     def segments(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return both ends of every body [m], (T, bodies, 3) each, of states q (T, n), or of an arm alone (T, a)."""
+        places = self._places(q)
+        return places[:, :, 0], places[:, :, 1]
+
+    def _places(self, q: np.ndarray) -> np.ndarray:
+        """Return both ends of every body and, of the arm's, a point beside the first one along `Capsule.rotation`'s x,
+        (T, bodies, 3, 3) [m]."""
         arm, a = self.model.arm, self.model.arm.n
         if not isinstance(arm, SpatialArm):
             points = joint_points(self.model, q)
             points = np.stack([points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]], axis=-1)
-            return points[:, : len(self.bodies)], points[:, 1 : len(self.bodies) + 1]
+            ends = points[:, : len(self.bodies)], points[:, 1 : len(self.bodies) + 1]
+            return np.stack([*ends, ends[0]], axis=2)
         frames = arm_frames(arm, q[:, :a])
-        ends = [np.empty((len(q), 0, 2, 3))]
+        ends = [np.empty((len(q), 0, 3, 3))]
         for link, local in self._local.items():
             if link == _BASE:
                 ends.append(np.broadcast_to(local, (len(q), *local.shape)))
@@ -166,9 +180,8 @@ class Scene:
             nodes = np.concatenate(
                 [frames[-1].origin[:, None], whip_motion(self.model, frames[-1], q[:, a:])[0]], axis=1
             )
-            ends.append(np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2))
-        both = np.concatenate(ends, axis=1)
-        return both[:, :, 0], both[:, :, 1]
+            ends.append(np.stack([nodes[:, :-1], nodes[:, 1:], nodes[:, :-1]], axis=2))
+        return np.concatenate(ends, axis=1)
 
     def links_of(self, pair: tuple[int, int]) -> tuple[int, int]:
         """Return the numbers of the links of a pair of bodies; negative: the base, the floor or the whip."""
@@ -209,7 +222,8 @@ class Scene:
             groups: Of each pair the number of its group, all numbers from 0 to the largest, (pairs,).
             enough: Distance from which it does not matter how large it is [m].
         """
-        ends = self.segments(q)
+        places = self._places(q)
+        ends = places[:, :, 0], places[:, :, 1]
         lower, upper = self._bounds(*ends)
         least, limit = (np.full(groups.max() + 1, np.inf) for _ in range(2))
         np.minimum.at(least, groups, lower.min(axis=1))
@@ -218,8 +232,23 @@ class Scene:
         pairs, instants = np.nonzero(lower <= limit[groups, None])
         distances, points, normals = self._distances(*ends, instants, pairs)
         order = np.lexsort((distances, groups[pairs]))
-        found = order[np.searchsorted(groups[pairs[order]], np.arange(len(least)))]  # the first of each group
-        return [Contact(float(distances[i]), int(instants[i]), int(pairs[i]), points[i], normals[i]) for i in found]
+        begins = np.searchsorted(groups[pairs[order]], np.arange(len(least) + 1))
+        found = []
+        for first, last in pairwise(begins):
+            best: Contact | None = None
+            for i in order[first:last]:  # what holds the bodies comes no nearer than these
+                if best is not None and distances[i] >= min(best.distance, enough):
+                    break
+                k, p = int(instants[i]), int(pairs[i])
+                contact = Contact(float(distances[i]), k, p, points[i], normals[i])
+                if self._inexact[p]:
+                    distance, *where = self._of_solids(places[k], p)
+                    contact = Contact(distance, k, p, *where)
+                if best is None or contact.distance < best.distance:
+                    best = contact
+            assert best is not None
+            found.append(best)
+        return found
 
     def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return how near all pairs come at states q, (T, n).
@@ -228,10 +257,27 @@ class Scene:
             Distances (T, pairs) [m], negative where they overlap; the nearest points of both (T, pairs, 2, 3) [m]; unit
             vectors from the first body to the second, (T, pairs, 3).
         """
-        shape = len(q), len(self.pairs)
+        places, shape = self._places(q), (len(q), len(self.pairs))
         instants, pairs = (x.ravel() for x in np.indices(shape))
-        distances, points, normals = self._distances(*self.segments(q), instants, pairs)
+        distances, points, normals = self._distances(places[:, :, 0], places[:, :, 1], instants, pairs)
+        for i in np.flatnonzero(self._inexact[pairs]):
+            distances[i], points[i], normals[i] = self._of_solids(places[instants[i]], int(pairs[i]))
         return distances.reshape(shape), points.reshape(*shape, 2, 3), normals.reshape(*shape, 3)
+
+    @cached_property
+    def _solids(self) -> Solids:
+        return Solids([body.capsule for body in self.bodies], self._height)
+
+    def _of_solids(self, places: np.ndarray, pair: int) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return how near a pair of which one is a cylinder or a box comes, as `_distances` does.
+
+        Args:
+            places: Of the bodies at one state, see `_places`, (bodies, 3, 3).
+            pair: Its number.
+        """
+        bodies = int(self._first[pair]), int(self._second[pair])
+        poses = [_pose(*places[i]) if i < len(places) else (np.eye(3), np.zeros(3)) for i in bodies]
+        return self._solids.distance(bodies, poses)
 
     def _bounds(self, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what distances are at least and at most [m], (pairs, T) each, by balls around bodies and in them.
@@ -244,8 +290,8 @@ class Scene:
         between = middles[:, first] - middles[:, np.where(floor, first, second)]
         apart = np.sqrt(np.einsum("xpt,xpt->pt", between, between))
         apart[floor] = middles[2, first[floor]] - self._height
-        upper = apart - (self._radii[first] + self._radii[second])[:, None]
-        return upper - (self._halves[first] + self._halves[second])[:, None], upper
+        upper, lower = (apart - (size[first] + size[second])[:, None] for size in (self._inner, self._outer))
+        return lower, upper
 
     def _distances(
         self, starts: np.ndarray, ends: np.ndarray, instants: np.ndarray, pairs: np.ndarray
@@ -270,3 +316,15 @@ class Scene:
         own, its = self._radii[first], self._radii[second]
         points = np.stack([one + own[:, None] * normals, two - its[:, None] * normals], axis=1)
         return apart - own - its, points, normals
+
+
+def _pose(start: np.ndarray, end: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the axes (3, 3) and the middle (3,) of a body between two ends, its x axis towards the side (3,)."""
+    length = float(np.linalg.norm(end - start))
+    z = (end - start) / length if length else np.array([0.0, 0.0, 1.0])
+    for towards in (side - start, *np.eye(3)[:2]):  # of the whip any across it
+        x = towards - (towards @ z) * z
+        if np.linalg.norm(x) > 1e-6:
+            break
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z]), (start + end) / 2

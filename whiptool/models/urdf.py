@@ -167,7 +167,8 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
             whole = pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"))
     except (ValueError, RuntimeError) as error:
         raise InputError("file", "no robot", f"a URDF file that Pinocchio reads ({error})") from None
-    weighed = add_inertias(whole, robot, folder)
+    main = {_end(joint, "child") for joint in robot.findall("joint") if joint.get("name") in movers}
+    weighed = add_inertias(whole, robot, folder, main)
     at = np.zeros(whole.nv)
     for name, value in _locked(robot, choice).items():
         at[whole.idx_vs[whole.getJointId(name)]] = value
@@ -185,7 +186,7 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     x, y, z = frame.placement.translation.tolist()
     names = tuple(joint_name(name) for name in model.names[1:])
     carried = _links_of(model)
-    weightless = _weightless(model, carried, (massless_links(robot) & shaped_links(robot)) - weighed)
+    weightless = _weightless(model, carried, (massless_links(robot) & shaped_links(robot)) - weighed, main)
     notes = []
     if weighed & set().union(*carried[1:]):
         of = ", ".join(sorted(weighed & set().union(*carried[1:])))
@@ -234,18 +235,20 @@ def _links_of(model: Any) -> list[set[str]]:
     return carried
 
 
-def _weightless(model: Any, carried: list[set[str]], without: set[str]) -> list[int]:
+def _weightless(model: Any, carried: list[set[str]], without: set[str], main: set[str]) -> list[int]:
     """Return the joints whose bodies' inertia is not known.
 
     Args:
         model: Of the arm.
         carried: Names of the links that each joint carries, (joints,).
         without: Names of the links that have shapes, and no mass.
+        main: Names of the links that joints move, but for what is fixed to them.
     """
     found, beyond = [], 0.0
     for i in reversed(range(1, model.njoints)):
         beyond += model.inertias[i].mass
-        if beyond <= 0 or carried[i] & without:
+        bodies = carried[i] & without
+        if beyond <= 0 or bodies & main or (bodies and model.inertias[i].mass <= 0):
             found.insert(0, i)
     return found
 

@@ -31,13 +31,14 @@ def simple_shapes(model: Any, robot: ET.Element) -> Any:
 
 
 def capsule_of(shape: Any) -> Capsule:
-    """Return the capsule that holds a simple shape, in its joint's frame."""
+    """Return a simple shape in its joint's frame, in the capsule that holds it."""
     import coal
 
     R, p, kind = shape.placement.rotation, shape.placement.translation, shape.geometry
     if isinstance(kind, coal.Box):
         return Capsule.around_box(R, p, np.array(kind.halfSide))
-    return Capsule.along(R, p, float(getattr(kind, "halfLength", 0.0)), float(kind.radius))
+    flat = isinstance(kind, coal.Cylinder)
+    return Capsule.along(R, p, float(getattr(kind, "halfLength", 0.0)), float(kind.radius), flat=flat)
 
 
 def shaped_links(robot: ET.Element) -> set[str]:
@@ -59,19 +60,24 @@ def _positive(text: str) -> bool:
         return False
 
 
-def add_inertias(model: Any, robot: ET.Element, folder: Path) -> set[str]:
-    """Give the bodies of a Pinocchio model that have no mass that of their shapes; return the names of these links.
+def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) -> set[str]:
+    """Give moving bodies of a Pinocchio model that have no mass that of their shapes; return the names of their links.
 
-    A link's collision shapes count, or else its visual ones; meshes where their files are there.
+    What is fixed to a link that has mass may be a mere frame, and gets none. A link's collision shapes count, or else
+    its visual ones; meshes where their files are there.
 
     Args:
         model: Changed in place.
         robot: What it was read from.
         folder: Of the file, from which meshes are looked for.
+        main: Names of the links that joints move, but for what is fixed to them.
     """
     import pinocchio as pin
 
-    wanted = massless_links(robot) & shaped_links(robot)
+    without = massless_links(robot) & shaped_links(robot)
+    bodies_of = {frame.name: frame.parentJoint for frame in model.frames if frame.type == pin.FrameType.BODY}
+    light = {name for name in without if not model.inertias[bodies_of[name]].mass}
+    wanted = {name for name in without & (main | light) if bodies_of[name]}
     found: set[str] = set()
     for kind in ("collision", "visual"):
         kept = _copied(robot)

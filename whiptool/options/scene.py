@@ -148,6 +148,13 @@ class ModelOptions(OptionGroup):
     arm: str | None = None
     """Arm of this model or file instead, such as a robot's URDF; it holds the whip of --model if that is in space."""
 
+    arm_tip: str | None = None
+    """Link, body or site of a robot's file at which the hand is, where the robot branches; default: its only end."""
+
+    base: tuple[str, ...] = ("floor",)
+    """How the base of an arm in space is fixed: floor, wall (its z axis points forward), ceiling, or by its roll, pitch
+    and yaw [rad]."""
+
     def build_model(self) -> Model:
         """The model that `--model` names, with the arm that `--arm` names; what was assumed of that is said on stderr.
 
@@ -155,7 +162,7 @@ class ModelOptions(OptionGroup):
             InputError: There is none, the arm does not fit the whip, or the command takes no models in space.
         """
         model = self.find_model()
-        for note in model.arm.notes if model.dimension == 3 else ():
+        for note in model.arm.notes:
             print(f"whiptool: {self.arm or self.model}: {note}", file=sys.stderr)
         return model
 
@@ -163,14 +170,31 @@ class ModelOptions(OptionGroup):
         """The same, and nothing is said."""
         from whiptool.models.files import find_model
 
-        model = find_model(self.model)
+        of_model, of_arm = (self.arm_tip or "", "") if self.arm is None else ("", self.arm_tip or "")
+        model = find_model(self.model, tip=of_model)
         if self.arm is not None:
             try:
-                other = find_model(self.arm)
+                other = find_model(self.arm, tip=of_arm)
             except InputError as error:
                 raise error.renamed("--arm") if error.name == "model" else error from None
             model = replace(other, whip=model.whip) if other.dimension == model.dimension else other
         if model.dimension == 3 and not self.in_space:
             option, given = ("--model", self.model) if self.arm is None else ("--arm", self.arm)
             raise InputError(option, given, "a model in the plane, for this command")
-        return model
+        return self._mounted(model)
+
+    def _mounted(self, model: Model) -> Model:
+        """The model with its base as `--base` says."""
+        from whiptool.models.mount import mounted
+        from whiptool.models.spatial_arm import SpatialArm
+
+        if self.base == ("floor",):
+            return model
+        if not isinstance(model.arm, SpatialArm):
+            raise InputError("--base", self.base, "nothing but floor for an arm in the plane")
+        try:
+            angles = self.base[0] if len(self.base) == 1 else [float(x) for x in self.base]
+            return replace(model, arm=mounted(model.arm, angles))
+        except (InputError, ValueError):
+            rule = "floor, wall, ceiling, or three numbers: roll pitch yaw [rad]"
+            raise InputError("--base", " ".join(self.base), rule) from None

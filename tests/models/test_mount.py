@@ -1,0 +1,54 @@
+"""Bases on walls and ceilings: against turning by hand, and gravity turned the other way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from whiptool.errors import InputError
+from whiptool.models import Model
+from whiptool.models.kinematics import arm_frames
+from whiptool.models.mount import mount_rotation, mounted
+from whiptool.models.robots import PANDA_ARM, UR5E_ARM, rope
+from whiptool.models.scene import Scene
+from whiptool.options import ModelOptions
+
+Q = (0.3, -0.8, 0.5, -1.2, 0.4, 0.9, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("given", "R"),
+    [
+        ("wall", [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
+        ("ceiling", [[1, 0, 0], [0, -1, 0], [0, 0, -1]]),
+        ((0.0, 0.0, np.pi / 2), [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+        ("floor", np.eye(3)),
+    ],
+)
+def test_hand_and_shapes_are_turned_about_the_base(given, R):
+    np.testing.assert_allclose(mount_rotation(given), R, atol=1e-15)
+    turned = mounted(PANDA_ARM, given)
+    hands = [arm_frames(arm, np.array(Q))[-1] for arm in (PANDA_ARM, turned)]
+    np.testing.assert_allclose(hands[1].origin, R @ hands[0].origin, atol=1e-15)
+    np.testing.assert_allclose(hands[1].rotation, R @ hands[0].rotation, atol=1e-15)
+    ends = [Scene(Model(rope(3), arm), of="apart").segments(np.array([Q])) for arm in (PANDA_ARM, turned)]
+    for upright, other in zip(*ends, strict=True):
+        np.testing.assert_allclose(other, upright @ np.transpose(R), atol=1e-15)
+
+
+def test_the_option_turns_presets_too_and_refuses_what_is_no_rotation():
+    assert ModelOptions(model="ur5e").base == ("floor",)
+
+    class InSpace(ModelOptions):
+        in_space = True
+
+    arm = InSpace(model="ur5e", base=("ceiling",)).build_model().arm
+    assert arm.links[:5] == mounted(UR5E_ARM, "ceiling").links[:5]  # the last holds a stick
+    assert InSpace(model="ur5e", base=("3.141592653589793", "0", "0")).build_model().arm == arm
+    for base in (("roof",), ("1", "2"), ("1", "2", "x")):
+        with pytest.raises(InputError, match=r"--base: got .*allowed: floor, wall, ceiling, or three numbers"):
+            InSpace(model="ur5e", base=base).build_model()
+    with pytest.raises(InputError, match="arm in the plane"):
+        ModelOptions(base=("wall",)).build_model()
+    with pytest.raises(InputError, match=r"tip: got 'tool0'; allowed: nothing but beside a robot's file"):
+        InSpace(model="ur5e", arm_tip="tool0").build_model()

@@ -1,0 +1,67 @@
+"""How the base of an arm in space is fixed: to the floor, a wall, the ceiling, or turned otherwise."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.models.capsules import Capsule, Point
+from whiptool.models.kinematics import rotation_about
+from whiptool.models.numbers import numbers
+from whiptool.models.spatial_arm import SpatialArm
+
+MOUNTS = {  # roll, pitch, yaw of the base [rad]
+    "floor": (0.0, 0.0, 0.0),
+    "wall": (0.0, math.pi / 2, 0.0),  # the base's z points forward, its x down
+    "ceiling": (math.pi, 0.0, 0.0),  # its z points down, its x still forward
+}
+
+
+def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
+    """Return the rotation of a base (3, 3): `floor`, `wall`, `ceiling`, or roll, pitch and yaw [rad], as in URDF.
+
+    Raises:
+        InputError: It is none of these.
+    """
+    rule = f"{', '.join(MOUNTS)}, or roll pitch yaw [rad]"
+    if isinstance(given, str) and given not in MOUNTS:
+        raise InputError("base", given, rule)
+    try:
+        roll, pitch, yaw = MOUNTS[given] if isinstance(given, str) else numbers("base", tuple(given), 3)
+    except (InputError, TypeError):
+        raise InputError("base", given, rule) from None
+    about = [rotation_about(axis, angle) for axis, angle in zip(np.eye(3), (roll, pitch, yaw), strict=True)]
+    return about[2] @ about[1] @ about[0]
+
+
+def mounted(arm: SpatialArm, given: str | Sequence[float]) -> SpatialArm:
+    """Return an arm whose base is turned about the origin.
+
+    Args:
+        arm: Whose base's z axis points up.
+        given: See `mount_rotation`.
+
+    Raises:
+        InputError: It is no rotation.
+    """
+    R = mount_rotation(given)
+    first = arm.links[0]
+    turned = dataclasses.replace(
+        first, position=_turned(R, first.position), rotation=tuple(map(tuple, (R @ first.rotation).tolist()))
+    )
+    base = tuple(_turned_capsule(R, capsule) for capsule in arm.base)
+    return dataclasses.replace(arm, links=(turned, *arm.links[1:]), base=base)
+
+
+def _turned(R: np.ndarray, point: Point) -> Point:
+    x, y, z = (R @ np.array(point)).tolist()
+    return x, y, z
+
+
+def _turned_capsule(R: np.ndarray, capsule: Capsule) -> Capsule:
+    width = None if capsule.width is None else _turned(R, capsule.width)
+    return dataclasses.replace(capsule, start=_turned(R, capsule.start), end=_turned(R, capsule.end), width=width)

@@ -1,0 +1,40 @@
+"""Distances of cylinders, boxes and capsules, one pair at a time: coal computes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import coal
+import numpy as np
+
+from whiptool.models.capsules import Capsule
+
+
+class Solids:
+    """The shapes of bodies as coal has them, and a floor behind the last.
+
+    Args:
+        shapes: Of the bodies.
+        height: Of the floor [m].
+    """
+
+    def __init__(self, shapes: Sequence[Capsule], height: float) -> None:
+        self._shapes = [shape.solid() for shape in shapes]
+        self._shapes.append(coal.Halfspace(np.array([0.0, 0.0, 1.0]), height))
+
+    def distance(
+        self, bodies: tuple[int, int], poses: Sequence[tuple[np.ndarray, np.ndarray]]
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return how near two bodies are [m], their nearest points (2, 3), and the unit vector between them, (3,).
+
+        Args:
+            bodies: Their numbers, that of the floor last.
+            poses: Of each of both the axes (3, 3) and the middle (3,) [m]; the floor's are not looked at.
+        """
+        posed = [coal.Transform3s(np.asarray(R, float), np.asarray(p, float)) for R, p in poses]
+        if bodies[1] == len(self._shapes) - 1:
+            posed[1] = coal.Transform3s.Identity()
+        found = coal.DistanceResult()
+        one, other = (self._shapes[i] for i in bodies)
+        apart = coal.distance(one, posed[0], other, posed[1], coal.DistanceRequest(), found)
+        return apart, np.stack([found.getNearestPoint1(), found.getNearestPoint2()]), np.array(found.normal)
