@@ -151,10 +151,13 @@ def check_new(path: Path) -> None:
     Raises:
         InputError: It is not empty, or another process writes in it.
     """
-    if (path / LOCK).exists():
-        RunLock(path).release()
-    if path.is_dir():
-        _refuse_taken(path)
+    try:
+        if (path / LOCK).exists():
+            RunLock(path).release()
+        if path.is_dir():
+            _refuse_taken(path)
+    except OSError as error:
+        raise InputError("run folder", str(path), f"a folder that can be written ({error.strerror})") from None
 
 
 def _refuse_taken(path: Path) -> None:

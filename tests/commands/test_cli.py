@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 import re
 import subprocess
 import sys
@@ -11,10 +13,12 @@ from pathlib import Path
 import pytest
 from command_line import assert_one_line, whiptool
 from one_joint import one_joint_task
+from processes import HANG
 from repository import ROOT
 
 from whiptool.commands import cli, optimize
 from whiptool.commands.compare import CompareOptions
+from whiptool.commands.simulate import SimulateOptions
 from whiptool.commands.train import TrainOptions
 from whiptool.errors import InputError
 from whiptool.studies.comparison.store import unit_file
@@ -109,3 +113,32 @@ def test_units_of_older_runs_are_found_under_the_names_that_they_had(tmp_path):
     assert unit_file(tmp_path, "sac-tip-seed0").name == "sac-paper-seed0.json"
     assert unit_file(tmp_path, "sac-tip-seed1").name == "sac-tip-seed1.json"
     assert unit_file(tmp_path, "directl-0-100").name == "directl-0-100.json"
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "3", "x"])
+def test_help_ends_however_narrow_the_terminal_is(columns: str, monkeypatch, capsys) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    with pytest.raises(SystemExit):
+        cli.parse(SimulateOptions, prog="simulate", description="", args=["--help"])
+    assert "--strike" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("variable", "said"), [("MPLBACKEND", "MPLBACKEND:"), ("MATPLOTLIBRC", "matplotlibrc:")])
+def test_settings_that_matplotlib_does_not_take_are_told_before_work(variable: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "broken").write_bytes(b"\xff\xfe")
+    program = "import sys; from whiptool.commands.cli import main; sys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "simulate", "--strike", "0", "0", "0", "0", "1"],
+        cwd=tmp_path, env={**os.environ, variable: "broken"}, capture_output=True, text=True, check=False, timeout=HANG,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert said in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_letters_that_the_terminal_lacks_are_escaped(monkeypatch) -> None:
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii", write_through=True))
+    assert cli.run(lambda: print("päitsche") or 0) == 0
+    assert written.getvalue() == b"p\\xe4itsche\n"

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import LARGEST, number, numbers, whole
+from whiptool.models.numbers import LARGEST, SMALLEST, number, numbers, whole
 
 
 @given(st.floats(-LARGEST, LARGEST), st.floats(-10, 10), st.floats(-10, 10), st.booleans())
 @settings(max_examples=300, deadline=None, derandomize=True)
 def test_a_number_passes_exactly_where_it_is_in_its_range(value, low, high, strict):
     inside = (low < value if strict else low <= value) and abs(value) <= high
+    inside &= not (strict and low == 0 and value < SMALLEST)
     if inside:
         assert number("x", value, low=low, high=high, strict=strict) == value
     else:
@@ -46,6 +47,9 @@ def test_what_is_no_finite_number_is_refused(value):
         (2, {"high": 1.5}, "a finite number and <= 1.5"),
         (2e15, {}, "a number of magnitude <= 1e+15"),
         (-2e15, {}, "a number of magnitude <= 1e+15"),
+        (10**400, {}, "a number of magnitude <= 1e+15"),
+        (-(10**400), {"high": 1}, "a number of magnitude <= 1"),
+        (5e-324, {"low": 0, "strict": True}, "a number >= 1e-12"),
     ],
 )
 def test_the_rule_that_is_broken_is_said(value, rule, said):

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from itertools import combinations
+from pathlib import Path
 
 import matplotlib.colors
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from whiptool.viz.style import COLORS, CYCLE, JOINT_COLORS, SPEED, STYLE, TIME, legend_above, length_text, save_figure
+from whiptool.viz.style import (
+    COLORS,
+    CYCLE,
+    JOINT_COLORS,
+    SPEED,
+    STYLE,
+    TIME,
+    legend_above,
+    length_text,
+    save_figure,
+    ticks,
+    verbatim,
+)
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
@@ -112,3 +125,17 @@ def test_a_figure_is_written_whole_into_a_new_folder(tmp_path, monkeypatch):
 )
 def test_lengths_in_words(meters: float, text: str):
     assert length_text(meters) == text
+
+
+@pytest.mark.parametrize("name", [r"$\frac$", "$", "$$", "a_b^c", r"\$", "鞭"])
+def test_a_name_from_outside_is_drawn_as_it_is(name: str, tmp_path: Path, recwarn) -> None:
+    """Formulas that matplotlib cannot parse end in an error when the figure is written."""
+    figure = Figure((1, 1))
+    figure.suptitle(verbatim(name))
+    save_figure(figure, tmp_path / "figure.png")
+    assert not recwarn.list
+
+
+def test_there_are_few_ticks_however_far_away_a_target_is() -> None:
+    assert len(ticks(0.5, 2.0).tick_values(0, 2)) < 10
+    assert len(ticks(0.5, 1e15).tick_values(-1e15, 1e15)) < 20

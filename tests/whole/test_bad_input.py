@@ -7,25 +7,30 @@ looks odd stands in `ACCEPTED`, with its reason.
 from __future__ import annotations
 
 import dataclasses
+import io
 import os
 import shlex
 import signal
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from processes import HANG
 
 from whiptool.commands import cli
 from whiptool.errors import InputError
 from whiptool.models import preset, write_model
+from whiptool.models.files import model_to_table
 from whiptool.models.strike import Strike
 from whiptool.options import OptionGroup
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.whole_files import write_whole
 
 pytestmark = pytest.mark.slow
 
@@ -62,6 +67,7 @@ NEEDS = {
 # how many coordinates a target has is known once the map is read; a motor alone limits adapt; reproduce knows one space
 ELSEWHERE = [("map-strike", "--target 1 2 3"), ("adapt", "--limits xm540")]
 ELSEWHERE += [("reproduce", f"--space {x}") for x in ("tool", "pose", "hand --feedforward")]
+ELSEWHERE += [("map-strike", "--out NAME"), ("human", "--out NAME")]
 ELSEWHERE += [("reproduce", "--space hand --controller constant --preset nah2020")]
 
 # Of every command that has the option: what is given, and what the answer must hold
@@ -158,6 +164,15 @@ SHARED = """
 --hindsight -1 | --hindsight
 --true-model absent.toml | absent.toml
 --seed 1 --seed 2 | twice
+--target 1e308 0 | target
+--target HUGE 0 | target
+--hit-radius 1e-310 | --hit-radius
+--zone-radius 1e-310 | --zone-radius
+--seed HUGE | --seed
+--t-stay HUGE | --t-stay
+--out LONG | at most 4000 characters
+--out DEEP | at most 200 folders
+--out NAME | --out
 --json --no-json | twice
 --frobnicate | --frobnicate
 --model | --model
@@ -225,6 +240,55 @@ optimize --model heavy.toml | magnitude
 optimize --model text.toml | whip.m
 optimize --model list.toml | whip
 optimize --model many.toml | whip.m
+optimize --model huge.toml | whip.m
+optimize --model huge-n.toml | whip.N
+optimize --model digits.toml | valid TOML
+optimize --model tiny-mass.toml | whip.m: got 1e-310
+optimize --model tiny-length.toml | whip.l: got 1e-310
+optimize --model tiny-link.toml | mass: got 1e-310
+optimize --model far.toml | lengths are in m
+optimize --model name-in-lines.toml | name
+optimize --model arrays.toml | nested
+optimize --model dots.toml | at most 50 parts
+optimize --model pipe.toml | no pipe and no device
+optimize --model device.toml | no pipe and no device
+optimize --model pipe.urdf | no pipe and no device
+optimize --model pipe.xml | no pipe and no device
+optimize --model of-pipe.toml | no pipe and no device
+optimize --model includes.xml | no pipe and no device
+optimize --model replicate.xml | replicas
+optimize --model deep.urdf | within elements
+optimize --model deep.xml | within elements
+optimize --model entities.urdf | entities
+optimize --controller pipe.toml | pipe.toml
+optimize --controller huge-gain.toml | K
+optimize --controller law-list.toml | controller.law
+optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | lower < upper
+optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | lower < upper
+optimize --max-trials HUGE | --max-trials
+optimize --resume NAME | NAME
+simulate --strike 1e308 0 0 0 1 | q_i
+simulate --strike HUGE 0 0 0 1 | --strike
+simulate --strike 0 0 0 0 1e-310 | D
+simulate --export NAME.xml | --export
+strike --strike 1e308 0 0 0 1 | q_i
+train --region pipe.npz | no pipe and no device
+train --region pickled.npz | pickled
+train --region petabyte.npz | the shape
+adapt --known pipe.npz | pipe.npz
+adapt --known pickled.npz | pickled
+adapt --prior pipe.toml | no pipe and no device
+adapt --prior huge-prior.toml | whip
+identify pipe.npz | no pipe and no device
+identify pipe.csv | no pipe and no device
+identify pickled.npz | pickled
+identify petabyte.npz | the shape
+identify --prior pipe.toml | no pipe and no device
+identify --tip pipe.toml | no pipe and no device
+view pickled-run | pickled
+view empty-run | empty
+view foreign-run | the keys t
+view NAME | NAME
 optimize --model three.toml --controller constant | one per arm joint
 optimize --model three.toml | bounds
 optimize --out taken | new or empty
@@ -615,6 +679,16 @@ servos --port /dev/ttyUSB0 --ids 1 --set-id 1 | an id may be set to what it is
 """
 
 
+LENGTHY = {"HUGE": f"1{'0' * 400}", "LONG": "x" * 5000, "DEEP": "/".join("d" * 300), "NAME": "n" * 300}  # in the tables
+
+
+def spelled(text: str) -> str:
+    """What is given, with what is too lengthy for a table."""
+    for word, stands_for in LENGTHY.items():
+        text = text.replace(word, stands_for)
+    return text
+
+
 def lines(table: str) -> list[tuple[str, str]]:
     """What is given, and what stands behind the bar."""
     return [
@@ -729,7 +803,56 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name / "config.toml").write_text(text)
     (folder / "garbled" / "trajectory.npz").write_bytes(garbage)
     write_model(preset("nah2020-n10"), folder / "good.toml")
+    make_hostile(folder, table)
     return folder
+
+
+def make_hostile(folder: Path, table: str) -> None:
+    """Files that are huge, deep, endless, or of another kind, in a folder; `table` is a model's."""
+    huge, good = LENGTHY["HUGE"], table.format(N=2, m=0.1)
+    robot = '<robot name="r">{}</robot>'
+    texts = {
+        "huge.toml": table.format(N=2, m=huge),
+        "huge-n.toml": table.format(N=huge, m=0.1),
+        "digits.toml": table.format(N=2, m="1" * 5000),
+        "tiny-mass.toml": table.format(N=2, m=1e-310),
+        "tiny-length.toml": good.replace("l = 0.1", "l = 1e-310"),
+        "tiny-link.toml": good.replace("mass = 1,", "mass = 1e-310,"),
+        "far.toml": good.replace("length = 1}", "length = 1e6}"),
+        "name-in-lines.toml": f'name = "a\\nb"\n{good}',
+        "arrays.toml": "m = " + "[" * 100_000,
+        "dots.toml": "a" + ".a" * 200_000 + " = 1",
+        "of-pipe.toml": good.replace("links", 'file = "pipe.urdf"\nlinks'),
+        "includes.xml": '<mujoco><include file="pipe.xml"/></mujoco>',
+        "replicate.xml": '<mujoco><worldbody><replicate count="100000"><body><geom size="1"/></body></replicate>'
+        "</worldbody></mujoco>",
+        "deep.urdf": robot.format("<link>" * 10_000 + "</link>" * 10_000),
+        "deep.xml": "<mujoco>" + "<body>" * 10_000 + "</body>" * 10_000 + "</mujoco>",
+        "entities.urdf": '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]>' + robot.format("&b;"),
+        "huge-gain.toml": f'[controller]\nlaw = "constant"\nK = [[{huge}, 0], [0, 1]]\n',
+        "law-list.toml": "[controller]\nlaw = [1]\n",
+        "huge-prior.toml": f'"whip.m" = {{value = {huge}, error = 0.1}}\n',
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    for suffix in ("toml", "npz", "csv", "urdf", "xml"):
+        os.mkfifo(folder / f"pipe.{suffix}")
+    (folder / "device.toml").symlink_to("/dev/zero")
+    np.savez(folder / "pickled.npz", corners=np.array([print], object), t=np.array([print], object))
+    with zipfile.ZipFile(folder / "petabyte.npz", "w") as archive:
+        for name in ("corners.npy", "t.npy"):
+            buffer = io.BytesIO()
+            np.lib.format.write_array_header_1_0(buffer, {"descr": "<f8", "fortran_order": False, "shape": (10**14, 2)})
+            archive.writestr(name, buffer.getvalue())
+    runs = {"pickled-run": "pickled.npz", "foreign-run": "good.npz"}
+    for name in ("pickled-run", "foreign-run", "empty-run"):
+        (folder / name).mkdir()
+        write_whole(
+            folder / name / "config.toml",
+            tomli_w.dumps({"command": "optimize", "options": {}, "model": model_to_table(preset("lemon2024"))}),
+        )
+        content = (folder / runs[name]).read_bytes() if name in runs else b""
+        (folder / name / "trajectory.npz").write_bytes(content)
 
 
 def tree(folder: Path) -> list[tuple[str, int]]:
@@ -738,7 +861,7 @@ def tree(folder: Path) -> list[tuple[str, int]]:
 
 @pytest.mark.parametrize(("given", "said"), BAD, ids=[" ".join(given.split()) for given, _ in BAD])
 def test_bad_input_is_one_line_that_names_it(given: str, said: str, files: Path, capsys, monkeypatch) -> None:
-    command, *words = shlex.split(given)
+    command, *words = shlex.split(spelled(given))
     monkeypatch.chdir(files)
     before, handler = tree(files), signal.getsignal(signal.SIGTERM)
     try:
@@ -747,7 +870,8 @@ def test_bad_input_is_one_line_that_names_it(given: str, said: str, files: Path,
         signal.signal(signal.SIGTERM, handler)
     answer = capsys.readouterr()
     assert answer.err.count("\n") == 1, answer.err
-    assert said in answer.err
+    assert spelled(said) in answer.err
+    assert len(answer.err) < 3000
     assert status == 2, answer.err
     assert answer.out == ""
     assert tree(files) == before

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
+import io
 import os
 import pathlib
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
     from whiptool.runs import RunFolder
 
 T = TypeVar("T", bound=OptionGroup)
+_LONGEST_WORD, _DEEPEST = 4000, 200  # [characters], [folders]
+_NARROWEST = 40  # [columns] of help: tyro lays out without end what is narrower
 
 
 def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None) -> T:
@@ -52,6 +57,9 @@ def _parsed(
     from tyro import _errors as tyro_errors
 
     words = list(sys.argv[1:] if args is None else args)
+    _check_words(words)
+    if shutil.get_terminal_size().columns < _NARROWEST:
+        os.environ["COLUMNS"] = str(_NARROWEST)
 
     def refuse(event: Any) -> None:
         argument: Any = getattr(event, "argument", None)
@@ -80,6 +88,20 @@ def _parsed(
         if needs and flag(f.name) in given and getattr(parsed, f.name) == ():
             raise InputError(flag(f.name), NOTHING, "one value or more")
     return parsed
+
+
+def _check_words(words: Sequence[str]) -> None:
+    """Refuse what is no text in the terminal's encoding, which no file could hold, and what no path can be.
+
+    Raises:
+        InputError: There is such a word.
+    """
+    for word in words:
+        if len(word) > _LONGEST_WORD or word.count("/") > _DEEPEST:
+            rule = f"words of at most {_LONGEST_WORD} characters, paths of at most {_DEEPEST} folders"
+            raise InputError("command line", word, rule)
+        if any("\ud800" <= x <= "\udfff" for x in word):
+            raise InputError("command line", word, "text in the terminal's encoding", "export LC_ALL=C.UTF-8")
 
 
 def choices(kind: Any) -> list[Any]:
@@ -262,6 +284,7 @@ def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> Run
     """
     from whiptool.runs import RunFolder, code_version, default_folder
 
+    check_matplotlib()
     resumable = hasattr(options, "resume")
     with _named({"run_folder": "run folder"}, fix="give --out"):
         path = options.out or default_folder(name)
@@ -344,8 +367,25 @@ def _given(flag: str, words: list[str]) -> str:
     return " ".join(behind[: next((i for i, word in enumerate(behind) if word.startswith("--")), len(behind))])
 
 
+def check_matplotlib() -> None:
+    """Refuse settings with which matplotlib cannot be imported, before anything is computed for its figures.
+
+    Raises:
+        InputError: There are such; the variable or file is named.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except (ValueError, OSError) as error:
+        name = "matplotlibrc" if isinstance(error, (UnicodeDecodeError, OSError)) else "MPLBACKEND"
+        place = os.environ.get(name, os.environ.get("MATPLOTLIBRC", "matplotlibrc"))
+        raise InputError(name, place, f"settings that matplotlib takes ({str(error)[:160]})") from None
+
+
 def run(command: Callable[[], int]) -> int:
     """Run a command: its exit status, bad input being one line on stderr and status 2, a signal status 130."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # letters that the terminal's encoding lacks are no reason to stop
+            stream.reconfigure(errors="backslashreplace")
     with Interruptions() as interruptions:
         try:
             return command()
@@ -356,6 +396,9 @@ def run(command: Callable[[], int]) -> int:
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
             return 1
         except (WhiptoolError, OSError, MemoryError) as error:
+            if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+                _say(InputError("path", error.filename, "a shorter name"))
+                return 2
             _say(error)
             return 1
         except KeyboardInterrupt as interruption:

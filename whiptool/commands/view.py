@@ -69,6 +69,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _main(args: Sequence[str] | None) -> int:
     options = cli.parse(ViewOptions, prog="whiptool view", description=_ABOUT, args=args)
+    cli.check_matplotlib()
     with cli.options_named(options):
         shown = _look(options)
     if options.json:

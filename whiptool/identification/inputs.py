@@ -166,7 +166,7 @@ def read_marker(path: str | None) -> Marker | None:
         return Marker(**looks)
     except InputError as error:
         raise error.within(f"{path}: ") from None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(path, str(table)[:80], f"radius, and hue, saturation or value ({error})") from None
 
 

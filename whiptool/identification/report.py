@@ -27,6 +27,7 @@ from whiptool.identification.units import with_unit
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.viz.style import verbatim
 from whiptool.words import rounded
 
 _MEANING = {
@@ -216,7 +217,7 @@ def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Pict
     axes["plane"].set(
         **{f"{which}label": _with_unit(recording, axes_of[i]) for which, i in zip("xy", side, strict=True)}
     )
-    axes["plane"].set_title(f"{_name(recording)}: {name}, {kind}")
+    axes["plane"].set_title(verbatim(f"{_name(recording)}: {name}, {kind}"))
     axes["plane"].set_aspect("equal", adjustable="datalim")
     if recording.view is not None:
         axes["plane"].invert_yaxis()
@@ -287,7 +288,7 @@ def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Pi
                 color=COLORS[color],
                 label=axis,
             )
-        ax.set(title=f"{_name(recording)}: {name}{', depth' if deep else ''}, {kind}", ylabel=f"[{unit}]")
+        ax.set(title=verbatim(f"{_name(recording)}: {name}{', depth' if deep else ''}, {kind}"), ylabel=f"[{unit}]")
         labels |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     for ax in grid[max(len(panels) - 2, 0) : len(panels)]:
         ax.set_xlabel("time from the command's start [s]")

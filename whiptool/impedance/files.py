@@ -39,7 +39,7 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
     """
     numbers = dict(table)
     law = numbers.pop("law", None)
-    if law not in LAWS:
+    if not isinstance(law, str) or law not in LAWS:
         raise InputError("controller.law", law, ", ".join(LAWS))
     options = {key: numbers.pop(key) for key in _OPTIONS if key in numbers}
     if "hand" in options:
@@ -52,7 +52,7 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
         return Controller(law=LAWS[law](**numbers), **options)
     except InputError as error:
         raise error.within("controller.") from None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError("controller", str(table)[:80], f"a controller's numbers ({error})") from None
 
 

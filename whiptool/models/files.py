@@ -12,7 +12,7 @@ import tomli_w
 from whiptool.errors import InputError, expect
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.arm_files import ROBOT_FILES, arm_from_table, arm_to_table, read_robot
-from whiptool.models.parameters import Model
+from whiptool.models.parameters import LONGEST_NAME, Model
 from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
 from whiptool.models.robots import rope
@@ -68,9 +68,14 @@ def read_model(path: Path) -> Model:
     expect(str, PathLike, path=path)
     table = read_toml(path)
     try:
-        return model_from_table({"name": Path(path).stem, **table}, Path(path).parent)
+        return model_from_table({"name": _name(Path(path)), **table}, Path(path).parent)
     except InputError as error:
         raise error.within(f"{path}: ") from None
+
+
+def _name(path: Path) -> str:
+    """Return a model's name after its file, whose name may hold what no text holds."""
+    return "".join(x if x.isprintable() else "?" for x in path.stem)[:LONGEST_NAME]
 
 
 def write_model(model: Model, path: Path) -> None:
@@ -99,6 +104,6 @@ def find_model(name: str, *, tip: str = "") -> Model:
     if name.endswith(".toml"):
         return read_model(Path(name))
     if name.endswith(ROBOT_FILES):
-        return Model(rope(), read_robot(Path(name), ArmChoice(tip=tip)), name=Path(name).stem)
+        return Model(rope(), read_robot(Path(name), ArmChoice(tip=tip)), name=_name(Path(name)))
     rule = "a preset (" + ", ".join(PRESETS) + ") or the path of a .toml file, or of a robot: " + ", ".join(ROBOT_FILES)
     raise InputError("model", name, rule)

@@ -12,6 +12,7 @@ from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
+from whiptool.models.robot_markup import check_mjcf
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
 
 GRAVITY = 9.81  # [m/s2]
@@ -47,8 +48,7 @@ def _compiled(path: Path) -> tuple[Any, set[str]]:
     Meshes are read where a body's inertia or a shape that is fitted to one needs them, and left out where they are not
     there.
     """
-    if not path.is_file():
-        raise InputError("file", str(path), "a readable MJCF file (there is none)")
+    check_mjcf(path)
     try:
         spec, _ = _without_meshes(path, needed=True)
         return spec.compile(), set()

@@ -9,18 +9,24 @@ import numpy as np
 
 from whiptool.errors import InputError
 
-LARGEST = 1e15  # of any quantity in SI units: what is beyond is a slip, and overflows where it is squared
+# of any quantity in SI units: what is beyond is a slip, and overflows or vanishes where it is squared
+LARGEST, SMALLEST = 1e15, 1e-12
 
 
 def number(name: str, value: object, *, low: float = -math.inf, high: float = LARGEST, strict: bool = False) -> float:
-    """`value` as a float from `low` (above it, if `strict`) to `high`."""
+    """`value` as a float from `low` (above it, if `strict`) to `high`; above 0 it is no less than `SMALLEST`."""
     rule = "a finite number" if low == -math.inf else f"a finite number {'>' if strict else '>='} {low:g}"
     rule += "" if high == LARGEST else f" and <= {high:g}"
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(name, value, rule)
-    x = float(value)
+    try:
+        x = float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        raise InputError(name, value, f"a number of magnitude <= {min(high, LARGEST):g}") from None
     if not math.isfinite(x) or x < low or (strict and x == low):
         raise InputError(name, value, rule)
+    if strict and low == 0 and x < SMALLEST:
+        raise InputError(name, value, f"a number >= {SMALLEST:g}")
     if abs(x) > high:
         raise InputError(name, value, rule if high != LARGEST else f"a number of magnitude <= {LARGEST:g}")
     return x
@@ -50,7 +56,7 @@ def array_of(name: str, value: object, rule: str) -> np.ndarray:
     """`value` as an array of finite floats; text, truth values, complex numbers, rows of other lengths are none."""
     try:
         array = np.asarray(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(name, value, rule) from None
     if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
         raise InputError(name, value, rule)

@@ -17,6 +17,9 @@ from whiptool.models.whip import UNIVERSAL_ONLY, PerNode, WhipParameters
 
 __all__ = ["ArmLink", "ArmParameters", "Model", "PerNode", "SpatialArm", "WhipParameters", "number", "whole"]
 
+LONGEST_NAME = 200  # [characters]
+FARTHEST = 1000.0  # [m]
+
 
 @dataclass(frozen=True)
 class Model(NoArray, instead="its parameters()"):
@@ -36,6 +39,11 @@ class Model(NoArray, instead="its parameters()"):
         expect(ArmParameters, SpatialArm, arm=self.arm)
         object.__setattr__(self, "gravity", number("gravity", self.gravity, low=0))
         expect(str, name=self.name)
+        if not self.name.isprintable() or len(self.name) > LONGEST_NAME:
+            raise InputError("name", self.name, f"one line of text, of at most {LONGEST_NAME} characters")
+        if self.reach > FARTHEST:
+            rule = f"at most {FARTHEST:g} m from the shoulder to the tip of a stretched whip"
+            raise InputError("arm and whip", f"{self.reach:g} m", rule, "lengths are in m")
         bends = self.whip.joints
         if isinstance(self.arm, SpatialArm):
             if bends == "hinge":

@@ -73,7 +73,7 @@ class Strike(Vector):
         if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
             raise InputError("strike", values, "the angles q_i, as many angles q_f, and D")
         n = len(values) // 2
-        return cls(tuple(values[:n]), tuple(values[n : 2 * n]), values[-1])
+        return cls(values[:n], values[n : 2 * n], values[-1])
 
     @property
     def vector(self) -> np.ndarray:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import read_text
 from whiptool.models.arm_choice import ArmChoice, quiet
 from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
+from whiptool.models.robot_markup import read_urdf_text
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
 from whiptool.models.urdf_shapes import (
     DENSITY,
@@ -49,7 +49,7 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
             that mimic others or have no range, or does not have what was chosen.
     """
     choice = choice or ArmChoice()
-    text = read_text(path, "URDF")
+    text = read_urdf_text(path)
     try:
         robot = _robot(text)
         parents = _tree(robot)

@@ -53,7 +53,7 @@ def camera_of(place: str, table: object) -> SpaceCamera:
     """
     try:
         return build_from(SpaceCamera, table, f"{place}.")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(place, str(error), "numbers, in arrays where `write_cameras` writes arrays") from None

@@ -18,7 +18,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import MaxNLocator, MultipleLocator
+from matplotlib.ticker import MaxNLocator
 
 from whiptool.errors import expect
 from whiptool.models.parameters import Model
@@ -29,7 +29,18 @@ from whiptool.target import Target, as_target
 from whiptool.viz.direction import LOOK, asked_of, draw_direction
 from whiptool.viz.plots_space import draw_views, plot_in_space
 from whiptool.viz.posture import at_times
-from whiptool.viz.style import COLORS, CYCLE, JOINT_COLORS, STYLE, TIME, legend_above, length_text, save_figure
+from whiptool.viz.style import (
+    COLORS,
+    CYCLE,
+    JOINT_COLORS,
+    STYLE,
+    TIME,
+    legend_above,
+    length_text,
+    save_figure,
+    ticks,
+    verbatim,
+)
 from whiptool.words import counted
 
 _POSTURES = 12  # as in Fig. 10a
@@ -196,7 +207,7 @@ def _scale_alike(ax: Axes) -> None:
     ax.margins(0.06)
     extent = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1).max()
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MultipleLocator(0.25 if extent < 2 else 0.5 if extent < 5 else 1.0))
+        axis.set_major_locator(ticks(0.25 if extent < 2 else 0.5 if extent < 5 else 1.0, extent))
 
 
 def _plot_strike_in_space(
@@ -377,8 +388,9 @@ def save_strike_figures(
         plot_torque(figures["torque"].subplots(), trajectory, joints, slides=slides)
         if "gains" in figures:
             plot_gains(figures["gains"].subplots(2, sharex=True), trajectory, joints)
+        title = verbatim(f"{model.name}, {controller_label}")
         for figure in figures.values():
-            figure.suptitle(f"{model.name}, {controller_label}", fontsize=12, fontweight="bold", x=0.02, ha="left")
+            figure.suptitle(title, fontsize=12, fontweight="bold", x=0.02, ha="left")
         return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]
 
 
@@ -406,7 +418,7 @@ def save_convergence(
     """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; return the file."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((7.6, 4.4), layout="constrained")
-        plot_convergence(figure.subplots(), trials, target, label=label)
+        plot_convergence(figure.subplots(), trials, target, label=verbatim(label))
         return save_figure(figure, Path(folder) / "convergence.png")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from whiptool.viz.style import COLORS, STYLE, save_figure
+from whiptool.viz.style import COLORS, STYLE, save_figure, verbatim
 
 
 def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str]) -> Axes:
@@ -40,5 +40,5 @@ def save_front(folder: Path, front: np.ndarray, tried: np.ndarray, *, labels: Se
     """Write `front.png` (see `plot_front`) into a folder; return the file."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((6.4, 4.4), layout="constrained")
-        plot_front(figure.subplots(), front, tried, labels=labels).set_title(title)
+        plot_front(figure.subplots(), front, tried, labels=labels).set_title(verbatim(title))
         return save_figure(figure, folder / "front.png")

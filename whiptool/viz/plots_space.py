@@ -17,7 +17,6 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.patches import Circle
-from matplotlib.ticker import MultipleLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
@@ -26,7 +25,7 @@ from whiptool.rollout.trajectory import Trajectory
 from whiptool.target import Target, as_target
 from whiptool.viz.direction import LOOK, asked_of, draw_direction, draw_direction_in_space
 from whiptool.viz.posture import arm_and_whip, at_times
-from whiptool.viz.style import COLORS, SPEED, legend_above, length_text
+from whiptool.viz.style import COLORS, SPEED, legend_above, length_text, ticks
 
 Plane: TypeAlias = Literal["xz", "xy", "yz"]
 
@@ -140,7 +139,7 @@ def plot_projection(ax: Axes, strike: Drawn, plane: Plane) -> Axes:
     ax.set(xlabel=AXES[i], ylabel=AXES[j], xlim=(low[i], high[i]), ylim=(low[j], high[j]))
     ax.set_aspect("equal", adjustable="box")
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MultipleLocator(_tick(strike)))
+        axis.set_major_locator(ticks(*_tick(strike)))
     return ax
 
 
@@ -162,7 +161,7 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
     ax.plot(*strike.after.T, color="0.55", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
     set_up_perspective(ax, low, high)
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
-        axis.set_major_locator(MultipleLocator(2 * _tick(strike)))
+        axis.set_major_locator(ticks(2 * _tick(strike)[0], _tick(strike)[1]))
     return ax
 
 
@@ -306,8 +305,8 @@ def _segments(path: np.ndarray) -> np.ndarray:
     return np.stack([path[:-1], path[1:]], axis=1)
 
 
-def _tick(strike: Drawn) -> float:
-    """Distance between ticks [m]."""
+def _tick(strike: Drawn) -> tuple[float, float]:
+    """Distance between ticks, and extent of what is drawn [m]."""
     low, high = strike.box
     extent = (high - low).max()
-    return 0.25 if extent < 1.5 else 0.5 if extent < 4 else 1.0
+    return 0.25 if extent < 1.5 else 0.5 if extent < 4 else 1.0, float(extent)

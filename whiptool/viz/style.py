@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
+from matplotlib.ticker import Locator, MaxNLocator, MultipleLocator
 
 from whiptool.whole_files import replacing
 
@@ -30,6 +32,7 @@ COLORS = {
 }
 CYCLE = list(COLORS.values())[:7]  # yellow lines are hard to see on white
 JOINT_COLORS = [*CYCLE[:6], COLORS["brown"]]  # none is the black of what is desired
+_MOST_TICKS = 40
 STYLE: dict[Any, Any] = {
     "figure.dpi": 110,
     "savefig.dpi": 200,
@@ -72,10 +75,21 @@ def legend_above(ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None =
     ax.set_title(ax.get_title(loc="left"), loc="left", pad=8 + 1.6 * rows * float(legend.get_texts()[0].get_fontsize()))
 
 
+def ticks(step: float, extent: float) -> Locator:
+    """Return ticks at multiples of a step [m], or a few of them along what is much longer."""
+    return MultipleLocator(step) if extent <= _MOST_TICKS * step else MaxNLocator(10)
+
+
+def verbatim(text: str) -> str:
+    """Return a text from outside as it is to be drawn: a dollar sign begins no formula."""
+    return text.replace("$", r"\$")
+
+
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as a whole file, into a folder that is made if missing; return the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as unfinished:
+    with replacing(path) as unfinished, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # of names in letters that the font lacks: boxes stand for them
         figure.savefig(unfinished)
     return path
 

@@ -7,6 +7,7 @@ and `whiptool.recording.npz`; what the TOML file beside any of them may hold, in
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError, expect
+from whiptool.recording.parsing import whole_file
 from whiptool.recording.readers.c3d import read_c3d
 from whiptool.recording.readers.deeplabcut import read_deeplabcut
 from whiptool.recording.readers.foreign import refuse_foreign
@@ -88,7 +90,8 @@ def find_format(path: Path | str) -> str:
     try:
         if not path.exists():
             raise InputError("recording", str(path), "a file or folder that exists")
-        if path.is_file():
+        if not path.is_dir():
+            path = whole_file(path, largest=math.inf)
             with path.open("rb") as file:
                 head = file.read(4096)
     except (OSError, ValueError) as error:
