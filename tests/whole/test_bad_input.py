@@ -342,7 +342,7 @@ simulate --out taken | new or empty
 simulate --video 3 | command line
 train --method a3c | sac, td3, ddpg, ppo
 train --method directl | sac, td3, ddpg, ppo
-train --observation pixels | paper, relative, goal
+train --observation pixels | tip, relative, goal
 train --reward mine | paper, log
 train --zone-radius 50 | zone
 train --target 9 9 | target
@@ -406,7 +406,7 @@ train --cone 20 | nothing without --direction
 train --least-speed 0 | --least-speed
 train --trials 1000000000000 | --trials
 train --strikes 0 | --strikes
-train --hindsight 2 --observation paper | --hindsight
+train --hindsight 2 --observation tip | --hindsight
 train --hindsight 2 --method ppo | --hindsight
 train --hidden | --hidden
 train --hidden 0 | --hidden
@@ -441,7 +441,7 @@ compare --observation god | --observation
 compare --methods ga --observation goal | --observation
 compare --methods ga --episodes 600 | --episodes
 compare --methods ga --hindsight 1 | --hindsight
-compare --methods sac --observation paper --further-episodes 60 | --further-episodes
+compare --methods sac --observation tip --further-episodes 60 | --further-episodes
 compare --zone slow | disc, fast
 compare --direction 0 0 | --direction
 compare --direction 1 0 0 | 2 coordinates
@@ -822,7 +822,7 @@ def make_hostile(folder: Path, table: str) -> None:
         "name-in-lines.toml": f'name = "a\\nb"\n{good}',
         "arrays.toml": "m = " + "[" * 100_000,
         "dots.toml": "a" + ".a" * 200_000 + " = 1",
-        "of-pipe.toml": good.replace("links", 'file = "pipe.urdf"\nlinks'),
+        "of-pipe.toml": good.replace("links = [{mass = 1, length = 1}]", 'file = "pipe.urdf"'),
         "includes.xml": '<mujoco><include file="pipe.xml"/></mujoco>',
         "replicate.xml": '<mujoco><worldbody><replicate count="100000"><body><geom size="1"/></body></replicate>'
         "</worldbody></mujoco>",
