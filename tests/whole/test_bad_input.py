@@ -192,7 +192,7 @@ optimize --max-trials 1e3 | --max-trials
 optimize --max-time 0 | --max-time
 optimize --max-time nan | --max-time
 optimize --lower 0 0 0 0 1 --upper 1 1 1 1 0.5 | lower < upper
-optimize --lower 0 0 0 0 nan --upper 1 1 1 1 2 | lower < upper
+optimize --lower 0 0 0 0 nan --upper 1 1 1 1 2 | lower[4]: got nan; allowed: a finite number
 optimize --lower 0 0 | --lower
 optimize --space hand --controller hand.toml | [controller.hand] into the file
 optimize --controller magic.toml | controller.hand.magic
@@ -263,15 +263,15 @@ optimize --model entities.urdf | entities
 optimize --controller pipe.toml | pipe.toml
 optimize --controller huge-gain.toml | K
 optimize --controller law-list.toml | controller.law
-optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | lower < upper
-optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | lower < upper
+optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | lower[0]: got 1e+308
+optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | lower[0]
 optimize --max-trials HUGE | --max-trials
 optimize --resume NAME | NAME
-simulate --strike 1e308 0 0 0 1 | q_i
-simulate --strike HUGE 0 0 0 1 | --strike
+simulate --strike 1e308 0 0 0 1 | strike vector: got (1e+308
+simulate --strike HUGE 0 0 0 1 | strike vector
 simulate --strike 0 0 0 0 1e-310 | D
 simulate --export NAME.xml | --export
-strike --strike 1e308 0 0 0 1 | q_i
+strike --strike 1e308 0 0 0 1 | strike vector
 train --region pipe.npz | no pipe and no device
 train --region pickled.npz | pickled
 train --region petabyte.npz | the shape
@@ -306,7 +306,7 @@ optimize --resume of-others | --resume
 simulate --export | --export
 simulate --export x.xml --no-video | --video
 simulate --strike 1 2 | strike
-simulate --strike nan 0 0 0 1 | q_i
+simulate --strike nan 0 0 0 1 | a vector of finite numbers
 simulate --strike 0 0 inf 0 1 | q_f
 simulate --strike 0 0 0 0 0 | D
 simulate --strike 0 0 0 0 -1 | D
@@ -604,7 +604,7 @@ view | RUN
 doctor --deep | --deep
 strike --strike 1 2 | strike
 strike --strike 0 0 0 0 0 0 1 | 5 numbers
-strike --strike nan 0 0 0 1 | q_i
+strike --strike nan 0 0 0 1 | a vector of finite numbers
 strike --strike 1e9 0 0 0 1 | --strike
 strike --strike 0 0 0 0 1e9 | --strike
 strike --strike | --strike
@@ -631,7 +631,7 @@ learn --method gradient | --method
 learn --camera none | --camera
 learn --max-trials 0 | --max-trials
 learn --lower 1 2 | --lower
-learn --upper nan nan nan nan nan | lower < upper
+learn --upper nan nan nan nan nan | upper[0]: got nan; allowed: a finite number
 learn --target 9 9 | target
 learn --resume of-simulate | --resume
 learn --resume absent | --resume

@@ -48,7 +48,7 @@ class HandStrike(Vector):
         Raises:
             InputError: The length is even, or a value breaks its rule.
         """
-        values = array_of("strike vector", vector, "a vector of numbers").tolist()
+        values = array_of("strike vector", vector, "a vector of finite numbers").tolist()
         if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
             raise InputError("strike", values, "the hand's coordinates x_i, as many x_f, and D")
         m = len(values) // 2

@@ -69,7 +69,7 @@ class Strike(Vector):
         Raises:
             InputError: The length is even, or a value breaks its rule.
         """
-        values = array_of("strike vector", vector, "a vector of numbers").tolist()
+        values = array_of("strike vector", vector, "a vector of finite numbers").tolist()
         if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
             raise InputError("strike", values, "the angles q_i, as many angles q_f, and D")
         n = len(values) // 2
