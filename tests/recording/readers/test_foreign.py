@@ -1,6 +1,10 @@
 """Files of other programs: each is recognised, and told what to do with it."""
 
+import contextlib
+
+import numpy as np
 import pytest
+from repository import ROOT
 
 from whiptool.errors import InputError
 from whiptool.recording.readers import read_recording
@@ -56,3 +60,19 @@ def test_a_joint_log_of_another_program_is_named_too(tmp_path):
     (tmp_path / "log.csv").write_text(MOTIVE)
     with pytest.raises(InputError, match=r"log\.csv: got 'a CSV export of OptiTrack Motive'"):
         read_recording(tmp_path / "a.csv", joints="log.csv")
+
+
+def test_the_lines_for_sleap_write_what_is_read(tmp_path):
+    """As the page has them; SLEAP stores (animals, axes, nodes, frames)."""
+    h5py = pytest.importorskip("h5py")
+    places = np.random.default_rng(0).uniform(0, 100, (1, 2, 2, 9))
+    places[..., 1, 4] = np.nan
+    with h5py.File(tmp_path / "strike1.analysis.h5", "w") as file:
+        file["tracks"], file["node_names"] = places, [b"tip", b"hand"]
+    page = (ROOT / "docs" / "file-formats.md").read_text(encoding="utf-8")
+    (lines,) = [part.split("```")[0] for part in page.split("```python\n") if "h5py" in part.split("```")[0]]
+    with contextlib.chdir(tmp_path):
+        exec(compile(lines, "file-formats.md", "exec"), {})
+    found = read_recording(tmp_path / "strike1.csv", fps=60, scale=0.01, origin=[0, 0])
+    assert found.markers == ("tip", "hand")
+    np.testing.assert_allclose(found.points, places[0].transpose(2, 1, 0) * [0.01, -0.01])

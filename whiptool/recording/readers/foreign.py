@@ -9,7 +9,7 @@ from pathlib import Path
 from whiptool.errors import InputError
 
 _C3D = "export the take as C3D there, which is read as it is"
-_TABLE = "write a CSV with the columns t, tip_x, tip_y (docs/file-formats.md, Other programs' files, has the lines)"
+_TABLE = "write it as CSV as DeepLabCut does, or with the columns t, tip_x, tip_y; see docs/file-formats.md"
 
 
 @dataclass(frozen=True)
