@@ -8,6 +8,7 @@ import pytest
 from whiptool.identification.classes import classify
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.problem import Options, Problem
+from whiptool.identification.results import is_explained
 from whiptool.identification.solver import Block, Solution, Status
 from whiptool.identification.summary import flat_directions
 from whiptool.identification.uncertainty import Uncertainty, assess
@@ -64,7 +65,7 @@ def test_a_class_is_withdrawn_where_the_model_does_not_explain_the_readings(erro
         [np.linspace(0, 1, 400)],
         None,
     )
-    (found,) = classify(uncertainty, [1.0])
+    (found,) = classify(uncertainty, [1.0], withdrawn=not is_explained(uncertainty, [], None))
     assert found.kind == kind
     assert (found.interval is None) is (kind == "withdrawn")
 

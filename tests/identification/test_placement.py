@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from whiptool.identification.placement import NEUTRAL, PLACED, by_placement, carried, placed
 
 X = np.random.default_rng(0).normal(size=(7, 3))
-GIVEN = dict(zip(NEUTRAL, [0.02, 1.1, 0.3, -0.2, 0.4, 0.1, 0.05, 0.7, -0.6], strict=True))
+GIVEN = dict(zip(NEUTRAL, [0.02, 0.99, 1.1, 0.3, -0.2, 0.4, 0.1, 0.05, 0.7, -0.6], strict=True))
 
 
 def test_the_neutral_placement_leaves_places_alone():

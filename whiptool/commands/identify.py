@@ -264,15 +264,17 @@ class _Run:
     @property
     def warning(self) -> str | None:
         """What to know before anything is believed, if the model does not explain the recordings."""
-        if self.found.explains:
+        from whiptool.identification.summary import warning
+        from whiptool.identification.time_base import CLOCK
+
+        said, fault = warning(self.found), self.found.clock_fault
+        if said is None:
             return None
+        if fault is not None:
+            return f"{said}; --per-recording {fault.kind} fits it" if fault.kind in CLOCK else said
         joints = all(recording.joints_q is not None for recording in self.recordings)
         cure = "try --drive joints, which needs no model of arm and friction" if joints else "check the recordings"
-        return (
-            f"the model does not explain the recordings: their errors are {self.found.misfit:.1f} times what they "
-            "state. Classes and intervals are withdrawn, and values are not to be trusted; free what is missing, or "
-            + (cure if self.options.drive == "command" else "check the recordings")
-        )
+        return f"{said}; free what is missing, or {cure if self.options.drive == 'command' else 'check the recordings'}"
 
     def report(self, folder: RunFolder) -> int:
         """Write everything, tell people or programs."""
@@ -319,7 +321,6 @@ class _Run:
             }
         return {
             **fit_table(self.found, self.recordings, self.held_out),
-            "misfit": self.found.misfit,
             "warning": self.warning,
             "model": self.model.name,
             "N": self.N,

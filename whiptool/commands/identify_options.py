@@ -14,7 +14,7 @@ from whiptool.options.scene import MODELS
 
 Drive = Literal["command", "joints", "robot", "hand", "handle", "passive", "free"]
 Own = Literal[
-    "delay", "scale", "rotation", "shift_x", "shift_y", "start", "rotation_x", "rotation_y", "rotation_z", "shift_z"
+    "delay", "clock_rate", "scale", "rotation", "shift_x", "shift_y", "start", "rotation_x", "rotation_y", "rotation_z", "shift_z"
 ]
 
 OF_WHIPS = (

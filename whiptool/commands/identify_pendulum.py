@@ -88,29 +88,32 @@ def _report(
 ) -> int:
     from whiptool.identification.pendulum_files import write_pendulum
     from whiptool.identification.pendulum_report import sections
-    from whiptool.identification.summary import bound_lines, fit_table, misfit_line, parameter_lines
+    from whiptool.identification.summary import bound_lines, fit_table, misfit_line, parameter_lines, warning
     from whiptool.viz.report import to_html
 
     assert isinstance(found.plant, Pendulum)
     summary = fit_table(found, train, unseen)
-    summary |= {"misfit": found.misfit, "model": options.model, "seed": options.seed}
+    summary |= {"model": options.model, "seed": options.seed}
     summary |= {"identified": str(folder.path / IDENTIFIED), "report": str(folder.path / REPORT)}
     write_pendulum(found.plant, folder.path / IDENTIFIED)
     folder.write_result(summary)
     facts = {"started from": options.model, "swings": f"{len(train)} fitted, {len(unseen)} held out"}
-    page = to_html("Identified pendulum", f"{found.status.value.capitalize()}.", facts, sections(found, train, unseen))
+    subtitle = f"{found.status.value.capitalize()}." + (f" Warning: {said}." if (said := warning(found)) else "")
+    page = to_html("Identified pendulum", subtitle, facts, sections(found, train, unseen))
     write_whole(folder.path / REPORT, page)
     if found.failed:
         number, starts = len(found.failed), len(found.runs)
         print(
             f"whiptool: {number} of {counted(starts, 'start')} failed: they ended far above the best", file=sys.stderr
         )
+    if said is not None:
+        print(f"whiptool: {said}", file=sys.stderr)
     held = summary["held_out_rmse"]
-    said = "none held out" if held is None else f"{1e3 * held:.3g} mrad held out"
+    unseen_error = "none held out" if held is None else f"{1e3 * held:.3g} mrad held out"
     lines = [
         f"{found.status.value}; {summary['fit_time']:.1f} s; 95 % intervals",
         *parameter_lines(found),
-        f"  error RMS   {1e3 * summary['rmse']:.3g} mrad fitted, {said}",
+        f"  error RMS   {1e3 * summary['rmse']:.3g} mrad fitted, {unseen_error}",
         f"  misfit      {misfit_line(found)}",
         *(f"  at bound    {line}" for line in bound_lines(found)),
         f"  run folder  {folder.path} ({REPORT}, {IDENTIFIED})",

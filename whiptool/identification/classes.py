@@ -26,11 +26,11 @@ class Parameter:
         kind: `pinned`: known to 10 % or better (a delay, rotation or shift, whose zero is arbitrary, to a tenth of its
             usual size); `weak`: not; `traded`: with all others known it would be pinned, but its error goes with that
             of `partner`; `flat`: the recordings do not see it; `at bound`: its bound stopped it;
-            `withdrawn`: the model does not explain the readings, and no standard error holds. Every class assumes that
-            the model's form is right.
-        error: Standard error of the value, in its unit; NaN if flat.
+            `withdrawn`: the model does not explain the readings, or their times are wrong, and no standard error holds.
+            Every class assumes that the model's form is right.
+        error: Standard error of the value, in its unit; NaN if flat or withdrawn.
         interval: 95 % interval; None where there is none to give (flat, at bound, withdrawn).
-        alone: The same if all other numbers were known.
+        alone: The same if all other numbers were known; NaN if withdrawn.
         partner, correlation: The number it is most correlated with, and how much.
     """
 
@@ -45,20 +45,22 @@ class Parameter:
     correlation: float
 
 
-def classify(uncertainty: Uncertainty, starts: Sequence[float], level: float = 0.95) -> list[Parameter]:
+def classify(
+    uncertainty: Uncertainty, starts: Sequence[float], level: float = 0.95, *, withdrawn: bool = False
+) -> list[Parameter]:
     """Every shared unknown with its class, error and interval.
 
     Args:
         uncertainty: At the best end of all starts.
         starts: First value of each unknown.
         level: Of the intervals.
+        withdrawn: Whether nothing of it holds.
     """
     U = uncertainty
     errors, alone = np.sqrt(np.diag(U.stated)), _alone(U)
     half = stdtrit(U.freedom, (1 + level) / 2) * errors
     unseen = np.linalg.norm(U.flat_changes, axis=0) > _UNSEEN
     sizes = [_own_size(v, z) for v, z in zip(U.variables, U.z, strict=True)]
-    explained = U.residual_variance <= MISFIT**2
     found = []
     for i, (v, start) in enumerate(zip(U.variables, starts, strict=True)):
         j = _partner(U, i)
@@ -69,7 +71,7 @@ def classify(uncertainty: Uncertainty, starts: Sequence[float], level: float = 0
             alone=alone[i] / sizes[i] if sizes[i] else np.inf,
             correlation=0.0 if j is None else float(abs(U.correlation[i, j])),
         )
-        if not explained and kind not in ("flat", "at bound"):
+        if withdrawn and kind not in ("flat", "at bound"):
             kind = "withdrawn"
         unit, interval = v.slope(U.z[i]), None
         if kind not in ("flat", "at bound", "withdrawn"):
@@ -80,9 +82,9 @@ def classify(uncertainty: Uncertainty, starts: Sequence[float], level: float = 0
                 value=v.value(U.z[i]),
                 start=start,
                 kind=kind,
-                error=float("nan") if unseen[i] else float(errors[i] * unit),
+                error=float("nan") if unseen[i] or withdrawn else float(errors[i] * unit),
                 interval=interval,
-                alone=float(alone[i] * unit),
+                alone=float("nan") if withdrawn else float(alone[i] * unit),
                 partner=None if j is None else U.variables[j].name,
                 correlation=0.0 if j is None else float(U.correlation[i, j]),
             )

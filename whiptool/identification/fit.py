@@ -15,8 +15,9 @@ from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.predict import Recording
 from whiptool.identification.problem import Options, Problem
-from whiptool.identification.results import Fit, RecordingFit, Run, judge_starts
+from whiptool.identification.results import Fit, RecordingFit, Run, is_explained, judge_starts
 from whiptool.identification.solver import Solution, Status
+from whiptool.identification.time_base import DOUBT, SIGNIFICANCE, ClockFault
 from whiptool.identification.variables import variables_of
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
@@ -76,8 +77,7 @@ def fit(
         solution = problem.solve(start)
         runs.append(Run(problem.values(start), problem.values(solution.z), solution))
     runs = judge_starts(runs, sum(len(x) for x in problem.predictor.measured))
-    if np.isfinite(runs[0].solution.cost) and problem.adapt(runs[0].solution):
-        again = problem.refine(runs[0].solution)
+    if np.isfinite(runs[0].solution.cost) and (again := _refined(problem, runs[0].solution)) is not runs[0].solution:
         runs[0] = Run(runs[0].start, problem.values(again.z), again)
     best = runs[0].solution
     if best.status is Status.DIVERGED:
@@ -87,19 +87,43 @@ def fit(
             "one from which the model can be rolled out",
             "start from other values",
         )
-    uncertainty = problem.assess(best)
+    clock_fault = _clock_fault(problem, first, best) if options.check_clocks else None
+    uncertainty, compared = problem.assess(best), tuple(problem.compare(best))
+    withdrawn = not is_explained(uncertainty, compared, clock_fault)
     fitted, nuisance = problem.split(best.z)
     return Fit(
         plant=fitted,
         drive=options.drive,
-        parameters=tuple(classify(uncertainty, [runs[0].start[name] for name in free])),
+        parameters=tuple(classify(uncertainty, [runs[0].start[name] for name in free], withdrawn=withdrawn)),
         nuisance=nuisance,
         uncertainty=uncertainty,
-        recordings=tuple(problem.compare(best)),
+        recordings=compared,
         held_out=tuple(predict(held_out, fitted, nuisance, options)) if held_out else (),
         runs=tuple(runs),
         wall_time=time.perf_counter() - began,
+        clock_fault=clock_fault,
     )
+
+
+def _refined(problem: Problem, solution: Solution) -> Solution:
+    """A solution, or the one that follows from it where the loss had to be adapted to the residuals."""
+    return problem.refine(solution) if problem.adapt(solution) else solution
+
+
+def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> ClockFault | None:
+    """The fault of a recording's time base, if there is one.
+
+    A fault leads a fit astray, and where it ended less is left of it than there is: in doubt the recordings are fitted with
+    clocks of their own, from there and from the first start. What that tells goes before what it left.
+    """
+    doubt = problem.clock_fault(solution, correlated=False)
+    if doubt is None or doubt.p_value > DOUBT:
+        return None
+    told, wider = [problem.clock_fault(solution)], problem.with_clocks()
+    ends = [] if wider is None else [wider.solve(z) for z in (solution.z, first)]
+    if wider is not None and np.isfinite((best := min(ends, key=lambda end: end.cost)).cost):
+        told.insert(0, wider.clock_fault(_refined(wider, best)))
+    return next((fault for fault in told if fault is not None and fault.p_value <= SIGNIFICANCE), None)
 
 
 def predict(

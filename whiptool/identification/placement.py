@@ -1,6 +1,8 @@
-"""Where recorded places stand to the model's: a camera, or motion capture, that is scaled, turned and moved.
+"""How recorded places and times stand to the model's: a camera, or motion capture, that is scaled, turned and moved, with
+a clock of its own.
 
     measured = scale R position + shift
+    stamped  = clock_rate time + delay
 
 R is in the plane a turn by `rotation`, in space `R = Rz Ry Rx` of turns about the axes.
 """
@@ -17,8 +19,8 @@ PLACED = {
     2: ("scale", "rotation", "shift_x", "shift_y"),
     3: ("scale", "rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", "shift_z"),
 }  # by dimension
-NUISANCE = ("delay", *dict.fromkeys((*PLACED[2], *PLACED[3])))
-NEUTRAL = {name: float(name == "scale") for name in NUISANCE}
+NUISANCE = ("delay", "clock_rate", *dict.fromkeys((*PLACED[2], *PLACED[3])))
+NEUTRAL = {name: float(name in ("scale", "clock_rate")) for name in NUISANCE}
 
 
 def placed(x: np.ndarray, given: Mapping[str, float]) -> np.ndarray:

@@ -42,12 +42,14 @@ class Prediction:
             asked for.
         size: How far a place moves at least that moves a reading by one [m/pixel], of depth [m^2], (K,); 1 where places
             are read.
+        by_time: Derivative by the time that stands beside each reading, (K,).
     """
 
     value: np.ndarray
     by_shared: np.ndarray
     by_own: np.ndarray
     size: np.ndarray
+    by_time: np.ndarray
 
 
 class Predictor:
@@ -81,7 +83,7 @@ class Predictor:
             raise InputError("recordings", "none", "one or more")
         self.recordings, self.kind = [_as_modelled(recording, plant) for recording in recordings], drive
         self.shared, self.own = tuple(shared), tuple(own)
-        nuisance = ("delay", *PLACED[plant.model.dimension if isinstance(plant, Plant) else 2])
+        nuisance = ("delay", "clock_rate", *PLACED[plant.model.dimension if isinstance(plant, Plant) else 2])
         known = [*plant.values(), *nuisance]
         for name in self.shared:
             if name not in known:
@@ -149,14 +151,15 @@ class Predictor:
                 path, dpath, given, start=self.drives[i].start, interval=self.h * self.stride
             )
             if not derivatives:
-                found.append(Prediction(value, np.zeros((len(value), 0)), np.zeros((len(value), 0)), size))
+                none = np.zeros((len(value), 0))
+                found.append(Prediction(value, none, none, size, -by_nuisance["delay"]))
                 continue
             m = len(self._of_plant)
             column = dict(zip(self._of_plant, by_path[:m], strict=True)) | by_nuisance
             by_shared = np.reshape([column[name] for name in self.shared], (len(self.shared), len(value))).T
             own_rows = [by_nuisance[name] for name in self._own_nuisance]
             by_own = np.vstack([by_path[m:], np.reshape(own_rows, (len(own_rows), len(value)))]).T
-            found.append(Prediction(value, by_shared, by_own, size))
+            found.append(Prediction(value, by_shared, by_own, size, -by_nuisance["delay"]))
         return found
 
     def many(self, i: int, plants: Sequence[Identifiable], delays: Sequence[float]) -> np.ndarray:
@@ -181,7 +184,7 @@ class Predictor:
         k = sum(len(x) for x in d.unknowns.values())
         y, _ = self._roll([d.shot(plant, d.pack(plant, []), own[:k])], derivatives=False, which=[i])[0]
         given = NEUTRAL | nuisance | dict(zip(self._own_nuisance, own[k:], strict=True))
-        t = d.start + self.h * self.stride * np.arange(len(y)) + given["delay"]
+        t = given["clock_rate"] * (d.start + self.h * self.stride * np.arange(len(y))) + given["delay"]
         y = placed(y, given) if read.width > 1 else y
         if read.view is not None:
             y = np.dstack([read.view.project(y), read.view.depth(y)])[..., : read.axes]
@@ -288,17 +291,20 @@ class _Reading:
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
         """Readings (K,), their derivatives along the path's directions (D, K), and by the nuisance; and the least way
         of a place that moves a reading by one (K,)."""
-        key = (given["delay"], start, interval, len(path))
+        rate = given["clock_rate"]
+        key = (given["delay"], rate, start, interval, len(path))
         if self._grid is None or self._grid[0] != key:  # most fits have no delay: the same grid again and again
-            at = self.at - given["delay"]
+            at = (self.at - given["delay"]) / rate
             self._grid = key, Readings(at, exposure=self.exposure, start=start, interval=interval, count=len(path))
-        grid = self._grid[1]
+        grid, at = self._grid[1], (self.at - given["delay"]) / rate
         x = grid.value(path, self.which)  # (K', width)
         dx = grid.value(dpath, self.which) if len(dpath) else np.zeros((0, *x.shape))
         one = np.ones(len(self.measured))
+        velocity = grid.velocity(path, self.which)
         if self.width == 1:
-            return x[self._there], dx[:, self._there], {}, one
-        by = by_placement(x, given) | {"delay": -carried(grid.velocity(path, self.which), given)}
+            return x[self._there], dx[:, self._there], {"delay": -velocity[self._there]}, one
+        late = -carried(velocity, given) / rate
+        by = by_placement(x, given) | {"delay": late, "clock_rate": late * at[:, None]}
         place, changed = placed(x, given), carried(dx, given)
         if self.view is None:
             return place[self._there], changed[:, self._there], {k: d[self._there] for k, d in by.items()}, one

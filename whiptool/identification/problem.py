@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
@@ -11,18 +11,19 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.identification.drives import SwingDrive
 from whiptool.identification.pendulum import AngleRecording
-from whiptool.identification.placement import NUISANCE
+from whiptool.identification.placement import NEUTRAL, NUISANCE
 from whiptool.identification.plant import Identifiable
 from whiptool.identification.predict import Predictor, Recording
 from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import TOLERANCE, Block, Loss, Solution, huber, solve
+from whiptool.identification.time_base import CLOCK, ClockFault, Readings, likeliest_fault
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
 from whiptool.models.parameters import number, whole
 
 HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Huber 1981)
 # usual size of a recording's own unknowns around their first guess: a wide prior that leaves none undetermined
-_OWN = {"delay": 0.1, "scale": 0.3, "rotation": 0.5} | {f"rotation_{x}": 0.5 for x in "xyz"}
+_OWN = {"delay": 0.1, "clock_rate": 0.05, "scale": 0.3, "rotation": 0.5} | {f"rotation_{x}": 0.5 for x in "xyz"}
 _OWN |= {f"shift_{x}": 1.0 for x in "xyz"}
 _START = (1.0, 30.0)  # [rad], [rad/s]
 _GROWING = (0.1, 0.4)  # shares of a passive swing whose readings its first state is sought in, one after the other
@@ -48,6 +49,8 @@ class Options:
         timestep: Of the integrator [s].
         knots: Spacing of the spline of a prescribed motion [s].
         seed: Of the starts.
+        check_clocks: Whether the recordings' times are judged by the residuals, see
+            `whiptool.identification.time_base`.
         max_iterations, tolerance: When a solution ends, see `whiptool.identification.solver.solve`.
     """
 
@@ -62,6 +65,7 @@ class Options:
     timestep: float | None = None
     knots: float | None = None
     seed: int = 0
+    check_clocks: bool = True
     max_iterations: int = 60
     tolerance: float = TOLERANCE
 
@@ -259,19 +263,60 @@ class Problem:
     def assess(self, solution: Solution) -> Uncertainty:
         """Uncertainty at a solution."""
         P = self.predictor
+        pseudo = self._pseudo(solution)
+        prior = None if self._prior is None else self._prior[0]
+        values = self.split(solution.z)[0].values()
+        return assess(self.variables, solution.z, pseudo, self._series, self._times, prior, values=values)
+
+    def _pseudo(self, solution: Solution) -> list[Block]:
+        """Blocks of least squares that err as the fit does."""
+        P = self.predictor
         blocks = self._evaluator(P)(solution.z, solution.own, True)[: len(P.recordings)]
         counts = [len(x) for x in P.measured]
         # Huber's estimate errs like least squares with these residuals (Street, Carroll, Ruppert 1988)
         psi = [huber(b.r[:n], self._limit)[1] * b.r[:n] for b, n in zip(blocks, counts, strict=True)]
         inside = np.mean(np.concatenate([x == b.r[:n] for x, b, n in zip(psi, blocks, counts, strict=True)]))
-        pseudo = [
+        return [
             Block(np.concatenate([x / inside, b.r[n:]]), b.A, b.B) for x, b, n in zip(psi, blocks, counts, strict=True)
         ]
-        series = [channel[:, 1] * 8 + channel[:, 2] for channel in P.channels]
-        times = [r.t[channel[:, 0]] for r, channel in zip(P.recordings, P.channels, strict=True)]
-        prior = None if self._prior is None else self._prior[0]
-        values = self.split(solution.z)[0].values()
-        return assess(self.variables, solution.z, pseudo, series, times, prior, values=values)
+
+    @property
+    def _series(self) -> list[np.ndarray]:
+        """Which series each reading belongs to, of each recording (K,)."""
+        return [channel[:, 1] * 8 + channel[:, 2] for channel in self.predictor.channels]
+
+    @property
+    def _times(self) -> list[np.ndarray]:
+        """Times of the readings [s], of each recording (K,)."""
+        return [r.t[channel[:, 0]] for r, channel in zip(self._recordings, self.predictor.channels, strict=True)]
+
+    def clock_fault(self, solution: Solution, *, correlated: bool = True) -> ClockFault | None:
+        """The likeliest fault of a recording's time base, with its significance; see `likeliest_fault`."""
+        P, prior = self.predictor, None
+        predictions = P(*self.split(solution.z), solution.own, derivatives=False)
+        inside = np.array([not v.bound(z) for v, z in zip(self.variables, solution.z, strict=True)])
+        readings = []
+        for i, (block, p) in enumerate(zip(self._pseudo(solution), predictions, strict=True)):
+            of_all, names, own = Block(block.r, block.A[:, inside], block.B), P.own_names(i), solution.own[i]
+            at = {name: names.index(name) for name in CLOCK if name in names}
+            clock = {name: (column, float(own[column] - NEUTRAL[name])) for name, column in at.items()}
+            readings.append(Readings(of_all, self._series[i], self._times[i], p.by_time / P.sigma[i], clock))
+        if self._prior is not None:
+            prior = self._prior[0][:, inside]
+        shared = [name for name in CLOCK if name in self.free]
+        return likeliest_fault(readings, prior, shared=shared, correlated=correlated)
+
+    def with_clocks(self) -> Problem | None:
+        """The same with a delay and a clock rate of each recording's own; None where they have them, or cannot have.
+
+        A free first state takes a delay up, and encoders have no clock of their own.
+        """
+        kinds = {"free": (), "passive": ("clock_rate",)}.get(self.options.drive, CLOCK)
+        own = [name for name in kinds if name not in (*self.free, *self._own)]
+        if not own:
+            return None
+        options = replace(self.options, per_recording=(*self._own, *own))
+        return Problem(self._recordings, self.plant, self.free, self.variables, options)
 
     def compare(self, solution: Solution, known: Sequence[np.ndarray] | None = None) -> list[RecordingFit]:
         """Every recording beside its prediction; readings that were known are not among the residuals."""

@@ -19,9 +19,10 @@ from whiptool.identification.summary import (
     flat_directions,
     format_interval,
     format_value,
-    seen_ratios,
+    known_ratios,
     similarity_of,
     tip_paths,
+    warning,
 )
 from whiptool.identification.units import with_unit
 from whiptool.recording.strike_recording import StrikeRecording
@@ -36,7 +37,7 @@ _MEANING = {
     "traded": "would be known if its partner were: only their combination is",
     "flat": "not seen by these recordings; its value is where the fit left it, and no interval is given",
     "at bound": "stopped by its bound; no interval is given",
-    "withdrawn": "the model does not explain the readings, so that no standard error holds; no interval is given",
+    "withdrawn": "the model does not explain the readings, or their times are wrong: no standard error holds, no interval is given",
 }
 
 
@@ -104,12 +105,12 @@ def parameters_section(fit: Fit) -> Section:
             "The correlation is that with the parameter that it goes with most.",
         ),
         Text("Classes: " + "; ".join(f"{kind}: {_MEANING[kind]}" for kind in kinds) + "."),
-        Text(f"Intervals are drawn from {source}."),
     ]
+    said.append(Text(f"Intervals are drawn from {source}." if fit.explains else f"No interval holds: {warning(fit)}."))
     flat = flat_directions(U)
     if flat:
         said.append(Text("What these recordings cannot tell: " + "; ".join(flat) + "."))
-        ratios = [[name, f"{x:.5g}", f"{i[0]:.5g} to {i[1]:.5g}"] for name, (x, i) in seen_ratios(U).items()]
+        ratios = [[name, f"{x:.5g}", f"{i[0]:.5g} to {i[1]:.5g}"] for name, (x, i) in known_ratios(fit).items()]
         if ratios:
             said.append(Table([["what they tell instead", "value (SI)", "95 % interval"], *ratios]))
     else:

@@ -14,6 +14,7 @@ from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.inputs import names_of
 from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.solver import Solution, Status
+from whiptool.identification.time_base import ClockFault
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import with_unit
 from whiptool.models.arrays import NoArray
@@ -140,6 +141,20 @@ def judge_starts(runs: Sequence[Run], readings: int) -> list[Run]:
     return [dataclasses.replace(run, over_best=x, failed=x > far) for run, x in zip(ordered, over, strict=True)]
 
 
+def misfit_of(recordings: Sequence[RecordingFit]) -> float:
+    """Root mean square of recordings' errors over what they state; NaN of none."""
+    return math.sqrt(sum(found.chi**2 for found in recordings) / len(recordings)) if recordings else math.nan
+
+
+def is_explained(uncertainty: Uncertainty, recordings: Sequence[RecordingFit], clock_fault: ClockFault | None) -> bool:
+    """Whether a model explains the readings and no time base is faulty: else nothing that a fit says of itself holds.
+
+    The readings' misfit is at most `MISFIT`, with those that Huber's loss weighs down and without.
+    """
+    too_far = misfit_of(recordings) > MISFIT or uncertainty.residual_variance > MISFIT**2
+    return clock_fault is None and not too_far
+
+
 @dataclass(frozen=True)
 class Fit(NoArray, instead="its parameters"):
     """An identified model.
@@ -154,6 +169,7 @@ class Fit(NoArray, instead="its parameters"):
         held_out: Those that were not.
         runs: All starts, the best first.
         wall_time: [s]
+        clock_fault: What is wrong with a recording's times, if its residuals show something.
     """
 
     plant: Identifiable
@@ -165,6 +181,7 @@ class Fit(NoArray, instead="its parameters"):
     held_out: tuple[RecordingFit, ...]
     runs: tuple[Run, ...]
     wall_time: float
+    clock_fault: ClockFault | None = None
 
     def __getitem__(self, name: str) -> Parameter:
         """Return the parameter of that name; `k` will do for `whip.k`.
@@ -187,6 +204,8 @@ class Fit(NoArray, instead="its parameters"):
         numbers = ", ".join(f"{p.name} = {value}" for p, value in zip(self.parameters, found, strict=True))
         count = f"{len(self.recordings)} recording{'s' * (len(self.recordings) != 1)}"
         unexplained = "" if self.explains else f", not explained: misfit {self.misfit:.1f}"
+        if self.clock_fault is not None:
+            unexplained = f", withdrawn: the times of {self.recordings[self.clock_fault.recording].source} are off"
         return f"Fit({numbers}; {self.status.value}; {count}{unexplained})"
 
     @property
@@ -203,14 +222,12 @@ class Fit(NoArray, instead="its parameters"):
     @property
     def misfit(self) -> float:
         """Root mean square of the fitted recordings' errors over what they state; about 1 where all is right."""
-        if not self.recordings:
-            return math.nan
-        return math.sqrt(sum(found.chi**2 for found in self.recordings) / len(self.recordings))
+        return misfit_of(self.recordings)
 
     @property
     def explains(self) -> bool:
-        """Whether the model explains the recordings: their misfit is at most `MISFIT`."""
-        return not self.misfit > MISFIT
+        """Whether the model explains the recordings, and their times are right; else all classes are withdrawn."""
+        return is_explained(self.uncertainty, self.recordings, self.clock_fault)
 
     @property
     def at_bounds(self) -> dict[str, str]:

@@ -15,6 +15,7 @@ from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.predict import Recording
 from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
+from whiptool.identification.time_base import DELAY, RATE, ClockFault
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import unit_of, with_unit
 from whiptool.identification.variables import Variable
@@ -44,7 +45,7 @@ def parameter_lines(fit: Fit) -> list[str]:
         partner = f" with {p.partner} ({p.correlation:+.3f})" if p.kind in ("traded", "weak") and p.partner else ""
         lines.append(f"  {p.name:{width}s}  {format_value(p):24s} {format_interval(p):24s} {p.kind}{partner}")
     lines += [f"  not seen: {words}" for words in flat_directions(fit.uncertainty)]
-    ratios = seen_ratios(fit.uncertainty).items()
+    ratios = known_ratios(fit).items()
     return lines + [f"  {name}: {x:.5g}, {low:.5g} to {high:.5g}" for name, (x, (low, high)) in ratios]
 
 
@@ -63,9 +64,62 @@ def bound_lines(fit: Fit) -> list[str]:
 
 
 def misfit_line(fit: Fit) -> str:
-    """Return the misfit in words, and that the model does not explain the recordings where it is above `MISFIT`."""
+    """Return the misfit in words, and that nothing holds where it is above `MISFIT` or a recording's times are wrong."""
     said = f"{fit.misfit:.2f} (errors over what the recordings state; about 1 if all is right)"
-    return said if fit.explains else f"{said}: above {MISFIT:g}, the model does not explain the recordings"
+    if fit.explains:
+        return said
+    if fit.clock_fault is not None:
+        return f"{said}; the times of {_source(fit, fit.clock_fault.recording)} are off"
+    return f"{said}: above {MISFIT:g}, the model does not explain the recordings"
+
+
+def warning(fit: Fit) -> str | None:
+    """Return what to know before anything is believed: why all classes and intervals are withdrawn; None: they hold."""
+    if fit.explains:
+        return None
+    if fit.clock_fault is not None:
+        said = f"{_clock_words(fit, fit.clock_fault)}. If they are right, the model lacks something that looks alike"
+    else:
+        largest = max(fit.misfit, math.sqrt(fit.uncertainty.residual_variance))
+        said = f"the model does not explain the recordings: their errors are {largest:.1f} times what they state"
+        said += _worst_words(fit)
+    return f"{said}. Classes and intervals are withdrawn, and values are not to be trusted"
+
+
+def _clock_words(fit: Fit, fault: ClockFault) -> str:
+    """What is wrong with a recording's times, and what mends it."""
+    size, error, side = 1e3 * abs(fault.size), 1e3 * fault.error, "late" if fault.size > 0 else "early"
+    of = f"the times of {_source(fit, fault.recording)} seem to be wrong"
+    if fault.kind == RATE:
+        fast = "fast" if fault.size > 0 else "slow"
+        return (
+            f"{of}: its clock runs {size / 10:.2g} % {fast} (standard error {error / 10:.1g} %); mend its frame rate, or "
+            "free clock_rate"
+        )
+    if fault.kind == DELAY:
+        return (
+            f"{of}: they are {size:.3g} ms too {side} (standard error {error:.1g} ms); mend when it started, or free delay"
+        )
+    count = abs(fault.size) / fault.frame
+    cause = "stamped twice" if fault.size > 0 else "lost"
+    return (
+        f"{of}: from about {fault.at:.3f} s on they are {size:.3g} ms too {side} ({count:.2g} frames; standard error "
+        f"{error:.1g} ms), as if frames had been {cause}; mend them there, or cut the recording there"
+    )
+
+
+def _worst_words(fit: Fit) -> str:
+    """Which of several recordings is worst explained."""
+    if len(fit.recordings) < 2:
+        return ""
+    chi = [found.chi for found in fit.recordings]
+    worst = int(np.argmax(chi))
+    others = max(x for i, x in enumerate(chi) if i != worst)
+    return f" (most in {_source(fit, worst)}: {chi[worst]:.1f} times; of the others at most {others:.1f})"
+
+
+def _source(fit: Fit, recording: int) -> str:
+    return fit.recordings[recording].source or f"recording {recording + 1}"
 
 
 def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
@@ -187,6 +241,11 @@ def seen_ratios(uncertainty: Uncertainty) -> dict[str, tuple[float, tuple[float,
     return {name: (value, interval) for name, (value, interval) in found.items() if interval is not None}
 
 
+def known_ratios(fit: Fit) -> dict[str, tuple[float, tuple[float, float]]]:
+    """The same of a fit: none where its intervals are withdrawn."""
+    return seen_ratios(fit.uncertainty) if fit.explains else {}
+
+
 def _listed(names: list[str]) -> str:
     return ", ".join(names[:-1]) + " and " + names[-1]
 
@@ -199,6 +258,9 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
     return {
         "status": fit.status.name.lower(),
         "message": fit.status.value,
+        "misfit": fit.misfit,
+        "warning": warning(fit),
+        "clock_fault": None if fit.clock_fault is None else _fault_table(fit, fit.clock_fault),
         "drive": fit.drive,
         "parameters": [
             {
@@ -220,7 +282,7 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
         "singular_values": [finite(x) for x in U.singular_values],
         "condition_number": finite(U.condition_number),
         "flat_directions": flat_directions(U),
-        "ratios": [{"name": n, "value": x, "interval": list(i)} for n, (x, i) in seen_ratios(U).items()],
+        "ratios": [{"name": n, "value": x, "interval": list(i)} for n, (x, i) in known_ratios(fit).items()],
         "residual_variance": finite(U.residual_variance),
         "residual_correlation": finite(U.whiteness),
         "nuisance": fit.nuisance,
@@ -246,6 +308,11 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
         ],
         "fit_time": fit.wall_time,
     }
+
+
+def _fault_table(fit: Fit, fault: ClockFault) -> dict[str, Any]:
+    told = {"kind": fault.kind, "size": fault.size, "standard_error": fault.error, "at": fault.at}
+    return {"source": _source(fit, fault.recording), **told, "p_value": fault.p_value}
 
 
 def _recording_table(recording: Recording, found: RecordingFit, held_out: bool) -> dict[str, Any]:

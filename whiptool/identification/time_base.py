@@ -1,0 +1,204 @@
+"""Faults of a recording's time base, told from what a fit leaves over along the velocities of the markers.
+
+A stamp that is off by d leaves a residual of the velocity times d. A clock that is late leaves the velocity, one that
+runs fast the velocity times the time, and a frame that was lost or stamped twice the velocity from then on. Each of these
+is what a Lagrange multiplier (score) test takes for the alternative (Rao 1948): the residuals are regressed on it with all
+that was fitted taken out. The likeliest is judged by a level that is shared among all that were tried (Bonferroni).
+
+A fit hides much of such a fault in the whip's numbers. Where the test leaves a doubt, the recordings are fitted once more
+with clocks of their own, and the clocks that come out are judged.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtr
+
+from whiptool.identification.correlation import Grid, error_correlation, spread
+from whiptool.identification.solver import Block
+
+SIGNIFICANCE = 1e-3  # of a fit: how often sound recordings are taken for faulty ones
+DOUBT = 0.05  # from which a fit with clocks of their own is worth its time
+CLOCK = ("delay", "clock_rate")  # of a recording's own unknowns
+_INSTANTS = 200  # of a recording, at most, at which a jump is tried
+_SEEN = 1e-3  # of a fault's square, that the fitted unknowns leave: less cannot be told from them
+DELAY, RATE = CLOCK
+JUMP = "jump"
+
+
+@dataclass(frozen=True)
+class ClockFault:
+    """What explains a recording's residuals best, if its stamps are wrong.
+
+    Args:
+        recording: Its number.
+        kind: `delay`: all stamps are too late; `clock_rate`: the clock runs fast; `jump`: from `at` on stamps are too late.
+        size: By how much [s]; of `clock_rate` the share that the clock is fast.
+        error: Standard error of that.
+        at: When the jump is, by the recording's own clock [s]; else None.
+        frame: Time from one frame to the next [s].
+        p_value: How likely sound recordings would show as much, somewhere.
+    """
+
+    recording: int
+    kind: str
+    size: float
+    error: float
+    at: float | None
+    frame: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Readings:
+    """One recording's readings at the end of a fit.
+
+    Args:
+        block: Whitened residuals and derivatives, then what regularises the recording's own unknowns.
+        channel: Which series each residual belongs to, (K,).
+        t: Of each reading [s], (K,).
+        slope: By the time of a reading, whitened, (K,).
+        clock: The recording's own delay [s] and clock rate less 1, if they were fitted: column of the block's B, and
+            value, by kind.
+    """
+
+    block: Block
+    channel: np.ndarray
+    t: np.ndarray
+    slope: np.ndarray
+    clock: dict[str, tuple[int, float]]
+
+    def without(self, kind: str) -> Readings:
+        """The same as if a clock's number had not been fitted."""
+        b, column = self.block, self.clock[kind][0]
+        return dataclasses.replace(self, block=Block(b.r, b.A, np.delete(b.B, column, axis=1)))
+
+
+def likeliest_fault(
+    readings: Sequence[Readings], prior: np.ndarray | None, *, shared: Sequence[str] = (), correlated: bool = True
+) -> ClockFault | None:
+    """The likeliest fault of a time base, with its significance; None where none leaves a trace.
+
+    Less scatter than the recordings state is taken for chance.
+
+    Args:
+        readings: Of each recording.
+        prior: Rows of the prior on the shared unknowns, (m, G).
+        shared: Kinds that were fitted with the same number for all recordings.
+        correlated: Whether successive errors correlate, as the residuals do that the fault leaves.
+    """
+    rest = _Rest(readings, prior)
+    tried = [(i, *one) for i, r in enumerate(readings) for one in _alternatives(r, shared)]
+    regressions = [rest.regress(i, pattern * readings[i].slope) for i, _, _, pattern in tried]
+    count = len(tried) + sum(len(r.clock) for r in readings)
+
+    def judged(rest: _Rest, found: _Regression, size: float, i: int, kind: str, at: float | None) -> ClockFault:
+        error, freedom = rest.error(found, correlated=correlated)
+        p_value = min(1.0, 2 * count * float(stdtr(freedom, -abs(size) / error)))
+        frame = float(np.median(np.diff(np.unique(readings[i].t))))
+        return ClockFault(i, kind, size, error, at, frame, p_value)
+
+    faults = []
+    best = int(np.argmax([x.size**2 * x.information for x in regressions]))
+    if (found := regressions[best]).left:
+        faults.append(judged(rest, found, found.size, *tried[best][:3]))
+    if not faults or faults[0].p_value > SIGNIFICANCE:  # what a steady clock does not explain goes first
+        for i, r in enumerate(readings):
+            for kind, (column, value) in r.clock.items():
+                others = _Rest([*readings[:i], r.without(kind), *readings[i + 1 :]], prior)
+                found = others.regress(i, r.block.B[: len(r.t), column])
+                faults += [judged(others, found, value, i, kind, None)] if found.left else []
+    return min(faults, key=lambda fault: fault.p_value, default=None)
+
+
+def _alternatives(readings: Readings, shared: Sequence[str]) -> list[tuple[str, float | None, np.ndarray]]:
+    """Kind, instant and how far stamps are off with time, (K,), of each fault that is tried and was not fitted."""
+    t, frames = readings.t, np.unique(readings.t)
+    steady = {DELAY: np.ones_like(t), RATE: t}
+    found: list[tuple[str, float | None, np.ndarray]] = [
+        (kind, None, x) for kind, x in steady.items() if kind not in shared and kind not in readings.clock
+    ]
+    first = frames[1 :: max(1, math.ceil(len(frames) / _INSTANTS))]
+    return found + [(JUMP, float(at), (t >= at).astype(float)) for at in first]
+
+
+@dataclass(frozen=True)
+class _Regression:
+    """The residuals on one fault, all that was fitted taken out.
+
+    Args:
+        size: Of the fault.
+        information: Its square, of all that is left of it.
+        left: What is left of it in each recording's readings.
+    """
+
+    size: float
+    information: float
+    left: list[np.ndarray]
+
+
+class _Rest:
+    """What fitted unknowns leave of residuals and faults, by Frisch and Waugh."""
+
+    def __init__(self, readings: Sequence[Readings], prior: np.ndarray | None) -> None:
+        self._readings = readings
+        self._own = [np.linalg.qr(r.block.B)[0] for r in readings]
+        A = [self._without(i, r.block.A) for i, r in enumerate(readings)]
+        self._A, self._r = A, [self._without(i, r.block.r) for i, r in enumerate(readings)]
+        rows = np.vstack([*A, np.zeros((0, A[0].shape[1])) if prior is None else prior])
+        self._inverse = np.linalg.pinv(rows.T @ rows, rcond=1e-12, hermitian=True)
+        along = sum(a.T @ r for a, r in zip(A, self._r, strict=True))
+        self._r = [r - a @ (self._inverse @ along) for a, r in zip(A, self._r, strict=True)]
+        counts = [len(r.t) for r in readings]
+        self._squares = sum(float(r[:n] @ r[:n]) for r, n in zip(self._r, counts, strict=True))
+        unknowns = A[0].shape[1] + sum(float((Q[:n] ** 2).sum()) for Q, n in zip(self._own, counts, strict=True))
+        self._freedom = max(sum(counts) - unknowns - 1, 1.0)
+
+    def _without(self, i: int, x: np.ndarray) -> np.ndarray:
+        return x - self._own[i] @ (self._own[i].T @ x)
+
+    def regress(self, i: int, fault: np.ndarray) -> _Regression:
+        """The residuals on a fault of recording i's readings, (K,)."""
+        padded = np.concatenate([fault, np.zeros(len(self._r[i]) - len(fault))])
+        own = self._without(i, padded)
+        shared = self._inverse @ (self._A[i].T @ own)
+        information = float(own @ own - shared @ (self._A[i].T @ own))
+        if not information > _SEEN * float(fault @ fault):
+            return _Regression(0.0, 1.0, [])
+        left = [-a @ shared for a in self._A]
+        left[i] = left[i] + own
+        size = sum(float(x @ r) for x, r in zip(left, self._r, strict=True)) / information
+        return _Regression(size, information, left)
+
+    def error(self, found: _Regression, *, correlated: bool) -> tuple[float, float]:
+        """Standard error of a fault's size, and the degrees of freedom of that."""
+        root = math.sqrt(found.information)
+        squares = max(self._squares - found.size**2 * found.information, 0.0)
+        variance = max(squares / self._freedom, 1.0)
+        if not correlated:
+            return math.sqrt(variance) / root, self._freedom
+        rest, grids, slopes, followed = [], [], [], []
+        for r, left, own, A, readings in zip(self._r, found.left, self._own, self._A, self._readings, strict=True):
+            n = len(readings.t)
+            grids.append(Grid.of(readings.channel, readings.t))
+            rest.append((r - found.size * left)[:n])
+            slopes.append(left[:n, None] / found.information)
+            followed.append(np.hstack([A[:n] @ self._half, left[:n, None] / root, own[:n]]))
+        errors, level = error_correlation(grids, rest, followed, followed[0].shape[1] - self._own[0].shape[1], self._freedom)
+        if not len(errors.coefficients):
+            return math.sqrt(variance) / root, self._freedom
+        scatter = float(spread(grids, rest, slopes, errors)[0, 0]) * max(level, 1.0)
+        correlations = errors.correlations(max(grid.frames for grid in grids))
+        freedom = self._freedom / (2 * float(correlations @ correlations) - 1)
+        return math.sqrt(max(scatter, variance / found.information)), max(freedom, 1.0)
+
+    @property
+    def _half(self) -> np.ndarray:
+        """A root of the inverse: `A half` has orthonormal columns, but for a prior."""
+        size, V = np.linalg.eigh(self._inverse)
+        return V * np.sqrt(np.maximum(size, 0.0))
