@@ -142,7 +142,7 @@ def update(
             drive=driven_by(prior.plant, used),
             prior=prior.as_prior(),
             timestep=timestep or TIMESTEPS[prior.plant.model.dimension],
-            check_clocks=False,  # the belief holds a delay, and its model errs
+            check=False,  # the belief holds a delay, and its model errs
             max_iterations=25,
             tolerance=STARTS.close,
         )

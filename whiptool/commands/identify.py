@@ -184,6 +184,7 @@ class _Run:
 
     def _check_fit(self) -> None:
         """Refuse what the fit would refuse, before it begins."""
+        from whiptool.identification.beginnings import check_beginnings
         from whiptool.identification.placement import NEUTRAL
         from whiptool.identification.predict import Predictor
         from whiptool.identification.variables import variables_of
@@ -197,11 +198,14 @@ class _Run:
         for plant in self.plants.values():
             variables_of({**plant.values(), **NEUTRAL}, self.free, {})  # starts of all are in order
         own = self.options.per_recording
-        recordings = [*self.recordings, *self.held_out]
+        every = [*self.recordings, *self.held_out]
         try:
-            Predictor(recordings, self.plant, drive=self.options.drive, shared=self.free, own=own)
+            predictor = Predictor(every, self.plant, drive=self.options.drive, shared=self.free, own=own)
+            remarks = check_beginnings(predictor, self.plant)
         except InputError as error:
-            raise self._by_file(error, recordings) from None
+            raise self._by_file(error, every) from None
+        for remark in remarks:
+            self._say(remark)
 
     def _by_file(self, error: InputError, recordings: Sequence[StrikeRecording]) -> InputError:
         """The error with the file that was given, where it names the source of a recording in it."""

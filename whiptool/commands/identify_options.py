@@ -14,8 +14,9 @@ from whiptool.options.scene import MODELS
 
 Drive = Literal["command", "joints", "robot", "hand", "handle", "passive", "free"]
 Own = Literal[
-    "delay", "clock_rate", "scale", "rotation", "shift_x", "shift_y", "start", "rotation_x", "rotation_y", "rotation_z", "shift_z"
-]
+    "delay", "clock_rate", "scale", "rotation", "shift_x", "shift_y", "start", "rotation_x", "rotation_y", "rotation_z",
+    "shift_z",
+]  # fmt: skip
 
 OF_WHIPS = (
     "per_recording",

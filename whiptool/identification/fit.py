@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from whiptool.errors import InputError, expect
+from whiptool.identification.beginnings import check_beginnings
 from whiptool.identification.classes import classify
 from whiptool.identification.inputs import common_controller, full_name
 from whiptool.identification.pendulum import AngleRecording
@@ -47,7 +48,8 @@ def fit(
         options: See `Options`.
 
     Raises:
-        InputError: A name is unknown or several numbers', nothing is free, or a recording lacks what the drive needs.
+        InputError: A name is unknown or several numbers', nothing is free, a recording lacks what the drive needs, or
+            its units, axes, joints or time of the start are wrong as far as its first readings tell.
     """
     began, options = time.perf_counter(), options or Options()
     if not isinstance(recordings, Sequence):
@@ -65,6 +67,7 @@ def fit(
     free = [full_name(name, plant) for name in free]
     variables = variables_of(known, free, options.bounds)
     problem = Problem(recordings, plant, free, variables, options)
+    remarks = check_beginnings(problem.predictor, plant) if options.check else []
     rng = np.random.default_rng(options.seed)
     first = np.array([v.off_bounds(v.z(known[v.name])) for v in variables])
     runs = []
@@ -87,7 +90,7 @@ def fit(
             "one from which the model can be rolled out",
             "start from other values",
         )
-    clock_fault = _clock_fault(problem, first, best) if options.check_clocks else None
+    clock_fault = _clock_fault(problem, first, best) if options.check else None
     uncertainty, compared = problem.assess(best), tuple(problem.compare(best))
     withdrawn = not is_explained(uncertainty, compared, clock_fault)
     fitted, nuisance = problem.split(best.z)
@@ -102,6 +105,7 @@ def fit(
         runs=tuple(runs),
         wall_time=time.perf_counter() - began,
         clock_fault=clock_fault,
+        remarks=tuple(remarks),
     )
 
 
@@ -113,8 +117,8 @@ def _refined(problem: Problem, solution: Solution) -> Solution:
 def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> ClockFault | None:
     """The fault of a recording's time base, if there is one.
 
-    A fault leads a fit astray, and where it ended less is left of it than there is: in doubt the recordings are fitted with
-    clocks of their own, from there and from the first start. What that tells goes before what it left.
+    A fault leads a fit astray, and where it ended less is left of it than there is: in doubt the recordings are fitted
+    with clocks of their own, from there and from the first start. What that tells goes before what it left.
     """
     doubt = problem.clock_fault(solution, correlated=False)
     if doubt is None or doubt.p_value > DOUBT:

@@ -49,8 +49,8 @@ class Options:
         timestep: Of the integrator [s].
         knots: Spacing of the spline of a prescribed motion [s].
         seed: Of the starts.
-        check_clocks: Whether the recordings' times are judged by the residuals, see
-            `whiptool.identification.time_base`.
+        check: Whether recordings are judged: where their first readings are (`whiptool.identification.beginnings`), and
+            whether their times are right (`whiptool.identification.time_base`).
         max_iterations, tolerance: When a solution ends, see `whiptool.identification.solver.solve`.
     """
 
@@ -65,7 +65,7 @@ class Options:
     timestep: float | None = None
     knots: float | None = None
     seed: int = 0
-    check_clocks: bool = True
+    check: bool = True
     max_iterations: int = 60
     tolerance: float = TOLERANCE
 
@@ -262,7 +262,6 @@ class Problem:
 
     def assess(self, solution: Solution) -> Uncertainty:
         """Uncertainty at a solution."""
-        P = self.predictor
         pseudo = self._pseudo(solution)
         prior = None if self._prior is None else self._prior[0]
         values = self.split(solution.z)[0].values()

@@ -37,7 +37,7 @@ _MEANING = {
     "traded": "would be known if its partner were: only their combination is",
     "flat": "not seen by these recordings; its value is where the fit left it, and no interval is given",
     "at bound": "stopped by its bound; no interval is given",
-    "withdrawn": "the model does not explain the readings, or their times are wrong: no standard error holds, no interval is given",
+    "withdrawn": "the model does not explain the readings, or their times are wrong: no interval holds",
 }
 
 

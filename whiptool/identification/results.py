@@ -170,6 +170,7 @@ class Fit(NoArray, instead="its parameters"):
         runs: All starts, the best first.
         wall_time: [s]
         clock_fault: What is wrong with a recording's times, if its residuals show something.
+        remarks: What is odd about the recordings' first readings, in words.
     """
 
     plant: Identifiable
@@ -182,6 +183,7 @@ class Fit(NoArray, instead="its parameters"):
     runs: tuple[Run, ...]
     wall_time: float
     clock_fault: ClockFault | None = None
+    remarks: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Parameter:
         """Return the parameter of that name; `k` will do for `whip.k`.

@@ -64,7 +64,7 @@ def bound_lines(fit: Fit) -> list[str]:
 
 
 def misfit_line(fit: Fit) -> str:
-    """Return the misfit in words, and that nothing holds where it is above `MISFIT` or a recording's times are wrong."""
+    """Return the misfit in words, and why nothing holds where the model does not explain the recordings."""
     said = f"{fit.misfit:.2f} (errors over what the recordings state; about 1 if all is right)"
     if fit.explains:
         return said
@@ -93,13 +93,12 @@ def _clock_words(fit: Fit, fault: ClockFault) -> str:
     if fault.kind == RATE:
         fast = "fast" if fault.size > 0 else "slow"
         return (
-            f"{of}: its clock runs {size / 10:.2g} % {fast} (standard error {error / 10:.1g} %); mend its frame rate, or "
-            "free clock_rate"
+            f"{of}: its clock runs {size / 10:.2g} % {fast} (standard error {error / 10:.1g} %); mend its frame rate, "
+            "or free clock_rate"
         )
     if fault.kind == DELAY:
-        return (
-            f"{of}: they are {size:.3g} ms too {side} (standard error {error:.1g} ms); mend when it started, or free delay"
-        )
+        said = f"{of}: they are {size:.3g} ms too {side} (standard error {error:.1g} ms)"
+        return f"{said}; mend when it started, or free delay"
     count = abs(fault.size) / fault.frame
     cause = "stamped twice" if fault.size > 0 else "lost"
     return (
@@ -260,6 +259,7 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
         "message": fit.status.value,
         "misfit": fit.misfit,
         "warning": warning(fit),
+        "remarks": list(fit.remarks),
         "clock_fault": None if fit.clock_fault is None else _fault_table(fit, fit.clock_fault),
         "drive": fit.drive,
         "parameters": [

@@ -1,12 +1,13 @@
 """Faults of a recording's time base, told from what a fit leaves over along the velocities of the markers.
 
 A stamp that is off by d leaves a residual of the velocity times d. A clock that is late leaves the velocity, one that
-runs fast the velocity times the time, and a frame that was lost or stamped twice the velocity from then on. Each of these
-is what a Lagrange multiplier (score) test takes for the alternative (Rao 1948): the residuals are regressed on it with all
-that was fitted taken out. The likeliest is judged by a level that is shared among all that were tried (Bonferroni).
+runs fast the velocity times the time, and a frame that was lost or stamped twice the velocity from then on. Each of
+these is what a Lagrange multiplier (score) test takes for the alternative (Rao 1948): the residuals are regressed on it
+with all that was fitted taken out. The likeliest is judged by a level that is shared among all that were tried
+(Bonferroni).
 
-A fit hides much of such a fault in the whip's numbers. Where the test leaves a doubt, the recordings are fitted once more
-with clocks of their own, and the clocks that come out are judged.
+A fit hides much of such a fault in the whip's numbers. Where the test leaves a doubt, the recordings are fitted once
+more with clocks of their own, and the clocks that come out are judged.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class ClockFault:
 
     Args:
         recording: Its number.
-        kind: `delay`: all stamps are too late; `clock_rate`: the clock runs fast; `jump`: from `at` on stamps are too late.
+        kind: `delay`: all stamps are late; `clock_rate`: the clock runs fast; `jump`: stamps from `at` on are late.
         size: By how much [s]; of `clock_rate` the share that the clock is fast.
         error: Standard error of that.
         at: When the jump is, by the recording's own clock [s]; else None.
@@ -189,7 +190,9 @@ class _Rest:
             rest.append((r - found.size * left)[:n])
             slopes.append(left[:n, None] / found.information)
             followed.append(np.hstack([A[:n] @ self._half, left[:n, None] / root, own[:n]]))
-        errors, level = error_correlation(grids, rest, followed, followed[0].shape[1] - self._own[0].shape[1], self._freedom)
+        errors, level = error_correlation(
+            grids, rest, followed, followed[0].shape[1] - self._own[0].shape[1], self._freedom
+        )
         if not len(errors.coefficients):
             return math.sqrt(variance) / root, self._freedom
         scatter = float(spread(grids, rest, slopes, errors)[0, 0]) * max(level, 1.0)
