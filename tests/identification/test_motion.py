@@ -17,6 +17,7 @@ from whiptool.identification.motion import (
     SmoothSpline,
     SpatialJointMotion,
     StillMotion,
+    cross_validated,
 )
 from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.models.presets import preset
@@ -225,3 +226,49 @@ def test_a_motion_too_long_for_memory_is_refused_before_it_is_made():
     t = np.arange(0, 600, 0.002)
     with pytest.raises(InputError, match=r"600 s, a knot every 0.02 s: .*cut the strike out"):
         JointMotion(t, np.stack([np.sin(t)] * ARM.n, 1), ARM, np.arange(0, 600, 1e-3))
+
+
+def stepped(t):
+    """Joints that start and end abruptly, at 2.5 and 1.5 rad/s."""
+    return np.clip(t, 0, 0.5)[:, None] * [2.5, 1.5]
+
+
+def test_knots_are_as_dense_as_the_log_asks_for():
+    """A joint that starts abruptly, logged at 30 Hz, has a knot a sample, and leaves a quarter of the error."""
+    t = np.arange(-0.29, 1.0, 1 / 30)
+    q = stepped(t) + 1e-5 * np.random.default_rng(0).standard_normal((len(t), 2))
+    told = {"jerk": JOINT_JERK, "at_rest": True}
+    chosen = cross_validated(t, q, np.full(2, 2e-5), **told)
+    assert chosen == pytest.approx(1 / 30)
+    fine, off = np.arange(-0.25, 0.95, 1e-3), {}
+    for knots in (chosen, 2 / 30):
+        spline = SmoothSpline(start=t[0], end=t[-1], knots=knots, d=2, **told)
+        off[knots] = np.abs(spline.basis(fine) @ spline.fit(t, q, np.full(len(t), 2e-5)).reshape(-1, 2) - stepped(fine))
+    assert off[chosen].mean() < off[2 / 30].mean() / 2
+
+
+def test_noisy_logs_of_smooth_motions_have_fewer_knots_than_samples():
+    t = np.arange(-0.2, 1.0, 1 / 60)
+    s = np.clip(t / 0.5, 0, 1)
+    q = (10 * s**3 - 15 * s**4 + 6 * s**5)[:, None] * [1.0, 0.7]
+    noisy = q + 2e-3 * np.random.default_rng(1).standard_normal(q.shape)
+    assert cross_validated(t, noisy, np.full(2, 2e-3), jerk=JOINT_JERK, at_rest=True) == pytest.approx(3 / 60)
+    assert cross_validated(t, q, np.full(2, 1e-6), jerk=JOINT_JERK, at_rest=True) < 2 / 60
+
+
+def test_the_error_that_is_minimised_is_that_of_samples_left_out():
+    """Against leaving each sample out in turn: the same spacing, though the sums differ."""
+    rng, t = np.random.default_rng(2), np.arange(0, 1.0, 1 / 30)
+    q = np.sin(9 * t)[:, None] + 3e-2 * rng.standard_normal((len(t), 1))
+    left_out = {}
+    for knots in (1 / 30, 3 / 30):
+        spline = SmoothSpline(start=t[0], end=t[-1], knots=knots, jerk=JOINT_JERK, d=1)
+        errors = []
+        for i in range(1, len(t) - 1):
+            rest = np.arange(len(t)) != i
+            c = spline.fit(t[rest], q[rest], np.full(rest.sum(), 3e-2))
+            errors.append((spline.basis(t[i : i + 1]) @ c - q[i]).item())
+        left_out[knots] = np.mean(np.square(errors))
+    chosen = cross_validated(t, q, np.full(1, 3e-2), jerk=JOINT_JERK, at_rest=False)
+    assert left_out[3 / 30] < left_out[1 / 30]
+    assert chosen > 1.4 / 30

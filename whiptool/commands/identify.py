@@ -106,6 +106,7 @@ class _Run:
             loss=HUBER if options.loss == "huber" else None,
             starts=options.starts,
             seed=options.seed,
+            knots=options.knots,
         )
         self._check_fit()
         self.version = code_version()
@@ -198,9 +199,9 @@ class _Run:
         for plant in self.plants.values():
             variables_of({**plant.values(), **NEUTRAL}, self.free, {})  # starts of all are in order
         own = self.options.per_recording
-        every = [*self.recordings, *self.held_out]
+        every, drive, knots = [*self.recordings, *self.held_out], self.options.drive, self.options.knots
         try:
-            predictor = Predictor(every, self.plant, drive=self.options.drive, shared=self.free, own=own)
+            predictor = Predictor(every, self.plant, drive=drive, shared=self.free, own=own, knots=knots)
             remarks = check_beginnings(predictor, self.plant)
         except InputError as error:
             raise self._by_file(error, every) from None

@@ -61,6 +61,9 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Numbers of nodes to try; the one with the smallest held-out error is taken."""
     profile: bool = False
     """Fit the whip as a profile: length, linear_density, bending_stiffness, bending_damping, drag, tapers."""
+    knots: float | None = None
+    """With joints, hand or handle: spacing of the knots of the spline through what was measured of them [s]; default: of
+    joints and hand as foresees left-out samples best, of a handle 1.5 frames."""
     pieces: tuple[float, ...] = ()
     """With free: lengths of the pieces that long swings are cut into for a first fit [s], such as 0.3."""
     loss: Literal["huber", "none"] = "huber"
@@ -91,6 +94,10 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
             refuse_idle(self, {"clamp": "nothing but with --drive passive: the model's k speaks of the hinge"})
         if self.drive != "command":
             refuse_idle(self, dict.fromkeys(("controller", "preset"), "nothing but with --drive command"))
+        if self.drive not in ("joints", "hand", "handle"):
+            refuse_idle(self, {"knots": "nothing but with --drive joints, hand or handle, whose motion was measured"})
+        elif self.knots is not None:
+            number("--knots", self.knots, low=0.002, high=1.0)
         whole("--starts", self.starts, high=1000)
         if self.clamp is not None:
             number("--clamp", self.clamp)

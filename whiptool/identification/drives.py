@@ -18,6 +18,7 @@ from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
 from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
+from whiptool.identification.joint_log import check_covers
 from whiptool.identification.lagged_motion import LaggedReference
 from whiptool.identification.motion import HandleMotion, JointMotion, Motion, SpatialJointMotion, StillMotion
 from whiptool.identification.pendulum import AngleRecording, Pendulum
@@ -247,6 +248,7 @@ class SwingDrive(Drive):
                 "or drive by command or handle",
             )
         arm, t = plant.model.arm, recording.joints_t
+        check_covers(f"{recording.source}: joints", t, recording.joints_q, *_span(recording))
         if isinstance(arm, ArmParameters):
             self.start = float(t[0])
             return JointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
@@ -267,6 +269,7 @@ class SwingDrive(Drive):
             fix = "or drive by joints or command"
             raise InputError("recording", recording.source or "a recording", "one with the hand's pose", fix)
         self._arm, joints = hand_joints(recording.hand_pose)
+        check_covers(f"{recording.source}: hand", recording.hand_t, joints, *_span(recording))
         return self._in_space(recording, recording.hand_t, joints, self._arm, h, options)
 
     def _in_space(
@@ -463,6 +466,12 @@ def released(recording: StrikeRecording, plant: Plant, hand: np.ndarray) -> np.n
     shape = np.zeros(n)
     shape[:node] = np.eye(1, node)[0] if hinge_is_free(model) else 2 / (node + 1)
     return np.concatenate([turn * shape, rate * shape])
+
+
+def _span(recording: StrikeRecording) -> tuple[float, float]:
+    """Times of the first and the last reading [s]."""
+    times = recording.t_points[recording.seen]
+    return float(times.min()), float(times.max())
 
 
 def _end(recording: StrikeRecording) -> float:

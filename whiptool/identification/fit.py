@@ -18,7 +18,7 @@ from whiptool.identification.predict import Recording
 from whiptool.identification.problem import Options, Problem
 from whiptool.identification.results import Fit, RecordingFit, Run, is_explained, judge_starts
 from whiptool.identification.solver import Solution, Status
-from whiptool.identification.time_base import DOUBT, SIGNIFICANCE, ClockFault
+from whiptool.identification.time_base import DOUBT, ClockFault
 from whiptool.identification.variables import variables_of
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
@@ -127,7 +127,7 @@ def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> Clo
     ends = [] if wider is None else [wider.solve(z) for z in (solution.z, first)]
     if wider is not None and np.isfinite((best := min(ends, key=lambda end: end.cost)).cost):
         told.insert(0, wider.clock_fault(_refined(wider, best)))
-    return next((fault for fault in told if fault is not None and fault.p_value <= SIGNIFICANCE), None)
+    return next((fault for fault in told if fault is not None and fault.plain), None)
 
 
 def predict(

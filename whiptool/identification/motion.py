@@ -16,6 +16,7 @@ from whiptool.models.parameters import ArmParameters, SpatialArm
 
 DEGREE = 5  # accelerations are then twice differentiable
 SHORTEST = 0.02  # [s] between knots
+_SAMPLES_A_KNOT = (1.0, 1.5, 2.0, 3.0)
 HANDLE_JERK, JOINT_JERK = 3e3, 1e4  # [m/s^3], [rad/s^3]: usual size, a weak prior that bridges gaps
 REST = 1e-3  # [m/s], [rad/s]: usual speed of what is at rest
 _FINEST = 1e-6  # [rad] of a joint log
@@ -79,6 +80,34 @@ def _check_size(instants: np.ndarray, knots: float, d: int, width: int) -> None:
 
 def _spacing(t: np.ndarray, samples: float) -> float:
     return max(SHORTEST, samples * float(np.median(np.diff(np.sort(t)))))
+
+
+def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jerk: float, at_rest: bool) -> float:
+    """Spacing of knots that foresees samples best which it was not fitted to [s].
+
+    By generalised cross-validation (Craven and Wahba 1979) among some multiples of the samples' spacing: what moves
+    abruptly needs a knot a sample, where a smooth motion and noisy samples want fewer.
+
+    Args:
+        t, values, noise: Samples (S,) [s], (S, d), and the error of each quantity, (d,).
+        jerk, at_rest: As of a `SmoothSpline`.
+    """
+    spacings = list(dict.fromkeys(_spacing(t, samples) for samples in _SAMPLES_A_KNOT))
+    if len(spacings) == 1 or len(t) <= DEGREE + 1:
+        return spacings[0]
+
+    def error(knots: float) -> float:
+        spline = SmoothSpline(start=t[0], end=t[-1], knots=knots, jerk=jerk, d=1, at_rest=at_rest)
+        basis, squares, told = spline.basis(t), 0.0, 0.0
+        for y, sigma in zip(values.T, noise, strict=True):
+            rows = np.vstack([basis / sigma, spline.penalty])
+            U, s, _ = np.linalg.svd(rows, full_matrices=False)
+            U = U[: len(t), s > 1e-10 * s[0]]
+            left = y / sigma - U @ (U.T @ y) / sigma
+            squares, told = squares + float(left @ left), told + float((U**2).sum())
+        return squares / (1 - min(told / values.size, 1 - 1e-6)) ** 2
+
+    return min(spacings, key=error)
 
 
 @dataclass(frozen=True)
@@ -191,7 +220,7 @@ class MeasuredJoints:
         t, q: Joint log: (S,) [s], (S, a) [rad].
         arm: With a joints.
         instants: Times at which the base is wanted [s], (I,).
-        knots: Spacing of the spline's knots [s]; default: two samples of the log.
+        knots: Spacing of the spline's knots [s]; default: as the log tells, see `cross_validated`.
         at_rest: Whether the arm is at rest at the first instant.
 
     Attributes:
@@ -215,13 +244,16 @@ class MeasuredJoints:
             raise InputError(
                 "joints_q", f"shape {q.shape}", f"8 or more samples of {arm.n} joints, as many as the arm has"
             )
-        knots = knots or _spacing(t, 2)
-        _check_size(instants, knots, arm.n, BASE + 2 if isinstance(arm, ArmParameters) else SPATIAL_BASE + 3)
+        width = BASE + 2 if isinstance(arm, ArmParameters) else SPATIAL_BASE + 3
+        _check_size(instants, knots or _spacing(t, max(_SAMPLES_A_KNOT)), arm.n, width)
+        noise, near = _noise(q, arm), (t >= instants[0]) & (t <= instants[-1])
+        knots = knots or cross_validated(t[near], q[near], noise, jerk=JOINT_JERK, at_rest=at_rest)
+        _check_size(instants, knots, arm.n, width)
         spline = SmoothSpline(
             start=instants[0], end=instants[-1], knots=knots, jerk=JOINT_JERK, d=arm.n, at_rest=at_rest
         )
         inside = (t >= instants[0] - knots) & (t <= instants[-1] + knots)
-        sigma = np.broadcast_to(_noise(q, arm), q[inside].shape)
+        sigma = np.broadcast_to(noise, q[inside].shape)
         self.start = spline.fit(t[inside], q[inside], sigma)
         log = np.kron(spline.basis(t[inside]), np.eye(arm.n)) / sigma.reshape(-1, 1)
         self.rows = np.asarray(np.linalg.qr(np.vstack([log, spline.penalty]), mode="r"))

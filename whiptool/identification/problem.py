@@ -47,7 +47,8 @@ class Options:
         pieces: Lengths of the pieces that a free swing is cut into, one stage after the other [s]; the recordings as
             they are come last. For swings that forget their start.
         timestep: Of the integrator [s].
-        knots: Spacing of the spline of a prescribed motion [s].
+        knots: Spacing of the spline of a prescribed motion [s]; None: of joints and hand as their log tells, of a
+            tracked handle 1.5 frames.
         seed: Of the starts.
         check: Whether recordings are judged: where their first readings are (`whiptool.identification.beginnings`), and
             whether their times are right (`whiptool.identification.time_base`).
@@ -103,6 +104,7 @@ class Problem:
         rows = None if options.prior is None else options.prior.rows(variables)
         self._prior = rows
         self._limit = options.loss
+        self._judged: Sequence[str] = ()  # clocks of the recordings' own that nobody asked for
 
     def _make(self, recordings: Sequence[Recording]) -> Predictor:
         o = self.options
@@ -297,25 +299,27 @@ class Problem:
         readings = []
         for i, (block, p) in enumerate(zip(self._pseudo(solution), predictions, strict=True)):
             of_all, names, own = Block(block.r, block.A[:, inside], block.B), P.own_names(i), solution.own[i]
-            at = {name: names.index(name) for name in CLOCK if name in names}
+            at = {name: names.index(name) for name in self._judged}
             clock = {name: (column, float(own[column] - NEUTRAL[name])) for name, column in at.items()}
             readings.append(Readings(of_all, self._series[i], self._times[i], p.by_time / P.sigma[i], clock))
         if self._prior is not None:
             prior = self._prior[0][:, inside]
-        shared = [name for name in CLOCK if name in self.free]
-        return likeliest_fault(readings, prior, shared=shared, correlated=correlated)
+        fitted = [name for name in CLOCK if name in (*self.free, *self._own) and name not in self._judged]
+        return likeliest_fault(readings, prior, fitted=fitted, correlated=correlated)
 
     def with_clocks(self) -> Problem | None:
         """The same with a delay and a clock rate of each recording's own; None where they have them, or cannot have.
 
         A free first state takes a delay up, and encoders have no clock of their own.
         """
-        kinds = {"free": (), "passive": ("clock_rate",)}.get(self.options.drive, CLOCK)
+        kinds: Sequence[str] = {"free": (), "passive": ("clock_rate",)}.get(self.options.drive, CLOCK)
         own = [name for name in kinds if name not in (*self.free, *self._own)]
         if not own:
             return None
         options = replace(self.options, per_recording=(*self._own, *own))
-        return Problem(self._recordings, self.plant, self.free, self.variables, options)
+        wider = Problem(self._recordings, self.plant, self.free, self.variables, options)
+        wider._judged = own
+        return wider
 
     def compare(self, solution: Solution, known: Sequence[np.ndarray] | None = None) -> list[RecordingFit]:
         """Every recording beside its prediction; readings that were known are not among the residuals."""

@@ -99,10 +99,9 @@ def _clock_words(fit: Fit, fault: ClockFault) -> str:
     if fault.kind == DELAY:
         said = f"{of}: they are {size:.3g} ms too {side} (standard error {error:.1g} ms)"
         return f"{said}; mend when it started, or free delay"
-    count = abs(fault.size) / fault.frame
     cause = "stamped twice" if fault.size > 0 else "lost"
     return (
-        f"{of}: from about {fault.at:.3f} s on they are {size:.3g} ms too {side} ({count:.2g} frames; standard error "
+        f"{of}: from about {fault.at:.3f} s on they are {size:.3g} ms too {side} ({fault.frames:.2g} frames; standard error "
         f"{error:.1g} ms), as if frames had been {cause}; mend them there, or cut the recording there"
     )
 

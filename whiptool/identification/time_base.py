@@ -24,6 +24,8 @@ from whiptool.identification.correlation import Grid, error_correlation, spread
 from whiptool.identification.solver import Block
 
 SIGNIFICANCE = 1e-3  # of a fit: how often sound recordings are taken for faulty ones
+SHARE = 0.5  # of the unexplained errors that a fault has to explain
+LEAST = 0.1  # frames: less is no fault of stamps
 DOUBT = 0.05  # from which a fit with clocks of their own is worth its time
 CLOCK = ("delay", "clock_rate")  # of a recording's own unknowns
 _INSTANTS = 200  # of a recording, at most, at which a jump is tried
@@ -42,8 +44,10 @@ class ClockFault:
         size: By how much [s]; of `clock_rate` the share that the clock is fast.
         error: Standard error of that.
         at: When the jump is, by the recording's own clock [s]; else None.
-        frame: Time from one frame to the next [s].
+        frames: How many frames the stamps are off by where they are off most.
         p_value: How likely sound recordings would show as much, somewhere.
+        share: Of the recording's squared errors beyond what is stated, how much it explains: a model that lacks
+            something leaves errors of many shapes.
     """
 
     recording: int
@@ -51,8 +55,14 @@ class ClockFault:
     size: float
     error: float
     at: float | None
-    frame: float
+    frames: float
     p_value: float
+    share: float
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is significant, no trifle, and explains the most of what is not explained."""
+        return self.p_value <= SIGNIFICANCE and self.frames >= LEAST and self.share >= SHARE
 
 
 @dataclass(frozen=True)
@@ -64,8 +74,8 @@ class Readings:
         channel: Which series each residual belongs to, (K,).
         t: Of each reading [s], (K,).
         slope: By the time of a reading, whitened, (K,).
-        clock: The recording's own delay [s] and clock rate less 1, if they were fitted: column of the block's B, and
-            value, by kind.
+        clock: The recording's own delay [s] and clock rate less 1, if they are to be judged: column of the block's B,
+            and value, by kind.
     """
 
     block: Block
@@ -81,7 +91,7 @@ class Readings:
 
 
 def likeliest_fault(
-    readings: Sequence[Readings], prior: np.ndarray | None, *, shared: Sequence[str] = (), correlated: bool = True
+    readings: Sequence[Readings], prior: np.ndarray | None, *, fitted: Sequence[str] = (), correlated: bool = True
 ) -> ClockFault | None:
     """The likeliest fault of a time base, with its significance; None where none leaves a trace.
 
@@ -90,19 +100,23 @@ def likeliest_fault(
     Args:
         readings: Of each recording.
         prior: Rows of the prior on the shared unknowns, (m, G).
-        shared: Kinds that were fitted with the same number for all recordings.
+        fitted: Kinds that were fitted and are not to be judged.
         correlated: Whether successive errors correlate, as the residuals do that the fault leaves.
     """
     rest = _Rest(readings, prior)
-    tried = [(i, *one) for i, r in enumerate(readings) for one in _alternatives(r, shared)]
+    tried = [(i, *one) for i, r in enumerate(readings) for one in _alternatives(r, fitted)]
     regressions = [rest.regress(i, pattern * readings[i].slope) for i, _, _, pattern in tried]
     count = len(tried) + sum(len(r.clock) for r in readings)
 
     def judged(rest: _Rest, found: _Regression, size: float, i: int, kind: str, at: float | None) -> ClockFault:
         error, freedom = rest.error(found, correlated=correlated)
         p_value = min(1.0, 2 * count * float(stdtr(freedom, -abs(size) / error)))
-        frame = float(np.median(np.diff(np.unique(readings[i].t))))
-        return ClockFault(i, kind, size, error, at, frame, p_value)
+        t = readings[i].t
+        frame, most = float(np.median(np.diff(np.unique(t)))), np.abs(t).max() if kind == RATE else 1.0
+        fall = size**2 * found.information
+        squares = float((readings[i].block.r[: len(t)] ** 2).sum()) + (fall if kind in readings[i].clock else 0.0)
+        share = fall / max(squares - len(t), fall)
+        return ClockFault(i, kind, size, error, at, abs(size) * float(most) / frame, p_value, share)
 
     faults = []
     best = int(np.argmax([x.size**2 * x.information for x in regressions]))
@@ -117,12 +131,12 @@ def likeliest_fault(
     return min(faults, key=lambda fault: fault.p_value, default=None)
 
 
-def _alternatives(readings: Readings, shared: Sequence[str]) -> list[tuple[str, float | None, np.ndarray]]:
+def _alternatives(readings: Readings, fitted: Sequence[str]) -> list[tuple[str, float | None, np.ndarray]]:
     """Kind, instant and how far stamps are off with time, (K,), of each fault that is tried and was not fitted."""
     t, frames = readings.t, np.unique(readings.t)
     steady = {DELAY: np.ones_like(t), RATE: t}
     found: list[tuple[str, float | None, np.ndarray]] = [
-        (kind, None, x) for kind, x in steady.items() if kind not in shared and kind not in readings.clock
+        (kind, None, x) for kind, x in steady.items() if kind not in fitted and kind not in readings.clock
     ]
     first = frames[1 :: max(1, math.ceil(len(frames) / _INSTANTS))]
     return found + [(JUMP, float(at), (t >= at).astype(float)) for at in first]
