@@ -101,8 +101,8 @@ def _clock_words(fit: Fit, fault: ClockFault) -> str:
         return f"{said}; mend when it started, or free delay"
     cause = "stamped twice" if fault.size > 0 else "lost"
     return (
-        f"{of}: from about {fault.at:.3f} s on they are {size:.3g} ms too {side} ({fault.frames:.2g} frames; standard error "
-        f"{error:.1g} ms), as if frames had been {cause}; mend them there, or cut the recording there"
+        f"{of}: from about {fault.at:.3f} s on they are {size:.3g} ms too {side} ({fault.frames:.2g} frames; standard "
+        f"error {error:.1g} ms), as if frames had been {cause}; mend them there, or cut the recording there"
     )
 
 
