@@ -37,7 +37,7 @@ TRUE = {"whip.k": 0.242, "whip.b": 0.092, "whip.m": 0.012}
 START, T_STAY = -0.03, 0.1  # [s], of the films
 KEYS = {
     "misfit",
-    "warning",
+    "warning", "remarks", "clock_fault",
     "status", "message", "drive", "parameters", "intervals_from", "correlation", "singular_values", "condition_number",
     "flat_directions", "ratios", "residual_variance", "residual_correlation", "nuisance", "rmse", "held_out_rmse",
     "rmse_pixels", "held_out_rmse_pixels", "rmse_depth", "held_out_rmse_depth",

@@ -62,7 +62,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     profile: bool = False
     """Fit the whip as a profile: length, linear_density, bending_stiffness, bending_damping, drag, tapers."""
     knots: float | None = None
-    """With joints, hand or handle: spacing of the knots of the spline through what was measured of them [s]; default: of
+    """With joints, hand or handle: spacing of the knots of the spline through what was measured [s]; default: of
     joints and hand as foresees left-out samples best, of a handle 1.5 frames."""
     pieces: tuple[float, ...] = ()
     """With free: lengths of the pieces that long swings are cut into for a first fit [s], such as 0.3."""

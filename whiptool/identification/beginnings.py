@@ -107,7 +107,7 @@ def check_beginnings(predictor: Predictor, plant: Identifiable) -> list[str]:
         return []
     for recording in predictor.recordings:
         if isinstance(recording, StrikeRecording) and predictor.kind in ("joints", "command"):
-            check_joints(recording.ordered(plant.model.arm.joints), plant.model.arm)
+            check_joints(recording, plant.model.arm)
     if {*predictor.shared, *predictor.own} & {*PLACED[plant.model.dimension]}:
         return []  # where the recording lies is sought
     values, said = predictor(plant, {}, predictor.start, derivatives=False), []
@@ -179,13 +179,11 @@ class _Beginning:
         yield _Slip.of("points", words, _off(x @ R.T, self._foreseen, half), before)
 
     def _other_joints(self, before: float) -> Iterator[_Slip]:
-        """A log that drives the whip in degrees, or with exchanged columns."""
+        """A log that drives the whip, with exchanged columns."""
         q, P = self._recording.joints_q, self._predictor
         if P.kind != "joints" or q is None:
             return
         tried = []
-        if np.abs(q).max() > 2 * math.pi:
-            tried.append(("its joints were degrees, read as radians", np.radians(q)))
         for i, j in itertools.combinations(range(q.shape[1]), 2):
             order = list(range(q.shape[1]))
             order[i], order[j] = j, i

@@ -22,6 +22,7 @@ from whiptool.identification.variables import Variable
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import rounded
 
+_ALIKE = "frames that were lost or stamped twice look alike"
 _SHARE = 0.05  # part of a direction from which a number belongs to it
 
 
@@ -94,11 +95,11 @@ def _clock_words(fit: Fit, fault: ClockFault) -> str:
         fast = "fast" if fault.size > 0 else "slow"
         return (
             f"{of}: its clock runs {size / 10:.2g} % {fast} (standard error {error / 10:.1g} %); mend its frame rate, "
-            "or free clock_rate"
+            f"or free clock_rate ({_ALIKE})"
         )
     if fault.kind == DELAY:
         said = f"{of}: they are {size:.3g} ms too {side} (standard error {error:.1g} ms)"
-        return f"{said}; mend when it started, or free delay"
+        return f"{said}; mend when it started, or free delay ({_ALIKE})"
     cause = "stamped twice" if fault.size > 0 else "lost"
     return (
         f"{of}: from about {fault.at:.3f} s on they are {size:.3g} ms too {side} ({fault.frames:.2g} frames; standard "
