@@ -148,3 +148,26 @@ def test_the_hands_pose_drives_a_whip_as_its_arms_joints_do():
         Predictor([replace(seen, hand_t=None, hand_pose=None)], plant, drive="hand", shared=shared)
     with pytest.raises(InputError, match="for a model in the plane"):
         Predictor([seen], Plant(preset("lemon2024"), Controller()), drive="hand", shared=shared)
+
+
+def test_of_several_recordings_the_culprit_is_named():
+    t = np.linspace(0.1, 0.5, 9)
+    good = replace(recorded(("tip",), t, np.zeros((9, 1, 2))), source="one.csv", joints_t=t, joints_q=np.zeros((9, 2)))
+    for change, said in (
+        ({"joints_t": None, "joints_q": None}, "one with measured joints"),
+        ({"joints_q": np.zeros((9, 3))}, "joints_q: got 'shape"),
+        ({"joint_names": ("hip", "knee")}, "one column for each joint of the arm"),
+        ({"markers": ("toe",)}, "tip or nodes of the whip"),
+    ):
+        with pytest.raises(InputError, match=rf"two\.csv.*{said}|{said}.*two\.csv"):
+            Predictor([good, replace(good, source="two.csv", **change)], PLANT, drive="joints", shared=["whip.k"])
+
+
+def test_places_of_an_upright_file_are_predicted_in_the_models_axes():
+    """A file whose y axis is up says so, and the predictor of a model in space has z up: nobody has to turn it."""
+    places = np.random.default_rng(0).normal(size=(9, 1, 3))
+    model, t = preset("ur5e"), np.linspace(0.1, 0.5, 9)
+    q = np.tile([0.0, -1.5, 0.5, -0.5, 0.2, 0.0], (9, 1))
+    seen = StrikeRecording(t=t, points=places, markers=("tip",), up="y", joints_t=t, joints_q=q)
+    predictor = Predictor([seen], Plant(model, Controller(PositionControl())), drive="joints", shared=["whip.drag"])
+    np.testing.assert_allclose(predictor.measured[0].reshape(9, 3), places[:, 0, [0, 2, 1]] * [1, -1, 1])

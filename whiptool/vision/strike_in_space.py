@@ -50,6 +50,7 @@ def strike_in_space(recordings: Sequence[StrikeRecording]) -> StrikeRecording:
         depth_sigma=None,
         camera=" and ".join(r.camera for r in recordings),
         source=" and ".join(r.source for r in recordings if r.source),
+        notes=tuple(f"{r.camera}: {note}" for r in recordings for note in r.notes),
     )
 
 
