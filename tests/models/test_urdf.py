@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from robot_data import example_robots
 from robot_files import FRANKA_HAND, MJCF, UR_BASE, UR_FLANGE, URDF, as_urdf
 
 from whiptool.errors import InputError
@@ -195,9 +196,7 @@ def test_a_link_without_inertial_weighs_what_its_shapes_do(read, tmp_path):
 def test_a_tip_with_the_name_of_a_joint_and_a_prefix_that_nothing_declares(read):
     """As of exporters that call link and joint alike, and of Drake's files."""
     text = URDF.replace('"tool"', '"bracket"').replace('"finger"', '"finger_joint"')
-    text = text.replace(
-        'name="elbow" type="revolute">', 'name="elbow" type="revolute"><drake:rotor_inertia value="1"/>'
-    )
+    text = text.replace('name="elbow" type="revolute">', 'name="elbow" type="revolute"><drake:other value="1"/>')
     assert read(ArmChoice(tip="bracket"), text) == read(TIP, URDF)
 
 
@@ -224,13 +223,7 @@ def test_files_that_are_not_there(tmp_path):
 
 
 def test_the_panda_of_example_robot_data_is_the_preset():
-    data = pytest.importorskip("example_robot_data", reason="example-robot-data is not installed")
-    from pathlib import Path
-
-    from example_robot_data.path import EXAMPLE_ROBOT_DATA_MODEL_DIR
-
-    assert data
-    file = Path(EXAMPLE_ROBOT_DATA_MODEL_DIR) / "panda_description/urdf/panda.urdf"
+    file = example_robots() / "panda_description/urdf/panda.urdf"
     arm = read_urdf(file, ArmChoice(tip="panda_link8"))
     for ours, theirs in zip(PANDA_ARM.links[:6], arm.links, strict=False):  # the seventh carries a gripper there
         for name in ("mass", "com", "inertia", "axis", "position", "rotation"):

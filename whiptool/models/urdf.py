@@ -197,6 +197,8 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     if any(name in movers for name in limited):
         of = ", ".join(name for name in movers if name in limited)
         notes.append(f"speed limits that depend on the position of {of} are not judged, only the largest speeds")
+    rotors = [_rotor(robot, name) for name in model.names[1:]]
+    links = tuple(replace(x, armature=x.armature + rotor) for x, rotor in zip(links, rotors, strict=True))
     arm = SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]), names=tuple(model.names[1:]))
     return without_inertia(replace(arm, notes=tuple(notes)), [names[i - 1] for i in weightless])
 
@@ -222,6 +224,13 @@ def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
             value = choice.locked.get(mimic.get("joint", ""), 0.0)
             locked[name] = _number(mimic.get("multiplier", "1")) * value + _number(mimic.get("offset", "0"))
     return locked
+
+
+def _rotor(robot: ET.Element, name: str) -> float:
+    """Inertia of a joint's rotor as the joint feels it, of Drake's extension [kg m^2 or kg]."""
+    joint = next(joint for joint in robot.findall("joint") if joint.get("name") == name)
+    told = {str(x.tag).rpartition("}")[2].rpartition(":")[2]: x.get("value", "") for x in joint}
+    return _number(told.get("rotor_inertia", "0")) * _number(told.get("gear_ratio", "1")) ** 2
 
 
 def _links_of(model: Any) -> list[set[str]]:
