@@ -37,7 +37,8 @@ class Interruptions:
             signal.signal(number, signal.SIG_IGN)  # also while the interpreter ends
 
     def __enter__(self) -> Interruptions:
-        self._before = {number: signal.signal(number, self._on_signal) for number in _SIGNALS}
+        heard = [n for n in _SIGNALS if signal.getsignal(n) != signal.SIG_IGN]  # a shell's background jobs ignore some
+        self._before = {number: signal.signal(number, self._on_signal) for number in heard}
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -343,7 +343,10 @@ def _search(
     try:
         result = search(objective, options.method, seed=options.seed)
     except StrikeStopped as stopped:
-        folder.write_result(_learned(objective, options.method, "stopped") | {"fault": str(stopped)})
+        summary = _learned(objective, options.method, "stopped") | {"fault": str(stopped)}
+        folder.write_result(summary)
+        if options.json:
+            print(json.dumps(summary))
         stopped.add_note(f"kept in {folder.path}: {counted(len(objective.trials), 'strike')}")
         raise
     summary = _learned(objective, options.method, result.status.value)
@@ -355,6 +358,8 @@ def _search(
 def _learned(objective: Objective, method: str, status: str) -> dict[str, Any]:
     """What a search on the rig came to; what was not carried out is not in it."""
     best = objective.best
+    if best is not None and best.outcome.diverged:  # none of them was seen
+        best = None
     return {
         "method": method,
         "status": status,
@@ -380,7 +385,7 @@ def _learned_lines(result: Result, folder: Path) -> list[str]:
     """What a search on the rig came to."""
     strikes = f"{counted(result.n_trials, 'strike')}, {result.n_diverged} refused or not seen"
     lines = [f"{result.method}: {result.message}; {strikes}"]
-    if result.outcome is not None and result.strike is not None:
+    if result.outcome is not None and not result.outcome.diverged and result.strike is not None:
         strike = " ".join(f"{x:.4f}" for x in result.strike.vector)
         lines += [f"  miss distance  {_measured(result.outcome)}", f"  strike         {strike}"]
     return [*lines, f"  run folder     {folder}"]
