@@ -106,6 +106,7 @@ def test_what_serves_ends_when_it_is_stopped(tmp_path):
     with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         told, there = server.stdout.readline(), link.resolve()
+        assert server.stdout.readline() == f"and on {link}\n"
         server.terminate()
         server.communicate(timeout=HANG)
     assert told.split()[-1] == str(there)

@@ -166,10 +166,10 @@ def serve_alone(options: TwinOptions, link: str | None) -> None:
     server = Server(options)
     if link:
         _link(Path(link), server.port)
-    print(f"emulated servos {list(options.ids)} at {options.baud} baud on {server.port}", flush=True)
-    if link:
-        print(f"and on {link}", flush=True)
     try:
+        print(f"emulated servos {list(options.ids)} at {options.baud} baud on {server.port}", flush=True)
+        if link:
+            print(f"and on {link}", flush=True)
         server.serve()
     except KeyboardInterrupt:
         pass
