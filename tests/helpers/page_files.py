@@ -10,15 +10,18 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+import robot_lab
 import tomli_w
 from films import film
 from human_data import write_made_up
 from page_commands import Command, parts_of
+from pendulum_swing import swing
 
+from whiptool.identification.pendulum import Pendulum
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_to_table
-from whiptool.models import Model, preset
-from whiptool.models.strike import Strike
+from whiptool.models import ArmLink, Model, preset
+from whiptool.models.strike import Strike, default_bounds
 from whiptool.recording.readers import write_csv
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.trajectory import Trajectory
@@ -105,6 +108,28 @@ def of_strikes(folder: Path) -> None:
     strike_films(folder, ["strike2", "strike3"])
 
 
+def robots_strikes(folder: Path) -> None:
+    """What a lab recorded of three strikes of a UR5e: markers, and the robot's own log."""
+    arm = preset("ur5e")
+    for i in (1, 2, 3):
+        bounds = default_bounds(arm.arm)
+        vector = np.mean(bounds.box, axis=0) + 0.05 * i * np.ptp(bounds.box, axis=0)
+        strike = Strike.from_vector(np.append(vector[:-1], 1.0))
+        trajectory = robot_lab.exported(strike, arm, folder / f"told{i}.csv")
+        robot_lab.run(arm, trajectory, folder, f"strike{i}", seed=i)
+        trajectory.unlink()
+
+
+def pendulums_swings(folder: Path) -> None:
+    """Twelve swings of a double pendulum, by its encoders, and a guess of its links."""
+    rng, links = np.random.default_rng(0), (ArmLink(0.2, 0.2), ArmLink(0.1, 0.2))
+    double = Pendulum(links, (1e-3, 1e-3), 0.0, (1e-3, 1e-3), 9.81)
+    swings = [swing(double, np.array([rng.uniform(-1.0, 1.0, 2), np.zeros(2)]), rng) for _ in range(12)]
+    np.savez(folder / "double.npz", t=swings[0].t, angle=np.array([one.angles for one in swings]))
+    guess = tomli_w.dumps({"links": [{"mass": m, "length": 0.2, "dry_friction": 1e-3} for m in (0.2, 0.1)]})
+    (folder / "links.toml").write_text(guess, encoding="utf-8")
+
+
 Make: TypeAlias = Callable[[Path], object]
 MADE: dict[str, tuple[Make, ...]] = {
     "README": (people,),
@@ -116,5 +141,6 @@ MADE: dict[str, tuple[Make, ...]] = {
 # What is made when a command first asks for a file of this name
 RECORDED: dict[str, dict[str, Make]] = {
     "README": {"strike2.mkv": of_strikes},
-    "commands": {"strike2.mkv": of_strikes},
+    "commands": {"strike2.mkv": of_strikes, "double.npz": pendulums_swings},
+    "how-to": {"strike1.csv": robots_strikes, "double.npz": pendulums_swings},
 }
