@@ -123,7 +123,7 @@ def robots_strikes(folder: Path) -> None:
 def pendulums_swings(folder: Path) -> None:
     """Twelve swings of a double pendulum, by its encoders, and a guess of its links."""
     rng, links = np.random.default_rng(0), (ArmLink(0.2, 0.2), ArmLink(0.1, 0.2))
-    double = Pendulum(links, (1e-3, 1e-3), 0.0, (1e-3, 1e-3), 9.81)
+    double = Pendulum(links, (1e-3, 1e-3), 0.2, (1e-3, 1e-3), 9.81)
     swings = [swing(double, np.array([rng.uniform(-1.0, 1.0, 2), np.zeros(2)]), rng) for _ in range(12)]
     np.savez(folder / "double.npz", t=swings[0].t, angle=np.array([one.angles for one in swings]))
     guess = tomli_w.dumps({"links": [{"mass": m, "length": 0.2, "dry_friction": 1e-3} for m in (0.2, 0.1)]})
