@@ -58,6 +58,10 @@ def test_urdf_that_would_not_end_is_refused_at_once(text: str, said: str, tmp_pa
         read(tmp_path, text, "urdf")
 
 
+def test_a_tip_without_a_name_is_found_by_its_number(tmp_path: Path) -> None:
+    assert read(tmp_path, MJCF.format("", BODY.format(BODY.format("")))).n == 2
+
+
 def test_what_is_said_in_comments_and_what_is_replicated_a_few_times_passes(tmp_path: Path) -> None:
     """Three replicas of a shape, on the second of two bodies."""
     many = "<!-- <replicate count='1000000'> -->"

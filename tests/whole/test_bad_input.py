@@ -287,6 +287,10 @@ identify --prior pipe.toml | no pipe and no device
 identify --tip pipe.toml | no pipe and no device
 view pickled-run | pickled
 view empty-run | empty
+view of-no-model | model: got 3
+view of-option-list | options: got [1]
+map-strike of-option-list | whiptool map
+optimize --resume of-path-list | --resume
 view foreign-run | the keys t
 view NAME | NAME
 optimize --model three.toml --controller constant | one per arm joint
@@ -797,11 +801,16 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "of-nothing": 'command = "optimize"\n',
         "of-others": 'command = "optimize"\n[options]\nmagic = 3\n',
         "garbled": 'command = "optimize"\n[options]\n',
+        "of-no-model": 'command = "optimize"\nmodel = 3\n[options]\n',
+        "of-option-list": 'command = "optimize"\noptions = [1]\n',
+        "of-path-list": 'command = "optimize"\n[options]\nout = [1]\n',
     }
     for name, text in configs.items():
         (folder / name).mkdir()
         (folder / name / "config.toml").write_text(text)
     (folder / "garbled" / "trajectory.npz").write_bytes(garbage)
+    for name in ("of-no-model", "of-option-list"):
+        (folder / name / "trajectory.npz").write_bytes(garbage)
     write_model(preset("nah2020-n10"), folder / "good.toml")
     make_hostile(folder, table)
     return folder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from typing import Any
 
@@ -168,6 +169,10 @@ def test_checkpoints_that_are_none_are_refused(tmp_path):
     torch.save({"plan": Plan}, path)  # code, which is not executed
     with pytest.raises(InputError, match="checkpoint"):
         load_checkpoint(path)
+    for foreign in ([1, 2], 3, {}, {**torch.load(io.BytesIO(whole), weights_only=True), "obs": [1]}):
+        torch.save(foreign, path)
+        with pytest.raises(InputError, match=path.name):
+            run.load(path)
     path.write_bytes(whole)
     other = training("sac", plan=Plan(episodes=7, trials=20, random_episodes=2), **SMALL["sac"])
     with pytest.raises(InputError, match="episodes"):

@@ -234,9 +234,9 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
     fields |= {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
     for name in (name for name, kind in kinds.items() if "Observation" in kind and fields.get(name) is not None):
         fields[name] = _named_now(fields[name])
-    for name in (name for name, kind in kinds.items() if "Path" in kind and fields.get(name) is not None):
-        fields[name] = pathlib.Path(fields[name])
+    paths = [name for name, kind in kinds.items() if "Path" in kind and fields.get(name) is not None]
     try:
+        fields |= {name: pathlib.Path(fields[name]) for name in paths}
         return options(**fields)
     except TypeError as error:
         raise InputError("--resume", str(path), f"a folder of this command and version ({error})") from None

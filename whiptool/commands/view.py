@@ -134,6 +134,8 @@ def read_strike(folder: Path) -> StrikeRun:
 
     config = read_toml(folder / CONFIG)
     try:
+        if not isinstance(config.get("options", {}), dict):
+            raise InputError("options", config["options"], "a table")
         model = model_from_table(config.get("model", {}))
         table: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in config.get("options", {}).items()

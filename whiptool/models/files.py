@@ -31,6 +31,8 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     Raises:
         InputError: A key is unknown or missing, or a value breaks its rule; the key is named.
     """
+    if not isinstance(table, Mapping):
+        raise InputError("model", table, "a table")
     table = dict(table)
     whip = table.get("whip", {})
     if isinstance(whip, Mapping) and "profile" in whip:

@@ -131,7 +131,7 @@ class _Robot:
         import mujoco
 
         self.model, self.weightless, self.choice, self.mujoco = model, weightless, choice, mujoco
-        self.bodies = [model.body(i).name for i in range(model.nbody)]
+        self.bodies = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
         self.sites = [model.site(i).name for i in range(model.nsite)]
         self._refuse_gravity()
         self.tip = choice.only_tip(self._ends(), [*self.bodies[1:], *self.sites])
@@ -231,7 +231,7 @@ class _Robot:
             links.append(replace(link, capsules=tuple(capsules[i])))
             origin, axes = at, turned
         if self.tip in self.bodies:
-            tip = self.data.body(self.tip)
+            tip = self.data.body(self.bodies.index(self.tip))  # which may have no name
         else:
             tip = self.data.site(self.tip)
         x, y, z = (axes.T @ (tip.xpos - origin)).tolist()

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from whiptool.errors import InputError
+from whiptool.given_files import parsing, whole_file
 from whiptool.rl import hindsight
 from whiptool.rl.ddpg import DDPG
 from whiptool.rl.learner import Learner, OffPolicyLearner
@@ -223,12 +224,13 @@ class Training:
         for part, value in self._identity().items():
             if state.get(part) != value:
                 raise InputError(str(path), f"{part} {state.get(part)}", f"a checkpoint of {part} {value}")
-        self.learner.load_state_dict(state["learner"])
-        self.done, self.obs = int(state["done"]), state["obs"].numpy()
-        rows = {name: state[name].numpy() for name in self._lanes()}
-        self.task.goals = replace(self.task.goals, positions=rows.pop("targets"), **rows)
-        self.task.counts = state["counts"].numpy()
-        self.task.n_strikes, self.task.n_diverged = map(int, state["strikes"])
+        with parsing(path, "checkpoint"):  # of other shapes or without a part
+            self.learner.load_state_dict(state["learner"])
+            self.done, self.obs = int(state["done"]), state["obs"].numpy()
+            rows = {name: state[name].numpy() for name in self._lanes()}
+            self.task.goals = replace(self.task.goals, positions=rows.pop("targets"), **rows)
+            self.task.counts = state["counts"].numpy()
+            self.task.n_strikes, self.task.n_diverged = map(int, state["strikes"])
 
 
 def load_checkpoint(path: Path) -> dict:
@@ -237,9 +239,11 @@ def load_checkpoint(path: Path) -> dict:
     Raises:
         InputError: It is not there, or is no checkpoint.
     """
+    whole_file(path, "checkpoint")
     try:
-        return torch.load(path, weights_only=True)
-    except FileNotFoundError:
-        raise InputError("checkpoint", str(path), "a file that whiptool train wrote") from None
+        state = torch.load(path, weights_only=True)
+        if not isinstance(state, dict):
+            raise TypeError(f"it holds a {type(state).__name__}")
+        return state
     except Exception as error:  # torch names no exception for what is damaged
         raise InputError("checkpoint", str(path), f"a whole file that whiptool train wrote ({error})"[:200]) from None

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from human_data import BLOCKS, DATA, PEOPLE, TRIALS, made_up_table, needs_people, write_made_up
 
 from whiptool.errors import InputError
-from whiptool.studies.human.reading import STYLES, read_people
+from whiptool.studies.human.reading import STYLES, read_people, read_speeds
 
 
 def test_made_up_throws_are_read(tmp_path):
@@ -78,6 +80,19 @@ def test_what_is_no_table_and_no_matlab_file(tmp_path):
     (tmp_path / "trial_stats.csv").write_bytes(good)
     (tmp_path / "whip_task_data.mat").write_bytes(b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(600, b"\0"))
     refused(tmp_path, "whip_task_data.mat", "v7.3")
+
+
+def test_a_damaged_matlab_file_is_read_or_refused(tmp_path):
+    write_made_up(tmp_path)
+    path, rng = tmp_path / "whip_task_data.mat", np.random.default_rng(3)
+    whole = path.read_bytes()
+    for _ in range(40):
+        content = bytearray(whole)
+        for at in rng.integers(len(content), size=20):
+            content[at] = rng.integers(256)
+        path.write_bytes(content[: rng.integers(len(content) // 2, 2 * len(content))])
+        with suppress(InputError):
+            read_speeds(path)
 
 
 def test_another_version_of_the_structure(tmp_path):

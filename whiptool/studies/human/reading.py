@@ -10,6 +10,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
+from whiptool.given_files import parsing
 
 Throws: TypeAlias = Any  # a pandas.DataFrame: what its columns hold, pandas' types do not know
 STYLES = ("discrete", "rhythmic")
@@ -205,11 +206,8 @@ def read_speeds(path: Path) -> tuple[tuple[Speeds, ...], dict[str, np.ndarray], 
         raise InputError(str(path), "no file", "a MATLAB v7.3 file")
     if not h5py.is_hdf5(path):
         raise InputError(str(path), "a file of another kind or version", "a MATLAB v7.3 (HDF5) file")
-    try:
-        with h5py.File(path) as file:
-            return _speeds(path, file)
-    except OSError as error:
-        raise InputError(str(path), "a damaged file", f"a MATLAB v7.3 file ({error})") from None
+    with parsing(path, "MATLAB v7.3"), h5py.File(path) as file:
+        return _speeds(path, file)
 
 
 def _speeds(path: Path, file: Any) -> tuple[tuple[Speeds, ...], dict[str, np.ndarray], dict[str, np.ndarray]]:
