@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from whiptool.commands import optimize, simulate
-from whiptool.commands.limits_told import limits_table
+from whiptool.commands.limits_told import limits_table, with_cure
 from whiptool.limits import AllLimits
 from whiptool.models import JointLimits, Strike, preset, write_model
 from whiptool.models.arm_limits import ArmLimits
@@ -102,3 +102,10 @@ def test_what_is_commanded_is_judged_of_strikes_of_joints_alone(by_joints, used)
     table = limits_table(limits, moved, strike, ("a",))
     assert table["joint_usage"] == pytest.approx(used)
     assert (table["beyond"] is None) == (not by_joints)
+
+
+def test_shapes_that_are_taken_to_touch_are_told_with_their_cure():
+    words = "at 0.000 s the link of j1 is 3 mm inside the link of j3"
+    assert with_cure(words) == f"{words}; if they never meet: arm.never_touch in a model file, or --ignore-collisions"
+    for others in (None, "at 0.1 s the torque of j1 is +9.00; its limit is 5.00"):
+        assert with_cure(others) == others

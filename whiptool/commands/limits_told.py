@@ -43,4 +43,11 @@ def limit_lines(limits: AllLimits, table: dict) -> list[str]:
             lines.append(f"  {each.judges + 's':14s} {used:.0%} of {each.words} at the worst instant")
         elif table.get(each.judges) is not None:
             lines.append(f"  {each.judges:14s} {1e3 * table[each.judges]:.0f} mm at least; {each.words}")
-    return lines + ([f"  beyond         {table['beyond']}"] if table.get("beyond") else [])
+    return lines + ([f"  beyond         {with_cure(table['beyond'])}"] if table.get("beyond") else [])
+
+
+def with_cure(words: str | None) -> str | None:
+    """Return what a strike is beyond, and which options let shapes touch, where two of them do."""
+    if words is None or " mm inside " not in words:
+        return words
+    return f"{words}; if they never meet: arm.never_touch in a model file, or --ignore-collisions"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from tyro.conf import arg
 
 from whiptool.commands import cli
-from whiptool.commands.limits_told import limit_lines, limits_table
+from whiptool.commands.limits_told import limit_lines, limits_table, with_cure
 from whiptool.errors import InputError
 from whiptool.options import (
     METHODS,
@@ -351,7 +351,7 @@ class _Run:
             f"{result.wall_time:.2f} s ({result.n_diverged} diverged)",
             *strike_lines(summary["strike"], self.model.arm, zip(bounds.lower, bounds.upper, strict=True)),
             *(
-                [f"  outcome        refused, as was every strike tried; the best: {summary['beyond']}"]
+                [f"  outcome        refused, as was every strike tried; the best: {with_cure(summary['beyond'])}"]
                 if refused
                 else outcome_lines(result.outcome, self.target, self.model.arm)
             ),
