@@ -29,6 +29,7 @@ OBJECTIVE = whiptool.Objective(COMPILED, TARGET)
 Z2, Zn, Zm = np.zeros((3, 2)), np.zeros((3, MODEL.n)), np.zeros((3, 2, 2))
 TRAJECTORY = whiptool.Trajectory(np.arange(3.0), Zn, Zn, Z2, Z2, Z2, Zm, Zm, Z2, Z2)
 RECORDING = whiptool.StrikeRecording(t=np.arange(3) / 60, points=np.ones((3, 1, 2)), markers=("tip",), strike=STRIKE)
+PRIOR = whiptool.default_prior(MODEL, CONTROLLER)
 TWIN = whiptool.draw_twin("kin", 0, MODEL, CONTROLLER)
 RNG = np.random.default_rng(0)
 
@@ -129,6 +130,7 @@ CALLS: list[tuple[Callable, dict[str, Any]]] = [
     (whiptool.default_prior, {"model": MODEL, "controller": CONTROLLER, "whip": "profile"}),
     (whiptool.draw_twin, {"family": "kin", "seed": 0, "model": MODEL, "controller": CONTROLLER}),
     (whiptool.TipPort, {"twin": TWIN, "target": TARGET}),
+    (whiptool.Adaptation, {"prior": PRIOR, "port": whiptool.TipPort(TWIN, TARGET), "target": TARGET}),
     (whiptool.load_map, {"run_folder": "none"}),
     (whiptool.load_policy, {"run_folder": "none"}),
 ]  # fmt: skip
@@ -139,6 +141,8 @@ def may_be(call: Callable, name: str) -> set[str]:
     parameter = inspect.signature(call).parameters[name]
     own_name = (whiptool.default_prior, "whip")
     kinds = WORDS if (call, name) == own_name else KINDS.get(name, set())
+    if call is whiptool.Adaptation:
+        kinds = {"target": {"a target"}, "port": {"any port"}}.get(name, set())
     return kinds | ({"nothing"} if "None" in str(parameter.annotation) else set())
 
 

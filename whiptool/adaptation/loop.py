@@ -12,6 +12,7 @@ from whiptool.adaptation.ports import Port, Seen, checked
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.robot_port import RobotPort
 from whiptool.adaptation.steps import Step, Steps
+from whiptool.errors import InputError, expect
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.stops import STOPPED, Interlock, StrikeStopped
@@ -43,6 +44,15 @@ class Adaptation:
     known: Belief | None = None
     opening: Plan | None = None
     interlock: Interlock = field(default_factory=Interlock)
+
+    def __post_init__(self) -> None:
+        expect(Belief, prior=self.prior)
+        expect(Target, target=self.target)
+        expect(Options, options=self.options)
+        if not callable(getattr(self.port, "strike", None)):
+            raise InputError(
+                "port", type(self.port).__name__, "what strikes and films: a TipPort, a RigPort or your own"
+            )
 
     def adapter(self) -> Adapter:
         """Return what plans and learns, without the port."""
