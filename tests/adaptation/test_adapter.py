@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from films import film
 
 from whiptool.adaptation.adapter import PLAN as PLANNED
 from whiptool.adaptation.adapter import RECORDING, Adapter, Options
@@ -130,3 +131,19 @@ def test_a_damaged_folder_is_named(prior, tmp_path):
     plan.write_text("{")
     with pytest.raises(InputError, match=r"plan\.json"):
         told(prior, tmp_path).ask()
+
+
+@pytest.mark.heavy
+def test_a_recording_in_wrong_units_or_axes_is_not_learned_from(tmp_path):
+    """It is refused with its cause, nothing is kept, and the same strike is still to be told."""
+    model, controller = preset("lemon2024"), Controller()
+    options = Options(max_strikes=2, still=False)
+    adapter = Told(default_prior(model, controller), Target((0.5, 0.5), 0.001), options, tmp_path)
+    strike = adapter.ask()
+    right = dataclasses.replace(film(model, strike.vector, np.random.default_rng(0)), source="s.csv")
+    for points, said in ((right.points / 1000, "they were m, read as mm"), (right.points[..., ::-1], "axes should be")):
+        with pytest.raises(InputError, match=f"s.csv.*points.*{said}"):
+            adapter.tell(dataclasses.replace(right, points=points), must_teach=True)
+    assert not list(tmp_path.rglob(RECORDING))
+    assert adapter.ask() == strike
+    assert adapter.number == 1

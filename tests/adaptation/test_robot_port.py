@@ -93,6 +93,7 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)
     monkeypatch.setattr(adapter, "aim", lambda *args, **named: planned)
     monkeypatch.setattr(adapt, "_page", lambda *args: "page")
+    monkeypatch.setattr(adapter, "check_beginnings", lambda *args: [])  # the recording is made up
     reasons: list[str] = []
     learned = lambda prior, recordings, **named: Learned(  # noqa: E731
         prior, {}, dict.fromkeys([recordings[-1].source], reasons[0]) if reasons else {}, 0.0

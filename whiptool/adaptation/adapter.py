@@ -16,13 +16,15 @@ from whiptool.adaptation.first_look import choose_wiggle, hanging
 from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan, surest
 from whiptool.adaptation.ports import Seen, checked, seen_of
-from whiptool.adaptation.posterior import AFTER, Learned, tip_mislabelled, update
+from whiptool.adaptation.posterior import AFTER, Learned, driven_by, tip_mislabelled, update
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.sag import Sag, expected_sag
 from whiptool.adaptation.steps import Step, Steps
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
+from whiptool.identification.beginnings import check_beginnings
 from whiptool.identification.judgement import Judgement
+from whiptool.identification.predict import Predictor
 from whiptool.limits import Limits
 from whiptool.models import parameters
 from whiptool.models.motor_limits import MotorLimits
@@ -195,10 +197,12 @@ class Adapter:
         """What a recording teaches, before it is kept; None where there is nothing to learn.
 
         Raises:
-            InputError: It teaches nothing.
+            InputError: Its units, axes, joints or time of the start are wrong, or it teaches nothing.
         """
         if seen.recording is None or not seen.carried_out or not self.options.adapt:
             return None
+        plant, drive = self.prior.plant, driven_by(self.prior.plant, [seen.recording])
+        check_beginnings(Predictor([seen.recording], plant, drive=drive, shared=()), plant)
         contact, source = self._plan().contact, seen.recording.source
         contacts = self._contacts if contact is None else {**self._contacts, source: contact}
         learned = self._update([*self._recordings, seen.recording], contacts)
