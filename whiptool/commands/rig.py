@@ -363,6 +363,7 @@ def _learned(objective: Objective, method: str, status: str) -> dict[str, Any]:
     return {
         "method": method,
         "status": status,
+        "fault": None,
         "n_trials": len(objective.trials),
         "n_refused_or_unseen": objective.n_diverged,
         "miss_distance": None if best is None else best.outcome.miss_distance,
