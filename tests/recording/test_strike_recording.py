@@ -82,3 +82,11 @@ def test_a_strike_may_be_its_vector():
     assert dataclasses.replace(full(), strike=vector).strike == Strike.from_vector(vector)
     with pytest.raises(InputError, match=r"^strike"):
         dataclasses.replace(full(), strike=vector[:4])
+
+
+def test_frames_belong_to_the_strike_or_to_the_moment_before_it():
+    """A whip is filmed as it hangs before its command; a clock that counts from elsewhere is none of the command's."""
+    assert dataclasses.replace(full(), t=times() - 0.9, t_points=None, joints_t=None, joints_q=None).strike is not None
+    for late in (-60.0, 60.0):
+        with pytest.raises(InputError, match=r"frames within the strike, 0 to 1\.3 s.*start"):
+            dataclasses.replace(full(), t=times() + late, t_points=None, joints_t=None, joints_q=None)

@@ -9,7 +9,9 @@ from whiptool.recording.clock import gaps
 
 HOLE = 0.05  # [s] of a log from which a hole is told, where it is several samples
 SLACK = 0.02  # [s] by which a log may start late or end early without a word
-LEAD = 1.0  # [s] of a log that is of use before the first frame and the command, and after the last frame
+LEAD = (
+    1.0  # [s] before and after: of a log around the frames and the command; of frames, as of a hanging whip, around it
+)
 
 
 def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float, float] | None) -> None:
@@ -23,7 +25,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
     Raises:
         InputError: They have none; what clocks do is told.
     """
-    if command is not None and not (t[0] <= command[1] and t[-1] >= command[0]):
+    if command is not None and not (t[0] <= command[1] + LEAD and t[-1] >= command[0] - LEAD):
         cause = "does the clock count since the computer was started, or since 1970? Say when the command began: start"
         raise InputError(
             "t", f"frames from {t[0]:.6g} to {t[-1]:.6g} s", f"frames within the strike, 0 to {command[1]:.3g} s", cause
