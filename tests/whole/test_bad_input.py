@@ -178,6 +178,8 @@ SHARED = """
 --model | --model
 --arm | --arm
 --arm absent.toml | absent.toml
+--arm-tip | --arm-tip
+--base | --base
 """
 
 # Of single commands
@@ -566,6 +568,7 @@ identify --model ur5e --profile --free length --drive joints --per-recording rot
 identify --drive handle --preset printed | --preset
 identify --clamp 0.1 | --clamp
 identify --drive passive --clamp nan | --clamp
+identify --knots | --knots
 identify --pieces 0.3 | --pieces
 identify --drive free --pieces 0 | --pieces
 identify --nodes 0 | --nodes
@@ -901,7 +904,7 @@ def test_every_accepted_line_has_its_reason() -> None:
 @pytest.mark.parametrize("command", OPTIONS)
 def test_every_option_is_in_a_table(command: str) -> None:
     """What can be wrong with none: flags without a value, and where a refused line would need a rig."""
-    alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick"}
+    alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick", "--for-strikes"}
     without = {*alone, "--resume", "--out", "--run", "--recording", "--recordings", "--what", "--folder"}
     given = " ".join(given for given, _ in [*BAD, *lines(ACCEPTED)] if given.startswith(command + " "))
     assert flags(command) - without <= set(shlex.split(given))
