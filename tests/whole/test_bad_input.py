@@ -904,7 +904,9 @@ def test_every_accepted_line_has_its_reason() -> None:
 @pytest.mark.parametrize("command", OPTIONS)
 def test_every_option_is_in_a_table(command: str) -> None:
     """What can be wrong with none: flags without a value, and where a refused line would need a rig."""
-    alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick", "--for-strikes"}
+    alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick"} | {
+        "--for-strikes"
+    }
     without = {*alone, "--resume", "--out", "--run", "--recording", "--recordings", "--what", "--folder"}
     given = " ".join(given for given, _ in [*BAD, *lines(ACCEPTED)] if given.startswith(command + " "))
     assert flags(command) - without <= set(shlex.split(given))
