@@ -205,7 +205,7 @@ simulate --model ur5e --space pose --turn-stiffness 9 --controller position | no
 simulate --model ur5e --space pose --controller position --strike 0 0 0 1 1 1 1 | x_i y_i z_i turn_x_i turn_y_i turn_z_i
 simulate --space hand --strike 0.3 0 0.4 | the hand: x_i y_i x_f y_f D
 simulate --space hand --strike 0.4 0 2 0 0.5 | places that the hand reaches
-simulate --space hand --strike 0.4 0 0 0.4 -1 | a finite duration
+simulate --space hand --strike 0.4 0 0 0.4 -1 | D: got -1.0; allowed: a finite number > 0
 optimize --upper 0 0 0 0 0 0 0 | --upper
 optimize --stop-at-hit 3 | command line
 optimize --video yes | command line
@@ -313,7 +313,7 @@ simulate --export | --export
 simulate --export x.xml --no-video | --video
 simulate --strike 1 2 | strike
 simulate --strike nan 0 0 0 1 | a vector of finite numbers
-simulate --strike 0 0 inf 0 1 | q_f
+simulate --strike 0 0 inf 0 1 | a vector of finite numbers
 simulate --strike 0 0 0 0 0 | D
 simulate --strike 0 0 0 0 -1 | D
 simulate --strike 0 0 0 0 1e9 | timestep
