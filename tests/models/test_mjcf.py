@@ -90,6 +90,9 @@ def test_presets_weigh_the_same_in_mujoco(name):
          "got 'no model'.*mass and inertia of moving bodies"),
         (MJCF.replace('<compiler angle="radian"/>', '<compiler angle="radian"/><option gravity="0 0 9.81"/>'), TIP,
          r"option gravity: got \(0.0, 0.0, 9.81\); allowed: 0 0 -9.81 .*--base"),
+        (MJCF.replace('<compiler angle="radian"/>',
+                      '<compiler angle="radian"/><option><flag gravity="disable"/></option>'), TIP,
+         r"option gravity: got \(0.0, 0.0, 0.0\); allowed: 0 0 -9.81 .*--base"),
         (MJCF.replace('joint1="finger_joint"', 'joint1="elbow" joint2="rail"'), TIP,
          "joint elbow: got 'tied to rail'; .*arm.locked = { elbow = 0 }"),
     ],
@@ -138,9 +141,72 @@ def test_torques_of_motors_are_what_they_can_be_told_times_their_gear(read):
         ('<position joint="shoulder-joint" kp="9" ctrlrange="-1 1"/>', np.inf),
         ('<motor joint="shoulder-joint" gear="2"/>', np.inf),
         ('<motor joint="shoulder-joint" ctrlrange="-5 8"/>', 5.0),
+        ('<motor joint="shoulder-joint" ctrlrange="0 9"/><motor joint="shoulder-joint" ctrlrange="-9 0"/>', 9.0),
         (motor + motor, 40.0),
     ):
         assert read(MJCF.replace(motor, given)).links[1].limits.torque == pytest.approx(torque)
+    both = MJCF.replace(motor, '<motor joint="rail" ctrlrange="-9 9"/>')
+    assert read(both).links[0].limits.torque == 9  # the joint's own actuatorfrcrange allows 80
+
+
+def test_torques_that_differ_by_direction_are_said(read):
+    motor = '<motor joint="shoulder-joint" gear="2" forcerange="-10 10"/>'
+    told = MJCF.replace(motor, '<motor joint="shoulder-joint" gear="-2" ctrlrange="-10 30"/>')
+    arm = read(told.replace('actuatorfrcrange="-80 80"', 'actuatorfrcrange="0 80"'))
+    assert [link.limits.torque for link in arm.links] == [80, 20, np.inf]
+    assert arm.notes == (
+        "rail has 0 to 80 N in the file: 80 N is taken for both directions",
+        "shoulder-joint has -60 to 20 N m in the file: 20 N m is taken for both directions",
+    )
+    assert read(MJCF).notes == ()
+
+
+def _with_tendon(tendon: str, equality: str = "") -> str:
+    sites = MJCF.replace('<geom type="mesh"', '<site name="low"/><geom type="mesh"')
+    sites = sites.replace('<body name="tool"', '<site name="high"/><body name="tool"')
+    return sites.replace("<equality>", f"<tendon>{tendon}</tendon><equality>{equality}")
+
+
+@pytest.mark.parametrize(
+    ("tendon", "equality", "message"),
+    [
+        ('<fixed name="t">{elbow}{finger}</fixed>', '<tendon tendon1="t"/>', "an equality, over elbow, finger_joint"),
+        ('<fixed name="t" range="-1 1">{elbow}</fixed>', "", "a range, over elbow'"),
+        ('<fixed name="t" stiffness="1">{elbow}{rail}</fixed>', "", "stiffness, over rail, elbow'"),
+        ('<spatial name="t" damping="1"><site site="low"/><site site="high"/></spatial>', "",
+         "damping, over shoulder-joint, elbow'"),
+    ],
+)  # fmt: skip
+def test_tendons_that_act_on_the_arm_are_refused(read, tendon, equality, message):
+    joints = {"elbow": "elbow", "rail": "rail", "finger": "finger_joint"}
+    coefficients = {key: f'<joint joint="{name}" coef="1"/>' for key, name in joints.items()}
+    with pytest.raises(InputError, match=rf"tendon t: got '{message}.*take it out of the file, or lock .*elbow"):
+        read(_with_tendon(tendon.format(**coefficients), equality))
+
+
+def test_tendons_of_a_gripper_or_that_only_measure_are_no_matter(read):
+    gripper = '<fixed name="t" stiffness="1" range="0 1"><joint joint="finger_joint" coef="1"/></fixed>'
+    measuring = '<spatial><site site="low"/><site site="high"/></spatial>'
+    assert read(_with_tendon(gripper + measuring, '<tendon tendon1="t"/>')) == read(MJCF)
+
+
+def test_forces_that_have_no_part_in_the_model_are_said(read):
+    """Damping and armature of joints have one; what is no joint of the arm has none to say."""
+    changed = MJCF.replace(
+        '<joint name="elbow"', '<joint name="elbow" stiffness="2" springref="1" frictionloss="0.1" damping="0.2 0.3"'
+    )
+    changed = changed.replace('<joint name="finger_joint"', '<joint name="finger_joint" stiffness="2" frictionloss="1"')
+    changed = changed.replace('<body name="tool"', '<body name="tool" gravcomp="1"')
+    changed = changed.replace('<compiler angle="radian"/>', '<compiler angle="radian"/><option density="1.2"/>')
+    arm = read(changed)
+    assert arm.links[2].friction == 0.2
+    assert arm.notes == (
+        "springs of the joints elbow (stiffness) have no part in the model",
+        "dry friction of elbow (frictionloss) has no part in the model, only viscous damping has",
+        "of the damping of elbow only what grows with the speed itself counts, no higher powers",
+        "gravcomp of tool has no part in the model: the joints bear the whole weight",
+        "density of <option> has no part in the model: the arm moves without drag",
+    )
 
 
 def test_a_loop_beyond_the_tip_is_no_loop_of_the_arm(read):

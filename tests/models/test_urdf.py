@@ -217,6 +217,17 @@ def test_speed_limits_by_position_are_said_not_to_be_judged(read):
     assert arm.notes == ("speed limits that depend on the position of elbow are not judged, only the largest speeds",)
 
 
+def test_dry_friction_and_an_inertia_without_mass_are_said_to_have_no_part(read):
+    massless = URDF.replace('<mass value="1.2"/>', '<mass value="0"/>')
+    arm = read(TIP, massless.replace('<dynamics damping="0.5"/>', '<dynamics damping="0.5" friction="0.1"/>'))
+    assert (arm.links[0].friction, arm.links[1].inertia) == (0.5, (0,) * 6)
+    assert arm.notes == (
+        "the inertia of what shoulder-joint moves is left out, as its mass is 0: no body has one without the other",
+        "dry friction of rail has no part in the model, only its damping has",
+    )
+    assert read().notes == ()
+
+
 def test_files_that_are_not_there(tmp_path):
     with pytest.raises(InputError, match="readable URDF file"):
         read_urdf(tmp_path / "none.urdf")

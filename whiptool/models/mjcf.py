@@ -12,6 +12,7 @@ from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
+from whiptool.models.mjcf_forces import refuse_tendons, torque_note, untold_forces
 from whiptool.models.robot_markup import check_mjcf
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
 
@@ -25,8 +26,8 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
     Bodies without joints, or on locked ones, count with the link that carries them. Meshes need not be there where
     bodies that move have an `<inertial>`; a body that has none and whose meshes are not there is `weightless`. Spheres,
-    capsules, cylinders and boxes that may collide are the arm's capsules. Dry friction and springs of joints have no
-    part in the model, nor has what only closes loops beyond the tip, as in grippers.
+    capsules, cylinders and boxes that may collide are the arm's capsules. Dry friction and springs of joints,
+    `gravcomp` and the air have no part in the model, as the arm's `notes` say, nor have loops beyond the tip.
 
     Args:
         path: Of the file.
@@ -34,7 +35,8 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
     Raises:
         InputError: The file cannot be read, its gravity is none that acts on a model, it closes a loop of the arm or
-            couples its joints, has joints of an unknown kind in the chain, or does not have what was chosen.
+            couples its joints, by tendons too, has joints of an unknown kind in the chain, or does not have what was
+            chosen.
     """
     try:
         return _Robot(*_compiled(Path(path)), choice or ArmChoice()).arm()
@@ -142,6 +144,7 @@ class _Robot:
         self.names = names
         self._refuse_loops()
         self._refuse_couplings()
+        refuse_tendons(model, self.movers, names, self._joints_to)
         for i in self.movers:
             if self._kind(i) not in ("hinge", "slide"):
                 raise InputError(f"joint {names[i]}", self._kind(i), "hinge or slide")
@@ -159,7 +162,8 @@ class _Robot:
         return self.mujoco.mjtJoint(self.model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
 
     def _refuse_gravity(self) -> None:
-        x, y, z = self.model.opt.gravity.tolist()
+        off = self.model.opt.disableflags & int(self.mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        x, y, z = (0.0, 0.0, 0.0) if off else self.model.opt.gravity.tolist()
         if x or y or abs(z + GRAVITY) > 0.01 * GRAVITY:
             fix = (
                 "take it out of <option>: a model file's gravity tells another strength, --base how the base is turned"
@@ -241,7 +245,17 @@ class _Robot:
         joints = tuple(map(joint_name, own))
         arm = SpatialArm(tuple(links), joints, (x, y, z), turn, base=tuple(capsules[_BASE]), names=own)
         lost = {self._mover_of(self.bodies.index(name)) for name in self.weightless}
+        arm = replace(arm, notes=self._notes())
         return without_inertia(arm, [joints[k] for k, i in enumerate(self.movers) if i in lost])
+
+    def _notes(self) -> tuple[str, ...]:
+        """What of the file has no part in the arm, or another one."""
+        moved = {body: name for body, name in enumerate(self.bodies) if self._mover_of(body) != _BASE}
+        notes = untold_forces(self.model, self.movers, self.names, moved)
+        for i in self.movers:
+            unit = "N" if self._kind(i) == "slide" else "N m"
+            notes += torque_note(self.names[i], self._torques(i), self._torque(i), unit)
+        return tuple(notes)
 
     def _axes(self, joint: int) -> np.ndarray:
         return self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
@@ -308,27 +322,29 @@ class _Robot:
         return low, high
 
     def _torque(self, joint: int) -> float:
-        """Largest torque: of the joint itself, or of its actuators together; the smaller one of two directions."""
+        """Largest torque in both directions; of a range that begins or ends at 0, in the other one."""
+        low, high = sorted(np.abs(self._torques(joint)).tolist())
+        return low or high
+
+    def _torques(self, joint: int) -> tuple[float, float]:
+        """Lowest and highest torque: of its actuators together, within what the joint itself allows."""
         model = self.model
-        if model.jnt_actfrclimited[joint]:
-            return _both_ways(model.jnt_actfrcrange[joint])
+        least, most = model.jnt_actfrcrange[joint].tolist() if model.jnt_actfrclimited[joint] else (-np.inf, np.inf)
         kinds = [int(self.mujoco.mjtTrn.mjTRN_JOINT), int(self.mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
         own = [i for i in range(model.nu) if model.actuator_trntype[i] in kinds and model.actuator_trnid[i, 0] == joint]
-        return sum(map(self._force, own)) if own else float("inf")
+        if not own:
+            return (least, most)
+        low, high = np.sum([self._forces(i) for i in own], axis=0).tolist()
+        return max(low, least), min(high, most)
 
-    def _force(self, actuator: int) -> float:
-        """Largest force of an actuator at its joint: its own limit, or of a plain motor what it can be told."""
-        model, gear = self.model, abs(float(self.model.actuator_gear[actuator, 0]))
+    def _forces(self, actuator: int) -> list[float]:
+        """Lowest and highest force of an actuator at its joint: its own, or of a plain motor what it can be told."""
+        model, gear = self.model, float(self.model.actuator_gear[actuator, 0])
         if model.actuator_forcelimited[actuator]:
-            return gear * _both_ways(model.actuator_forcerange[actuator])
+            return sorted((gear * model.actuator_forcerange[actuator]).tolist())
         plain = model.actuator_gaintype[actuator] == int(self.mujoco.mjtGain.mjGAIN_FIXED)
         plain &= model.actuator_biastype[actuator] == int(self.mujoco.mjtBias.mjBIAS_NONE)
         if not plain or not model.actuator_ctrllimited[actuator]:
-            return float("inf")
-        return gear * abs(float(model.actuator_gainprm[actuator, 0])) * _both_ways(model.actuator_ctrlrange[actuator])
-
-
-def _both_ways(span: np.ndarray) -> float:
-    """The largest magnitude of a range that both of its ends have; of one that begins or ends at 0, the other's."""
-    low, high = sorted(np.abs(span).tolist())
-    return low or high
+            return [-np.inf, np.inf]
+        gain = gear * float(model.actuator_gainprm[actuator, 0])
+        return sorted((gain * model.actuator_ctrlrange[actuator]).tolist())

@@ -17,8 +17,8 @@ from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
 from whiptool.models.robot_markup import read_urdf_text
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
+from whiptool.models.urdf_notes import assumed
 from whiptool.models.urdf_shapes import (
-    DENSITY,
     add_inertias,
     capsule_of,
     massless_links,
@@ -28,7 +28,6 @@ from whiptool.models.urdf_shapes import (
 
 _MOVABLE = ("revolute", "continuous", "prismatic")
 _TYPES = (*_MOVABLE, "fixed")
-_BY_POSITION = "position_based_velocity_limits"  # an extension of Franka's files
 
 
 def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
@@ -187,20 +186,13 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     names = tuple(joint_name(name) for name in model.names[1:])
     carried = _links_of(model)
     weightless = _weightless(model, carried, (massless_links(robot) & shaped_links(robot)) - weighed, main)
-    notes = []
-    if weighed & set().union(*carried[1:]):
-        of = ", ".join(sorted(weighed & set().union(*carried[1:])))
-        notes.append(
-            f"no <inertial> in {of}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on"
-        )
-    limited = [joint.get("name") for joint in robot.findall("joint") if joint.find(_BY_POSITION) is not None]
-    if any(name in movers for name in limited):
-        of = ", ".join(name for name in movers if name in limited)
-        notes.append(f"speed limits that depend on the position of {of} are not judged, only the largest speeds")
+    moments = {name: body.inertia for name, body in zip(model.names, model.inertias, strict=True) if not body.mass}
+    without_mass = [name for name in movers if name in moments and np.any(moments[name])]
+    notes = assumed(robot, movers, weighed & set().union(*carried[1:]), without_mass)
     rotors = [_rotor(robot, name) for name in model.names[1:]]
     links = tuple(replace(x, armature=x.armature + rotor) for x, rotor in zip(links, rotors, strict=True))
     arm = SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]), names=tuple(model.names[1:]))
-    return without_inertia(replace(arm, notes=tuple(notes)), [names[i - 1] for i in weightless])
+    return without_inertia(replace(arm, notes=notes), [names[i - 1] for i in weightless])
 
 
 def _tell_apart(robot: ET.Element) -> dict[str, str]:

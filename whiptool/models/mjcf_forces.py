@@ -1,0 +1,105 @@
+"""Forces at an arm that an MJCF file tells and `SpatialArm` does not have: tendons are refused, the others told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+
+_STRAINS = ("stiffness", "stiffnesspoly", "damping", "dampingpoly", "frictionloss", "armature")  # of tendons
+
+
+def refuse_tendons(
+    model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
+) -> None:
+    """Refuse tendons that pull at joints of the arm or hold them; one that only measures or is beyond the tip may stay.
+
+    Args:
+        model: MuJoCo's.
+        movers: Joints of the arm.
+        names: Of all joints.
+        joints_to: Returns the joints between the world and a body.
+
+    Raises:
+        InputError: A tendon over a joint of the arm is limited, in an equality, elastic, damped, rubs or has inertia.
+    """
+    import mujoco
+
+    in_equality = {
+        tendon
+        for i in range(model.neq)
+        if model.eq_active0[i] and model.eq_type[i] == int(mujoco.mjtEq.mjEQ_TENDON)
+        for tendon in (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
+    }
+    for i in range(model.ntendon):
+        strained = [name for name in _STRAINS if np.any(getattr(model, f"tendon_{name}")[i])]
+        does = ["an equality"] * (i in in_equality) + ["a range"] * bool(model.tendon_limited[i]) + strained
+        moved = _joints_of_tendon(model, i, joints_to)
+        held = [names[j] for j in movers if j in moved]
+        if does and held:
+            given = f"{does[0].removesuffix('poly')}, over {', '.join(names[j] for j in sorted(moved))}"
+            rule = "none that acts on joints between base and tip, which move on their own"
+            fix = f"take it out of the file, or lock {', '.join(held)} in a model file"
+            raise InputError(f"tendon {model.tendon(i).name or i}", given, rule, fix)
+
+
+def _joints_of_tendon(model: Any, tendon: int, joints_to: Callable[[int], list[int]]) -> set[int]:
+    """Joints that change a tendon's length."""
+    import mujoco
+
+    joints, bodies = set(), []
+    for wrap in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
+        kind, thing = mujoco.mjtWrap(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
+        if kind == mujoco.mjtWrap.mjWRAP_JOINT:
+            joints.add(thing)
+        elif kind == mujoco.mjtWrap.mjWRAP_SITE:
+            bodies.append(set(joints_to(int(model.site_bodyid[thing]))))
+        elif kind in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER):
+            bodies.append(set(joints_to(int(model.geom_bodyid[thing]))))
+    return joints | (set.union(*bodies) - set.intersection(*bodies) if bodies else set())
+
+
+def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodies: Mapping[int, str]) -> list[str]:
+    """Say which forces of a file have no part in the arm's model, a line for each kind.
+
+    Args:
+        model: MuJoCo's.
+        movers: Joints of the arm.
+        names: Of all joints.
+        bodies: Names of the bodies that the arm moves, by their numbers.
+    """
+
+    def of(has: Callable[[int], Any]) -> str:
+        return ", ".join(names[i] for i in movers if np.any(has(i)))
+
+    springs = of(lambda i: [model.jnt_stiffness[i], *model.jnt_stiffnesspoly[i]])
+    rubbing = of(lambda i: model.dof_frictionloss[model.jnt_dofadr[i]])
+    bent = of(lambda i: model.dof_dampingpoly[model.jnt_dofadr[i]])
+    balanced = ", ".join(name for i, name in bodies.items() if model.body_gravcomp[i])
+    air = " and ".join(name for name in ("density", "viscosity") if getattr(model.opt, name))
+    told = {
+        f"springs of the joints {springs} (stiffness) have no part in the model": springs,
+        f"dry friction of {rubbing} (frictionloss) has no part in the model, only viscous damping has": rubbing,
+        f"of the damping of {bent} only what grows with the speed itself counts, no higher powers": bent,
+        f"gravcomp of {balanced} has no part in the model: the joints bear the whole weight": balanced,
+        f"{air} of <option> has no part in the model: the arm moves without drag": air,
+    }
+    return [note for note, there in told.items() if there]
+
+
+def torque_note(name: str, span: tuple[float, float], taken: float, unit: str) -> list[str]:
+    """Say where a joint's torque has not the same limit in both directions.
+
+    Args:
+        name: Of the joint.
+        span: Lowest and highest torque in the file.
+        taken: Largest magnitude in the model.
+        unit: Of all of these.
+    """
+    low, high = span
+    if np.isclose(-low, high):
+        return []
+    return [f"{name} has {low:g} to {high:g} {unit} in the file: {taken:g} {unit} is taken for both directions"]

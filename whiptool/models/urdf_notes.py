@@ -1,0 +1,46 @@
+"""What of a URDF file is assumed, or has no part in the arm, in lines for people."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Collection, Sequence
+
+from whiptool.models.urdf_shapes import DENSITY
+
+_BY_POSITION = "position_based_velocity_limits"  # an extension of Franka's files
+
+
+def assumed(
+    robot: ET.Element, movers: Collection[str], weighed: Collection[str], without_mass: Sequence[str]
+) -> tuple[str, ...]:
+    """Return a line for each kind of thing.
+
+    Args:
+        robot: The file.
+        movers: Names of the arm's joints.
+        weighed: Names of the links that it moves and that weigh what their shapes do.
+        without_mass: Names of the joints whose links have an inertia and no mass.
+    """
+
+    def of(has: Callable[[ET.Element], bool]) -> str:
+        joints = [joint for joint in robot.findall("joint") if joint.get("name") in movers and has(joint)]
+        return ", ".join(joint.get("name", "") for joint in joints)
+
+    light, water = ", ".join(without_mass), ", ".join(sorted(weighed))
+    fast, rubbing = of(lambda joint: joint.find(_BY_POSITION) is not None), of(_rubs)
+    said = {
+        f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on": water,
+        f"the inertia of what {light} moves is left out, as its mass is 0: no body has one without the other": light,
+        f"speed limits that depend on the position of {fast} are not judged, only the largest speeds": fast,
+        f"dry friction of {rubbing} has no part in the model, only its damping has": rubbing,
+    }
+    return tuple(note for note, names in said.items() if names)
+
+
+def _rubs(joint: ET.Element) -> bool:
+    dynamics = joint.find("dynamics")
+    given = "0" if dynamics is None else dynamics.get("friction", "0")
+    try:
+        return float(given) != 0
+    except ValueError:
+        return True
