@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -326,7 +327,16 @@ def test_a_camera_that_is_lost_during_a_strike_leaves_the_joints(filmed, tmp_pat
         rig.interlock.check()
 
 
-HARDWARE = ["--port", "/dev/nowhere", "--camera", "none", "--strike", "0.1", "0.1", "0.2", "0.15", "0.5"]
+STRUCK = ["--strike", "0.1", "0.1", "0.2", "0.15", "0.5"]
+
+
+@pytest.fixture
+def port(tmp_path: Path, monkeypatch) -> str:
+    """A device that is there, and is told by its name when it is opened: it is no serial line."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    device = tmp_path / "no-serial-line"
+    device.touch()
+    return str(device)
 
 
 class Person(io.StringIO):
@@ -338,24 +348,53 @@ class Person(io.StringIO):
 
 
 @pytest.mark.parametrize(("answer", "status"), [("no\n", 2), ("", 2), (None, 130)])
-def test_nothing_is_opened_without_an_answer(answer, status, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+def test_nothing_is_opened_without_an_answer(answer, status, port, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(sys, "stdin", Person() if answer is None else io.StringIO(answer))
-    assert command.main(["strike", *HARDWARE, "--out", str(tmp_path / "run")]) == status
-    assert "nowhere" not in capsys.readouterr().err.splitlines()[-1].replace("Is everybody", "")
+    assert (
+        command.main(["strike", "--port", port, "--camera", "none", *STRUCK, "--out", str(tmp_path / "run")]) == status
+    )
+    assert "no-serial-line" not in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_a_later_call_with_the_port_asks_whatever_its_options(tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+class Nobody(io.StringIO):
+    """A keyboard that must not be read."""
+
+    def readline(self, *args) -> str:
+        raise AssertionError("a question was asked")
+
+
+@pytest.mark.parametrize(
+    ("place", "camera", "said"),
+    [
+        ("/dev/nowhere", "none", "--port: got '/dev/nowhere'; allowed: a serial device"),
+        (None, "realsense", "--camera: got 'realsense'; allowed: a RealSense camera that is plugged in"),
+    ],
+)
+def test_what_is_not_there_is_refused_before_a_question(place, camera, said, port, tmp_path, monkeypatch, capsys):
+    sdk = SimpleNamespace(context=lambda: SimpleNamespace(query_devices=list), camera_info=None)
+    monkeypatch.setattr("whiptool.vision.realsense.realsense", lambda: sdk)
+    monkeypatch.setattr(sys, "stdin", Nobody())
+    words = ["strike", "--port", place or port, "--camera", camera, *STRUCK]
+    assert command.main([*words, "--out", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err.startswith(f"whiptool: {said}")
+
+
+def test_a_later_call_with_the_port_asks_whatever_its_options(port, tmp_path: Path, monkeypatch, capsys) -> None:
     before = Interlock()
-    before.watch(mark_of_port("/dev/nowhere"))
+    before.watch(mark_of_port(port))
     before.trip("hardware: joint 1 reports overheating")
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    assert command.main(["strike", *HARDWARE, "--yes", "--out", str(tmp_path / "run")]) == 1
+    assert (
+        command.main(["strike", "--port", port, "--camera", "none", *STRUCK, "--yes", "--out", str(tmp_path / "run")])
+        == 1
+    )
     assert "nothing is armed: the arm was stopped (hardware: joint 1 reports overheating)" in capsys.readouterr().err
     monkeypatch.setattr(sys, "stdin", io.StringIO("yes\n"))
-    assert command.main(["strike", *HARDWARE, "--yes", "--out", str(tmp_path / "run")]) == 2
-    assert "/dev/nowhere" in capsys.readouterr().err  # so far it came
+    assert (
+        command.main(["strike", "--port", port, "--camera", "none", *STRUCK, "--yes", "--out", str(tmp_path / "run")])
+        == 2
+    )
+    assert "no-serial-line" in capsys.readouterr().err  # so far it came
 
 
 @pytest.mark.slow

@@ -96,15 +96,24 @@ def loop_options(options: ArmOptions) -> LoopOptions:
 
 
 def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, interlock: Interlock):
-    """The real arm and camera that the options name; a stop leaves a mark for later calls with this port."""
+    """The real arm and camera that the options name; a stop leaves a mark for later calls with this port.
+
+    Raises:
+        InputError: There is no such serial device, or no such camera. Neither is opened yet.
+    """
+    from whiptool.rig.dynamixel.port import check_present
     from whiptool.rig.session import HardwareRig, Line
 
+    check_present(options.port)
+    camera = _camera(options.camera)
+    if camera is not None:
+        camera.check_present()
     interlock.watch(mark_of_port(options.port))
     return HardwareRig(
         model,
         controller,
         Line(options.port),
-        camera=_camera(options.camera),
+        camera=camera,
         target=options.build_target().position,
         options=loop,
         confirm=None if options.yes else _confirm,

@@ -56,6 +56,20 @@ class RealSenseCamera:
         self._rs: Any = None
         self._pipeline: Any = None
 
+    def check_present(self) -> None:
+        """Refuse a camera that is not there; nothing is started.
+
+        Raises:
+            InputError: No RealSense camera is plugged in, or none with this serial number; there is no pyrealsense2.
+        """
+        if self.file is not None:
+            return
+        rs = realsense()
+        there = [device.get_info(rs.camera_info.serial_number) for device in rs.context().query_devices()]
+        if not there or (self.serial and self.serial not in there):
+            fix = f"there are {', '.join(there)}" if there else "none is seen: plug it into USB 3"
+            raise InputError("camera", self.serial or "realsense", "a RealSense camera that is plugged in", fix)
+
     def open(self) -> None:
         """Start the stream; opening twice does no harm."""
         if self._pipeline is not None:

@@ -59,12 +59,28 @@ class Peer(Protocol):
         ...
 
 
+OPENS = "a serial device that can be opened"
+
+
+def check_present(device: str) -> None:
+    """Refuse a serial device that is not there; nothing is opened.
+
+    Raises:
+        InputError: There is no such file.
+    """
+    if not Path(device).exists():
+        there = sorted(str(p) for kind in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(kind))
+        fix = f"there are {', '.join(there)}" if there else "no serial adapter is plugged in"
+        raise InputError("port", device, OPENS, fix)
+
+
 def make_port(device: str, baud: int) -> Any:
     """Return an open port, see `port_class`; nobody else can open the device meanwhile.
 
     Raises:
         InputError: The device cannot be opened, or does not do the baud rate.
     """
+    check_present(device)
     port = port_class()(device)
     try:
         port.baudrate = baud
@@ -74,15 +90,12 @@ def make_port(device: str, baud: int) -> Any:
     except InputError:
         raise
     except Exception as error:  # pyserial, termios and the OS each raise their own
-        raise InputError("port", device, "a serial device that can be opened", _cure(device, error)) from error
+        raise InputError("port", device, OPENS, _cure(error)) from error
     return port
 
 
-def _cure(device: str, error: Exception) -> str:
+def _cure(error: Exception) -> str:
     """What to do about a device that does not open."""
-    if not Path(device).exists():
-        there = sorted(str(p) for kind in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(kind))
-        return f"there are {', '.join(there)}" if there else "no serial adapter is plugged in"
     if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
         return "another program holds it: end that one"
     return f"{error} (for permission: sudo usermod -aG dialout $USER, and log in anew)"
