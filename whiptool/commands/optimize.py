@@ -385,7 +385,9 @@ def finite(value: float | None) -> float | None:
 
 def strike_lines(strike: dict[str, float], arm, bounds=None) -> list[str]:
     """A strike of an arm for people, with the bounds in which it was searched if given."""
-    slides = _sliding(arm)
+    from whiptool.models.strike import sliding_names
+
+    slides = sliding_names(arm)
     lines = []
     limits = list(bounds) if bounds is not None else [None] * len(strike)
     width = max(14, *map(len, strike))
@@ -396,15 +398,7 @@ def strike_lines(strike: dict[str, float], arm, bounds=None) -> list[str]:
     return lines
 
 
-def _sliding(arm) -> set[str]:
-    """Names of a strike's numbers that are positions of joints that slide."""
-    from whiptool.models.strike import strike_names
-
-    names = zip(strike_names(arm), (*arm.joints, *arm.joints), strict=False)
-    return {name for name, joint in names if joint in arm.slides}
-
-
-def _number_text(name: str, value: float, slides: set[str]) -> str:
+def _number_text(name: str, value: float, slides: Sequence[str]) -> str:
     """One of a strike's numbers for people: angles, or lengths where a joint slides or the hand is."""
     if name == "D":
         return f"{value:.4f} s"

@@ -29,6 +29,12 @@ def strike_names(arm: ArmParameters | SpatialArm) -> tuple[str, ...]:
     return (*(stem + "i" for stem in stems), *(stem + "f" for stem in stems), "D")
 
 
+def sliding_names(arm: ArmParameters | SpatialArm) -> tuple[str, ...]:
+    """Return those of the strike's names whose numbers are positions of joints that slide [m]."""
+    names = zip(strike_names(arm), (*arm.joints, *arm.joints), strict=False)  # all but D
+    return tuple(name for name, joint in names if joint in arm.slides)
+
+
 def named_strike(strike: Strike, arm: ArmParameters | SpatialArm) -> dict[str, float]:
     """Return the strike's parameters by their names, angles in rad and D in s."""
     return dict(zip(strike_names(arm), map(float, strike.vector), strict=True))

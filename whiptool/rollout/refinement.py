@@ -74,11 +74,15 @@ def refine(
     differences = []
     if abs(then.distance[0] - now.distance[0]) > MISS:
         differences.append(f"the miss distance is {now.distance[0]:.4f} m, not {then.distance[0]:.4f}")
-    for name, unit in (("max_torque", "N m"), ("max_joint_speed", "rad/s")):
+    slides = model.arm.slides
+    for name, what, turning, sliding in (
+        ("max_torque", "torque", "N m", "N"),
+        ("max_joint_speed", "speed", "rad/s", "m/s"),
+    ):
         for joint, a, b in zip(model.arm.joints, getattr(then, name)[0], getattr(now, name)[0], strict=True):
             if abs(a - b) > PEAK * max(a, b, SMALL_PEAK):
-                what = f"the {joint}'s largest {'torque' if unit == 'N m' else 'speed'}"
-                differences.append(f"{what} is {b:.2f} {unit}, not {a:.2f}")
+                unit = sliding if joint in slides else turning
+                differences.append(f"the {joint}'s largest {what} is {b:.2f} {unit}, not {a:.2f}")
     return Refined(finer, tuple(differences))
 
 

@@ -13,7 +13,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Approach, Trajectory, joint_points
 from whiptool.target import Target, as_target
-from whiptool.viz.plots import COLORS, planned_end
+from whiptool.viz.plots import COLORS, joint_units, planned_end
 from whiptool.viz.templating import filled
 
 RATE = 500.0  # [Hz], at which a strike is shown
@@ -79,6 +79,8 @@ def strike_data(model: Model, trajectory: Trajectory, goal: Target) -> dict[str,
         "lengths": _lengths(model),
         "arm": a,
         "joints": list(model.arm.joints),
+        "slides": [joint in model.arm.slides for joint in model.arm.joints],
+        "units": _units(model),
         "marks": letters if len(set(letters)) == a else [str(i + 1) for i in range(a)],
         "target": [float(x) for x in target],
         "hit_radius": goal.hit_radius,
@@ -92,6 +94,12 @@ def strike_data(model: Model, trajectory: Trajectory, goal: Target) -> dict[str,
         else None,
         "D": planned_end(whole),
     }
+
+
+def _units(model: Model) -> dict[str, str]:
+    """Units of the plots of all joints."""
+    pairs = {"q": ("deg", "mm"), "tau": ("N m", "N"), "K": ("N m/rad", "N/m"), "B": ("N m s/rad", "N s/m")}
+    return {name: joint_units(*pair, model.arm.joints, model.arm.slides) for name, pair in pairs.items()}
 
 
 def _gains(gain: np.ndarray) -> np.ndarray:

@@ -22,7 +22,6 @@ from matplotlib.ticker import MaxNLocator
 
 from whiptool.errors import expect
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
 from whiptool.objective import Trial, why_lost
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target, as_target
@@ -264,7 +263,7 @@ def plot_tracking(
                 linewidth=1.1,
                 label="desired" if i == len(joint_names) - 1 else "",
             )
-        ax.set_ylabel(f"{quantity} [{_units(f'deg{per}', f'mm{per}', joint_names, slides)}]")
+        ax.set_ylabel(f"{quantity} [{joint_units(f'deg{per}', f'mm{per}', joint_names, slides)}]")
         _time_axis(ax, trajectory)
         legend_above(ax, ncols=3 if len(joint_names) < 4 else 2)
     return axes
@@ -276,28 +275,33 @@ def plot_torque(ax: Axes, trajectory: Trajectory, joint_names: Sequence[str], *,
     for i, name in enumerate(joint_names):
         label = f"{name}, up to {largest[i]:.3g} {'N' if name in slides else 'N m'}"
         ax.plot(trajectory.t, trajectory.tau[:, i], color=JOINT_COLORS[i % len(JOINT_COLORS)], label=label)
-    ax.set_ylabel(f"torque [{_units('N m', 'N', joint_names, slides)}]")
+    ax.set_ylabel(f"torque [{joint_units('N m', 'N', joint_names, slides)}]")
     _time_axis(ax, trajectory)
     legend_above(ax)
     return ax
 
 
-def _units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
-    """Which units an axis of all joints has."""
+def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
+    """Return which units an axis of all joints has: of those that turn, and of those that slide if there are some."""
     if not slides:
         return turning
     return f"{turning}, {sliding}" if len(slides) < len(joint_names) else sliding
 
 
-def plot_gains(axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str]) -> np.ndarray:
+def plot_gains(
+    axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str], *, slides: Sequence[str] = ()
+) -> np.ndarray:
     """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,).
 
-    Of arms of more than three joints, those that couple joints are thin and have one name.
+    Joints that slide are named in `slides`: their own entries are in N/m and N s/m. Of arms of more than three joints,
+    those that couple joints are thin and have one name.
     """
     letters = [name[0] for name in joint_names]
     marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
     a, few = len(marks), len(marks) <= 3
-    for ax, gain, name, unit in ((axes[0], trajectory.K, "K", "N m/rad"), (axes[1], trajectory.B, "B", "N m s/rad")):
+    stiffness = joint_units("N m/rad", "N/m", joint_names, slides)
+    damping = joint_units("N m s/rad", "N s/m", joint_names, slides)
+    for ax, gain, name, unit in ((axes[0], trajectory.K, "K", stiffness), (axes[1], trajectory.B, "B", damping)):
         for k, (i, j) in enumerate(np.ndindex(a, a)):
             color, label = CYCLE[k % len(CYCLE)], f"${name}_{{{marks[i]}{marks[j]}}}$"
             style = {"linestyle": "-" if i == j else (4 * (i > j), (4, 4))}  # equal ones show in turn
@@ -377,7 +381,7 @@ def save_strike_figures(
         The files.
     """
     joints = model.arm.joints
-    slides = _slides(model)
+    slides = model.arm.slides
     with matplotlib.rc_context(STYLE):
         sizes = {"distance": _DISTANCE_SIZE, "tracking": (7.6, 6.4), "torque": _DISTANCE_SIZE}
         sizes |= {"gains": (7.6, 6.4)} if trajectory.K.any() or trajectory.B.any() else {}
@@ -387,7 +391,7 @@ def save_strike_figures(
         plot_tracking(figures["tracking"].subplots(2, sharex=True), trajectory, joints, slides=slides)
         plot_torque(figures["torque"].subplots(), trajectory, joints, slides=slides)
         if "gains" in figures:
-            plot_gains(figures["gains"].subplots(2, sharex=True), trajectory, joints)
+            plot_gains(figures["gains"].subplots(2, sharex=True), trajectory, joints, slides=slides)
         title = verbatim(f"{model.name}, {controller_label}")
         for figure in figures.values():
             figure.suptitle(title, fontsize=12, fontweight="bold", x=0.02, ha="left")
@@ -402,14 +406,6 @@ def _strike_figure(trajectory: Trajectory, model: Model, target: Target) -> Figu
     figure = Figure(_STRIKE_SIZE, layout="constrained")
     _fit_width(plot_strike(trajectory, model, target, ax=figure.subplots()))
     return figure
-
-
-def _slides(model: Model) -> list[str]:
-    """Names of the joints that slide."""
-    if not isinstance(model.arm, SpatialArm):
-        return []
-    links = zip(model.arm.joints, model.arm.links, strict=True)
-    return [name for name, link in links if link.kind == "prismatic"]
 
 
 def save_convergence(

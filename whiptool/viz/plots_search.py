@@ -20,16 +20,29 @@ _COLORMAP = "cividis"  # made for readers with and without a colour vision defic
 _HIT, _LOST = COLORS["vermilion"], "0.75"
 
 
-def axis_label(name: str) -> str:
-    """A strike parameter with its unit, such as `$q_{sf}$ [rad]`."""
+def axis_label(name: str, slides: Sequence[str] = ()) -> str:
+    """A strike parameter with its unit, such as `$q_{sf}$ [rad]`.
+
+    Args:
+        name: As a space of strikes has it; `x_f` is a place of the hand.
+        slides: Names of those that are positions of joints that slide, as `whiptool.models.strike.sliding_names` says.
+    """
     if name == "D":
         return "$D$ [s]"
     symbol, _, subscript = name.partition("_")
-    return f"${symbol}_{{{subscript}}}$ [rad]"
+    unit = "m" if symbol in ("x", "y", "z") or name in slides else "rad"
+    return f"${symbol}_{{{subscript}}}$ [{unit}]"
 
 
 def plot_landscape(
-    ax: Axes, x: np.ndarray, y: np.ndarray, miss_distance: np.ndarray, hit_radius: float, *, names: Sequence[str]
+    ax: Axes,
+    x: np.ndarray,
+    y: np.ndarray,
+    miss_distance: np.ndarray,
+    hit_radius: float,
+    *,
+    names: Sequence[str],
+    slides: Sequence[str] = (),
 ) -> Axes:
     """Miss distance over two strike parameters, all others held, with a line around what hits.
 
@@ -40,6 +53,7 @@ def plot_landscape(
         miss_distance: [m], (Y, X); NaN or infinite where a strike diverged, which is drawn grey.
         hit_radius: The tip hits within this distance [m].
         names: Of the two parameters, as `whiptool.models.strike.strike_names` has them.
+        slides: See `axis_label`.
 
     Raises:
         InputError: The shapes do not fit, or no strike came to its end.
@@ -58,7 +72,7 @@ def plot_landscape(
     if np.nanmin(miss) <= hit_radius < np.nanmax(miss):
         ax.contour(x, y, miss, levels=[hit_radius], colors=_HIT, linewidths=1.6)
         ax.plot([], [], color=_HIT, linewidth=1.6, label=f"hit radius {hit_radius:g} m")
-    ax.set(xlabel=axis_label(names[0]), ylabel=axis_label(names[1]))
+    ax.set(xlabel=axis_label(names[0], slides), ylabel=axis_label(names[1], slides))
     ax.grid(visible=False)
     figure = ax.get_figure()
     assert figure is not None
@@ -66,7 +80,14 @@ def plot_landscape(
     return ax
 
 
-def plot_trials(ax: Axes, trials: Sequence[Trial], columns: tuple[int, int], *, names: Sequence[str]) -> Axes:
+def plot_trials(
+    ax: Axes,
+    trials: Sequence[Trial],
+    columns: tuple[int, int],
+    *,
+    names: Sequence[str],
+    slides: Sequence[str] = (),
+) -> Axes:
     """Where a search struck, seen along the other parameters, over a landscape or alone; hits are filled.
 
     Both kinds are labelled for a legend, which is left to the caller.
@@ -76,6 +97,7 @@ def plot_trials(ax: Axes, trials: Sequence[Trial], columns: tuple[int, int], *, 
         trials: In order.
         columns: Which two entries of the strike vector.
         names: Of the two parameters.
+        slides: See `axis_label`.
     """
     at = np.array([trial.strike for trial in trials]).reshape(len(trials), -1)
     hit = np.array([trial.outcome.hit for trial in trials], bool)
@@ -85,5 +107,5 @@ def plot_trials(ax: Axes, trials: Sequence[Trial], columns: tuple[int, int], *, 
     ax.plot(*misses, markerfacecolor="none", markeredgecolor="white", markersize=4.6, **style)  # seen on the dark
     ax.plot(*misses, markerfacecolor="none", markeredgecolor=COLORS["black"], markersize=3.2, label="miss", **style)
     ax.plot(*hits, markerfacecolor=_HIT, markeredgecolor="white", markersize=5.5, label="hit", **style)
-    ax.set(xlabel=axis_label(names[0]), ylabel=axis_label(names[1]))
+    ax.set(xlabel=axis_label(names[0], slides), ylabel=axis_label(names[1], slides))
     return ax

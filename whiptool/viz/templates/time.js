@@ -154,7 +154,8 @@ class Plot {
 }
 
 const CYCLE = ["blue", "vermilion", "green", "pink", "orange", "sky"];
-const degrees = (angles) => angles.map((x) => (x === null ? null : (180 / Math.PI) * x));
+/** Positions of joint k in deg, or in mm where it slides. */
+const positions = (values, k) => values.map((x) => (x === null ? null : (strike.slides[k] ? 1e3 : 180 / Math.PI) * x));
 const cycle = (k) => CYCLE[k % CYCLE.length];
 const ofJoint = (k) => [...CYCLE, "brown"][k % (CYCLE.length + 1)];
 const perJoint = (rows) => rows.map((values, k) => ({ name: strike.joints[k], values, color: ofJoint(k) }));
@@ -167,9 +168,10 @@ const plots = [
   { title: "Tip speed", unit: "m/s", series: [{ name: "tip", values: strike.speed, color: "blue" }], fromZero: true },
   { title: "Distance to target", unit: "m", series: [{ name: "tip to target", values: strike.distance, color: "blue" }],
     fromZero: true, extra: 1, zone: radius, dot: near && [near.time, near.distance] },
-  { title: "Angles", unit: "deg", series: perJoint(q.slice(0, arm).map(degrees)).flatMap((joint, k) => [
-    joint, { name: "desired", values: degrees(q_d[k]), color: "black", dash: [5, 3] }]) },
-  { title: "Torque", unit: "N m", series: perJoint(strike.tau), decades: true },
-  { title: "Stiffness K", unit: "N m/rad", series: gains("K", strike.K), decades: true },
-  { title: "Damping B", unit: "N m s/rad", series: gains("B", strike.B), decades: true },
+  { title: strike.slides.includes(true) ? "Positions" : "Angles", unit: strike.units.q,
+    series: perJoint(q.slice(0, arm).map(positions)).flatMap((joint, k) => [
+      joint, { name: "desired", values: positions(q_d[k], k), color: "black", dash: [5, 3] }]) },
+  { title: "Torque", unit: strike.units.tau, series: perJoint(strike.tau), decades: true },
+  { title: "Stiffness K", unit: strike.units.K, series: gains("K", strike.K), decades: true },
+  { title: "Damping B", unit: strike.units.B, series: gains("B", strike.B), decades: true },
 ].map((about, k, all) => new Plot({ ...about, last: k === all.length - 1 }));
