@@ -8,14 +8,16 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from fake_rollout import SPEED, StraightFlight
+from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
-from whiptool.criteria import PeakTorque, Speed
+from whiptool.criteria import Effort, PeakTorque, Speed
 from whiptool.errors import InputError
 from whiptool.goals import probability_within
 from whiptool.impedance import Controller, HandControl, PositionControl
+from whiptool.models.spatial_arm import without_inertia
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Arrival, Objective, SearchStopped
+from whiptool.options.limits import LimitOptions
 from whiptool.rollout import CompiledRollout
 from whiptool.target import Target
 
@@ -102,6 +104,22 @@ def test_outcomes_of_straight_flights():
     assert (o.n_diverged, o.n_refused, len(o.trials)) == (1, 0, 3)
     assert o.best is o.trials[0]
     assert [trial.number for trial in o.trials] == [1, 2, 3]
+
+
+def test_torques_of_an_arm_of_unknown_inertia_are_not_known():
+    """They are NaN, and no strike is judged by them."""
+    flight = StraightFlightInSpace()
+    arm = flight.model.arm
+    flight.model = dataclasses.replace(flight.model, arm=without_inertia(arm, arm.joints[:1]))
+    target, strike = Target((1.2, 0.0, 0.0), 0.1), [*[0.0] * (2 * arm.n), 0.7]
+    outcome = Objective(flight, target, criteria=[Speed()])(strike)
+    assert outcome.hit
+    assert np.isnan(outcome.max_torque).tolist() == [True] * len(outcome.max_torque)
+    for criterion in (Effort(), PeakTorque()):
+        with pytest.raises(InputError, match=rf"criterion: got '{criterion.name}'; allowed: miss, speed or robustness"):
+            Objective(flight, target, criteria=[criterion])
+    with pytest.raises(InputError, match="--limits: got 'xm430'; allowed: arm or none"):
+        LimitOptions(limits="xm430").build_limits(flight.model, Controller(PositionControl()))
 
 
 def test_a_target_counts_as_hit_at_its_radius():

@@ -62,12 +62,14 @@ class Criterion(ABC):
         name: As on the command line.
         words: For people; with the unit in which the number is.
         largest: Whether more is better.
+        of_torques: Whether it is told by torques, which an arm of unknown inertia has none of.
     """
 
     name: ClassVar[str]
     words: ClassVar[str]
     unit: ClassVar[str]
     largest: ClassVar[bool] = False
+    of_torques: ClassVar[bool] = False
 
     @abstractmethod
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -126,7 +128,7 @@ class Effort(Criterion):
     Efforts of one robot's strikes span four orders of magnitude: as they are, the best of them would all look alike.
     """
 
-    name, words, unit = "effort", "effort", "N² m² s"
+    name, words, unit, of_torques = "effort", "effort", "N² m² s", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""
@@ -150,7 +152,7 @@ class Effort(Criterion):
 class PeakTorque(Criterion):
     """The largest torque of any joint; its measures are the largest of each."""
 
-    name, words, unit = "peak-torque", "largest torque", "N m"
+    name, words, unit, of_torques = "peak-torque", "largest torque", "N m", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the number of each strike, (B,)."""

@@ -61,7 +61,7 @@ class Outcome(NoArray, instead="its miss_distance or tip"):
         tip: Where it was then (x, y) or (x, y, z) [m].
         tip_velocity: Its velocity then [m/s].
         max_joint_speed: Largest speed of each arm joint [rad/s].
-        max_torque: Largest torque of each arm joint [N m].
+        max_torque: Largest torque of each arm joint [N m]; NaN of an arm whose inertia is not known.
         diverged: Whether the rollout broke off.
         miss_error: Standard error of the miss distance [m]; None: it was not measured but computed.
         arrival: How the tip arrived; None where only a point is asked for, or the strike diverged or was refused.
@@ -158,7 +158,8 @@ class Objective:
         best: The trial with the smallest cost so far: the smallest miss distance, where only a point is asked for.
 
     Raises:
-        InputError: The target cannot be reached, or a number is out of range.
+        InputError: The target cannot be reached, a number is out of range, or a criterion is of torques, which are not
+            known of an arm of unknown inertia.
     """
 
     def __init__(
@@ -191,6 +192,9 @@ class Objective:
         expect(Sequence, criteria=criteria)
         for criterion in criteria:
             expect(Criterion, criteria=criterion)
+            if criterion.of_torques and rollout.model.arm.weightless:
+                rule = "miss, speed or robustness, as the inertia of the arm is not known, nor are its torques"
+                raise InputError("criterion", criterion.name, rule, "write an <inertial> of each link into the file")
         self.criteria = tuple(criteria)
         self.t_stay = number("t_stay", t_stay, low=0)
         longest = np.array([self.bounds.upper[-1] + self.t_stay])
@@ -433,6 +437,7 @@ class Objective:
         arrival = None if lost or self.goals.only_points else self._arrival(near, i)
         hit = not lost and self._hits(near, i)
         found = () if lost else tuple(map(float, values))
+        unknown = len(self.rollout.model.arm.weightless) > 0
         merit = self.criteria[0].cost(found[0], self.target.hit_radius) if hit and found else None
         return Outcome(
             miss_distance=distance,
@@ -441,7 +446,7 @@ class Objective:
             tip=tuple(map(float, near.tip[i])),
             tip_velocity=tuple(map(float, near.velocity[i])),
             max_joint_speed=tuple(map(float, near.max_joint_speed[i])),
-            max_torque=tuple(map(float, near.max_torque[i])),
+            max_torque=tuple(math.nan if unknown else float(torque) for torque in near.max_torque[i]),
             diverged=diverged,
             miss_error=error,
             arrival=arrival,

@@ -407,7 +407,7 @@ def _number_text(name: str, value: float, slides: Sequence[str]) -> str:
 
 def torques_known(arm) -> bool:
     """Whether an arm's torques can be told: the inertia of all that moves is known."""
-    return arm.dimension == 2 or not arm.weightless
+    return not arm.weightless
 
 
 def _joint_lines(outcome, arm) -> list[str]:

@@ -84,6 +84,11 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
         return ()
 
     @property
+    def weightless(self) -> tuple[str, ...]:
+        """Names of the joints whose links' inertia is not known: none."""
+        return ()
+
+    @property
     def subscripts(self) -> tuple[str, ...]:
         """Subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow; see `joint_names`."""
         return subscripts(self.joints)

@@ -54,7 +54,8 @@ class LimitOptions(OptionGroup):
         """Return the limits that strikes have to keep.
 
         Raises:
-            InputError: The arm has none, or there is nothing of which a share or a distance could be kept.
+            InputError: The arm has none, its torques are not known, or there is nothing of which a share or a distance
+                could be kept.
         """
         from whiptool.models.arm_limits import ArmLimits
         from whiptool.models.clearance import Clearance
@@ -66,6 +67,9 @@ class LimitOptions(OptionGroup):
         if self.limits == "arm" or (self.limits is None and ArmLimits.are_in(model.arm)):
             found.append(ArmLimits.of(model.arm, keep_free=self.keep_free, prescribed=controller.prescribed))
         elif self.limits is not None:
+            if model.arm.weightless:
+                rule = "arm or none, as the inertia of the arm is not known, nor are its torques"
+                raise InputError("--limits", self.limits, rule, "write an <inertial> of each link into the file")
             found.append(limits_preset(self.limits).keeping_free(self.keep_free))
         elif self.keep_free:
             raise InputError("--keep-free", self.keep_free, "0 for an arm without limits", "give --limits")
