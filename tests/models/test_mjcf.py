@@ -216,6 +216,19 @@ def test_a_loop_beyond_the_tip_is_no_loop_of_the_arm(read):
         read(MJCF.replace('<joint joint1="finger_joint"/>', loop.replace("fore", "upper")))
 
 
+def test_actuators_of_tendons_are_said_to_limit_no_torque(read):
+    pulling = _with_tendon('<fixed name="t"><joint joint="elbow" coef="1"/><joint joint="rail" coef="1"/></fixed>')
+    arm = read(pulling.replace("<actuator>", '<actuator><motor tendon="t" ctrlrange="-1 1"/>'))
+    assert arm.notes == ("actuators that pull at tendons limit no torque here: of rail, elbow",)
+
+
+def test_joints_that_follow_the_arm_are_said_to_be_held(read):
+    arm = read(MJCF.replace('joint1="finger_joint"', 'joint1="finger_joint" joint2="elbow"'))
+    assert arm.notes == (
+        "what an equality ties to joints of the arm does not move with them, but is held: finger_joint",
+    )
+
+
 def test_joints_keep_their_names_for_the_robot(read):
     arm = read(MJCF)
     assert (arm.joints[1], arm.names) == ("shoulder_joint", ("rail", "shoulder-joint", "elbow"))

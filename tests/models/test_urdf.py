@@ -228,6 +228,20 @@ def test_dry_friction_and_an_inertia_without_mass_are_said_to_have_no_part(read)
     assert read().notes == ()
 
 
+def test_what_is_beyond_or_narrower_than_the_arm_has_it_is_said(read):
+    mimicking = URDF.replace(
+        '<axis xyz="1 0 0"/>\n    <limit lower="0"', '<axis xyz="1 0 0"/><mimic joint="elbow"/><limit lower="0"'
+    )
+    safe = '<safety_controller k_velocity="1" soft_lower_limit="{}" soft_upper_limit="2"/><limit lower="-2"'
+    assert read(TIP, mimicking).notes == (
+        "what mimics joints of the arm does not move with them, but is held: finger_joint",
+    )
+    assert read(TIP, URDF.replace('<limit lower="-2"', safe.format(-2))).notes == ()
+    assert read(TIP, URDF.replace('<limit lower="-2"', safe.format(-1.9))).notes == (
+        "soft limits of elbow (<safety_controller>) are not kept, only those of <limit>",
+    )
+
+
 def test_files_that_are_not_there(tmp_path):
     with pytest.raises(InputError, match="readable URDF file"):
         read_urdf(tmp_path / "none.urdf")

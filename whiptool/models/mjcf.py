@@ -12,7 +12,13 @@ from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.capsules import Capsule
 from whiptool.models.joint_names import joint_name
-from whiptool.models.mjcf_forces import refuse_tendons, torque_note, untold_forces
+from whiptool.models.mjcf_forces import (
+    joints_that_follow,
+    pulled_by_tendons,
+    refuse_tendons,
+    torque_note,
+    untold_forces,
+)
 from whiptool.models.robot_markup import check_mjcf
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
 
@@ -252,6 +258,8 @@ class _Robot:
         """What of the file has no part in the arm, or another one."""
         moved = {body: name for body, name in enumerate(self.bodies) if self._mover_of(body) != _BASE}
         notes = untold_forces(self.model, self.movers, self.names, moved)
+        notes += joints_that_follow(self.model, self.movers, self.names)
+        notes += pulled_by_tendons(self.model, self.movers, self.names, self._joints_to)
         for i in self.movers:
             unit = "N" if self._kind(i) == "slide" else "N m"
             notes += torque_note(self.names[i], self._torques(i), self._torque(i), unit)

@@ -46,6 +46,31 @@ def refuse_tendons(
             raise InputError(f"tendon {model.tendon(i).name or i}", given, rule, fix)
 
 
+def joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
+    """Say which joints beyond the arm an equality ties to joints of the arm."""
+    import mujoco
+
+    tied = [
+        names[model.eq_obj1id[i]]
+        for i in range(model.neq)
+        if model.eq_active0[i] and model.eq_type[i] == int(mujoco.mjtEq.mjEQ_JOINT) and model.eq_obj2id[i] in movers
+    ]
+    held = f"what an equality ties to joints of the arm does not move with them, but is held: {', '.join(tied)}"
+    return [held] if tied else []
+
+
+def pulled_by_tendons(
+    model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
+) -> list[str]:
+    """Say which joints of the arm have actuators that pull at tendons, whose limits are of no single joint."""
+    import mujoco
+
+    tendons = model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0]
+    pulled = {joint for tendon in tendons for joint in _joints_of_tendon(model, int(tendon), joints_to)}
+    of = ", ".join(names[i] for i in movers if i in pulled)
+    return [f"actuators that pull at tendons limit no torque here: of {of}"] if of else []
+
+
 def _joints_of_tendon(model: Any, tendon: int, joints_to: Callable[[int], list[int]]) -> set[int]:
     """Joints that change a tendon's length."""
     import mujoco

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Sequence
 
@@ -26,21 +27,40 @@ def assumed(
         joints = [joint for joint in robot.findall("joint") if joint.get("name") in movers and has(joint)]
         return ", ".join(joint.get("name", "") for joint in joints)
 
+    def follow(joint: ET.Element) -> bool:
+        mimic = joint.find("mimic")
+        return mimic is not None and mimic.get("joint") in movers
+
     light, water = ", ".join(without_mass), ", ".join(sorted(weighed))
+    following = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if follow(joint))
+    soft = of(_keeps_off)
     fast, rubbing = of(lambda joint: joint.find(_BY_POSITION) is not None), of(_rubs)
     said = {
         f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on": water,
         f"the inertia of what {light} moves is left out, as its mass is 0: no body has one without the other": light,
         f"speed limits that depend on the position of {fast} are not judged, only the largest speeds": fast,
+        f"what mimics joints of the arm does not move with them, but is held: {following}": following,
+        f"soft limits of {soft} (<safety_controller>) are not kept, only those of <limit>": soft,
         f"dry friction of {rubbing} has no part in the model, only its damping has": rubbing,
     }
     return tuple(note for note, names in said.items() if names)
 
 
 def _rubs(joint: ET.Element) -> bool:
-    dynamics = joint.find("dynamics")
-    given = "0" if dynamics is None else dynamics.get("friction", "0")
+    """Whether a joint has dry friction."""
+    return _number(joint.find("dynamics"), "friction") > 0
+
+
+def _keeps_off(joint: ET.Element) -> bool:
+    """Whether a joint is to stay within less than its range."""
+    soft, limit = joint.find("safety_controller"), joint.find("limit")
+    low, high = _number(soft, "soft_lower_limit"), _number(soft, "soft_upper_limit")
+    return low < high and (low > _number(limit, "lower") or high < _number(limit, "upper"))
+
+
+def _number(element: ET.Element | None, name: str) -> float:
+    """A number of an element, 0 where it is not given; NaN: it is none."""
     try:
-        return float(given) != 0
+        return 0.0 if element is None else float(element.get(name, "0"))
     except ValueError:
-        return True
+        return math.nan
