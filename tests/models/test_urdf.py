@@ -106,6 +106,7 @@ def test_the_whip_goes_on_outward(read):
     [
         ("", TIP, "file: got 'no XML'"),
         ("<mujoco/>", TIP, "file: got '<mujoco>'.*expand xacro"),
+        ('<robot name="x" xmlns:xacro="x"><xacro:arm/></robot>', TIP, "links: got 'none'; .*expand xacro first"),
         (URDF, None, "tip: got 'none'; allowed: the name of one end, as the robot branches: tool, finger"),
         (URDF, ArmChoice(tip="flange"), "tip: got 'flange'; allowed: one of base, cart"),
         (URDF, ArmChoice(tip="base"), r"moving: got \[\]"),

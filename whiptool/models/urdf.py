@@ -86,6 +86,8 @@ def _tree(robot: ET.Element) -> dict[str, ET.Element | None]:
     if robot.tag != "robot":
         raise InputError("file", f"<{robot.tag}>", "a URDF file, which is a <robot>", "expand xacro first")
     parents: dict[str, ET.Element | None] = {link.get("name", ""): None for link in robot.findall("link")}
+    if not parents:
+        raise InputError("links", "none", "a <robot> with one or more <link>", "expand xacro first")
     for joint in robot.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type")
         for end in ("parent", "child"):
