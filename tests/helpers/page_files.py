@@ -12,19 +12,25 @@ from typing import Any, TypeAlias
 import numpy as np
 import robot_lab
 import tomli_w
+from command_line import called
 from films import film
 from human_data import write_made_up
 from page_commands import Command, parts_of
 from pendulum_swing import swing
+from swings import Whip
 
 from whiptool.identification.pendulum import Pendulum
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_to_table
-from whiptool.models import ArmLink, Model, preset
+from whiptool.models import ArmLink, Model, preset, write_model
+from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike, default_bounds
+from whiptool.recording.camera_files import write_cameras
 from whiptool.recording.readers import write_csv
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.rollout.servo_replay import replay_trajectory
+from whiptool.rollout.trajectory import Trajectory, joint_points
+from whiptool.vision.camera_model import camera_preset
 
 MODEL, TARGET = preset("lemon2024"), (1.2, 0.1)
 STRIKES = (
@@ -48,8 +54,8 @@ def provide(page: Path, folder: Path) -> None:
 
 def provide_for(command: Command, folder: Path) -> None:
     """Write into a folder what a command is told of: recordings, which take seconds, and RUN, the newest run."""
-    for word, make in RECORDED.get(command.page.stem, {}).items():
-        if word in command.words and not (folder / word).exists():
+    for words, make in RECORDED.get(command.page.stem, {}).items():
+        if words in command.line:
             make(folder)
     link, runs = folder / "RUN", sorted((folder / "runs").glob("*"), key=lambda run: run.stat().st_mtime)
     if runs:
@@ -63,38 +69,75 @@ def people(folder: Path) -> None:
 
 
 def tracks(folder: Path, names: Sequence[str] = ("strike1", "strike2", "strike3")) -> None:
-    """Tracked strikes of the paper's arm and whip: tip and handle, with what was commanded."""
+    """Tracked strikes of the paper's arm and whip: tip and handle, with what was commanded, without a log of joints."""
     for name, strike in zip(names, STRIKES, strict=False):
         recording = film(MODEL, np.array(strike), np.random.default_rng(0), markers=("tip", "handle"), sigma=2e-3)
-        told = dataclasses.replace(recording, controller=controller_to_table(Controller()))
+        controller = controller_to_table(Controller())
+        told = dataclasses.replace(recording, controller=controller, joints_t=None, joints_q=None)
         write_csv(told, folder / f"{name}.csv")
 
 
-def strike_films(folder: Path, names: Sequence[str] = ("strike1", "strike2", "strike3")) -> None:
+def in_a_hand(folder: Path) -> None:
+    """Three tracked strikes."""
+    tracks(folder, ["hand1", "hand2", "hand3"])
+
+
+def strike_films(
+    folder: Path, names: Sequence[str] = ("strike1", "strike2", "strike3"), *, camera: str = "d435-infrared"
+) -> None:
     """Films of strikes by the virtual camera, with their sidecars."""
     rollout = CompiledRollout(MODEL, Controller())
     for seed, (name, vector) in enumerate(zip(names, STRIKES[1:], strict=False)):
         strike = Strike.from_vector(np.array(vector))
         said = {"strike": strike, "target": np.array(TARGET), "t_stay": 0.3}
-        _filmed(folder / f"{name}.mkv", MODEL, rollout.trajectory(strike, t_stay=0.3), seed, **said)
-        side = folder / f"{name}.toml"
-        table = tomllib.loads(side.read_text(encoding="utf-8")) | {"controller": controller_to_table(Controller())}
-        side.write_text(tomli_w.dumps(table), encoding="utf-8")
+        seen = rollout.trajectory(strike, t_stay=0.3)
+        seen_by = camera_preset(camera).replace(fps=60)
+        side = _filmed(folder / f"{name}.mkv", seen_by, MODEL, seen, seed, start=-0.02, **said)
+        _say(side, controller=controller_to_table(Controller()))
 
 
-def _filmed(path: Path, model: Model, trajectory: Trajectory, seed: int, **said: Any) -> None:
-    """Film a trajectory with the virtual camera; 60 frames a second are enough."""
-    from whiptool.vision.camera_model import camera_preset
+def coloured_films(folder: Path) -> None:
+    """Films of three strikes in colour."""
+    strike_films(folder, camera="d435-color")
+
+
+def swings(folder: Path, *, clamp: float | None = None) -> None:
+    """Films of three swings of the paper's whip, in a clamp [rad] or on a hinge; metres count from its upper end."""
+    whip, t = Whip(MODEL, clamped=clamp is not None, direction=clamp or 0.0), np.arange(0, 1.6, 2e-3)
+    camera, hand = camera_preset("d435-infrared").replace(fps=60), MODEL.arm.length
+    from_hand = np.array([[1, 0, 0], [0, 1, hand], [0, 0, 1.0]]) @ camera.homography
+    arm, none = np.zeros((len(t), MODEL.arm.n)), np.zeros((len(t), MODEL.arm.n, MODEL.arm.n))
+    for i, pull in enumerate(((2.0, 0.5), (-1.5, 0.9), (1.2, 0.6))):  # [N] at the tip, before it is released
+        theta = whip.released(whip.held_aside(pull), t)
+        q = np.hstack([arm, np.diff(theta, axis=1, prepend=0.0)])
+        tip = joint_points(MODEL, q)[:, -1]
+        speeds = np.gradient(q, t, axis=0), np.gradient(tip, t, axis=0)
+        path = Trajectory(t, q, speeds[0], arm, arm, arm, none, none, tip, speeds[1])
+        _filmed(folder / f"swing{i + 1}.mkv", camera, MODEL, path, i, homography=from_hand)
+
+
+def clamped_swings(folder: Path) -> None:
+    """The same of a whip in a clamp that points down, but for half a degree."""
+    swings(folder, clamp=0.01)
+
+
+def _filmed(
+    path: Path, camera: Any, model: Model, trajectory: Trajectory, seed: int, *, start: float = 0.0, **said: Any
+) -> Path:
+    """Film a trajectory with a virtual camera, and return the film's sidecar."""
     from whiptool.vision.film_files import write_video
     from whiptool.vision.render import VirtualCamera
     from whiptool.vision.source import frames_of
 
-    camera = camera_preset("d435-infrared").replace(fps=60)
-    virtual = VirtualCamera(
-        camera, model, trajectory, np.random.default_rng(seed), target=np.array(TARGET), start=-0.02
-    )
+    virtual = VirtualCamera(camera, model, trajectory, np.random.default_rng(seed), said.get("target"), start=start)
     virtual.open()
-    write_video(path, frames_of(virtual), synthetic=True, **said)
+    return write_video(path, frames_of(virtual), synthetic=True, **said)
+
+
+def _say(side: Path, **more: Any) -> None:
+    """Add to what a sidecar says; a recording of a camera in space leaves it to the command where the cameras stand."""
+    table = tomllib.loads(side.read_text(encoding="utf-8")) | more
+    side.write_text(tomli_w.dumps({key: x for key, x in table.items() if key != "cameras"}), encoding="utf-8")
 
 
 def prior(folder: Path) -> None:
@@ -120,6 +163,83 @@ def robots_strikes(folder: Path) -> None:
         trajectory.unlink()
 
 
+def two_cameras(folder: Path) -> dict[str, Any]:
+    """The file of two cameras, and a guess of a robot's whip; returns the cameras by name."""
+    import space_films as lab
+
+    small = {"camera_matrix": np.array([[322.0, 0, 318], [0, 324.0, 178], [0, 0, 1]]), "distortion": ()}
+    small |= {"width": 640, "height": 360, "fps": 60.0}
+    cameras = {x.name: dataclasses.replace(x, **small) for x in (lab.LEFT, lab.RIGHT)}
+    write_cameras(folder / "cameras.toml", cameras)
+    guess = dataclasses.replace(lab.ROBOT, whip=dataclasses.replace(lab.WHIP, k=0.07, b=0.006))
+    write_model(guess, folder / "my-robot.toml")
+    return cameras
+
+
+def tables_of_pixels(folder: Path) -> None:
+    """Where two cameras saw the tip in three strikes of a robot."""
+    import space_films as lab
+
+    two_cameras(folder)
+    write_cameras(folder / "cameras.toml", {"left": lab.LEFT, "right": lab.RIGHT})
+    strikes = (*lab.STRIKES, dataclasses.replace(lab.STRIKES[0], D=0.5))
+    for i, strike in enumerate(strikes, start=1):
+        for seen in lab.filmed_by_two(lab.ROBOT, strike, i):
+            _say(write_csv(seen, folder / f"strike{i}-{seen.camera}.csv")[1])
+
+
+def films_in_space(folder: Path) -> None:
+    """What two cameras filmed of a strike of a robot that is known but for its whip."""
+    import space_films as lab
+
+    strike = lab.STRIKES[0]
+    told = JointTrajectory.of_strike(strike, lab.ROBOT.arm.joints, rest=0.1, t_stay=0.15)
+    film_in_space(folder, lab.ROBOT, told)
+
+
+def film_in_space(folder: Path, model: Model, told: JointTrajectory) -> None:
+    """Write `left.mkv` and `right.mkv` of a robot's trajectory, and the robot's log; all count from its beginning."""
+    from whiptool.vision.space_view import SpaceView
+
+    path, clocks = replay_trajectory(model, told), {"start": told.strike_begins, "joints_start": told.strike_begins}
+    every = slice(None, None, 80)
+    rows = np.column_stack([path.t, path.q[:, : model.arm.n]])[every]
+    robot_lab.write(folder / "robot-joints.txt", ["t", *model.arm.joints], rows)
+    for seed, (name, camera) in enumerate(two_cameras(folder).items()):
+        side = _filmed(folder / f"{name}.mkv", SpaceView.of(camera), model, path, seed, start=0.01)
+        _say(side, camera=name, joints="robot-joints.txt", **clocks)
+
+
+def next_recorded(folder: Path) -> None:
+    """What a lab recorded of the strike that is asked for."""
+    robot_lab.run(preset("ur5e"), asked_for(folder), folder, "recorded")
+
+
+def first_in_lab(folder: Path) -> None:
+    """The same in a folder of the lab's own."""
+    (folder / "lab").mkdir()
+    robot_lab.run(preset("ur5e"), asked_for(folder), folder / "lab", "strike0")
+
+
+def next_filmed(folder: Path) -> None:
+    """What two cameras filmed of the strike that is asked for."""
+    film_in_space(folder, preset("ur5e"), JointTrajectory.load_csv(asked_for(folder)))
+
+
+def asked_for(folder: Path) -> Path:
+    """The trajectory of the strike that the page's run with a robot asks for."""
+    return max(path for run in ("run", "robot") for path in folder.glob(f"{run}/strike-*/trajectory.csv"))
+
+
+def a_killed_search(folder: Path) -> None:
+    """The page's search with DIRECT-L as one that was killed before it wrote its result, on another day."""
+    runs = folder / "runs"
+    if not list(runs.glob("directl-*")):
+        called("optimize", "--method", "directl", "--target", "1.2", "0.1", cwd=folder)
+    killed = min(runs.glob("directl-*")).rename(runs / "directl-20260102-030405")
+    (killed / "result.json").unlink()
+
+
 def pendulums_swings(folder: Path) -> None:
     """Twelve swings of a double pendulum, by its encoders, and a guess of its links."""
     rng, links = np.random.default_rng(0), (ArmLink(0.2, 0.2), ArmLink(0.1, 0.2))
@@ -138,9 +258,27 @@ MADE: dict[str, tuple[Make, ...]] = {
     "human": (people,),
     "results": (people,),
 }
-# What is made when a command first asks for a file of this name
+# What is made before a command that holds these words
 RECORDED: dict[str, dict[str, Make]] = {
     "README": {"strike2.mkv": of_strikes},
-    "commands": {"strike2.mkv": of_strikes, "double.npz": pendulums_swings},
-    "how-to": {"strike1.csv": robots_strikes, "double.npz": pendulums_swings},
+    "commands": {
+        "--resume runs/directl-": a_killed_search,
+        "strike2.mkv": of_strikes,
+        "identify left.mkv": films_in_space,
+        "*.csv": in_a_hand,
+        "swing*.mkv": swings,
+        "double.npz": pendulums_swings,
+        "next --run robot recorded.csv": next_recorded,
+        "next --run robot left.mkv": next_filmed,
+    },
+    "how-to": {
+        "identify strike1.csv": robots_strikes,
+        "lab/strike0.csv": first_in_lab,
+        "next --run run left.mkv": next_filmed,
+        "identify strike1.mkv": coloured_films,
+        "--drive passive --free": swings,
+        "--drive passive --clamp": clamped_swings,
+        "double.npz": pendulums_swings,
+        "strike1-left.csv": tables_of_pixels,
+    },
 }
