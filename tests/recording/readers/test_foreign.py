@@ -76,3 +76,10 @@ def test_the_lines_for_sleap_write_what_is_read(tmp_path):
     found = read_recording(tmp_path / "strike1.csv", fps=60, scale=0.01, origin=[0, 0])
     assert found.markers == ("tip", "hand")
     np.testing.assert_allclose(found.points, places[0].transpose(2, 1, 0) * [0.01, -0.01])
+
+
+def test_a_joint_log_is_no_recording(tmp_path):
+    """`identify *.csv` in a folder of whiptool's own tables names it, too."""
+    (tmp_path / "a.joints.csv").write_text("t,shoulder,elbow\n0,0,0\n0.1,0,1\n")
+    with pytest.raises(InputError, match=r"a joint log.*leave it out.*a\.csv"):
+        read_recording(tmp_path / "a.joints.csv")

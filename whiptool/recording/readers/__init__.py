@@ -23,7 +23,7 @@ from whiptool.recording.readers.foreign import refuse_foreign
 from whiptool.recording.readers.lerobot import lerobot_episode, lerobot_video, read_lerobot
 from whiptool.recording.readers.mat import read_mat
 from whiptool.recording.readers.rosbag import db3_frames, db3_topics, read_db3
-from whiptool.recording.readers.tracks import read_csv, write_csv
+from whiptool.recording.readers.tracks import JOINT_LOG, read_csv, write_csv
 from whiptool.recording.readers.video import SUFFIXES, VideoSource, read_video, video_frames
 from whiptool.recording.strike_recording import StrikeRecording
 
@@ -99,6 +99,9 @@ def find_format(path: Path | str) -> str:
             raise
         raise InputError("recording", str(path)[:200], f"a path that can be read ({error})") from None
     refuse_foreign(path, head)
+    if path.name.endswith(JOINT_LOG):
+        strike = path.name.removesuffix(JOINT_LOG) + ".csv"
+        raise InputError(str(path), "a joint log", "a recording", f"leave it out: it is read together with {strike}")
     for name, form in READERS.items():
         if form.matches(path, head):
             return name

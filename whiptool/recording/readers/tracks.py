@@ -41,6 +41,7 @@ from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import DEFAULT_PIXELS, StrikeRecording
 
 AXES = ("x", "y", "z")
+JOINT_LOG = ".joints.csv"  # in place of a recording's suffix
 PIXELS = ("u", "v")  # to the right, down
 DEPTH = ("depth", "depth_sigma")
 
@@ -213,7 +214,7 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
             write_cameras(files[-1], {view.name: view})
         _write_columns(path, header, np.stack(columns, 1))
         if recording.joints_t is not None and recording.joints_q is not None:
-            files.append(path.with_suffix(".joints.csv"))
+            files.append(path.with_suffix(JOINT_LOG))
             table["joints"] = files[-1].name
             angles = recording.joints_q
             named = [PREFIX + name for name in recording.joint_names]
