@@ -40,6 +40,14 @@ def test_the_miss_is_seen_between_frames():
     assert (seen.true_miss, seen.fault) == (0.29, "")
 
 
+def test_what_is_in_a_plane_or_of_another_arm_is_no_strike_in_space():
+    with pytest.raises(InputError, match=r"points: got '2 coordinates, in a plane'; allowed: 3 coordinates.*tip_z"):
+        seen_of(circle(source="a.csv"), (1.0, 0.2, 0.6))
+    six = Strike((0.0,) * 6, (0.5,) * 6, 0.6)
+    with pytest.raises(InputError, match="strike of the recording"):
+        checked(Seen(circle(strike=STRIKE), None), six, 1)
+
+
 def test_a_gap_holds_no_tip():
     target = (0.2, 1.0)  # passed at 0.25 s
     recording = circle()

@@ -24,6 +24,7 @@ from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
 from whiptool.recording.camera_files import write_cameras
 from whiptool.recording.readers import write_csv
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.target import Target
 
 UR5E = preset("ur5e")
@@ -51,6 +52,27 @@ def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_pat
     assert seen.recording.joints_q is not None
     np.testing.assert_array_equal(seen.recording.joints_q[0], [1.0, 2.0, 3.0, 4.0, 5.0, 9.0])
     assert (seen.recording.strike, seen.recording.t_stay) == (STRIKE, 0.2)
+
+
+def test_a_recording_of_our_own_format_is_read_as_any_other(tmp_path):
+    """It says itself what a sidecar would; what the run knows of its strikes counts nevertheless."""
+    port, t = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), t_stay=0.2), np.arange(40) / 50
+    seen = StrikeRecording(t, np.full((40, 1, 3), 0.5), ("tip",))
+    seen.save(tmp_path / "a.npz")
+    write_csv(seen, tmp_path / "a.csv")
+    for name in ("a.npz", "a.csv"):
+        read = port.read(tmp_path / name, STRIKE)
+        np.testing.assert_array_equal(read.points, seen.points)
+        assert (read.strike, read.t_stay, read.target) == (STRIKE, 0.2, (1.0, 0.2, 0.6))
+    (tmp_path / "a.npz").write_bytes(b"hello")
+    with pytest.raises(InputError, match=r"a\.npz.*NPZ"):
+        port.read(tmp_path / "a.npz", STRIKE)
+
+
+def test_a_recording_in_the_plane_is_none_of_an_arm_in_space(tmp_path):
+    write_rows(tmp_path / "a.csv", [["t", "tip_x", "tip_y"], *([i / 50, 0.5, 0.1] for i in range(40))])
+    with pytest.raises(InputError, match=r"a\.csv: points: got '2 coordinates, in a plane'; allowed: 3 coordinates"):
+        RobotPort(UR5E, Target((1.0, 0.2, 0.6))).read(tmp_path / "a.csv", STRIKE)
 
 
 def test_what_two_cameras_saw_comes_back_as_one_recording_of_places(tmp_path):

@@ -108,7 +108,7 @@ def test_in_space_the_command_drives_a_whip_as_the_rollout_has_it(monkeypatch):
     (found,) = predictor(plant, {}, predictor.start, derivatives=False)
     np.testing.assert_allclose(found.value.reshape(-1, 3, 3), seen.points, atol=1e-6)
     flat = replace(seen, points=seen.points[..., :2])
-    with pytest.raises(InputError, match=r"points: got 'in a plane'.*z up"):
+    with pytest.raises(InputError, match=r"points: got '2 coordinates, in a plane'.*z up"):
         Predictor([flat], plant, drive="command", shared=["whip.k"])
 
 

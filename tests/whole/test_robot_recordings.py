@@ -113,7 +113,7 @@ def test_without_a_log_the_command_and_a_lag_tell_the_whip(lab):
     ("change", "drive", "said"),
     [
         (str, "handle", "drive: got 'handle'; allowed: joints, robot, hand or command"),
-        (flat, "joints", "points: got 'in a plane'; allowed: places in space"),
+        (flat, "joints", "points: got '2 coordinates, in a plane'; allowed: 3 coordinates"),
     ],
 )
 def test_what_cannot_be_identified_is_told(lab, tmp_path, capsys, change, drive, said):

@@ -64,10 +64,11 @@ def seen_of(
         fault: Why the strike was broken off; empty: it was not. After a fault no miss distance is computed.
 
     Raises:
-        InputError: The recording has no marker `tip`, or is in pixels.
+        InputError: The recording has no marker `tip`, is in pixels, or in a plane where the target is in space.
     """
     _refuse_pixels(recording)
     d = len(target)
+    recording.check_coordinates(d)
     points = recording.marker("tip")[:, :d]
     seen = np.isfinite(points).all(axis=1)
     if seen.sum() < _JOINED or fault:
@@ -117,12 +118,18 @@ def checked(seen: Any, strike: Strike, number: int) -> Seen:
     _refuse_pixels(recording)
     if "tip" not in recording.markers:
         raise InputError("port: markers", recording.markers, "the tip among them")
-    if recording.strike is not None and not np.allclose(recording.strike.vector, strike.vector, rtol=0, atol=_SAME):
+    if recording.strike is not None and not _is_same(recording.strike, strike):
         given = recording.strike.vector.tolist()
         raise InputError("port: strike of the recording", given, f"{strike.vector.tolist()}, which was asked for")
     named = f"strike {number}"
     source = recording.source if recording.source.endswith(named) else f"{recording.source or 'port'}, {named}"
     return dataclasses.replace(seen, recording=dataclasses.replace(recording, strike=strike, source=source))
+
+
+def _is_same(one: Strike, other: Strike) -> bool:
+    """Whether two strikes are one; of arms with different numbers of joints they are not."""
+    a, b = one.vector, other.vector
+    return len(a) == len(b) and np.allclose(a, b, rtol=0, atol=_SAME)
 
 
 def _refuse_pixels(recording: StrikeRecording) -> None:

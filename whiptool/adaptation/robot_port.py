@@ -73,7 +73,7 @@ class RobotPort:
         Raises:
             InputError: It cannot be read.
         """
-        return self._of(read_recording(file, **self._about), strike)
+        return self._of(replace(read_recording(file), **self._about), strike)
 
     def read_cameras(self, files: Sequence[Path], strike: Strike, cameras: Path | None = None) -> StrikeRecording:
         """Return what two cameras or more saw of a strike, in places; films are tracked, with progress on stderr.

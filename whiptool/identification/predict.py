@@ -357,9 +357,7 @@ def _readings(recording: Recording, drive: Drive) -> _Reading:
     which, d = [recording.markers.index(name) for name in known], drive.structure.dimension
     if recording.view is not None and d == 2:
         raise InputError(f"{recording.source}: points", "a camera's pixels", "places, for a model in the plane")
-    if recording.points.shape[2] < d and recording.view is None:
-        rule = "places in space (_x, _y, _z; z up), for a model in space"
-        raise InputError(f"{recording.source}: points", "in a plane", rule, "record motion capture")
+    recording.check_coordinates(d)
     points, t = recording.points[:, which, :d], recording.t_points[:, which]
     sigma = np.repeat(recording.sigma[:, which, None], points.shape[2], axis=2)
     if recording.depth is not None:

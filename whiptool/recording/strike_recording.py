@@ -245,9 +245,21 @@ class StrikeRecording(NoArray, instead="its t and points"):
         dimension has (y in the plane, z in space), if their file says which it is.
 
         Raises:
-            InputError: The log is of other joints.
+            InputError: The log is of other joints, or places are in a plane and the model is in space.
         """
+        self.check_coordinates(model.dimension)
         return self._upright(UP_IN[model.dimension]).ordered(model.arm.joints)
+
+    def check_coordinates(self, d: int) -> None:
+        """Refuse places of fewer coordinates than `d`; a camera's pixels are two in space, too.
+
+        Raises:
+            InputError: They have fewer.
+        """
+        if self.view is None and self.points.shape[2] < d:
+            rule = f"{d} coordinates, places in space (columns t, tip_x, tip_y, tip_z; z up), for a model in space"
+            fix = "record motion capture or two cameras, or take a model in the plane"
+            raise InputError(f"{self.source or 'recording'}: points", "2 coordinates, in a plane", rule, fix)
 
     def _upright(self, up: str) -> StrikeRecording:
         """The same recording, turned about the axis that points forward so that another one points up."""
