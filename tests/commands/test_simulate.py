@@ -6,7 +6,7 @@ import json
 
 import mujoco
 import pytest
-from command_line import called
+from command_line import assert_one_line, called
 
 pytestmark = pytest.mark.slow
 
@@ -28,3 +28,12 @@ def test_export_writes_mjcf_that_mujoco_loads(tmp_path):
     assert done.returncode == 0
     assert "does not hold the controller" in done.stderr
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml")).nq == 14
+
+
+def test_a_strike_whose_simulation_diverges_ends_with_1(tmp_path):
+    """Two turns there and back in 10 ms, which no step makes right; in degrees the strike is refused by name."""
+    strike = ["--strike", "-12", "12", "12", "-12", "0.01"]
+    done = called("simulate", *strike, "--json", "--no-video", cwd=tmp_path)
+    assert (done.returncode, json.loads(done.stdout)["diverged"]) == (1, True)
+    done = called("simulate", "--strike", "-78", "27", "99", "81", "0.95", cwd=tmp_path)
+    assert_one_line(done, "--strike", "-78 rad of shoulder", "are these degrees?")

@@ -9,10 +9,13 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import Strike, preset
+from whiptool.models import Strike, StrikeBounds, preset
+from whiptool.models.free_hand import free_hand
+from whiptool.models.joint_space import check_turns
 from whiptool.models.strike import T_STAY
+from whiptool.objective import Objective
 from whiptool.rollout import CompiledRollout, ReferenceRollout
-from whiptool.rollout.interface import joined, strike_vectors
+from whiptool.rollout.interface import joined
 from whiptool.rollout.trajectory import Approach
 from whiptool.target import Target
 
@@ -70,9 +73,9 @@ def test_the_reference_has_approaches_too(compiled):
 
 def test_what_has_another_shape_is_refused(compiled):
     with pytest.raises(InputError, match=r"strikes.*\(B, 5\), for an arm of 2 joints"):
-        strike_vectors(np.zeros((3, 7)), 2)
+        compiled.vectors(np.zeros((3, 7)))
     with pytest.raises(InputError, match="D > 0"):
-        strike_vectors(np.zeros((1, 5)), 2)
+        compiled.vectors(np.zeros((1, 5)))
 
 
 def test_approaches_are_joined_in_order():
@@ -124,3 +127,22 @@ def test_a_trajectory_is_of_one_strike(kind):
     rollout = kind(preset("lemon2024"), Controller(ConstantImpedance()))
     with pytest.raises(InputError, match=r"^strikes: got 2; allowed: one; of several, take trajectories\(strikes\)"):
         rollout.trajectory(np.array([[-1.2, 0.9, 1.2, 0.3, 0.7]] * 2))
+
+
+def test_angles_in_degrees_are_refused_before_anything_is_computed(compiled):
+    """Two turns are the most that is taken: `77.9 rad` would be a strike of twelve turns."""
+    degrees = STRIKES[0].vector * np.r_[np.full(4, 180 / np.pi), 1]
+    for asked in (compiled, ReferenceRollout(MODEL, CONTROLLER)):
+        for door in (lambda x, by=asked: by.approach(x, TARGET), asked.trajectory):
+            with pytest.raises(InputError, match=r"got '-74.48\d* rad of shoulder'; .*radians; are these degrees"):
+                door(degrees)
+    with pytest.raises(InputError, match=r"bounds: got '-90 rad of shoulder"):
+        Objective(compiled, TARGET, bounds=StrikeBounds((-90, 0, -90, 0, 0.4), (90, 90, 90, 90, 1.5)))
+    compiled.vectors(Strike((-4 * np.pi, 0), (4 * np.pi, 0), 2.0))
+
+
+def test_lengths_of_slides_are_no_angles():
+    hand = free_hand(np.eye(3))
+    check_turns("strike", [15.0, 0, 0, 0, 0, 0], hand)
+    with pytest.raises(InputError, match="got '15 rad of hand_yaw"):
+        check_turns("strike", [[0.0] * 6, [0, 0, 0, 15.0, 0, 0]], hand)

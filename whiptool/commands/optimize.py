@@ -423,7 +423,7 @@ def _joint_lines(outcome, arm) -> list[str]:
 def outcome_lines(outcome, target, arm) -> list[str]:
     """Return the lines that tell people the outcome of a strike of an arm."""
     if outcome.diverged:
-        cure = "a stiff or hardly damped whip needs a smaller --timestep"
+        cure = "move less far or in more time, or, with a stiff or hardly damped whip, take a smaller --timestep"
         return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
     said = "hit" if outcome.hit else "missed"

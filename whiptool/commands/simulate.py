@@ -74,7 +74,7 @@ _EXAMPLE = "Play one strike. Example: python -m whiptool.simulate --strike -1.2 
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, or 2 for bad input."""
+    """The command line; the exit status is 0, 1 where the simulation diverged, or 2 for bad input."""
     return cli.run(lambda: _main(args))
 
 
@@ -86,18 +86,20 @@ def _main(args: Sequence[str] | None) -> int:
         if options.export is not None:
             _export(options, model)
         if strike is not None:
-            _play(options, model, strike)
-        if options.trajectory is not None:
-            _follow(options, model)
-    return 0
+            return _play(options, model, strike)
+        return 0 if options.trajectory is None else _follow(options, model)
 
 
 def _strike(options: SimulateOptions, model):
+    from whiptool.models.joint_space import check_turns
+
     assert options.strike is not None
     space = options.build_controller().strike_space(model.arm)
     if len(options.strike) != space.width:
         whose = f"an arm of {model.arm.n} joints" if space.kind == "joint" else f"the hand: {' '.join(space.names)}"
         raise InputError("--strike", options.strike, f"{space.width} numbers, for {whose}")
+    if space.kind == "joint":
+        check_turns("--strike", options.strike[:-1], model.arm)
     return space.strike(options.strike)
 
 
@@ -115,7 +117,8 @@ def _export(options: SimulateOptions, model) -> None:
     print(f"wrote {options.export}; it does not hold {'; '.join(missing)}", file=sys.stderr)
 
 
-def _play(options: SimulateOptions, model, strike) -> None:
+def _play(options: SimulateOptions, model, strike) -> int:
+    """Play a strike, write and tell what it did; return the exit status."""
     from whiptool.commands.limits_told import limit_lines, limits_table
     from whiptool.commands.optimize import (
         arrival_table,
@@ -186,6 +189,7 @@ def _play(options: SimulateOptions, model, strike) -> None:
         lines += [*outcome_lines(outcome, target, model.arm), *limit_lines(limits, used)]
         print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
     export_trajectory(options, commanded, controller)
+    return int(outcome.diverged)
 
 
 def _judged(rollout, trajectory, target):
@@ -198,8 +202,9 @@ def _judged(rollout, trajectory, target):
     return Objective(rollout, target, bounds=anywhere, check_reach=False).judge(trajectory)
 
 
-def _follow(options: SimulateOptions, model) -> None:
-    """Have servos follow a joint trajectory, and say what the tip did from the strike's beginning on."""
+def _follow(options: SimulateOptions, model) -> int:
+    """Have servos follow a joint trajectory, say what the tip did from the strike's beginning on; return the exit
+    status."""
     from whiptool.commands.optimize import arrival_table, outcome_lines, save_strike
     from whiptool.impedance import Controller
     from whiptool.impedance.position import PositionControl
@@ -236,8 +241,9 @@ def _follow(options: SimulateOptions, model) -> None:
         files = save_strike(folder.path, strike, model, target, label, D=length, video=options.video)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
-        return
+        return int(outcome.diverged)
     lines = [f"a joint trajectory: {model.name}, {label}, MuJoCo", *outcome_lines(outcome, target, model.arm)]
     unit = "rad or m" if model.arm.slides else "rad"
     lines.append(f"  servos         at most {summary['tracking_error']:.2g} {unit} from the trajectory")
     print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
+    return int(outcome.diverged)

@@ -15,6 +15,7 @@ from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds, strike_names
 
 AnyStrike = Strike | HandStrike
+FARTHEST_TURN = 4 * np.pi  # [rad] from 0; no arm turns farther
 
 
 class StrikePath(Protocol):
@@ -142,6 +143,27 @@ class JointSpace:
     def beyond(self, vectors: np.ndarray) -> np.ndarray:
         """Return zeros (B,): every strike of the joints can be made."""
         return np.zeros(len(vectors))
+
+
+def check_turns(name: str, positions: Any, arm: ArmParameters | SpatialArm) -> None:
+    """Refuse positions that turn a joint farther than any arm does, as angles in degrees would.
+
+    Args:
+        name: What they are called where they were given.
+        positions: Of the arm's joints in their order, once or several times in a row, (k a,) or (B, k a); of joints
+            that slide they are lengths, and not looked at.
+        arm: Of a joints.
+
+    Raises:
+        InputError: An angle is more than two turns from 0.
+    """
+    rows = np.reshape(positions, (-1, arm.n))
+    turning = np.array([joint not in arm.slides for joint in arm.joints])
+    far = np.argwhere((np.abs(rows) > FARTHEST_TURN) & turning)
+    if len(far):
+        row, joint = far[0]
+        given, rule = f"{rows[row, joint]:g} rad of {arm.joints[joint]}", "angles up to two turns (12.57 rad) from 0"
+        raise InputError(name, given, rule, "angles are in radians; are these degrees?")
 
 
 def joint_layout(a: int) -> dict[str, int]:

@@ -57,7 +57,7 @@ class SearchOptions(OptionGroup):
         Raises:
             InputError: They are not of this arm, or cross.
         """
-        from whiptool.models.joint_space import JointSpace
+        from whiptool.models.joint_space import JointSpace, check_turns
         from whiptool.models.strike import StrikeBounds
 
         space = JointSpace(model.arm) if space is None else space
@@ -68,6 +68,8 @@ class SearchOptions(OptionGroup):
         for name, given in (("--lower", self.lower), ("--upper", self.upper)):
             if given is not None and len(given) != numbers:
                 raise InputError(name, given, f"{numbers} numbers, for {of}")
+            if given is not None and isinstance(space, JointSpace):
+                check_turns(name, given[:-1], model.arm)
         if self.lower is not None and self.upper is not None:
             return StrikeBounds(self.lower, self.upper)
         try:

@@ -26,7 +26,7 @@ from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.record import build_recording
 from whiptool.rig.safety import Safety
 from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeRefused, StrikeStopped
-from whiptool.rollout.interface import Points, Rollout, Strikes, joined, strike_vectors, target_points
+from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 from whiptool.target import Target
 from whiptool.vision.camera_model import CameraSettings, camera_preset, expose, measurement_sigma
@@ -436,7 +436,7 @@ class RigRollout(Rollout):
     def approach(self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY) -> Approach:
         """One strike after the other; see `whiptool.rollout.CompiledRollout.approach`."""
         found = []
-        vectors = strike_vectors(strikes, self.model.arm.n)
+        vectors = self.vectors(strikes)
         for vector, point in zip(vectors, target_points(target, len(vectors)), strict=True):
             number, folder = self._done + len(self.struck) + 1, None
             if self.folder is not None:
@@ -468,7 +468,7 @@ class RigRollout(Rollout):
         Raises:
             WhiptoolError: Hardware does not tell.
         """
-        (vector,) = strike_vectors(strike, self.model.arm.n)
+        vector = self.one_vector(strike)
         struck = self.make(self._done + len(self.struck) + 1).strike(Strike.from_vector(vector))
         if struck.truth is None:
             raise WhiptoolError("a rig's whip is only seen by its camera: there is no trajectory of all joints")

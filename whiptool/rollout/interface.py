@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, checked_vectors
+from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, check_turns, checked_vectors
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
 from whiptool.rollout.points import Points, target_points
@@ -18,19 +18,6 @@ from whiptool.rollout.slopes import ApproachSlopes
 from whiptool.rollout.trajectory import Approach, Trajectory
 
 Strikes: TypeAlias = AnyStrike | Sequence[AnyStrike] | np.ndarray
-
-
-def strike_vectors(strikes: Strikes, joints: int) -> np.ndarray:
-    """Return strikes as vectors, (B, 2 a + 1).
-
-    Args:
-        strikes: One `Strike` or many, or vectors of shape (B, 2 a + 1) or (2 a + 1,).
-        joints: a, of the arm.
-
-    Raises:
-        InputError: They are of another arm, a value is not finite, or a duration D is not positive.
-    """
-    return checked_vectors(strikes, 2 * joints + 1, f"an arm of {joints} joints")
 
 
 class Rollout(ABC):
@@ -57,12 +44,15 @@ class Rollout(ABC):
         """Return strikes as vectors, (B, width of `space`).
 
         Raises:
-            InputError: They are of another space, a value is not finite, or a duration D is not positive.
+            InputError: They are of another space, a value is not finite, an angle is farther than any arm turns, or a
+                duration D is not positive.
         """
         space, joints = self.space, f"an arm of {self.model.arm.n} joints"
-        return checked_vectors(
-            strikes, space.width, joints if isinstance(space, JointSpace) else f"the hand of {joints}"
-        )
+        if not isinstance(space, JointSpace):
+            return checked_vectors(strikes, space.width, f"the hand of {joints}")
+        vectors = checked_vectors(strikes, space.width, joints)
+        check_turns("strikes", vectors[:, :-1], self.model.arm)
+        return vectors
 
     def one_vector(self, strike: AnyStrike | np.ndarray) -> np.ndarray:
         """Return one strike as a vector.

@@ -11,6 +11,7 @@ from whiptool.dynamics.stepping import FASTEST
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.position import PositionControl
+from whiptool.models.joint_space import check_turns
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
@@ -42,6 +43,7 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: f
     if trajectory.joints not in (model.arm.joints, model.arm.names):
         rule = f"those of the arm of {model.name}: {', '.join(model.arm.names)}"
         raise InputError("joints of the trajectory", trajectory.joints, rule)
+    check_turns("trajectory", trajectory.q, model.arm)
     omega = 2 * math.pi * number("bandwidth", bandwidth, low=0, strict=True)
     rollout, path = ReferenceRollout(model, Controller(PositionControl())), _smooth(trajectory)
     data, mj, a = rollout.hang(trajectory.q[0]), rollout.mj, model.arm.n

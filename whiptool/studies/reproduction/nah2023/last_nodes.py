@@ -7,7 +7,7 @@ import numpy as np
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.strike import T_STAY
 from whiptool.rollout import CompiledRollout, Trajectory
-from whiptool.rollout.interface import Rollout, Strikes, strike_vectors
+from whiptool.rollout.interface import Rollout, Strikes
 from whiptool.rollout.points import Points
 from whiptool.rollout.trajectory import Approach
 
@@ -27,12 +27,12 @@ class LastNodes(Rollout):
 
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
         """Return the whole of one strike until the fixed instant; `t_stay` says nothing here."""
-        vector = strike_vectors(strike, self.model.arm.n)[0]
+        vector = self.one_vector(strike)
         return self.rollout.trajectory(vector, t_stay=self.until - float(vector[-1]))
 
     def approach(self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY) -> Approach:
         """Return the closest approaches of the nearest of the nodes; `t_stay` says nothing here."""
-        vectors = strike_vectors(strikes, self.model.arm.n)
+        vectors = self.vectors(strikes)
         N = self.model.whip.N
         stay = self.until - vectors[:, -1]
         return self.rollout.nearest_node(vectors, target, nodes=range(N - self.count, N), t_stay=stay)
