@@ -14,6 +14,7 @@ from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
 from whiptool.models import Model, SpatialArm, WhipParameters
 from whiptool.models.arm_choice import ArmChoice
+from whiptool.models.arm_files import read_robot
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.mjcf import read_mjcf
 from whiptool.models.robots import PANDA_ARM, UR5E_ARM
@@ -21,6 +22,7 @@ from whiptool.models.urdf import read_urdf
 
 WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="universal")
 TIP = ArmChoice(tip="tool")
+NO_LIMIT = "a velocity or effort of 0 in the <limit> of elbow is taken as no limit"
 
 
 @pytest.fixture
@@ -215,7 +217,10 @@ def test_what_mimics_a_locked_joint_follows_it(read):
 def test_speed_limits_by_position_are_said_not_to_be_judged(read):
     extended = '<position_based_velocity_limits velocity_offset="0.3" deceleration_limit="6"/><axis xyz="0 1 0"/>'
     arm = read(TIP, URDF.replace('<axis xyz="0 1 0"/>', extended))
-    assert arm.notes == ("speed limits that depend on the position of elbow are not judged, only the largest speeds",)
+    assert arm.notes == (
+        "speed limits that depend on the position of elbow are not judged, only the largest speeds",
+        NO_LIMIT,
+    )
 
 
 def test_dry_friction_and_an_inertia_without_mass_are_said_to_have_no_part(read):
@@ -224,9 +229,10 @@ def test_dry_friction_and_an_inertia_without_mass_are_said_to_have_no_part(read)
     assert (arm.links[0].friction, arm.links[1].inertia) == (0.5, (0,) * 6)
     assert arm.notes == (
         "the inertia of what shoulder-joint moves is left out, as its mass is 0: no body has one without the other",
+        NO_LIMIT,
         "dry friction of rail has no part in the model, only its damping has",
     )
-    assert read().notes == ()
+    assert read().notes == (NO_LIMIT,)
 
 
 def test_what_is_beyond_or_narrower_than_the_arm_has_it_is_said(read):
@@ -236,11 +242,38 @@ def test_what_is_beyond_or_narrower_than_the_arm_has_it_is_said(read):
     safe = '<safety_controller k_velocity="1" soft_lower_limit="{}" soft_upper_limit="2"/><limit lower="-2"'
     assert read(TIP, mimicking).notes == (
         "what mimics joints of the arm does not move with them, but is held: finger_joint",
+        NO_LIMIT,
     )
-    assert read(TIP, URDF.replace('<limit lower="-2"', safe.format(-2))).notes == ()
+    assert read(TIP, URDF.replace('<limit lower="-2"', safe.format(-2))).notes == (NO_LIMIT,)
     assert read(TIP, URDF.replace('<limit lower="-2"', safe.format(-1.9))).notes == (
+        NO_LIMIT,
         "soft limits of elbow (<safety_controller>) are not kept, only those of <limit>",
     )
+
+
+def test_meshes_that_nothing_is_judged_to_touch_are_said(read):
+    shaped = '<collision><geometry><mesh filename="package://nowhere/fore.stl"/></geometry></collision>'
+    on_fore = URDF.replace('<link name="fore">', '<link name="fore">' + shaped)
+    assert read(TIP, on_fore).notes == (
+        NO_LIMIT,
+        "collision shapes of fore that are meshes are not looked at: nothing is judged to touch them",
+    )
+    assert read(TIP, on_fore.replace('mesh filename="package://nowhere/fore.stl"', 'sphere radius="0.1"')).notes == (
+        NO_LIMIT,
+    )
+
+
+def test_limits_in_degrees_are_asked_about(tmp_path):
+    """In URDF and in MJCF alike; a slide's numbers are lengths."""
+    degrees = {
+        "small.urdf": URDF.replace('lower="-2" upper="2" velocity="0"', 'lower="-120" upper="120" velocity="180"'),
+        "small.xml": MJCF.replace('range="-2 2"', 'range="-120 120"'),
+    }
+    for name, text in degrees.items():
+        (tmp_path / name).write_text(text)
+    of_urdf, of_mjcf = (read_robot(tmp_path / name, TIP).notes[-1] for name in degrees)
+    assert of_urdf.startswith("limits are farther than arms go: elbow (120 rad), elbow (180 rad/s); are they in")
+    assert of_mjcf.startswith("limits are farther than arms go: elbow (120 rad); are they in degrees?")
 
 
 def test_files_that_are_not_there(tmp_path):

@@ -11,6 +11,7 @@ from typing import Any
 from whiptool.errors import InputError
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.capsules import Capsule
+from whiptool.models.joint_space import FARTHEST_TURN
 from whiptool.models.mount import mounted
 from whiptool.models.planar_arm import ArmLink, ArmParameters
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
@@ -19,6 +20,7 @@ from whiptool.models.tables import build_from
 from whiptool.models.touching import without_touching
 
 ROBOT_FILES = (".urdf", ".xml")  # URDF, MJCF
+FASTEST_TURN = 50.0  # [rad/s]; no joint of an arm is faster
 
 
 def read_robot(path: Path, choice: ArmChoice | None = None) -> SpatialArm:
@@ -30,12 +32,22 @@ def read_robot(path: Path, choice: ArmChoice | None = None) -> SpatialArm:
     if path.suffix == ".urdf":
         from whiptool.models.urdf import read_urdf
 
-        return without_touching(read_urdf(path, choice), choice)
+        return _units_asked(without_touching(read_urdf(path, choice), choice))
     if path.suffix == ".xml":
         from whiptool.models.mjcf import read_mjcf
 
-        return without_touching(read_mjcf(path, choice), choice)
+        return _units_asked(without_touching(read_mjcf(path, choice), choice))
     raise InputError("file", str(path), "a robot's file: " + ", ".join(ROBOT_FILES))
+
+
+def _units_asked(arm: SpatialArm) -> SpatialArm:
+    """Return an arm with a note where limits are so far that degrees may have been taken for radians."""
+    limits = {name: x.limits for name, x in zip(arm.names, arm.links, strict=True) if x.kind == "revolute"}
+    ends = {name: [x for x in limit.position if math.isfinite(x)] for name, limit in limits.items()}
+    far = [f"{name} ({max(map(abs, x)):g} rad)" for name, x in ends.items() if x and max(map(abs, x)) > FARTHEST_TURN]
+    far += [f"{name} ({x.velocity:g} rad/s)" for name, x in limits.items() if FASTEST_TURN < x.velocity < math.inf]
+    note = f"limits are farther than arms go: {', '.join(far)}; are they in degrees? They are taken as radians"
+    return dataclasses.replace(arm, notes=(*arm.notes, note)) if far else arm
 
 
 def arm_from_table(table: object, folder: Path) -> ArmParameters | SpatialArm:

@@ -326,8 +326,8 @@ def without_inertia(arm: SpatialArm, joints: Sequence[str]) -> SpatialArm:
     unlimited = {"torque": math.inf, "torque_rate": math.inf}
     limits = [dataclasses.replace(link.limits, **unlimited) for link in arm.links]
     links = tuple(dataclasses.replace(link, limits=x) for link, x in zip(arm.links, limits, strict=True))
-    note = f"no <inertial> of what {', '.join(joints)} moves: the arm has to be under position control, and its torques"
-    notes = (*arm.notes, f"{note} are not known")
+    what = f"no mass of what {', '.join(joints)} moves is told (no <inertial>, or a mass of 0)"
+    notes = (*arm.notes, f"{what}: the arm has to be under position control, and its torques are not known")
     return dataclasses.replace(arm, links=links, weightless=tuple(joints), notes=notes)
 
 

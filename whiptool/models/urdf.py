@@ -190,7 +190,7 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     weightless = _weightless(model, carried, (massless_links(robot) & shaped_links(robot)) - weighed, main)
     moments = {name: body.inertia for name, body in zip(model.names, model.inertias, strict=True) if not body.mass}
     without_mass = [name for name in movers if name in moments and np.any(moments[name])]
-    notes = assumed(robot, movers, weighed & set().union(*carried[1:]), without_mass)
+    notes = assumed(robot, movers, set().union(*carried), weighed & set().union(*carried[1:]), without_mass)
     rotors = [_rotor(robot, name) for name in model.names[1:]]
     links = tuple(replace(x, armature=x.armature + rotor) for x, rotor in zip(links, rotors, strict=True))
     arm = SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]), names=tuple(model.names[1:]))

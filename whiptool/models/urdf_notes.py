@@ -6,19 +6,24 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Sequence
 
-from whiptool.models.urdf_shapes import DENSITY
+from whiptool.models.urdf_shapes import DENSITY, with_meshes
 
 _BY_POSITION = "position_based_velocity_limits"  # an extension of Franka's files
 
 
 def assumed(
-    robot: ET.Element, movers: Collection[str], weighed: Collection[str], without_mass: Sequence[str]
+    robot: ET.Element,
+    movers: Collection[str],
+    moved: Collection[str],
+    weighed: Collection[str],
+    without_mass: Sequence[str],
 ) -> tuple[str, ...]:
     """Return a line for each kind of thing.
 
     Args:
         robot: The file.
         movers: Names of the arm's joints.
+        moved: Names of the links that are the arm, its base included.
         weighed: Names of the links that it moves and that weigh what their shapes do.
         without_mass: Names of the joints whose links have an inertia and no mass.
     """
@@ -33,13 +38,15 @@ def assumed(
 
     light, water = ", ".join(without_mass), ", ".join(sorted(weighed))
     following = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if follow(joint))
-    soft = of(_keeps_off)
+    soft, free, meshes = of(_keeps_off), of(_zero_limit), ", ".join(sorted(with_meshes(robot) & set(moved)))
     fast, rubbing = of(lambda joint: joint.find(_BY_POSITION) is not None), of(_rubs)
     said = {
         f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on": water,
         f"the inertia of what {light} moves is left out, as its mass is 0: no body has one without the other": light,
         f"speed limits that depend on the position of {fast} are not judged, only the largest speeds": fast,
         f"what mimics joints of the arm does not move with them, but is held: {following}": following,
+        f"a velocity or effort of 0 in the <limit> of {free} is taken as no limit": free,
+        f"collision shapes of {meshes} that are meshes are not looked at: nothing is judged to touch them": meshes,
         f"soft limits of {soft} (<safety_controller>) are not kept, only those of <limit>": soft,
         f"dry friction of {rubbing} has no part in the model, only its damping has": rubbing,
     }
@@ -49,6 +56,14 @@ def assumed(
 def _rubs(joint: ET.Element) -> bool:
     """Whether a joint has dry friction."""
     return _number(joint.find("dynamics"), "friction") > 0
+
+
+def _zero_limit(joint: ET.Element) -> bool:
+    """Whether a joint's limit of speed or torque is written as 0."""
+    limit = joint.find("limit")
+    return limit is not None and any(
+        limit.get(x) is not None and _number(limit, x) <= 0 for x in ("velocity", "effort")
+    )
 
 
 def _keeps_off(joint: ET.Element) -> bool:

@@ -47,6 +47,11 @@ def shaped_links(robot: ET.Element) -> set[str]:
     return {x.get("name", "") for x in links if x.find("visual") is not None or x.find("collision") is not None}
 
 
+def with_meshes(robot: ET.Element) -> set[str]:
+    """Return the names of the links that have a collision shape that is a mesh."""
+    return {link.get("name", "") for link in robot.findall("link") if link.find("collision/geometry/mesh") is not None}
+
+
 def massless_links(robot: ET.Element) -> set[str]:
     """Return the names of the links without an `<inertial>`, or with one without mass."""
     masses = {link.get("name", ""): link.find("inertial/mass") for link in robot.findall("link")}
