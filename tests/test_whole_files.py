@@ -12,8 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from full_disk import full_disk
+from robot_files import URDF
 
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.impedance.files import read_controller, write_controller
+from whiptool.models import preset
+from whiptool.models.arm_choice import ArmChoice
+from whiptool.models.arm_files import read_robot
+from whiptool.models.files import read_model, write_model
+from whiptool.optimizers.library import StrikeLibrary
 from whiptool.whole_files import append_whole, replacing, write_npz, write_whole
+from whiptool.zone import Region
 
 
 def test_a_device_is_written_to_and_not_replaced(tmp_path: Path) -> None:
@@ -25,7 +34,7 @@ def test_a_device_is_written_to_and_not_replaced(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["null"]
 
 
-WRITERS: dict[str, Callable[[Path], None]] = {
+WRITERS: dict[str, Callable[[Path | str], None]] = {
     "write": lambda path: write_whole(path, "new" * 1000),
     "append": lambda path: append_whole(path, b"new" * 1000),
     "arrays": lambda path: write_npz(path, {"x": np.random.default_rng(0).random(1000)}),
@@ -43,6 +52,28 @@ def test_what_does_not_fit_leaves_no_half(writer: str, there: bool, tmp_path: Pa
     assert caught.value.filename == str(path)
     assert (path.read_bytes() if path.exists() else b"") == (b"before" if there else b"")
     assert {found.name for found in tmp_path.iterdir()} <= {"file"}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_path_may_be_text(writer: str, tmp_path: Path) -> None:
+    for path in (tmp_path / "by path", str(tmp_path / "by text")):
+        WRITERS[writer](path)
+    assert len({found.read_bytes() for found in tmp_path.iterdir()}) == 1
+
+
+def test_what_saves_and_loads_takes_text(tmp_path: Path) -> None:
+    model, controller = preset("lemon2024"), Controller(ConstantImpedance())
+    library = StrikeLibrary(np.zeros((1, 5)), np.zeros((1, 4, 2)))
+    region = Region(np.zeros((1, 2)), 0.1)
+    for made in (library, region):
+        made.save(str(tmp_path / "file.npz"))
+        assert type(made).load(str(tmp_path / "file.npz")) is not None
+    write_model(model, str(tmp_path / "file.toml"))
+    assert read_model(str(tmp_path / "file.toml")) == model
+    write_controller(controller, str(tmp_path / "file.toml"))
+    assert read_controller(str(tmp_path / "file.toml")) == controller
+    (tmp_path / "arm.urdf").write_text(URDF)
+    assert read_robot(str(tmp_path / "arm.urdf"), ArmChoice(tip="tool")).n == 3
 
 
 def test_an_error_without_a_number_names_the_file_too(tmp_path: Path) -> None:

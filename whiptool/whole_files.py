@@ -14,7 +14,7 @@ _UNFINISHED = ".tmp-"
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path | str) -> Iterator[Path]:
     """A name beside the file's own to write it under; it takes the file's name when the block ends without an error.
 
     What is there already and no regular file, a device such as /dev/stdout or a pipe, is written to and not replaced.
@@ -22,6 +22,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: The disk is full, or the like; it names the file. What was there before stays.
     """
+    path = Path(path)
     if path.exists() and not path.is_file():
         try:
             yield path
@@ -40,7 +41,7 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
+def write_whole(path: Path | str, content: str | bytes) -> None:
     """Write a file so that no half of it is ever seen; where it cannot be written, what was there before stays.
 
     Raises:
@@ -50,7 +51,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
         unfinished.write_bytes(_encoded(content))
 
 
-def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
+def write_npz(path: Path | str, arrays: Mapping[str, Any]) -> None:
     """Write arrays as an NPZ file, without pickle, under exactly this name.
 
     Raises:
@@ -61,13 +62,13 @@ def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
     write_whole(path, buffer.getvalue())
 
 
-def append_whole(path: Path, content: str | bytes) -> None:
+def append_whole(path: Path | str, content: str | bytes) -> None:
     """Add to the end of a file; where not all of it can be added, the file stays as it was.
 
     Raises:
         OSError: As for `write_whole`.
     """
-    with path.open("ab", buffering=0) as file:
+    with Path(path).open("ab", buffering=0) as file:
         append_to(file, _encoded(content))
 
 

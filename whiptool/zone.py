@@ -279,12 +279,12 @@ class Region:
         cells = np.floor((np.nan_to_num(points, nan=-np.inf) - lower) / self.cell)
         return grid[tuple(np.moveaxis(np.clip(cells, -1, np.array(grid.shape) - 2).astype(int) + 1, -1, 0))]
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write an NPZ file, without pickle."""
         write_npz(path, {"corners": self.corners, "cell": self.cell})
 
     @classmethod
-    def load(cls, path: Path) -> Region:
+    def load(cls, path: Path | str) -> Region:
         """Read what `save` wrote.
 
         Raises:

@@ -69,7 +69,7 @@ def read_pendulum(path: Path | str) -> Pendulum:
         raise error.within(f"{path}: ") from None
 
 
-def write_pendulum(pendulum: Pendulum, path: Path) -> None:
+def write_pendulum(pendulum: Pendulum, path: Path | str) -> None:
     """Write a pendulum as a TOML file that `read_pendulum` reads back the same."""
     links = [
         {key: getattr(link, key) for key in LINK} | {key: getattr(pendulum, key)[i] for key in EACH}

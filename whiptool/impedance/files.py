@@ -16,6 +16,7 @@ from whiptool.impedance.controller import Controller
 from whiptool.impedance.hand import HandControl
 from whiptool.impedance.law import LAWS, Law
 from whiptool.models.tables import read_toml
+from whiptool.whole_files import write_whole
 
 _LARGEST = 1e6  # of K [N m/rad] and B [N m s/rad]: far beyond any arm
 TABLE = "controller"  # name of the table in a file
@@ -56,7 +57,7 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
         raise InputError("controller", str(table)[:80], f"a controller's numbers ({error})") from None
 
 
-def read_controller(path: Path) -> Controller:
+def read_controller(path: Path | str) -> Controller:
     """Return the controller in the table `[controller]` of a TOML file, such as the `config.toml` of a run folder.
 
     Raises:
@@ -78,9 +79,9 @@ def read_controller(path: Path) -> Controller:
     return controller
 
 
-def write_controller(controller: Controller, path: Path) -> None:
+def write_controller(controller: Controller, path: Path | str) -> None:
     """Write a controller as a TOML file that `read_controller` reads back the same."""
-    Path(path).write_text(tomli_w.dumps({TABLE: controller_to_table(controller)}), encoding="utf-8")
+    write_whole(path, tomli_w.dumps({TABLE: controller_to_table(controller)}))
 
 
 def _check_gains(law: Law) -> None:

@@ -23,12 +23,13 @@ ROBOT_FILES = (".urdf", ".xml")  # URDF, MJCF
 FASTEST_TURN = 50.0  # [rad/s]; no joint of an arm is faster
 
 
-def read_robot(path: Path, choice: ArmChoice | None = None) -> SpatialArm:
+def read_robot(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the arm of a robot's file.
 
     Raises:
         InputError: The file is neither URDF nor MJCF, or what `read_urdf` or `read_mjcf` refuses.
     """
+    path = Path(path)
     if path.suffix == ".urdf":
         from whiptool.models.urdf import read_urdf
 

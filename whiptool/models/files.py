@@ -61,7 +61,7 @@ def model_to_table(model: Model) -> dict:
     return {"name": model.name, "gravity": model.gravity, "whip": whip, "arm": arm_to_table(model.arm)}
 
 
-def read_model(path: Path) -> Model:
+def read_model(path: Path | str) -> Model:
     """A model from a TOML file.
 
     Raises:
@@ -80,7 +80,7 @@ def _name(path: Path) -> str:
     return "".join(x if x.isprintable() else "?" for x in path.stem)[:LONGEST_NAME]
 
 
-def write_model(model: Model, path: Path) -> None:
+def write_model(model: Model, path: Path | str) -> None:
     """Write a model as a TOML file that `read_model` reads back the same."""
     expect(Model, model=model)
     expect(str, PathLike, path=path)

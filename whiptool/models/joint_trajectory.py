@@ -154,7 +154,7 @@ class JointTrajectory:
                     said = f"at {self.t[i]:.3f} s the {quantity} of {joint} is {value}"
         return said
 
-    def save_csv(self, path: Path) -> None:
+    def save_csv(self, path: Path | str) -> None:
         """Write a CSV file at full precision: `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`,
         and, where they are told, the hand's poses, `hand_x` to `hand_qw`."""
         text = io.StringIO()
@@ -166,7 +166,7 @@ class JointTrajectory:
         write_whole(path, text.getvalue())
 
     @classmethod
-    def load_csv(cls, path: Path) -> JointTrajectory:
+    def load_csv(cls, path: Path | str) -> JointTrajectory:
         """Read what `save_csv` wrote.
 
         Raises:
@@ -187,7 +187,7 @@ class JointTrajectory:
         q, v, a = np.split(values[:, 1 : 1 + 3 * len(names)], 3, axis=1)
         return cls(tuple(names), values[:, 0], q, v, a, values[:, -len(POSE) :] if with_hand else None)
 
-    def save_goal(self, path: Path) -> None:
+    def save_goal(self, path: Path | str) -> None:
         """Write the goal of a ROS 2 `FollowJointTrajectory` action as YAML, with the fields of `trajectory_msgs`."""
         points = [
             {"positions": q, "velocities": v, "accelerations": a, "time_from_start": _duration(t)}
@@ -195,7 +195,7 @@ class JointTrajectory:
         ]
         _write_yaml({"trajectory": {"joint_names": list(self.joints), "points": points}}, path)
 
-    def save_hand(self, path: Path) -> None:
+    def save_hand(self, path: Path | str) -> None:
         """Write the hand's poses as YAML, with the fields of a ROS 2 message `trajectory_msgs/MultiDOFJointTrajectory`.
 
         They are no part of the goal of `save_goal`: there such a trajectory is one of floating joints.
@@ -241,7 +241,7 @@ def _header(joints: Sequence[str]) -> list[str]:
     return ["time", *(f"{quantity}_{joint}" for quantity in _QUANTITIES for joint in joints)]
 
 
-def _write_yaml(content: dict[str, Any], path: Path) -> None:
+def _write_yaml(content: dict[str, Any], path: Path | str) -> None:
     import yaml
 
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml's, where PyYAML was built with it, is faster

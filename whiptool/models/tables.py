@@ -34,7 +34,7 @@ def build_from(cls: type, table: object, place: str, **ready):
         raise error.within(place) from None
 
 
-def read_toml(path: Path) -> dict:
+def read_toml(path: Path | str) -> dict:
     """A TOML file as nested mappings.
 
     Raises:

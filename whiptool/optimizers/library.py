@@ -62,12 +62,12 @@ class StrikeLibrary:
         order = np.argsort(distance, kind="stable")[:count]
         return self.strikes[order], distance[order]
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write an NPZ file, without pickle."""
         write_npz(path, {"strikes": self.strikes, "paths": self.paths})
 
     @classmethod
-    def load(cls, path: Path) -> StrikeLibrary:
+    def load(cls, path: Path | str) -> StrikeLibrary:
         """Read what `save` wrote.
 
         Raises:

@@ -194,7 +194,7 @@ class Training:
         rows = {"targets": goals.positions, "directions": goals.directions, "sights": goals.sights}
         return {name: x for name, x in rows.items() if x is not None}
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write a checkpoint as a whole file.
 
         Raises:
@@ -214,12 +214,13 @@ class Training:
         torch.save(state, buffer)
         write_whole(path, buffer.getvalue())
 
-    def load(self, path: Path) -> None:
+    def load(self, path: Path | str) -> None:
         """Go on from a checkpoint.
 
         Raises:
             InputError: It is damaged, or of another plan.
         """
+        path = Path(path)
         state = load_checkpoint(path)
         for part, value in self._identity().items():
             if state.get(part) != value:

@@ -159,13 +159,13 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         part["t"] = part["t"] - begin
         return Trajectory(**part, diverged=self.diverged)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write an NPZ file, without pickle."""
         arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
         write_npz(path, arrays)
 
     @classmethod
-    def load(cls, path: Path) -> Trajectory:
+    def load(cls, path: Path | str) -> Trajectory:
         """Read what `save` wrote.
 
         Raises:

@@ -36,9 +36,11 @@ def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequen
     return ax
 
 
-def save_front(folder: Path, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str], title: str = "") -> Path:
+def save_front(
+    folder: Path | str, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str], title: str = ""
+) -> Path:
     """Write `front.png` (see `plot_front`) into a folder; return the file."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((6.4, 4.4), layout="constrained")
         plot_front(figure.subplots(), front, tried, labels=labels).set_title(verbatim(title))
-        return save_figure(figure, folder / "front.png")
+        return save_figure(figure, Path(folder) / "front.png")

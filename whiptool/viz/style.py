@@ -85,8 +85,9 @@ def verbatim(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def save_figure(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path | str) -> Path:
     """Write a figure as a whole file, into a folder that is made if missing; return the file."""
+    path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as unfinished, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # of names in letters that the font lacks: boxes stand for them

@@ -222,6 +222,6 @@ class Physics:
         tip = joint_points(self.model, q)[:, -1]
         return {"t": t, "q": q, "v": v, "current": current, "torque": torque, "tip": tip}
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write `trajectory()` to an NPZ file, without pickle."""
         write_npz(Path(path), self.trajectory())
