@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import json
 import os
 import signal
 import sys
@@ -30,13 +31,14 @@ from whiptool.rig.cyclelog import Phase
 from whiptool.rig.emulator import Emulator
 from whiptool.rig.filming import Filming
 from whiptool.rig.options import mark_of_port
-from whiptool.rig.session import RigRollout
+from whiptool.rig.session import RigRollout, TwinRig
 from whiptool.rig.stops import (
     STOPPED,
     Interlock,
     Locked,
     SafetyError,
     StrikeInterrupted,
+    StrikeRefused,
     StrikeStopped,
     torque_in_words,
 )
@@ -133,6 +135,7 @@ def test_signals_are_noted_and_none_of_many_raises(number: int) -> None:
             os.kill(os.getpid(), number)
         with pytest.raises(KeyboardInterrupt), signals.interruptible():  # torque is not switched on any more
             pytest.fail("it came before")
+        signals.answered = True
     assert signal.getsignal(number) is before
 
 
@@ -148,6 +151,107 @@ def test_signals_wait_for_a_block_and_then_come() -> None:
     with pytest.raises(KeyboardInterrupt):
         off()
     assert done == ["torque off"]
+
+
+class Handlers(stop_signals.Listener):
+    """Of a program around a strike; they note what they are told."""
+
+    def __init__(self) -> None:
+        self.noted: list[int] = []
+
+    def note(self, number: int) -> None:
+        self.noted.append(number)
+
+    def on_signal(self, number: int, frame) -> None:
+        raise KeyboardInterrupt
+
+
+def test_a_signal_that_is_answered_is_noted_outside_and_another_comes_again() -> None:
+    outside = Handlers()
+    signal.signal(signal.SIGINT, outside.on_signal)
+    with stop_signals.StopSignals() as signals:
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        signals.answered = True
+    assert outside.noted == [signal.SIGINT]
+
+    def unanswered() -> None:
+        with stop_signals.StopSignals():
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        unanswered()
+    assert outside.noted == [signal.SIGINT]
+
+
+def pressed_in(monkeypatch, place: object, name: str) -> None:
+    """Press Ctrl-C twice when a function is called."""
+    call = getattr(place, name)
+
+    def pressed(*args, **named):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        return call(*args, **named)
+
+    monkeypatch.setattr(place, name, pressed)
+
+
+@pytest.fixture
+def interrupted_strike(emulator, monkeypatch):
+    """Have Ctrl-C pressed during the strike and while its joints are recorded, or while its film is looked at."""
+
+    def prepare(during: bool) -> None:
+        stop = rig_stops.Stop(1, (signal.SIGINT,), before=200) if during else rig_stops.Stop(9)
+        monkeypatch.setattr(sessions, "Emulator", rig_stops.Watched(emulator, stop))
+        pressed_in(monkeypatch, sessions if during else TwinRig, "_recorded" if during else "_film")
+        monkeypatch.setattr(command, "_make_rig", lambda o, m, c, interlock: rig_stops.rig_of(False, interlock))
+
+    return prepare
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("during", [True, False])
+def test_a_second_signal_loses_neither_the_joints_nor_the_word_on_torque(
+    during, interrupted_strike, tmp_path: Path, capsys
+) -> None:
+    interrupted_strike(during)
+    vector = map(str, rig_stops.strikes_of(np.random.default_rng(0))[0].vector)
+    words = ["strike", "--target", "1.2", "0.1", "--camera", "points", "--strike", *vector, "--json"]
+    assert command.main([*words, "--out", str(tmp_path / "run")]) == 130
+    said = capsys.readouterr()
+    assert said.err == "whiptool: interrupted; torque is off\n"
+    summary = json.loads(said.out)
+    assert summary == json.loads((tmp_path / "run" / "result.json").read_text())
+    assert summary["report"] is None
+    assert summary["torque_off"]
+    assert "SIGINT came" in summary["fault"]
+    joints = StrikeRecording.load(tmp_path / "run" / "recording.npz").joints_q
+    assert joints is not None
+    assert len(joints) > 1
+    assert {p.name for p in (tmp_path / "run").iterdir()} >= {"result.json", "cycles.log"}
+    assert not (tmp_path / "run" / STOPPED).exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("during", [True, False])
+def test_a_search_that_is_interrupted_tells_what_became_of_torque(
+    during, interrupted_strike, tmp_path: Path, capsys
+) -> None:
+    interrupted_strike(during)
+    box = ["--lower", *map(str, rig_stops.LOWER), "--upper", *map(str, rig_stops.UPPER)]
+    words = ["learn", "--target", "1.2", "0.1", "--camera", "points", "--method", "random", *box]
+    assert command.main([*words, "--out", str(tmp_path / "run")]) == 130
+    assert "; torque is off" in capsys.readouterr().out.splitlines()[0]
+    assert json.loads((tmp_path / "run" / "result.json").read_text())["torque_off"]
+    assert (tmp_path / "run" / "strike-0001" / "recording.npz").exists()
+
+
+def test_a_search_that_is_interrupted_between_strikes_tells_that_nothing_was_armed(tmp_path, monkeypatch, capsys):
+    rig = Ends(KeyboardInterrupt())
+    monkeypatch.setattr(command, "_make_rig", lambda *_: rig)
+    words = ["learn", "--method", "random", "--max-trials", "5", "--hit-radius", "1e-6", "--out", str(tmp_path / "run")]
+    assert command.main(words) == 130
+    assert capsys.readouterr().out.splitlines()[0].endswith("; nothing was armed")
 
 
 # -- the layers above a strike -----------------------------------------------------------------------------------------
@@ -200,6 +304,18 @@ def test_a_refused_strike_is_told_and_the_search_goes_on() -> None:
     rollout = RigRollout(lambda number: Pretend(refuse=True), MODEL)
     assert search(Objective(rollout, Target(), max_trials=3), "random", seed=1).n_diverged == 3
     assert sorted(rollout.refused) == [1, 2, 3]
+
+
+def test_the_command_tells_of_a_refused_strike_why_and_no_more(tmp_path: Path, monkeypatch, capsys) -> None:
+    class Refuses(Pretend):
+        def strike(self, strike, **named):
+            raise StrikeRefused("strike", [1.0], "what the motors can carry", "it asks more of joint 1 than it gives")
+
+    monkeypatch.setattr(command, "_make_rig", lambda *_: Refuses())
+    words = ["learn", "--method", "random", "--max-trials", "2", "--out", str(tmp_path / "run")]
+    assert command.main(words) == 0
+    refused = [line for line in capsys.readouterr().err.splitlines() if "strike" in line]
+    assert refused == [f"strike {i} was refused: it asks more of joint 1 than it gives" for i in (1, 2)]
 
 
 @pytest.mark.parametrize(("end", "status"), [("fault", 1), ("signal", 130), ("servo", 2), ("line", 1)])
@@ -347,13 +463,17 @@ class Person(io.StringIO):
         return ""
 
 
-@pytest.mark.parametrize(("answer", "status"), [("no\n", 2), ("", 2), (None, 130)])
+@pytest.mark.parametrize(("answer", "status"), [("no\n", 2), ("y\n", 2), ("\n", 2), ("", 2), (None, 130)])
 def test_nothing_is_opened_without_an_answer(answer, status, port, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(sys, "stdin", Person() if answer is None else io.StringIO(answer))
     assert (
         command.main(["strike", "--port", port, "--camera", "none", *STRUCK, "--out", str(tmp_path / "run")]) == status
     )
-    assert "no-serial-line" not in capsys.readouterr().err.splitlines()[-1]
+    *_, asked, last = ("\n" + capsys.readouterr().err.replace("on: w", "on: \nw")).splitlines()
+    assert asked.endswith("the power switch at hand? Type yes to go on: ")
+    assert last == "whiptool: " + (
+        "not confirmed; nothing was armed" if status == 2 else "interrupted; nothing was armed"
+    )
 
 
 class Nobody(io.StringIO):

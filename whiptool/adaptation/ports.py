@@ -208,7 +208,7 @@ class RigPort:
         try:
             struck = self._make(number).strike(strike, folder=folder, believed=believed)
         except StrikeRefused as error:
-            return Seen(None, None, refused=str(error))
+            return Seen(None, None, refused=error.fix or str(error))
         near = struck.approach(self._target)
         seen = float(near.distance[0]) if np.isfinite(near.distance[0]) else None
         true = None if struck.truth is None else float(struck.truth.approach(self._target).distance[0])

@@ -17,6 +17,7 @@ from tyro.conf import Positional
 from whiptool.adaptation.options import ROBOT, AdaptOptions, prepare
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import cli
+from whiptool.commands.interruptions import tell_when_interrupted
 from whiptool.errors import InputError
 from whiptool.options import OptionGroup
 from whiptool.rig.options import ask_to_release
@@ -100,6 +101,7 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
     adaptation = prepare(options)
     with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
+        tell_when_interrupted(lambda: _torque(adaptation))
         ask_to_release(adaptation.interlock, folder.path)
         for recording in adaptation.recordings:
             print(f"known: {recording.source}: {'; '.join(recording.remarks) or 'nothing to remark'}", file=sys.stderr)
@@ -117,6 +119,12 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
         folder.write_result(summary)
         print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
         return 0 if summary["hit"] else 1
+
+
+def _torque(adaptation: Adaptation) -> str:
+    """What became of the motors; empty: none were armed, as where the arm is simulated."""
+    interlock = adaptation.interlock
+    return "" if interlock.torque_off is None else interlock.torque
 
 
 def _recorded(port: RobotPort, strike: Strike, told: NextOptions) -> StrikeRecording:

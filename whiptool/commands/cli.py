@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from whiptool.commands.interruptions import INTERRUPTED, Interruptions
+from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
 from whiptool.errors import NOTHING, InputError, WhiptoolError
 from whiptool.extras import require
 from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
@@ -403,14 +403,19 @@ def run(command: Callable[[], int]) -> int:
             return 1
         except KeyboardInterrupt as interruption:
             interruptions.end()
-            _say(interruption, "interrupted")
+            print(with_state(_line(interruption, "interrupted")), file=sys.stderr)
             return INTERRUPTED
 
 
-def _say(error: BaseException, what: str = "") -> None:
+def _say(error: BaseException) -> None:
     """One line on stderr: an error and its notes."""
+    print(_line(error), file=sys.stderr)
+
+
+def _line(error: BaseException, what: str = "") -> str:
+    """An error and its notes in one line."""
     said = what or " ".join(str(error).split()) or type(error).__name__
-    print("; ".join([f"whiptool: {said}", *getattr(error, "__notes__", [])]), file=sys.stderr)
+    return "; ".join([f"whiptool: {said}", *getattr(error, "__notes__", [])])
 
 
 COMMANDS = {

@@ -4,31 +4,59 @@ from __future__ import annotations
 
 import os
 import signal
+import time
+from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from whiptool.rig.stop_signals import Listener
+
 INTERRUPTED = 130  # exit status, of either signal
+TOGETHER = 0.5  # [s] signals of one kind within this time are one: `timeout` tells a process, and then its group
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_state: list[Callable[[], str]] = []  # of the command that runs
 
 
-class Interruptions:
+def tell_when_interrupted(state: Callable[[], str]) -> None:
+    """Have the last line of this command say so much more if a signal ends it, such as whether torque is off."""
+    _state[:] = [state]
+
+
+def with_state(said: str) -> str:
+    """The last line of an interrupted command, with what the command has to tell then, once."""
+    return "; ".join([said, *(state for tell in _state if (state := tell()) not in said)])
+
+
+class Interruptions(Listener):
     """Handlers of a command's signals, set within a `with` block.
 
     The first signal raises KeyboardInterrupt. A second one, while the command saves and ends, ends the process at once:
-    an exception would come out of whatever cleans up then, as a traceback. While servos may be on, the handlers of
-    `whiptool.rig.stop_signals` stand in their place, so that torque-off is completed.
+    an exception would come out of whatever cleans up then, as a traceback. Signals of the same kind that come together
+    with the first are one. While servos may be on, the handlers of `whiptool.rig.stop_signals` stand in their place, so
+    that torque-off is completed; they note what came.
+
+    Args:
+        clock: Its time [s].
     """
 
-    def __init__(self) -> None:
-        self._came = self._over = False
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._over = clock, False
+        self._first: tuple[int, float] | None = None  # which signal, and when
         self._before: dict[int, Any] = {}
 
+    def note(self, number: int) -> None:
+        """Take note of a signal that has already ended what was done: the next is a second one."""
+        self._first = self._first or (number, self._clock())
+
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if self._came:
-            os.write(2, b"whiptool: ended at once by a second signal\n")
-            os._exit(INTERRUPTED)
-        self._came = True
-        raise KeyboardInterrupt
+        if self._first is None:
+            self.note(number)
+            raise KeyboardInterrupt
+        first, came = self._first
+        if number == first and self._clock() - came <= TOGETHER:
+            return
+        os.write(2, (with_state("whiptool: ended at once by a second signal") + "\n").encode())
+        os._exit(INTERRUPTED)
 
     def end(self) -> None:
         """Ignore further signals: the command has saved what it could, and the process is about to end."""
@@ -37,6 +65,7 @@ class Interruptions:
             signal.signal(number, signal.SIG_IGN)  # also while the interpreter ends
 
     def __enter__(self) -> Interruptions:
+        _state.clear()
         heard = [n for n in _SIGNALS if signal.getsignal(n) != signal.SIG_IGN]  # a shell's background jobs ignore some
         self._before = {number: signal.signal(number, self._on_signal) for number in heard}
         return self

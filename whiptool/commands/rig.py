@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import arg
 
 from whiptool.commands import cli
+from whiptool.commands.interruptions import INTERRUPTED, tell_when_interrupted, with_state
 from whiptool.errors import InputError
 from whiptool.options import (
     LONGEST_STAY,
@@ -192,6 +193,7 @@ def _strike_once(options: StrikeOptions) -> int:
             "--strike", options.strike, f"{2 * model.arm.n + 1} numbers, for an arm of {model.arm.n} joints"
         )
     interlock = Interlock()
+    tell_when_interrupted(lambda: interlock.torque)
     rig = _make_rig(options, model, controller, interlock)
     with cli.new_folder(options, "rig", cli.configuration(options, "rig strike")) as folder:
         ask_to_release(interlock, folder.path)
@@ -200,11 +202,20 @@ def _strike_once(options: StrikeOptions) -> int:
             struck = rig.strike(strike, folder=folder.path)
         except (StrikeStopped, StrikeInterrupted) as error:
             struck, stopped = error.struck, error
-        summary = _summary(struck, target) | {"report": str(folder.path / REPORT)}
-        folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
-        if isinstance(stopped, StrikeInterrupted):
-            raise stopped
-        _report(folder.path, struck, model, target, options)
+        summary = _summary(struck, target) | {"report": None}
+        try:
+            if isinstance(stopped, StrikeInterrupted):
+                summary["fault"] = stopped.reason
+                raise stopped
+            folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
+            _report(folder.path, struck, model, target, options)
+        except KeyboardInterrupt:
+            folder.write_result(summary)
+            if options.json:
+                print(json.dumps(summary, allow_nan=False))
+            raise
+        summary["report"] = str(folder.path / REPORT)
+        folder.write_result(summary)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
     else:
@@ -297,6 +308,7 @@ def _learn_strikes(options: LearnOptions) -> int:
     bounds = options.build_bounds(model)
     options.build_target().check_reach(model)
     interlock = Interlock()
+    tell_when_interrupted(lambda: interlock.torque)
     rig = _make_rig(options, model, controller, interlock)
 
     def make(number: int) -> Rig:
@@ -308,15 +320,20 @@ def _learn_strikes(options: LearnOptions) -> int:
     config = cli.configuration(options, "rig learn")
     with cli.open_folder(options, "rig-" + options.method, config) as folder:
         ask_to_release(interlock, folder.path)
-        return _search(options, make, model, bounds, folder)
+        return _search(options, make, model, bounds, folder, interlock)
 
 
 def _search(
-    options: LearnOptions, make: Callable[[int], Rig], model: Model, bounds: StrikeBounds, folder: RunFolder
+    options: LearnOptions,
+    make: Callable[[int], Rig],
+    model: Model,
+    bounds: StrikeBounds,
+    folder: RunFolder,
+    interlock: Interlock,
 ) -> int:
     """Strike until it hits, every strike written as it happens; tell people or programs."""
     from whiptool.objective import Objective
-    from whiptool.optimizers import search
+    from whiptool.optimizers import Status, search
     from whiptool.optimizers.trial_log import TRIALS, TrialLog
     from whiptool.rig.session import RigRollout
     from whiptool.rig.stops import StrikeStopped
@@ -337,22 +354,30 @@ def _search(
         if trial.number > len(recorded):
             log.append(trial)
         refused = rollout.refused.get(trial.number)
-        print(f"strike {trial.number}: {refused or _measured(trial.outcome)}", file=sys.stderr)
+        said = f" was refused: {refused}" if refused else f": {_measured(trial.outcome)}"
+        print(f"strike {trial.number}{said}", file=sys.stderr)
 
     objective.record(recorded, on_trial)
     try:
         result = search(objective, options.method, seed=options.seed)
     except StrikeStopped as stopped:
-        summary = _learned(objective, options.method, "stopped") | {"fault": str(stopped)}
+        summary = _learned(objective, options.method, "stopped") | {
+            "fault": str(stopped),
+            "torque_off": interlock.torque_off,
+        }
         folder.write_result(summary)
         if options.json:
             print(json.dumps(summary))
         stopped.add_note(f"kept in {folder.path}: {counted(len(objective.trials), 'strike')}")
         raise
     summary = _learned(objective, options.method, result.status.value)
+    lines = _learned_lines(result, folder.path)
+    if result.status is Status.INTERRUPTED:
+        summary["torque_off"] = interlock.torque_off
+        lines[0] = with_state(lines[0])
     folder.write_result(summary)
-    print(json.dumps(summary) if options.json else "\n".join(_learned_lines(result, folder.path)))
-    return 130 if result.status.value == "interrupted" else 0
+    print(json.dumps(summary) if options.json else "\n".join(lines))
+    return INTERRUPTED if result.status is Status.INTERRUPTED else 0
 
 
 def _learned(objective: Objective, method: str, status: str) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -138,6 +139,7 @@ class RigLoop:
         about: dict[str, Any] | None = None,
         on_cycle: Callable[[int, Phase], None] | None = None,
         believed: Model | None = None,
+        signals: StopSignals | None = None,
     ) -> Run:
         """Arm, go to the start, settle, strike, return, disarm. A fault or a signal ends it early; it does not raise.
 
@@ -151,6 +153,8 @@ class RigLoop:
             on_cycle: Called at the start of every cycle with its number and phase, for a camera's trigger; it must be
                 quick.
             believed: The posterior mean of whip and arm, which the rehearsal uses; default: the model.
+            signals: Notes signals from the arming on; whoever gives it closes it, when the records are written.
+                Default: they are noted until torque is off.
 
         Raises:
             StrikeRefused: The rehearsal refuses it.
@@ -170,19 +174,22 @@ class RigLoop:
         self._phase, self._logged_fault = Phase.APPROACH, False
         self.safety.reason = None
         try:
-            with StopSignals() as signals, self.safety as safety:
-                try:
-                    first = safety.arm(signals.interruptible)
-                    self._cycles(strike, first, log, signals, on_cycle)
-                    safety.disarm()
-                except (SafetyError, Unplugged) as error:
-                    reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
-                    if safety.state != State.FAULT:
-                        safety.fault(reason)
-                except KeyboardInterrupt:
-                    safety.fault(SafetyError("signal", f"{signals.received or 'Ctrl-C'} came"))
-            if signals.received and self.safety.state != State.FAULT:  # it came after the last cycle
-                self.safety.fault(SafetyError("signal", f"{signals.received} came"))
+            with ExitStack() as own:
+                heard = own.enter_context(StopSignals()) if signals is None else signals.listen()
+                with self.safety as safety:
+                    try:
+                        first = safety.arm(heard.interruptible)
+                        self._cycles(strike, first, log, heard, on_cycle)
+                        safety.disarm()
+                    except (SafetyError, Unplugged) as error:
+                        reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
+                        if safety.state != State.FAULT:
+                            safety.fault(reason)
+                    except KeyboardInterrupt:
+                        safety.fault(SafetyError("signal", f"{heard.received or 'Ctrl-C'} came"))
+                if heard.received and self.safety.state != State.FAULT:  # it came after the last cycle
+                    self.safety.fault(SafetyError("signal", f"{heard.received} came"))
+                heard.answered = self.safety.state == State.FAULT
         finally:
             if self.safety.state == State.FAULT and not self._logged_fault:
                 zero = np.zeros(n, int)

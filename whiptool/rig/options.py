@@ -147,7 +147,9 @@ def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
     interlock.watch(run_folder / STOPPED)
     if interlock.stop is None:
         return
-    question = f"The arm was stopped: {interlock.stop}. Is the cause found and gone, and everybody away? [yes] "
+    question = (
+        f"The arm was stopped: {interlock.stop}. Is the cause found and gone, and everybody away? Type yes to go on: "
+    )
     if _says_yes(question):
         interlock.release()
     interlock.check()
@@ -164,10 +166,13 @@ def _camera(name: str):
 
 
 def _confirm(strike) -> bool:
-    return _says_yes(f"The arm will move: {strike}. Is everybody away, the power switch at hand? [yes] ")
+    return _says_yes(f"The arm will move: {strike}. Is everybody away, the power switch at hand? Type yes to go on: ")
 
 
 def _says_yes(question: str) -> bool:
-    """Whether a person answers a question with yes; nobody being there is no."""
+    """Whether a person types yes, in capitals or not; everything else, and nobody being there, is no."""
     print(question, end="", file=sys.stderr, flush=True)
-    return sys.stdin.readline().strip().lower() in ("yes", "y")
+    answer = sys.stdin.readline()
+    if not answer.endswith("\n"):
+        print(file=sys.stderr)  # nobody pressed Enter: what follows has a line of its own
+    return answer.strip().lower() == "yes"

@@ -70,6 +70,10 @@ class Safety:
         """What became of the motors, in words."""
         return torque_in_words(self.confirmed, self._silent)
 
+    def _tell(self) -> None:
+        """Have whoever tells of a stop know what became of the motors."""
+        self.interlock.torque_off, self.interlock.torque = self.confirmed, self.torque
+
     def check(self) -> None:
         """Refuse what forbids arming, before anything is written to a servo.
 
@@ -103,6 +107,8 @@ class Safety:
         self.interlock.check()
         bus, joints = self.joints.bus, self.joints
         self.reason, self.confirmed, self._touched = None, False, True
+        self._silent = list(bus.ids)
+        self._tell()
         try:
             for id in bus.ids:
                 self._set_up(id)
@@ -227,6 +233,8 @@ class Safety:
                 except BusError:
                     continue
             self.confirmed = not self._silent
+            if self._touched:
+                self._tell()
             self._touched = not self.confirmed
 
     def _is_off(self, id: int) -> bool:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from whiptool.errors import InputError, WhiptoolError
+from whiptool.errors import WhiptoolError
 from whiptool.identification.judgement import Frames, Judgement, frames_of, judge_frames, unseen_around
 from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike
@@ -25,7 +25,8 @@ from whiptool.rig.loop import Clock, RigLoop, Run, StepClock, WallClock
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.record import build_recording
 from whiptool.rig.safety import Safety
-from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeRefused, StrikeStopped
+from whiptool.rig.stop_signals import StopSignals
+from whiptool.rig.stops import Interlock, NotConfirmed, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 from whiptool.target import Target
@@ -200,6 +201,11 @@ class TwinRig:
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """Strike once, and return what it left; see `Rig.strike`."""
         self.interlock.check()
+        with closing(StopSignals()) as signals:
+            return self._strike(strike, folder, believed, signals)
+
+    def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
+        """Strike, record the joints, and only then film: the picture takes longest, and a signal may end it."""
         truth, period = self.truth, 1.0 / self.options.rate
         start = strike.q_i if self._at_once else (0.0,) * self.model.arm.n
         twin_options = TwinOptions(
@@ -219,7 +225,7 @@ class TwinRig:
 
             loop = _loop(self, bus, StepClock())
             path = None if folder is None else folder / CYCLES
-            run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed)
+            run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed, signals=signals)
             moved = twin.trajectory()
         if not _came_to_its_strike(run):
             return carried_out(Struck(run, None))
@@ -234,10 +240,10 @@ class TwinRig:
             tau=moved["torque"][keep],
             diverged=False,
         )
-        recording = _recorded(self, run, "twin", folder)
+        struck = Struck(run, _recorded(self, run, "twin", folder), path)
         if run.fault is None or run.fault.kind != "signal":
-            recording = _recorded(self, run, "twin", folder, self._film(path))
-        return carried_out(Struck(run, recording, path))
+            struck = _seen(self, struck, signals, lambda: _recorded(self, run, "twin", folder, self._film(path)))
+        return carried_out(struck)
 
     def _film(self, path: Trajectory) -> StrikeRecording | None:
         """The tip as the camera sees it, by the camera's clock."""
@@ -320,11 +326,16 @@ class HardwareRig:
         A camera that gives no frames is refused. One that is lost before the strike begins stops it; where it is lost
         during the strike, the joints are kept and the session ends.
         """
-        from whiptool.rig.filming import Filming
-
         self.interlock.check()
         if self.confirm is not None and not self.confirm(strike):
-            raise InputError("strike", strike.vector.tolist(), "one that was confirmed", "nothing was armed")
+            raise NotConfirmed(strike.vector.tolist())
+        with closing(StopSignals()) as signals:
+            return self._strike(strike, folder, believed, signals)
+
+    def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
+        """Strike and film, record the joints, and only then look at the frames, which a signal may end."""
+        from whiptool.rig.filming import Filming
+
         with ExitStack() as stack:
             ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
             bus = stack.enter_context(DynamixelBus(self.line.port, list(ids), baud=self.line.baud))
@@ -338,14 +349,16 @@ class HardwareRig:
                     filming.during(phase is Phase.STRIKE)
 
             path = None if folder is None else folder / CYCLES
-            run = _loop(self, bus, WallClock()).run(strike, path=path, on_cycle=on_cycle, believed=believed)
+            loop = _loop(self, bus, WallClock())
+            run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed, signals=signals)
             frames = [] if filming is None else filming.end()
         if not _came_to_its_strike(run):
             return carried_out(Struck(run, None))
-        recording = _recorded(self, run, self.line.port, folder)
+        port = self.line.port
+        struck = Struck(run, _recorded(self, run, port, folder))
         if run.fault is None and frames:
-            recording = _recorded(self, run, self.line.port, folder, _tracked(frames, run))
-        struck = carried_out(Struck(run, recording))
+            struck = _seen(self, struck, signals, lambda: _recorded(self, run, port, folder, _tracked(frames, run)))
+        struck = carried_out(struck)
         if filming is not None and filming.lost:
             self.interlock.trip(f"camera: {filming.lost}", torque=run.torque)
             raise StrikeStopped(f"camera: {filming.lost}; the joints were recorded", struck, run.torque)
@@ -398,6 +411,24 @@ def _recorded(
     return recording
 
 
+def _seen(
+    rig: TwinRig | HardwareRig, struck: Struck, signals: StopSignals, look: Callable[[], StrikeRecording]
+) -> Struck:
+    """The strike with what the camera saw of it; the joints are on record already.
+
+    Raises:
+        StrikeInterrupted: A signal came meanwhile.
+    """
+    try:
+        with signals.interruptible():
+            return dataclasses.replace(struck, recording=look())
+    except KeyboardInterrupt:
+        reason = f"signal: {signals.received or 'Ctrl-C'} came after the strike, before its film was looked at"
+        rig.interlock.trip(reason, lasting=False)
+        signals.answered = True
+        raise StrikeInterrupted(reason, struck, struck.run.torque) from None
+
+
 def _tracked(frames: list[Frame], run: Run) -> StrikeRecording:
     """What the camera's frames show, its times on the loop's clock with 0 at the strike's first cycle."""
     from whiptool.vision.tracking import track
@@ -445,7 +476,7 @@ class RigRollout(Rollout):
             try:
                 struck = self.make(number).strike(Strike.from_vector(vector), folder=folder)
             except StrikeRefused as refused:
-                struck, self.refused[number] = None, str(refused)
+                struck, self.refused[number] = None, refused.fix or str(refused)
             self.struck.append(struck)
             found.append(self._approach(struck, point))
         return joined(found, self.model.arm.n, 2)

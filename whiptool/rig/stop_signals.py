@@ -12,6 +12,13 @@ from typing import Any
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
+class Listener:
+    """Has handlers of signals, in whose place those of `StopSignals` stand for a while."""
+
+    def note(self, number: int) -> None:
+        """Take note of a signal that has already ended what was done."""
+
+
 class StopSignals:
     """Signals as a wish that the loop sees in its next cycle; however many come, torque-off is completed.
 
@@ -19,12 +26,17 @@ class StopSignals:
     same: the switching on of torque, and, by a second signal, a callback that is not ours and may hang. Outside of the
     main thread Python knows no handlers: it does nothing.
 
+    When its block has ended, the handlers are as before. A signal that came then does what it would have done, once,
+    unless `answered` says that what was done ends anyway.
+
     Attributes:
         received: Name of the first signal that came; None: none did.
+        answered: Whether a stop is told already; further signals of the block add nothing to it.
     """
 
     def __init__(self) -> None:
         self.received: str | None = None
+        self.answered = False
         self._count = 0
         self._raises_at: int | None = None  # so many signals interrupt what is done now; None: it is not interrupted
         self._before: dict[int, Any] = {}
@@ -47,7 +59,8 @@ class StopSignals:
         finally:
             self._raises_at = None
 
-    def __enter__(self) -> StopSignals:
+    def listen(self) -> StopSignals:
+        """Note signals from now on, until `close`."""
         if threading.current_thread() is threading.main_thread():
             for number in SIGNALS:
                 if number == signal.SIGHUP and signal.getsignal(number) == signal.SIG_IGN:  # nohup
@@ -55,18 +68,29 @@ class StopSignals:
                 self._before[number] = signal.signal(number, self._on_signal)
         return self
 
+    def close(self) -> None:
+        """Set the handlers as before; a signal that nobody has answered comes again."""
+        number = None if self.received is None else signal.Signals[self.received]
+        listeners = {getattr(handler, "__self__", None) for handler in self._before.values()}
+        if number is not None and self.answered:
+            for listener in listeners:
+                if isinstance(listener, Listener):
+                    listener.note(number)
+        for before, handler in self._before.items():
+            signal.signal(before, signal.SIG_DFL if handler is None else handler)  # None: not set from Python
+        self._before = {}
+        if number is not None and not self.answered:
+            signal.raise_signal(number)
+
+    def __enter__(self) -> StopSignals:
+        return self.listen()
+
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not set from Python
+        self.close()
 
 
 @contextmanager
 def signals_held() -> Iterator[None]:
     """Have signals wait until the block has ended; then they do what they would have done."""
-    held = StopSignals()
-    try:
-        with held:
-            yield
-    finally:
-        if held.received is not None:
-            signal.raise_signal(signal.Signals[held.received])
+    with StopSignals():
+        yield

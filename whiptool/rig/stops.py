@@ -29,6 +29,18 @@ class StrikeRefused(InputError):
     """A strike that must not be made; nothing was armed, and another strike may be asked for."""
 
 
+class NotConfirmed(InputError):
+    """A person did not say that the arm may move; nothing was armed, and the session is over."""
+
+    def __init__(self, strike: Sequence[float]) -> None:
+        super().__init__("strike", strike, "one that was confirmed")
+        self.args = ("not confirmed; nothing was armed",)
+
+    def renamed(self, name: str, fix: str = "") -> InputError:
+        """The same error: no option is at fault."""
+        return self
+
+
 class StrikeStopped(WhiptoolError):
     """A strike that was broken off by a fault, or whose film was lost: it is no trial, and the session is over.
 
@@ -82,10 +94,14 @@ class Interlock:
 
     Attributes:
         stop: Why the arm was stopped; None: it was not, or it was released.
+        torque_off: Whether every servo has confirmed that its torque is off; None: nothing was armed.
+        torque: The same in words, as a message tells it.
     """
 
     def __init__(self) -> None:
         self.stop: str | None = None
+        self.torque_off: bool | None = None
+        self.torque = "nothing was armed"
         self._marks: list[Path] = []
 
     def watch(self, mark: Path) -> None:
