@@ -149,3 +149,18 @@ def test_resume_refuses_another_configuration(tmp_path):
     config = (tmp_path / "run" / "config.toml").read_text()
     (tmp_path / "run" / "config.toml").write_text(config.replace("m = 0.012", "m = 0.013"))
     assert_one_line(called("optimize", "--resume", "run", cwd=tmp_path), "--resume", "same model")
+
+
+def test_a_search_of_which_every_strike_is_refused_says_so_early(tmp_path):
+    """Half a turn in 0.3 s is beyond the motors of the emulated rig: said once, at the 30th strike."""
+    box = ["--lower", -1.5, 0, 1.4, 0, 0.3, "--upper", -1.4, 0.1, 1.5, 0.1, 0.31]
+    words = ["--limits", "xm430", "--method", "random", "--max-trials", "31", "--no-video", "--json"]
+    done = called("optimize", *words, *box, cwd=tmp_path)
+    said = [line for line in done.stderr.replace("\r", "\n").splitlines() if line.startswith("whiptool: ")]
+    assert len(said) == 1
+    for part in (
+        "all of the first 30 strikes were refused",
+        "beyond the motors' limits (30)",
+        "N m; give other --limits",
+    ):
+        assert part in said[0]

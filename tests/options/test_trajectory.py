@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from whiptool.errors import InputError
 from whiptool.models import preset
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.joint_trajectory import JointTrajectory
@@ -53,3 +54,11 @@ def test_the_files_of_one_strike_say_the_same(tmp_path):
     assert read.hand is not None
     np.testing.assert_array_equal(places, read.hand[:, :3])
     np.testing.assert_array_equal(read.q, found.q)
+
+
+@pytest.mark.parametrize(("place", "why"), [("none/way.csv", "none is no folder that is there"), ("way.csv", "folder")])
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(place, why, tmp_path):
+    (tmp_path / "way.csv").mkdir()
+    with pytest.raises(InputError, match=f"--export-trajectory.*can be written.*{why}"):
+        TrajectoryOptions(export_trajectory=tmp_path / place).check()
+    TrajectoryOptions(export_trajectory=tmp_path / "new.csv").check()

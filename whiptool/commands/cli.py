@@ -293,7 +293,7 @@ def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> Run
         return RunFolder.create(path, {"version": code_version(), **config}, on_interrupt=note)
 
 
-def check_out(options: ResumableOptions) -> None:
+def check_out(options: OutputOptions) -> None:
     """Refuse an `--out` that `new_folder` would refuse, and leave it as it is.
 
     Raises:
@@ -302,7 +302,7 @@ def check_out(options: ResumableOptions) -> None:
     from whiptool.runs import check_new
 
     if options.out is not None:
-        with _out_named(resumable=True):
+        with _out_named(resumable=hasattr(options, "resume")):
             check_new(options.out)
 
 

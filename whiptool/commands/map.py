@@ -230,6 +230,7 @@ def _text(summary: dict[str, Any], path: Path) -> str:
 def _strike(args: Sequence[str]) -> int:
     options = cli.parse(StrikeOptions, prog="whiptool map strike", description=_STRIKE, args=args)
     with cli.options_named(options, run_folder="run folder"):
+        cli.check_out(options)
         strike_map = load_map(options.run)
         model = strike_map.striker.rollout.model
         options.check_posture(model)

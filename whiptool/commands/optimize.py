@@ -105,6 +105,7 @@ def _main(args: Sequence[str] | None) -> int:
             return run.report(run.search())
 
 
+_REFUSALS_TOLD = 30  # strikes that are all refused, after which a search says so
 _NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "speed": None}
 
 
@@ -178,8 +179,27 @@ class _Run:
                 bar.set_postfix_str(f"closest {objective.best.outcome.miss_distance:.4f} m", refresh=False)
                 bar.update()
 
+                if trial.number == _REFUSALS_TOLD > known and objective.n_refused == trial.number:
+                    bar.write(f"whiptool: {self._all_refused()}", file=sys.stderr)
+
             objective.record(self.recorded, on_trial)
             return run_search(objective, run, self.method, seed=self.options.seed)
+
+    def _all_refused(self) -> str:
+        """Say why every strike so far was refused: what the one that was closest to the limits is beyond."""
+        from whiptool.objective import UNREACHABLE, why_lost
+
+        objective, said = self.objective, None
+        assert objective.best is not None
+        if objective.best.outcome.refused != UNREACHABLE:
+            strike = self.rollout.space.strike(objective.best.strike)
+            trajectory = self.rollout.trajectory(strike, t_stay=self.options.t_stay)
+            said = with_cure(objective.limits.explain(trajectory, self.model.arm.joints, strike))
+        why = ", ".join(f"{name} ({count})" for name, count in why_lost(objective.trials).items())
+        closest = "" if said is None else f"; the least of them: {said}"
+        motors = "other --limits, or " if objective.best.outcome.refused == "motor" else ""
+        cure = f"give {motors}other --lower and --upper"
+        return f"all of the first {len(objective.trials)} strikes were refused: {why}{closest}; {cure}"
 
     def report(self, result) -> int:
         """Replay on the reference, write everything, tell people or programs."""

@@ -21,6 +21,7 @@ from whiptool.options import (
     SimulatorOptions,
     SpaceOptions,
     TrajectoryOptions,
+    check_place,
     refuse_idle,
 )
 from whiptool.whole_files import write_whole
@@ -57,6 +58,8 @@ class SimulateOptions(
         from whiptool.models.strike import Strike
 
         super().check()
+        if self.export is not None:
+            check_place("--export", self.export)
         if self.strike is not None:
             Strike.from_vector(self.strike)
             refuse_idle(self, {"trajectory": "nothing beside --strike"})
@@ -81,6 +84,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _main(args: Sequence[str] | None) -> int:
     options = cli.parse(SimulateOptions, prog="whiptool simulate", description=_EXAMPLE, args=args)
     with cli.options_named(options):
+        cli.check_out(options)
         model = options.build_model()
         strike = None if options.strike is None else _strike(options, model)
         if options.export is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -99,6 +100,21 @@ def whole(name: str, value: int, *, low: int = 1, high: int = MANY) -> int:
     if not low <= value <= high:
         raise InputError(name, value, f"a whole number from {low} to {high}")
     return value
+
+
+def check_place(name: str, path: Path) -> None:
+    """Refuse a file that could not be written, before anything is computed for it.
+
+    Raises:
+        InputError: It is a folder, or its own folder is not there or cannot be written to.
+    """
+    folder = path.parent
+    if path.is_dir():
+        raise InputError(name, str(path), "a file that can be written, not a folder")
+    if not folder.is_dir():
+        raise InputError(name, str(path), f"a file that can be written ({folder} is no folder that is there)")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise InputError(name, str(path), "a file that can be written (permission denied)")
 
 
 def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> None:

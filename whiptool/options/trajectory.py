@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from whiptool.errors import InputError
-from whiptool.options.base import OptionGroup, refuse_idle
+from whiptool.options.base import OptionGroup, check_place, refuse_idle
 
 if TYPE_CHECKING:
     from whiptool.limits import Limits
@@ -50,6 +50,8 @@ class TrajectoryOptions(OptionGroup):
             refuse_idle(self, dict.fromkeys(("trajectory_rate", "posture", "rest"), _IDLE))
         elif self.export_trajectory.suffix not in _WRITERS:
             raise InputError("--export-trajectory", str(self.export_trajectory), "a file named .csv, .yaml or .yml")
+        else:
+            check_place("--export-trajectory", self.export_trajectory)
 
     def check_posture(self, model: Model) -> None:
         """Refuse a posture of another number of joints than the model's arm has.
