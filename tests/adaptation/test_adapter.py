@@ -124,6 +124,17 @@ def test_what_was_not_asked_for_and_what_was_told_before_is_refused(prior, tmp_p
     assert adapter.number == 3
 
 
+def test_what_another_controller_struck_is_neither_kept_nor_learned_from(prior, tmp_path):
+    other = dataclasses.replace(still(1), strike=STRIKE, controller=Controller(oiac_preset("printed")))
+    adapter = told(prior, tmp_path)
+    adapter.ask()
+    with pytest.raises(InputError, match=r"controller: got 'a = 0\.2'; allowed: a = 0\.00013"):
+        adapter.tell(other)
+    assert not list(tmp_path.rglob(RECORDING))
+    with pytest.raises(InputError, match=r"controller: got 'a = 0\.2'"):
+        Adapter(prior, Target((0.5, 0.5)), recordings=[other])
+
+
 def test_a_damaged_folder_is_named(prior, tmp_path):
     told(prior, tmp_path).ask()
     plan = tmp_path / "strike-0001" / PLANNED

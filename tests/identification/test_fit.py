@@ -18,13 +18,14 @@ from whiptool.identification.plant import PROFILE, Plant, lumping
 from whiptool.identification.sampling import Readings
 from whiptool.identification.solver import Block, Loss, Status, solve
 from whiptool.identification.variables import Prior
-from whiptool.impedance import Controller
+from whiptool.impedance import OIAC, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import ArmLink
 from whiptool.models.profile import WhipProfile
 from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective
 from whiptool.optimizers import search
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.target import Target
 
@@ -36,6 +37,18 @@ AWAY = LEMON.with_parameters({"whip.k": 0.3, "whip.b": 0.07, "whip.m": 0.015})
 PLANT = Plant(AWAY, CONTROLLER)
 PROFILED = Plant(LEMON, CONTROLLER, WhipProfile(0.9, 0.2, 0.02, 0.007, 0.3, 0.4, 0.5, 0.1, 0.01))
 PENDULUM = Pendulum((ArmLink(mass=0.2, length=0.2, friction=1e-4), ArmLink(mass=0.1, length=0.3)), (2e-4, 1e-4))
+
+
+def test_what_another_controller_struck_is_refused_at_once():
+    """To fit or to hold out: k came out five times too large without a word, after 20 s."""
+    t = np.arange(30) / 60
+    points = np.stack([0.1 * t, -1.2 + 0.1 * t], axis=1)[:, None]
+    plain = StrikeRecording(t, points, ("tip",), strike=STRIKES[0], source="a.csv")
+    other = dataclasses.replace(plain, controller=Controller(OIAC()))
+    for fitted, held_out in ((other, ()), (plain, [other])):
+        with pytest.raises(InputError, match=r"a\.csv: controller: got 'a = 0\.2'; allowed: a = 0\.00013, .*a Model"):
+            fit(fitted, PLANT, ["k"], held_out=held_out)
+
 
 
 def test_readings_of_a_path():

@@ -10,6 +10,7 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.identification.inputs import (
+    check_controllers,
     common_controller,
     full_name,
     names_of,
@@ -19,7 +20,7 @@ from whiptool.identification.inputs import (
     split,
 )
 from whiptool.identification.plant import Plant
-from whiptool.impedance import OIAC, Controller
+from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import Model, WhipParameters
 
@@ -175,3 +176,24 @@ def test_recordings_share_a_controller_and_what_it_compensates():
         common_controller([told, recording("x", a=0.1, compensated=[0.1, 0.2, 0.4])])
     with pytest.raises(InputError, match="x: controller"):
         common_controller([recording("x", a=-1.0)])
+
+
+def test_another_controller_than_the_plants_is_refused():
+    """Which masses were compensated may be unsaid, and so may how long the torque was held; what is fitted may differ."""
+    plant = Controller(OIAC(a=0.1), compensated=(0.1, 0.2, 0.3), control_period=0.002)
+    masses = [0.1, 0.2, 0.3]
+    told = recording("a", a=0.1, compensated=masses, control_period=0.002)
+    check_controllers([told, recording("b", a=0.1), recording("c")], plant)
+    check_controllers([recording("x", a=0.2)], plant, free=["whip.k", "law.a"])
+    refused = {
+        "law = constant'; allowed: law = oiac": {"law": "constant"},
+        "a = 0.2'; allowed: a = 0.1": {"a": 0.2},
+        "control_period = 0.005'; allowed: control_period = 0.002": {"a": 0.1, "control_period": 0.005},
+        "torque_limit = 2.0'; allowed: torque_limit = None": {"a": 0.1, "torque_limit": 2.0},
+        "compensated = .*0.4": {"a": 0.1, "compensated": [0.1, 0.2, 0.4]},
+    }
+    for said, table in refused.items():
+        with pytest.raises(InputError, match=f"x: controller: got '{said}.*as the plant's controller has"):
+            check_controllers([told, recording("x", **table)], plant)
+    with pytest.raises(InputError, match="law = oiac'; allowed: law = constant"):
+        check_controllers([told], Controller(ConstantImpedance()), free=["law.K[0]"])

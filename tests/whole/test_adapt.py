@@ -313,7 +313,7 @@ def test_earlier_strikes_of_another_compensation_are_refused(first, tmp_path):
         if masses in (own.compensated, None):
             assert len(adapt.prepare(options).recordings) == 1
             continue
-        with pytest.raises(InputError, match=r"--known .*0.2.*model that it was struck with"):
+        with pytest.raises(InputError, match=r"--known .*0.2.*model and --controller that it was struck with"):
             adapt.prepare(options)
 
 

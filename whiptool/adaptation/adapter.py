@@ -23,6 +23,7 @@ from whiptool.adaptation.steps import Step, Steps
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
 from whiptool.identification.beginnings import check_beginnings
+from whiptool.identification.inputs import check_controllers
 from whiptool.identification.judgement import Judgement
 from whiptool.identification.predict import Predictor
 from whiptool.limits import Limits
@@ -180,8 +181,8 @@ class Adapter:
                 mend it, or record the strike again.
 
         Raises:
-            InputError: No strike was asked for, the recording is of another strike, was told before or has to teach and
-                does not, or the folder is damaged.
+            InputError: No strike was asked for, the recording is of another strike or another controller, was told
+                before or has to teach and does not, or the folder is damaged.
         """
         strike = self.asked
         if isinstance(told, StrikeRecording):
@@ -190,6 +191,8 @@ class Adapter:
         seen = checked(seen, strike, self.number)
         if seen.recording is not None:
             self._refuse_told_before(seen.recording)
+            assert self.prior.plant.controller is not None
+            check_controllers([seen.recording], self.prior.plant.controller)
         learned = self._taught_by(seen) if must_teach else None
         return self._step(self._keep(seen), learned)
 

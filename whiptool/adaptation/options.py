@@ -190,7 +190,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor, stock=stock)
     interlock = Interlock()
     port = _port(options, model, controller, stock, interlock)
-    _refuse_other_weights(known, prior.plant.controller)
+    _check_known(known, prior.plant.controller)
     return Adaptation(prior, port, target, loop, folder, recordings=known, interlock=interlock)
 
 
@@ -216,19 +216,15 @@ def kept_in_space(model: Model) -> tuple[Limits, ...]:
     return (*found, Clearance(model)) if Clearance.is_of(model) else tuple(found)
 
 
-def _refuse_other_weights(recordings, controller) -> None:
+def _check_known(recordings, controller) -> None:
     """Earlier strikes are learned from as if this controller had struck them."""
-    from whiptool.identification.inputs import common_controller
+    from whiptool.identification.inputs import check_controllers
 
-    for recording in recordings:
-        then = common_controller([recording])
-        if then is not None and then.compensated not in (None, controller.compensated):
-            raise InputError(
-                f"--known {recording.source}: masses that gravity compensation reckoned with [kg]",
-                then.compensated,
-                f"{controller.compensated}, those of --model",
-                "give the --model that it was struck with",
-            )
+    try:
+        check_controllers(recordings, controller)
+    except InputError as error:
+        fix = "give the --model and --controller that it was struck with"
+        raise InputError(f"--known {error.name}", error.given, error.allowed, fix) from None
 
 
 def _stock(options: AdaptOptions):

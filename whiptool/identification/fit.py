@@ -10,7 +10,7 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.identification.beginnings import check_beginnings
 from whiptool.identification.classes import classify
-from whiptool.identification.inputs import common_controller, full_name
+from whiptool.identification.inputs import check_controllers, common_controller, full_name
 from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Identifiable, Plant
@@ -48,8 +48,9 @@ def fit(
         options: See `Options`.
 
     Raises:
-        InputError: A name is unknown or several numbers', nothing is free, a recording lacks what the drive needs, or
-            its units, axes, joints or time of the start are wrong as far as its first readings tell.
+        InputError: A name is unknown or several numbers', nothing is free, a recording lacks what the drive needs, its
+            command drives the whip and it holds another controller than the plant, or its units, axes, joints or time
+            of the start are wrong as far as its first readings tell.
     """
     began, options = time.perf_counter(), options or Options()
     if not isinstance(recordings, Sequence):
@@ -65,6 +66,9 @@ def fit(
         raise InputError("plant", type(plant).__name__, "a Plant or a Model")
     known = {**plant.values(), **NEUTRAL}
     free = [full_name(name, plant) for name in free]
+    if options.drive == "command" and isinstance(plant, Plant) and plant.controller is not None:
+        struck = [x for x in (*recordings, *held_out) if isinstance(x, StrikeRecording)]
+        check_controllers(struck, plant.controller, free=free)
     variables = variables_of(known, free, options.bounds)
     problem = Problem(recordings, plant, free, variables, options)
     remarks = check_beginnings(problem.predictor, plant) if options.check else []

@@ -15,7 +15,7 @@ from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import LUMPED, Identifiable, Plant
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
-from whiptool.impedance.files import controller_from_table
+from whiptool.impedance.files import controller_from_table, controller_to_table
 from whiptool.models.parameters import Model, number
 from whiptool.models.profile import WhipProfile, lumped_from
 from whiptool.models.tables import read_toml
@@ -180,12 +180,8 @@ def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | Non
     """
     found: Controller | None = None
     for recording in recordings:
-        if recording.controller is None:
+        if (controller := _controller_of(recording)) is None:
             continue
-        try:
-            controller = controller_from_table(recording.controller)
-        except InputError as error:
-            raise error.within(f"{recording.source}: ") from None
         if found is not None and controller.compensated is None:
             controller = dataclasses.replace(controller, compensated=found.compensated)
         elif found is not None and found.compensated is None:
@@ -195,3 +191,44 @@ def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | Non
             raise InputError(name, recording.controller, "that of the other recordings", "fit them apart")
         found = controller
     return found
+
+
+def _controller_of(recording: StrikeRecording) -> Controller | None:
+    """The controller that a recording holds, None if it holds none."""
+    if recording.controller is None:
+        return None
+    try:
+        return controller_from_table(recording.controller)
+    except InputError as error:
+        raise error.within(f"{recording.source}: " if recording.source else "") from None
+
+
+def check_controllers(
+    recordings: Sequence[StrikeRecording], controller: Controller, *, free: Sequence[str] = ()
+) -> None:
+    """Refuse recordings of strikes that another controller made than the one that is to explain them.
+
+    A recording need not say which masses were compensated, and neither need say how long the torque is held.
+
+    Args:
+        recordings: Some may hold no controller.
+        controller: That of the plant.
+        free: Names of numbers that are fitted; those of the controller need not be the recordings'.
+
+    Raises:
+        InputError: A recording holds another controller, or what does not describe one.
+    """
+    now, fitted = controller_to_table(controller), {name.split(".")[-1].split("[")[0] for name in free}
+    unsaid = {"compensated", "control_period"}
+    for recording in recordings:
+        if (held := _controller_of(recording)) is None:
+            continue
+        then = controller_to_table(held)
+        settled = fitted | (unsaid - set(then)) | ({"control_period"} - set(now))
+        other = [key for key in {**then, **now} if then.get(key) != now.get(key) and key not in settled]
+        other = ["law"] if "law" in other else other
+        if other:
+            given, allowed = (", ".join(f"{key} = {table.get(key)}" for key in other) for table in (then, now))
+            fix = "give the plant the controller that struck it; fit takes it from the recordings if it is given a Model"
+            name = f"{recording.source or 'recording'}: controller"
+            raise InputError(name, given, f"{allowed}, as the plant's controller has", fix)
