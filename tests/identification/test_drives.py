@@ -171,3 +171,20 @@ def test_places_of_an_upright_file_are_predicted_in_the_models_axes():
     seen = StrikeRecording(t=t, points=places, markers=("tip",), up="y", joints_t=t, joints_q=q)
     predictor = Predictor([seen], Plant(model, Controller(PositionControl())), drive="joints", shared=["whip.drag"])
     np.testing.assert_allclose(predictor.measured[0].reshape(9, 3), places[:, 0, [0, 2, 1]] * [1, -1, 1])
+
+
+def test_what_is_missing_in_a_recording_is_named_with_its_cure():
+    """The marker's name in capitals, the command, and the command of an arm with more joints."""
+    plant, t = Plant(preset("lemon2024"), Controller()), np.arange(30) / 60
+    strike = Strike((-1.3, 0.4), (1.7, 1.4), 0.9)
+    seen = StrikeRecording(t, np.full((30, 1, 2), 0.5), ("tip",), strike=strike)
+    refused = {
+        r"^recording: markers: got 'Tip'; allowed: tip or nodes .* lower case$": replace(seen, markers=("Tip",)),
+        r"noside\.toml beside it with strike = .*or drive by": replace(seen, strike=None, source="noside.csv"),
+        r"^recording: strike: got .*a strike of the arm's 2 joints$": replace(
+            seen, strike=Strike((0.0,) * 3, (0.5,) * 3, 0.9)
+        ),
+    }
+    for said, recording in refused.items():
+        with pytest.raises(InputError, match=said):
+            Predictor([recording], plant, drive="command", shared=["whip.k"])

@@ -50,7 +50,6 @@ def test_what_another_controller_struck_is_refused_at_once():
             fit(fitted, PLANT, ["k"], held_out=held_out)
 
 
-
 def test_readings_of_a_path():
     """Between samples, before the start, and averaged over an exposure: against the path's own formula."""
     grid, at = np.arange(0, 1.001, 1e-3), np.array([-0.02, 0.1234, 0.777])

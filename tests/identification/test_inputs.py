@@ -159,7 +159,7 @@ def test_markers_are_read_and_checked(tmp_path):
 
 
 def recording(source: str, **table) -> SimpleNamespace:
-    return SimpleNamespace(source=source, controller={"law": "oiac", **table} if table else None)
+    return SimpleNamespace(source=source, called=source, controller={"law": "oiac", **table} if table else None)
 
 
 def test_recordings_share_a_controller_and_what_it_compensates():
@@ -179,7 +179,7 @@ def test_recordings_share_a_controller_and_what_it_compensates():
 
 
 def test_another_controller_than_the_plants_is_refused():
-    """Which masses were compensated may be unsaid, and so may how long the torque was held; what is fitted may differ."""
+    """What was compensated may be unsaid, and so may how long the torque was held; what is fitted may differ."""
     plant = Controller(OIAC(a=0.1), compensated=(0.1, 0.2, 0.3), control_period=0.002)
     masses = [0.1, 0.2, 0.3]
     told = recording("a", a=0.1, compensated=masses, control_period=0.002)

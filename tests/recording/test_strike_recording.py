@@ -9,6 +9,7 @@ from recordings import T, full, places, times
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.files import controller_from_table, controller_to_table
+from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 
@@ -90,3 +91,24 @@ def test_frames_belong_to_the_strike_or_to_the_moment_before_it():
     for late in (-60.0, 60.0):
         with pytest.raises(InputError, match=r"frames within the strike, 0 to 1\.3 s.*start"):
             dataclasses.replace(full(), t=times() + late, t_points=None, joints_t=None, joints_q=None)
+
+
+def test_a_command_that_is_missing_is_asked_for_where_it_can_be_told():
+    t = np.arange(9) / 60
+    none = StrikeRecording(t, np.zeros((9, 1, 2)), ("tip",), source="films/a.csv")
+    with pytest.raises(
+        InputError, match=r"write a\.toml beside it with strike = \{q_i = .*strike=Strike\(q_i, q_f, D\)\)$"
+    ):
+        none.commanded()
+    with pytest.raises(InputError, match=r"got 'twin-3'; .*command; in Python, give .*, or drive by joints$"):
+        dataclasses.replace(none, source="twin-3").commanded(", or drive by joints")
+
+
+def test_a_strike_in_degrees_is_refused_where_its_arm_is_known():
+    """No arm turns a joint by more than two turns."""
+    t = np.arange(9) / 60
+    told = StrikeRecording(t, np.zeros((9, 1, 2)), ("tip",), strike=[-78.0, 27.0, 99.0, 81.0, 0.95], source="deg.csv")
+    with pytest.raises(InputError, match=r"deg\.csv: strike: got '-78 rad of shoulder'.*are these degrees\?"):
+        told.for_model(preset("lemon2024"))
+    right = dataclasses.replace(told, strike=[-1.36, 0.47, 1.73, 1.41, 0.95])
+    assert right.for_model(preset("lemon2024")) is right

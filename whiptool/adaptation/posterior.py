@@ -190,8 +190,9 @@ def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[St
     Raises:
         InputError: The recording lacks its command or its tip.
     """
-    if "tip" not in recording.markers or recording.strike is None:
-        raise InputError("recording", recording.source or "a recording", "one of the tip, with its strike's command")
+    recording.commanded()
+    if "tip" not in recording.markers:
+        raise InputError(f"{recording.called}: markers", ", ".join(recording.markers), "tip among them, in lower case")
     if lost := tip_mislabelled(recording):
         return None, lost
     i = recording.markers.index("tip")

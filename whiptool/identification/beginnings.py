@@ -45,7 +45,7 @@ def check_joints(recording: StrikeRecording, arm: ArmParameters | SpatialArm) ->
     Raises:
         InputError: An angle jumps by a turn, or the arm does not stand where the strike begins and a slip says why.
     """
-    t, q, name = recording.joints_t, recording.joints_q, f"{recording.source}: joints"
+    t, q, name = recording.joints_t, recording.joints_q, f"{recording.called}: joints"
     if t is None or q is None or q.shape[1] != arm.n:
         return
     turning = np.ones(arm.n) if isinstance(arm, ArmParameters) else np.array([x.kind == "revolute" for x in arm.links])
@@ -141,7 +141,7 @@ class _Beginning:
         early, half, whole = (_off(self._measured, self._foreseen, x) for x in (self._early, self._half, slice(None)))
         if max(early, half, whole) <= self._limit:
             return []
-        name, given = self._recording.source or "a recording", f"{max(early, half):.3g} m from where the model is"
+        name, given = self._recording.called, f"{max(early, half):.3g} m from where the model is"
         slips = [*self._placed(half), *self._other_joints(half), *self._late(whole)]
         best = min(slip.left for slip in slips)
         for slip in slips:  # simple ones first

@@ -27,7 +27,9 @@ from whiptool.impedance.controller import Controller
 from whiptool.models.free_hand import hand_joints
 from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.words import counted
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
 BEFORE = 0.05  # [s] before a robot's command from which its log is followed: it and the whip are at rest until then
@@ -106,6 +108,26 @@ class Drive:
         raise NotImplementedError
 
 
+def _command(recording: StrikeRecording, plant: Plant, others: str) -> Strike:
+    """The strike that a recording says was commanded.
+
+    Raises:
+        InputError: It says none, where the other drives would do, or one of another arm.
+    """
+    strike, a = recording.commanded(f", or drive by {others}"), plant.model.arm.n
+    if len(strike.q_i) != a:
+        allowed = f"a strike of the arm's {counted(a, 'joint')}"
+        raise InputError(f"{recording.called}: strike", strike.vector.tolist(), allowed)
+    return strike
+
+
+def unknown_markers(recording: StrikeRecording) -> InputError:
+    """The error that no marker of a recording is on the whip."""
+    fix = "names are in lower case" if any(name != name.lower() for name in recording.markers) else ""
+    rule = "tip or nodes of the whip among them (tip, node1, node2, ...)"
+    return InputError(f"{recording.called}: markers", ", ".join(recording.markers), rule, fix)
+
+
 def _node(marker: str, count: int) -> int | None:
     """Index of `node1`, ...; None if it is no node."""
     digits = marker.removeprefix("node")
@@ -120,13 +142,7 @@ class CommandDrive(Drive):
     def __init__(
         self, recording: StrikeRecording, plant: Plant, *, free: Sequence[str], h: float, unknown: bool
     ) -> None:
-        if recording.strike is None:
-            raise InputError(
-                "recording",
-                recording.source or "a recording",
-                "one with its strike's command",
-                "or drive by joints or handle",
-            )
+        command = _command(recording, plant, "joints or handle")
         if plant.controller is None:
             raise InputError(
                 "controller",
@@ -143,7 +159,7 @@ class CommandDrive(Drive):
         if period is not None and not math.isclose(self.hold * h, period, rel_tol=1e-9):
             raise InputError("timestep", h, f"a whole fraction of the control period of {period:g} s")
         self.unknowns = {"start": np.zeros(2 * self.structure.n)} if unknown else {}
-        self._strike, self._arm = recording.strike.vector, plant.model.arm
+        self._strike, self._arm = command.vector, plant.model.arm
         self._sag = 0.0 if recording.sag is None else recording.sag
 
     def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
@@ -243,33 +259,28 @@ class SwingDrive(Drive):
         if recording.joints_t is None or recording.joints_q is None:
             raise InputError(
                 "recording",
-                recording.source or "a recording",
+                recording.called,
                 "one with measured joints",
                 "or drive by command or handle",
             )
         arm, t = plant.model.arm, recording.joints_t
-        check_covers(f"{recording.source}: joints", t, recording.joints_q, *_span(recording))
+        check_covers(f"{recording.called}: joints", t, recording.joints_q, *_span(recording))
         if isinstance(arm, ArmParameters):
             self.start = float(t[0])
             return JointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
         return self._in_space(recording, t, recording.joints_q, arm, h, options)
 
     def _followed_command(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
-        if recording.strike is None:
-            fix = "or drive by joints or hand"
-            raise InputError("recording", recording.source or "a recording", "one with its strike's command", fix)
         arm, self.start = plant.model.arm, 0.0
         assert isinstance(arm, SpatialArm)
-        if len(recording.strike.q_i) != arm.n:
-            raise InputError("strike", recording.strike.vector.tolist(), f"a strike of the arm's {arm.n} joints")
-        return LaggedReference(recording.strike, arm, self._instants(recording, h))
+        return LaggedReference(_command(recording, plant, "joints or hand"), arm, self._instants(recording, h))
 
     def _measured_hand(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
         if recording.hand_t is None or recording.hand_pose is None:
             fix = "or drive by joints or command"
-            raise InputError("recording", recording.source or "a recording", "one with the hand's pose", fix)
+            raise InputError("recording", recording.called, "one with the hand's pose", fix)
         self._arm, joints = hand_joints(recording.hand_pose)
-        check_covers(f"{recording.source}: hand", recording.hand_t, joints, *_span(recording))
+        check_covers(f"{recording.called}: hand", recording.hand_t, joints, *_span(recording))
         return self._in_space(recording, recording.hand_t, joints, self._arm, h, options)
 
     def _in_space(
@@ -422,7 +433,7 @@ def farthest(recording: StrikeRecording) -> str:
     nodes = [name for name in recording.markers if name.removeprefix("node").isdigit()]
     outer = ["tip"] if "tip" in recording.markers else sorted(nodes, key=lambda name: int(name.removeprefix("node")))
     if not outer:
-        raise InputError("markers", recording.markers, "tip or nodes of the whip among them")
+        raise unknown_markers(recording)
     return outer[-1]
 
 

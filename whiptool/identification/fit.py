@@ -23,6 +23,7 @@ from whiptool.identification.variables import variables_of
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.words import counted
 
 _KNOWN = 0.5  # share of a held-out recording's frames that its own unknowns are fitted to, if it has any
 
@@ -89,10 +90,10 @@ def fit(
     best = runs[0].solution
     if best.status is Status.DIVERGED:
         raise InputError(
-            "starts",
-            [run.start for run in runs],
-            "one from which the model can be rolled out",
-            "start from other values",
+            "plant",
+            ", ".join(f"{name} = {value:g}" for name, value in runs[0].start.items()),
+            f"numbers with which the recordings' strikes can be rolled out ({counted(len(runs), 'start')} diverged)",
+            "give others, or check the strikes: angles in radians, D in seconds",
         )
     clock_fault = _clock_fault(problem, first, best) if options.check else None
     uncertainty, compared = problem.assess(best), tuple(problem.compare(best))

@@ -187,7 +187,7 @@ def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | Non
         elif found is not None and found.compensated is None:
             found = dataclasses.replace(found, compensated=controller.compensated)
         if found is not None and controller != found:
-            name = f"{recording.source}: controller"
+            name = f"{recording.called}: controller"
             raise InputError(name, recording.controller, "that of the other recordings", "fit them apart")
         found = controller
     return found
@@ -229,6 +229,8 @@ def check_controllers(
         other = ["law"] if "law" in other else other
         if other:
             given, allowed = (", ".join(f"{key} = {table.get(key)}" for key in other) for table in (then, now))
-            fix = "give the plant the controller that struck it; fit takes it from the recordings if it is given a Model"
-            name = f"{recording.source or 'recording'}: controller"
+            fix = (
+                "give the plant the controller that struck it; fit takes it from the recordings if it is given a Model"
+            )
+            name = f"{recording.called}: controller"
             raise InputError(name, given, f"{allowed}, as the plant's controller has", fix)

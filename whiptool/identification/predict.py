@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive
+from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive, unknown_markers
 from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NEUTRAL, NUISANCE, PLACED, by_placement, carried, placed
 from whiptool.identification.plant import Identifiable, Plant, slopes
@@ -353,10 +353,10 @@ def _readings(recording: Recording, drive: Drive) -> _Reading:
     links = {name: drive.link_of(name) for name in recording.markers}
     known = {name: link for name, link in links.items() if link is not None}
     if not set(known) - {"shoulder", "handle"}:
-        raise InputError(f"{recording.source}: markers", recording.markers, "tip or nodes of the whip among them")
+        raise unknown_markers(recording)
     which, d = [recording.markers.index(name) for name in known], drive.structure.dimension
     if recording.view is not None and d == 2:
-        raise InputError(f"{recording.source}: points", "a camera's pixels", "places, for a model in the plane")
+        raise InputError(f"{recording.called}: points", "a camera's pixels", "places, for a model in the plane")
     recording.check_coordinates(d)
     points, t = recording.points[:, which, :d], recording.t_points[:, which]
     sigma = np.repeat(recording.sigma[:, which, None], points.shape[2], axis=2)

@@ -121,7 +121,7 @@ def check_one_plane(recordings: Sequence[StrikeRecording], plane: StrikePlane) -
         angle = np.arccos(min(1.0, abs(float(directions[2] @ plane.axes[2]))))
         if angle > _ONE_PLANE:
             raise InputError(
-                f"{recording.source}: points",
+                f"{recording.called}: points",
                 f"in a plane {np.rad2deg(angle):.0f} deg from that of all recordings together",
                 f"recordings of one plane, within {np.rad2deg(_ONE_PLANE):.0f} deg",
                 "turn each into its own plane (keys axes and origin of its sidecar), or fit them apart",

@@ -13,6 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.arrays import NoArray
+from whiptool.models.joint_space import check_turns
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
@@ -32,6 +33,7 @@ WIDEST = 50.0  # [rad], eight turns of a joint
 WIDEST_WAY = 4 * np.pi  # [rad] between a joint's ends in one log
 FAR_OFF = 1.0  # [s] of a point from its frame
 A_DAY = 86400.0  # [s] of a log, of which what lies near the frames is used
+SIDECARS = (".csv", ".mat", ".c3d")  # of files beside which a TOML file says what they do not
 UP_IN = {2: "y", 3: "z"}  # which axis points up, by a model's dimension
 TURNED = {"y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "z": ((1, 0, 0), (0, 0, -1), (0, 1, 0))}  # so that this one does
 AT_REST = 0.02  # [s] from the start of a joint log, in which the arm has hardly moved
@@ -193,6 +195,11 @@ class StrikeRecording(NoArray, instead="its t and points"):
         check_spans(t, self._logs, None if self.strike is None else (0.0, self.strike.D + self.t_stay))
 
     @property
+    def called(self) -> str:
+        """What messages call it: its source, where it has one."""
+        return self.source or "recording"
+
+    @property
     def seen(self) -> np.ndarray:
         """Which points are there, (T, M)."""
         return ~np.isnan(self.points[..., 0])
@@ -245,9 +252,12 @@ class StrikeRecording(NoArray, instead="its t and points"):
         dimension has (y in the plane, z in space), if their file says which it is.
 
         Raises:
-            InputError: The log is of other joints, or places are in a plane and the model is in space.
+            InputError: The log is of other joints, places are in a plane and the model is in space, or the strike's
+                angles are larger than any arm's, as degrees are.
         """
         self.check_coordinates(model.dimension)
+        if self.strike is not None and len(self.strike.q_i) == model.arm.n:
+            check_turns(f"{self.called}: strike", self.strike.vector[:-1], model.arm)
         return self._upright(UP_IN[model.dimension]).ordered(model.arm.joints)
 
     def check_coordinates(self, d: int) -> None:
@@ -259,7 +269,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         if self.view is None and self.points.shape[2] < d:
             rule = f"{d} coordinates, places in space (columns t, tip_x, tip_y, tip_z; z up), for a model in space"
             fix = "record motion capture or two cameras, or take a model in the plane"
-            raise InputError(f"{self.source or 'recording'}: points", "2 coordinates, in a plane", rule, fix)
+            raise InputError(f"{self.called}: points", "2 coordinates, in a plane", rule, fix)
 
     def _upright(self, up: str) -> StrikeRecording:
         """The same recording, turned about the axis that points forward so that another one points up."""
@@ -313,6 +323,23 @@ class StrikeRecording(NoArray, instead="its t and points"):
             raise InputError("mask", f"shape {mask.shape}", f"shape {self.seen.shape} or ({len(self.t)},)")
         mask = mask if mask.ndim == 2 else np.broadcast_to(mask[:, None], self.seen.shape)
         return dataclasses.replace(self, points=np.where(mask[..., None], np.nan, self.points))
+
+    def commanded(self, otherwise: str = "") -> Strike:
+        """The strike that was commanded.
+
+        Args:
+            otherwise: What else is to be said where there is none, behind how to tell it.
+
+        Raises:
+            InputError: The recording does not say it.
+        """
+        if self.strike is not None:
+            return self.strike
+        file, fix = Path(self.source), "in Python, give StrikeRecording(..., strike=Strike(q_i, q_f, D))"
+        if file.suffix.lower() in SIDECARS:
+            table = "strike = {q_i = [...], q_f = [...], D = ...}"
+            fix = f"write {file.with_suffix('.toml').name} beside it with {table} (angles in rad, D in s); {fix}"
+        raise InputError("recording", self.called, "one with its strike's command", fix + otherwise)
 
     def save(self, path: Path | str) -> None:
         """Write an NPZ file, without pickle.
