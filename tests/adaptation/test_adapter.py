@@ -128,10 +128,10 @@ def test_what_another_controller_struck_is_neither_kept_nor_learned_from(prior, 
     other = dataclasses.replace(still(1), strike=STRIKE, controller=Controller(oiac_preset("printed")))
     adapter = told(prior, tmp_path)
     adapter.ask()
-    with pytest.raises(InputError, match=r"controller: got 'a = 0\.2'; allowed: a = 0\.00013"):
+    with pytest.raises(InputError, match=r"controller: got 'law = oiac, a = 0\.2'; allowed: .*a = 0\.00013"):
         adapter.tell(other)
     assert not list(tmp_path.rglob(RECORDING))
-    with pytest.raises(InputError, match=r"controller: got 'a = 0\.2'"):
+    with pytest.raises(InputError, match=r"controller: got 'law = oiac, a = 0\.2'"):
         Adapter(prior, Target((0.5, 0.5)), recordings=[other])
 
 

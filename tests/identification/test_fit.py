@@ -46,7 +46,9 @@ def test_what_another_controller_struck_is_refused_at_once():
     plain = StrikeRecording(t, points, ("tip",), strike=STRIKES[0], source="a.csv")
     other = dataclasses.replace(plain, controller=Controller(OIAC()))
     for fitted, held_out in ((other, ()), (plain, [other])):
-        with pytest.raises(InputError, match=r"a\.csv: controller: got 'a = 0\.2'; allowed: a = 0\.00013, .*a Model"):
+        with pytest.raises(
+            InputError, match=r"a\.csv: controller: got 'law = oiac, a = 0\.2'; allowed: .*a = 0\.00013, .*a Model"
+        ):
             fit(fitted, PLANT, ["k"], held_out=held_out)
 
 

@@ -187,10 +187,13 @@ def test_another_controller_than_the_plants_is_refused():
     check_controllers([recording("x", a=0.2)], plant, free=["whip.k", "law.a"])
     refused = {
         "law = constant'; allowed: law = oiac": {"law": "constant"},
-        "a = 0.2'; allowed: a = 0.1": {"a": 0.2},
-        "control_period = 0.005'; allowed: control_period = 0.002": {"a": 0.1, "control_period": 0.005},
-        "torque_limit = 2.0'; allowed: torque_limit = None": {"a": 0.1, "torque_limit": 2.0},
-        "compensated = .*0.4": {"a": 0.1, "compensated": [0.1, 0.2, 0.4]},
+        "law = oiac, a = 0.2'; allowed: law = oiac, a = 0.1": {"a": 0.2},
+        "law = oiac, control_period = 0.005'; allowed: law = oiac, control_period = 0.002": {
+            "a": 0.1,
+            "control_period": 0.005,
+        },
+        "law = oiac, torque_limit = 2.0'; allowed: law = oiac, torque_limit = None": {"a": 0.1, "torque_limit": 2.0},
+        "law = oiac, compensated = .*0.4": {"a": 0.1, "compensated": [0.1, 0.2, 0.4]},
     }
     for said, table in refused.items():
         with pytest.raises(InputError, match=f"x: controller: got '{said}.*as the plant's controller has"):

@@ -226,9 +226,9 @@ def check_controllers(
         then = controller_to_table(held)
         settled = fitted | (unsaid - set(then)) | ({"control_period"} - set(now))
         other = [key for key in {**then, **now} if then.get(key) != now.get(key) and key not in settled]
-        other = ["law"] if "law" in other else other
         if other:
-            given, allowed = (", ".join(f"{key} = {table.get(key)}" for key in other) for table in (then, now))
+            shown = ["law"] if "law" in other else ["law", *other]
+            given, allowed = (", ".join(f"{key} = {table.get(key)}" for key in shown) for table in (then, now))
             fix = (
                 "give the plant the controller that struck it; fit takes it from the recordings if it is given a Model"
             )
