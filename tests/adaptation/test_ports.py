@@ -14,7 +14,7 @@ from whiptool.adaptation.ports import Seen, TipPort, checked, seen_of
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.twins import draw_twin
 from whiptool.errors import InputError
-from whiptool.impedance import Controller, oiac_preset
+from whiptool.impedance import Controller, constant_preset, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.space_camera import SpaceCamera
@@ -116,3 +116,19 @@ def test_a_twin_s_target_is_a_target_or_its_place():
     model, controller = preset("lemon2024"), Controller()
     twin = draw_twin("kin", 0, model, controller)
     assert TipPort(twin, Target((1.2, 0.1))).target == TipPort(twin, [1.2, 0.1]).target == (1.2, 0.1)
+
+
+def test_a_port_of_another_target_or_arm_is_refused_when_it_is_made():
+    model, controller = preset("lemon2024"), Controller(oiac_preset("table4"))
+    twin, prior, target = draw_twin("kin", 0, model, controller), default_prior(model, controller), Target((1.2, 0.1))
+    with pytest.raises(InputError, match=r"target: got \(1.2, 0.3, 0.5\); .*in the plane"):
+        TipPort(twin, (1.2, 0.3, 0.5))
+    with pytest.raises(InputError, match=r"target: got \(1.3, 0.0\); allowed: \(1.2, 0.1\), which the port aims at"):
+        Adaptation(prior, TipPort(twin, target), Target((1.3, 0.0)))
+    robot = preset("ur5e")
+    of_robot = default_prior(robot, Controller(constant_preset("ur5e")))
+    with pytest.raises(InputError, match=r"target: got .*in space"):
+        Adaptation(of_robot, TipPort(twin, target), target)
+    with pytest.raises(InputError, match=r"port: got 'a twin whose joints are shoulder, elbow'; .*shoulder_pan"):
+        Adaptation(of_robot, TipPort(twin, target), Target((0.8, 0.0, 0.5)))
+    Adaptation(prior, TipPort(twin, [1.2, 0.1]), target)

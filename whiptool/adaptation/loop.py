@@ -12,11 +12,12 @@ from whiptool.adaptation.ports import Port, Seen, checked
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.robot_port import RobotPort
 from whiptool.adaptation.steps import Step, Steps
+from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError, expect
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.stops import STOPPED, Interlock, StrikeStopped
-from whiptool.target import Target
+from whiptool.target import Target, as_target
 
 
 @dataclass
@@ -33,6 +34,10 @@ class Adaptation:
         known: Belief after those recordings, if it was computed before; None: it is identified from them.
         opening: The first plan, if it was made before; None: it is computed.
         interlock: What locks after a stop, the rig's own where the port has one; it leaves a mark in the folder.
+
+    Raises:
+        InputError: An argument is of another kind, or target, belief and port do not belong together: the port aims
+            elsewhere, or its twin has another arm than the belief.
     """
 
     prior: Belief
@@ -53,6 +58,19 @@ class Adaptation:
             raise InputError(
                 "port", type(self.port).__name__, "what strikes and films: a TipPort, a RigPort or your own"
             )
+        self._check_together()
+
+    def _check_together(self) -> None:
+        """Refuse a target or a port that is of another arm than the belief, and a port that aims elsewhere."""
+        model = self.prior.at().model
+        self.target.check_dimension(model)
+        twin, aimed = getattr(self.port, "twin", None), getattr(self.port, "target", None)
+        if isinstance(twin, Twin) and twin.model.arm.joints != model.arm.joints:
+            given, rule = ", ".join(twin.model.arm.joints), f"a twin of the prior's arm: {', '.join(model.arm.joints)}"
+            raise InputError("port", f"a twin whose joints are {given}", rule)
+        if aimed is not None and as_target(aimed).position != self.target.position:
+            rule = f"{as_target(aimed).position}, which the port aims at"
+            raise InputError("target", self.target.position, rule, "give both the same")
 
     def adapter(self) -> Adapter:
         """Return what plans and learns, without the port."""

@@ -148,6 +148,9 @@ class TipPort:
         fps: [1/s]
         t_stay: The strike is watched so long after the movement ended [s].
         timestep: Of the integrator [s].
+
+    Raises:
+        InputError: The target is of another dimension than the twin.
     """
 
     def __init__(
@@ -160,7 +163,9 @@ class TipPort:
         timestep: float = TIMESTEP,
     ) -> None:
         expect(Twin, twin=twin)
-        self.twin, self.target, self.fps, self.t_stay = twin, as_target(target).position, fps, t_stay
+        at = as_target(target)
+        at.check_dimension(twin.model)
+        self.twin, self.target, self.fps, self.t_stay = twin, at.position, fps, t_stay
         self._rollout = CompiledRollout(twin.model, twin.controller, timestep=timestep)
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
@@ -197,7 +202,7 @@ class RigPort:
     """
 
     def __init__(self, make: Callable[[int], Rig], target: tuple[float, ...]) -> None:
-        self._make, self._target = make, np.array(target)
+        self._make, self.target = make, target
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """As `Port.strike`.
@@ -209,9 +214,10 @@ class RigPort:
             struck = self._make(number).strike(strike, folder=folder, believed=believed)
         except StrikeRefused as error:
             return Seen(None, None, refused=error.fix or str(error))
-        near = struck.approach(self._target)
+        place = np.array(self.target)
+        near = struck.approach(place)
         seen = float(near.distance[0]) if np.isfinite(near.distance[0]) else None
-        true = None if struck.truth is None else float(struck.truth.approach(self._target).distance[0])
+        true = None if struck.truth is None else float(struck.truth.approach(place).distance[0])
         recording = struck.recording
         if recording is not None and "tip" not in recording.markers:
             recording = None
