@@ -233,6 +233,22 @@ def test_a_second_signal_loses_neither_the_joints_nor_the_word_on_torque(
 
 
 @pytest.mark.slow
+def test_a_signal_while_the_report_is_drawn_hides_no_fault(emulator, tmp_path: Path, monkeypatch, capsys) -> None:
+    fault = rig_stops.Fault("hot", at=0.2, count=100_000, servo=0, seed=0)
+    monkeypatch.setattr(sessions, "Emulator", rig_stops.Watched(emulator, rig_stops.Stop(1, fault=fault)))
+    monkeypatch.setattr(command, "_make_rig", lambda o, m, c, interlock: rig_stops.rig_of(False, interlock))
+    monkeypatch.setattr(command, "_report", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    vector = map(str, rig_stops.strikes_of(np.random.default_rng(0))[0].vector)
+    words = ["strike", "--target", "1.2", "0.1", "--camera", "none", "--strike", *vector, "--json"]
+    assert command.main([*words, "--out", str(tmp_path / "run")]) == 1
+    said = capsys.readouterr()
+    summary = json.loads(said.out)
+    assert summary["report"] is None
+    assert summary["fault"] in said.err
+    assert said.err.endswith("; torque is off\n")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("during", [True, False])
 def test_a_search_that_is_interrupted_tells_what_became_of_torque(
     during, interrupted_strike, tmp_path: Path, capsys

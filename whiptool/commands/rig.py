@@ -209,11 +209,11 @@ def _strike_once(options: StrikeOptions) -> int:
                 raise stopped
             folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
             _report(folder.path, struck, model, target, options)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interruption:
             folder.write_result(summary)
             if options.json:
                 print(json.dumps(summary, allow_nan=False))
-            raise
+            raise stopped or interruption from None  # a fault is told, also if its report was not waited for
         summary["report"] = str(folder.path / REPORT)
         folder.write_result(summary)
     if options.json:
