@@ -135,6 +135,7 @@ class Adapter:
         self._recordings, self._past, self._contacts = list(recordings), [], dict[str, float]()
         self._taught, self._resting = known is not None, set[str]()
         self._asked: Plan | None = None
+        self._check_controllers(self._recordings)
         if self._recordings and o.adapt and not self._taught:
             learned = update(prior, self._recordings, starts=o.starts, seed=o.seed)
             for recording in self._recordings:
@@ -191,8 +192,8 @@ class Adapter:
         seen = checked(seen, strike, self.number)
         if seen.recording is not None:
             self._refuse_told_before(seen.recording)
-            assert self.prior.plant.controller is not None
-            check_controllers([seen.recording], self.prior.plant.controller)
+            if must_teach or isinstance(told, StrikeRecording):  # a twin's own port may strike with gains unlike these
+                self._check_controllers([seen.recording])
         learned = self._taught_by(seen) if must_teach else None
         return self._step(self._keep(seen), learned)
 
@@ -328,6 +329,11 @@ class Adapter:
     def _update(self, recordings: Sequence[StrikeRecording], contacts: dict[str, float]) -> Learned:
         o = self.options
         return update(self.prior, recordings, guess=self.belief, contacts=contacts, starts=o.starts, seed=o.seed)
+
+    def _check_controllers(self, recordings: Sequence[StrikeRecording]) -> None:
+        """Refuse what another controller struck than the one that is believed in."""
+        if self.prior.plant.controller is not None:
+            check_controllers(recordings, self.prior.plant.controller)
 
     def _refuse_told_before(self, recording: StrikeRecording) -> None:
         """Refuse the recording of an earlier strike.

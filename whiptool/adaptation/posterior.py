@@ -14,7 +14,6 @@ from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.fit import Fit, Options, fit
-from whiptool.identification.inputs import check_controllers
 from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
@@ -125,12 +124,10 @@ def update(
         timestep: Of the integrator [s]; None: that of `TIMESTEPS`.
 
     Raises:
-        InputError: A recording lacks its command or its tip, or holds another controller than the prior's plant.
+        InputError: A recording lacks its command or its tip.
     """
     began = time.perf_counter()
     guess = guess or prior
-    if prior.plant.controller is not None:
-        check_controllers(recordings, prior.plant.controller)
     refused: dict[str, str] = {}
     used: list[StrikeRecording] = []
     for recording in recordings:

@@ -67,7 +67,7 @@ def fit(
         raise InputError("plant", type(plant).__name__, "a Plant or a Model")
     known = {**plant.values(), **NEUTRAL}
     free = [full_name(name, plant) for name in free]
-    if options.drive == "command" and isinstance(plant, Plant) and plant.controller is not None:
+    if options.check and options.drive == "command" and isinstance(plant, Plant) and plant.controller is not None:
         struck = [x for x in (*recordings, *held_out) if isinstance(x, StrikeRecording)]
         check_controllers(struck, plant.controller, free=free)
     variables = variables_of(known, free, options.bounds)

@@ -50,8 +50,9 @@ class Options:
         knots: Spacing of the spline of a prescribed motion [s]; None: of joints and hand as their log tells, of a
             tracked handle 1.5 frames.
         seed: Of the starts.
-        check: Whether recordings are judged: where their first readings are (`whiptool.identification.beginnings`), and
-            whether their times are right (`whiptool.identification.time_base`).
+        check: Whether recordings are judged: which controller struck them, where their first readings are
+            (`whiptool.identification.beginnings`), and whether their times are right
+            (`whiptool.identification.time_base`).
         max_iterations, tolerance: When a solution ends, see `whiptool.identification.solver.solve`.
     """
 
