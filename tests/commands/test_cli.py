@@ -98,6 +98,26 @@ def test_what_is_missing_is_named_with_its_meaning(words, option, meaning, capsy
     assert said.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--pareto effort", "--pareto: got 'effort'; allowed: two of miss, effort, peak-torque, speed, robustness"),
+        ("--target 1.2,0.1", "--target: got '1.2,0.1'; allowed: numbers with a space between them"),
+        ("--lower=1,2,3", "--lower: got '1,2,3'; allowed: numbers with a space between them"),
+        ("--max-trials 1.5", "--max-trials: got '1.5'; allowed: a whole number"),
+        ("--max-time a", "--max-time: got 'a'; allowed: a number"),
+        (
+            "--metod cmaes",
+            "--metod: got '--metod cmaes'; allowed: the options that --help lists; did you mean --method?",
+        ),
+        ("--zzzz", "--zzzz: got '--zzzz'; allowed: the options that --help lists"),
+    ],
+)
+def test_what_does_not_parse_is_told_in_words(words, said, capsys):
+    assert import_module("whiptool.commands.optimize").main(words.split()) == 2
+    assert capsys.readouterr().err == f"whiptool: {said}\n"
+
+
 def test_runs_that_call_an_observation_as_it_was_called_are_read():
     """What the learners' tip alone was once called in options, in the names of units, and in shipped results."""
     table = {"observation": "paper", "method": "td3"}

@@ -51,7 +51,7 @@ def test_a_strike_above_and_through_a_floor_in_the_plane(capsys):
     assert told["beyond"] is None
     assert simulate.main([*STRIKE, "--floor", f"{-2 + told['clearance'] + 0.05}", "--no-video", "--out", "low"]) == 0
     lines = capsys.readouterr().out
-    assert "  clearance      -50 mm at least; the distance between arm, whip, arm and floor" in lines
+    assert "  clearance      -50 mm at least; the distance from arm and whip to the arm and the floor" in lines
     assert "is 50 mm below the floor" in lines
     words = [*STRIKE, "--floor", "-0.5", "--no-video", "--export-trajectory", "x.csv", "--out", "no"]
     assert simulate.main(words) == 2

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import types
 
 from whiptool.commands.optimize import outcome_lines, strike_lines
 from whiptool.models import SpatialArm
 from whiptool.models.spatial_arm import JointLimits, SpatialLink, without_inertia
+from whiptool.objective import Arrival
 from whiptool.target import Target
 
 BODY = (1.0, (0, 0, 0), (1, 1, 1, 0, 0, 0))
@@ -36,3 +38,14 @@ def test_joints_that_slide_have_metres_and_newtons():
 def test_torques_of_an_arm_of_unknown_inertia_are_not_told():
     told = outcome_lines(OUTCOME, Target((1.0, 0.0, 0.0)), without_inertia(ARM, ["swing"]))
     assert [line.split(", ")[1] for line in told[-2:]] == ["force not known", "torque not known"]
+
+
+def test_a_near_miss_that_does_not_arrive_as_asked_is_told_as_such():
+    aside = dataclasses.replace(Target((1.0, 0.0, 0.0)), direction=(1.0, 0.0, 0.0))
+    came = types.SimpleNamespace(**vars(OUTCOME) | {"hit": False, "arrival": Arrival(2.0, 3.0, 0.05)})
+    assert (
+        "near enough, but missed, as it does not arrive as asked: closest 0.0100 m"
+        in outcome_lines(came, aside, ARM)[0]
+    )
+    far = types.SimpleNamespace(**vars(came) | {"miss_distance": 0.5})
+    assert "m, missed: closest 0.5000 m" in outcome_lines(far, aside, ARM)[0]

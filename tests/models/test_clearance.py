@@ -92,7 +92,7 @@ def test_nothing_to_touch_is_named():
         Clearance(UR5E, least=-1)
     with pytest.raises(InputError, match="floor: got nan"):
         Clearance(UR5E, floor=float("nan"))
-    assert Clearance(UR5E).words == "the distance between arm, whip and arm"
+    assert Clearance(UR5E).words == "the distance from arm and whip to the arm"
 
 
 MEMORY = """

@@ -82,3 +82,8 @@ def test_bounds():
     for lower, upper in (([0, 0, 1], [1, 1, 0.5]), ([0, 0, 0], [1, 1, 1]), ([0, 0, 0.4], [1, 1])):
         with pytest.raises(InputError, match="bounds"):
             StrikeBounds(tuple(lower), tuple(upper))
+
+
+def test_of_a_model_the_arm_has_bounds():
+    with pytest.raises(InputError, match="arm: got 'a Model'; allowed: its arm; give model.arm"):
+        default_bounds(preset("lemon2024"))

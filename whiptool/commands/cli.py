@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import errno
 import io
 import os
@@ -11,6 +12,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound=OptionGroup)
 _LONGEST_WORD, _DEEPEST = 4000, 200  # [characters], [folders]
+_COUNTS = {2: "two", 3: "three"}
 _NARROWEST = 40  # [columns] of help: tyro lays out without end what is narrower
 
 
@@ -66,7 +69,7 @@ def _parsed(
         name = argument.lowered.name_or_flags[0] if argument is not None else "command line"
         if isinstance(event, tyro_errors.UnrecognizedArgs):
             unknown = next((x for x in event.tokens if x.startswith("--")), "command line")
-            raise InputError(unknown, " ".join(event.tokens), "the options that --help lists")
+            raise InputError(unknown, " ".join(event.tokens), "the options that --help lists", _meant(unknown, options))
         if isinstance(event, tyro_errors.MissingArgs):
             raise _missing(event.missing_arguments[0].arg)
         if isinstance(event, tyro_errors.InvalidChoice):
@@ -75,8 +78,9 @@ def _parsed(
         if isinstance(event, tyro_errors.BadValue):
             given = NOTHING if event.offending_value is None else event.offending_value
             raise InputError(name, given, "a value (see --help)")
-        if isinstance(event, tyro_errors.InstantiationFailure):
-            raise InputError(name, _given(name, words), "a value of its type", event.message)
+        if isinstance(event, tyro_errors.InstantiationFailure) and argument is not None:
+            kind = get_type_hints(options).get(argument.field.intern_name)
+            raise InputError(name, _given(name, words), _kind_in_words(kind))
         raise InputError("command line", " ".join(words), "what --help shows")
 
     given = _given_flags(words)
@@ -109,6 +113,25 @@ def choices(kind: Any) -> list[Any]:
     if get_origin(kind) is Literal:
         return list(get_args(kind))
     return [value for part in get_args(kind) for value in choices(part)]
+
+
+def _kind_in_words(kind: Any) -> str:
+    """Return what an option of a type takes: `a number`, `two of miss, effort`, `numbers with a space between them`."""
+    if isinstance(kind, UnionType):
+        return _kind_in_words(next(part for part in get_args(kind) if part is not NoneType))
+    if get_origin(kind) is tuple:
+        parts, names = get_args(kind), ", ".join(map(str, choices(kind)[: len(choices(get_args(kind)[0]))]))
+        count = "" if Ellipsis in parts else f"{_COUNTS.get(len(parts), len(parts))} "
+        return f"{count or 'one or more '}of {names}" if names else f"{count}numbers with a space between them"
+    names = ", ".join(map(str, choices(kind)))
+    return names or {int: "a whole number", float: "a number"}.get(kind, "a value of its type")
+
+
+def _meant(unknown: str, options: type[OptionGroup]) -> str:
+    """Return the question which option was meant; empty where none is like what was given."""
+    known = ["--help", *(flag(f.name) for f in dataclasses.fields(options))]
+    alike = difflib.get_close_matches(unknown.split("=")[0].replace("_", "-"), known, n=1)
+    return f"did you mean {alike[0]}?" if alike else ""
 
 
 def _missing(argument: Any) -> InputError:
@@ -361,6 +384,9 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
 
 def _given(flag: str, words: list[str]) -> str:
     """What stood behind a flag on the command line."""
+    joined = next((word for word in words if word.startswith(flag + "=")), None)
+    if joined is not None:
+        return joined.partition("=")[2]
     if flag not in words:
         return ""
     behind = words[words.index(flag) + 1 :]

@@ -447,6 +447,8 @@ def outcome_lines(outcome, target, arm) -> list[str]:
         return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
     said = "hit" if outcome.hit else "missed"
+    if not outcome.hit and outcome.arrival is not None and outcome.miss_distance <= target.hit_radius:
+        said = "near enough, but missed, as it does not arrive as asked"
     return [
         f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
         f"hit radius {target.hit_radius:.3f} m",

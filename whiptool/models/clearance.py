@@ -86,7 +86,7 @@ class Clearance:
     def words(self) -> str:
         """The limits for people."""
         kept = f" of {1e3 * self.least:g} mm" if self.least else ""
-        return f"the distance{kept} between arm, whip" + (" and arm" if self.floor is None else ", arm and floor")
+        return f"the distance{kept} from arm and whip to the arm" + ("" if self.floor is None else " and the floor")
 
     @cached_property
     def _scenes(self) -> tuple[Scene, Scene, Scene]:

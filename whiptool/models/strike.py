@@ -12,7 +12,7 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.models.arrays import ArrayLike, Vector
 from whiptool.models.numbers import array_of, number, numbers, whole
-from whiptool.models.parameters import ArmParameters
+from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.spatial_arm import SpatialArm
 
 PI = math.pi
@@ -165,6 +165,8 @@ def default_bounds(arm: ArmParameters | SpatialArm) -> StrikeBounds:
     Raises:
         InputError: The arm has none; give bounds of your own.
     """
+    if isinstance(arm, Model):
+        raise InputError("arm", "a Model", "its arm", "give model.arm")
     expect(ArmParameters, SpatialArm, arm=arm)
     if isinstance(arm, SpatialArm):
         found = _person_bounds() if arm.joints == _PERSON else _bounds_of_limits(arm)
