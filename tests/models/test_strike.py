@@ -85,5 +85,5 @@ def test_bounds():
 
 
 def test_of_a_model_the_arm_has_bounds():
-    with pytest.raises(InputError, match="arm: got 'a Model'; allowed: its arm; give model.arm"):
+    with pytest.raises(InputError, match=r"arm: got 'a Model'; allowed: its arm; give model.arm"):
         default_bounds(preset("lemon2024"))
