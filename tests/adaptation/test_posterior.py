@@ -11,8 +11,10 @@ import pytest
 from whiptool.adaptation import posterior
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.posterior import AFTER, ELSEWHERE, UNMODELLED, driven_by, tip_mislabelled, usable
+from whiptool.adaptation.ports import TipPort
+from whiptool.adaptation.posterior import AFTER, ELSEWHERE, UNMODELLED, driven_by, tip_mislabelled, update, usable
 from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.problem import Options
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
@@ -217,3 +219,15 @@ def test_motion_capture_whose_tip_changed_its_label_is_not_used():
     assert not tip_mislabelled(captured(exchanged=(1, 2)))
     assert not tip_mislabelled(captured(markers=("tip",)))
     assert not tip_mislabelled(recorded())
+
+
+def test_a_strike_of_other_gains_than_are_believed_in_is_learned_from():
+    """A strange twin's controller deviates like its whip does, and its rig's recordings say so."""
+    model, controller = preset("lemon2024"), Controller()
+    twin = draw_twin("strange", 3, model, controller)
+    seen = TipPort(twin, (1.2, 0.1)).strike(Strike((-1.36, 0.47), (1.73, 1.41), 0.95), 1, None).recording
+    assert seen is not None
+    told = dataclasses.replace(seen, controller=twin.controller)
+    found = update(default_prior(model, controller, whip="uniform"), [told], starts=1)
+    assert found.refused == {}
+    assert found.rmse[told.source] < 0.03
