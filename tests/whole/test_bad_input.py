@@ -272,6 +272,10 @@ optimize --resume NAME | NAME
 simulate --strike 1e308 0 0 0 1 | strike vector: got (1e+308
 simulate --strike HUGE 0 0 0 1 | strike vector
 simulate --strike 0 0 0 0 1e-310 | D
+simulate --strike 1e6 0 0 0 1 | are these degrees?
+simulate --strike -78 27 99 81 0.95 | are these degrees?
+optimize --lower -78 27 99 81 0.4 --upper -70 30 100 90 1 | are these degrees?
+simulate --strike 0 0 0 0 1 --export-trajectory absent/strike.csv | is no folder that is there
 simulate --export NAME.xml | --export
 strike --strike 1e308 0 0 0 1 | strike vector
 train --region pipe.npz | no pipe and no device
@@ -672,7 +676,6 @@ optimize --max-trials 2147483647 | a budget; Ctrl-C keeps what was found
 optimize --method directl --seed 5 | a script may give every method its seed
 optimize --target 1.514 0 | the very end of the reach is within the hit radius
 simulate --strike {STRIKE} --target 99 99 | a strike is played whatever the target is: the miss tells
-simulate --strike 1e6 0 0 0 1 | an arm may turn often; the outcome tells
 train --checkpoint-every 1000 | the last episode is saved in any case
 compare --tighter | nothing: no further hit radii
 compare --methods ga ga | the same method twice is the method

@@ -109,7 +109,11 @@ def check_place(name: str, path: Path) -> None:
         InputError: It is a folder, or its own folder is not there or cannot be written to.
     """
     folder = path.parent
-    if path.is_dir():
+    try:
+        is_folder = path.is_dir()
+    except OSError as error:  # its name is too long
+        raise InputError(name, str(path), f"a file that can be written ({error.strerror})") from None
+    if is_folder:
         raise InputError(name, str(path), "a file that can be written, not a folder")
     if not folder.is_dir():
         raise InputError(name, str(path), f"a file that can be written ({folder} is no folder that is there)")

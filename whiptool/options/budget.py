@@ -58,7 +58,6 @@ class SearchOptions(OptionGroup):
             InputError: They are not of this arm, or cross.
         """
         from whiptool.models.joint_space import JointSpace, check_turns
-        from whiptool.models.strike import StrikeBounds
 
         space = JointSpace(model.arm) if space is None else space
         of = (
@@ -68,8 +67,15 @@ class SearchOptions(OptionGroup):
         for name, given in (("--lower", self.lower), ("--upper", self.upper)):
             if given is not None and len(given) != numbers:
                 raise InputError(name, given, f"{numbers} numbers, for {of}")
-            if given is not None and isinstance(space, JointSpace):
-                check_turns(name, given[:-1], model.arm)
+        bounds = self._bounds(space)
+        if isinstance(space, JointSpace):
+            check_turns("--lower", bounds.lower[:-1], model.arm)
+            check_turns("--upper", bounds.upper[:-1], model.arm)
+        return bounds
+
+    def _bounds(self, space: StrikeSpace) -> StrikeBounds:
+        from whiptool.models.strike import StrikeBounds
+
         if self.lower is not None and self.upper is not None:
             return StrikeBounds(self.lower, self.upper)
         try:
