@@ -61,6 +61,7 @@ def test_a_file_may_hold_other_tables(tmp_path):
         ('[controller]\nlaw = "constant"\nK = [["a", 2], [3, 4]]', "controller.K"),
         ('[controller]\nlaw = "constant"\nK = [[1e7, 0], [0, 1]]', "controller.K"),
         ('[controller]\nlaw = "constant"\nB = [[-1, 0], [0, 1]]', "controller.B"),
+        ('[controller]\nlaw = "constant"\nK = [[1, 2], [2, 1]]', "controller.K: .*no eigenvalue below 0"),
         ('torque_limit = 4.0\n[controller]\nlaw = "oiac"', "torque_limit"),
         ('a = 0.3\n[controller]\nlaw = "oiac"', "a: got 0.3; allowed: a below the line"),
         ("[controller", "valid TOML"),
