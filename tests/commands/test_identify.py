@@ -268,11 +268,11 @@ def test_csv_gives_the_whip_back_and_text_for_people(files, capsys, tmp_path):
 
 
 def test_what_the_model_does_not_explain_comes_with_a_warning(tracks, capsys, tmp_path):
-    """Coordinates swapped: the fit ends somewhere, and must not be believed."""
+    """The first strike's places under the other's command: the fit ends somewhere, and must not be believed."""
     names = []
-    for i, track in enumerate(tracks[:2]):
+    for i, (track, other) in enumerate(zip(tracks[:2], tracks[1::-1], strict=True)):
         names.append(tmp_path / f"swapped{i}.npz")
-        dataclasses.replace(track, points=track.points[..., ::-1]).save(names[-1])
+        dataclasses.replace(track, strike=dataclasses.replace(other.strike, q_i=track.strike.q_i)).save(names[-1])
     words = [*map(str, names), "--free", "k", "b", "--starts", "1", "--json", "--out", str(tmp_path / "run")]
     assert identify.main(words) == 0
     said = capsys.readouterr()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from whiptool import extras
 from whiptool.commands import doctor
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.vision import realsense
@@ -89,11 +90,11 @@ def test_doctor_says_what_the_camera_lacks(monkeypatch: pytest.MonkeyPatch) -> N
         raise ImportError("libusb-1.0.so.0: cannot open shared object file")
 
     monkeypatch.setattr(doctor, "version", lambda name: "2.59")
-    monkeypatch.setattr(realsense.importlib, "import_module", missing)
+    monkeypatch.setattr(extras, "import_module", missing)
     (finding,) = doctor._camera()
     assert "libusb" in finding.found
     assert finding.fix == "apt-get install libusb-1.0-0"
-    monkeypatch.setattr(realsense.importlib, "import_module", lambda name: object())
+    monkeypatch.setattr(extras, "import_module", lambda name: object())
     assert doctor._camera()[0].fix == ""
     monkeypatch.setattr(doctor, "_version", lambda name: None)
     assert doctor._camera() == []

@@ -265,8 +265,8 @@ optimize --model entities.urdf | entities
 optimize --controller pipe.toml | pipe.toml
 optimize --controller huge-gain.toml | K
 optimize --controller law-list.toml | controller.law
-optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | lower[0]: got 1e+308
-optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | lower[0]
+optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | two turns
+optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | --lower
 optimize --max-trials HUGE | --max-trials
 optimize --resume NAME | NAME
 simulate --strike 1e308 0 0 0 1 | strike vector: got (1e+308
@@ -567,8 +567,8 @@ identify --drive free --profile | --profile
 identify --drive free --mend-labels | --mend-labels
 identify --drive free --per-recording delay | --per-recording
 identify --drive joints --controller constant | --controller
-identify --model ur5e --profile --free length --drive handle | hand or command
-identify --model ur5e --profile --free length --drive joints --per-recording rotation | rotation_x
+identify space.npz --model ur5e --profile --free length --drive handle | hand or command
+identify space.npz --model ur5e --profile --free length --drive joints --per-recording rotation | rotation_x
 identify --drive handle --preset printed | --preset
 identify --clamp 0.1 | --clamp
 identify --drive passive --clamp nan | --clamp
@@ -764,6 +764,14 @@ def recording() -> StrikeRecording:
     )
 
 
+def in_space() -> StrikeRecording:
+    """The same in the plane of x and z."""
+    flat = recording()
+    points = np.insert(flat.points, 1, 0.0, axis=-1)
+    strike = Strike.from_vector([*6 * [0.0], *6 * [0.5], 0.5])
+    return dataclasses.replace(flat, points=points, sigma=np.array(0.005), strike=strike)
+
+
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Files and folders of every wrong kind."""
@@ -796,6 +804,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "file").write_text("mine")
     (folder / "folder.toml").mkdir()
     recording().save(folder / "good.npz")
+    in_space().save(folder / "space.npz")
     (folder / "truncated.npz").write_bytes((folder / "good.npz").read_bytes()[:400])
     (folder / "taken").mkdir()
     (folder / "taken" / "file").write_text("mine")

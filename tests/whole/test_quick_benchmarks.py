@@ -32,6 +32,9 @@ def test_benchmarks_run(words):
     elif script == "replan.py":
         assert result["kin"]["number"] == (1 if options else 2)
         assert 0 < result["kin"]["learn"] < result["kin"]["both"]
+    elif script == "rig_stops.py":
+        assert result["armed_after_a_stop"] == result["violations"] == 0
+        assert sum(result["ends"].values()) == result["stops"]
     else:
         assert result["violations"] == 0
         assert result["strikes"] >= 20

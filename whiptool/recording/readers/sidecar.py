@@ -9,8 +9,7 @@ Common to all formats:
     t_stay = 0.3                     # [s]
     start = 1.25                     # when the command started by the file's own clock [s]; subtracted from its times
     joints = "NAME.joints.csv"       # measured joints: columns t [s], then one per joint [rad], see `joint_log`
-    joint_columns = {shoulder = "actual_q_0", elbow = "actual_q_1"}  # which of its columns are the arm's joints; or a
-                                     # list, in the arm's order
+    joint_columns = {shoulder = "actual_q_0", elbow = "actual_q_1"}  # its columns that are the arm's joints; or a list
     joint_units = "rad"              # or "deg", or "normalized", from -100 to 100 as LeRobot's, with
     joint_ranges = {shoulder = [-1.9, 1.9], elbow = [-1.7, 1.7]}     # angles at -100 and at 100 [rad]
     joints_start = 1.25              # when the command started by that file's clock [s]; default: start
