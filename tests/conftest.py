@@ -37,7 +37,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(autouse=True)
 def handlers_of_signals() -> Iterator[None]:
-    """A command that was interrupted ignores further signals until its process ends; the next test's does not."""
+    """A command that was interrupted ignores further signals until its process ends; the next test's does not.
+
+    SIGHUP is heard also where the tests run under nohup.
+    """
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
     for number, handler in before.items():

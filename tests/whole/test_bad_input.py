@@ -265,8 +265,8 @@ optimize --model entities.urdf | entities
 optimize --controller pipe.toml | pipe.toml
 optimize --controller huge-gain.toml | K
 optimize --controller law-list.toml | controller.law
-optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | two turns
-optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | --lower
+optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | lower[0]: got 1e+308
+optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | lower[0]
 optimize --max-trials HUGE | --max-trials
 optimize --resume NAME | NAME
 simulate --strike 1e308 0 0 0 1 | strike vector: got (1e+308
