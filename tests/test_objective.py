@@ -14,6 +14,9 @@ from whiptool.criteria import Effort, PeakTorque, Speed
 from whiptool.errors import InputError
 from whiptool.goals import probability_within
 from whiptool.impedance import Controller, HandControl, PositionControl
+from whiptool.models import Model
+from whiptool.models.free_hand import free_hand
+from whiptool.models.robots import rope
 from whiptool.models.spatial_arm import without_inertia
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Arrival, Objective, SearchStopped
@@ -120,6 +123,11 @@ def test_torques_of_an_arm_of_unknown_inertia_are_not_known():
             Objective(flight, target, criteria=[criterion])
     with pytest.raises(InputError, match="--limits: got 'xm430'; allowed: arm or none"):
         LimitOptions(limits="xm430").build_limits(flight.model, Controller(PositionControl()))
+
+
+def test_a_motor_that_turns_has_no_line_for_what_slides():
+    with pytest.raises(InputError, match=r"--limits: got 'xm430'; allowed: arm or none, as .*hand_x, hand_y, hand_z"):
+        LimitOptions(limits="xm430").build_limits(Model(rope(), free_hand(np.eye(3))), Controller(PositionControl()))
 
 
 def test_a_target_counts_as_hit_at_its_radius():

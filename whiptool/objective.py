@@ -16,7 +16,7 @@ from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.limits import AllLimits, Limits, Smooth
 from whiptool.models.arrays import NoArray
-from whiptool.models.joint_space import AnyStrike, check_turns
+from whiptool.models.joint_space import AnyStrike
 from whiptool.models.numbers import array_of
 from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds
@@ -188,8 +188,7 @@ class Objective:
         self.bounds = bounds or self.space.bounds
         if len(self.bounds.lower) != self.space.width:
             raise InputError("bounds", self.bounds.lower, f"{self.space.width} values each")
-        if self.space.kind == "joint":
-            check_turns("bounds", np.stack(self.bounds.box)[:, :-1], rollout.model.arm)
+        self.space.check_turns("bounds", np.stack(self.bounds.box))
         self.bounds = self.limits.narrowed(self.bounds)
         expect(Sequence, criteria=criteria)
         for criterion in criteria:

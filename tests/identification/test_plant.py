@@ -38,9 +38,9 @@ def test_a_change_changes_what_it_names_and_nothing_else():
 
 
 def test_matrices_of_a_law_are_changed_entry_by_entry():
-    plant = Plant(LEMON, Controller(ConstantImpedance(((1.0, 2.0), (3.0, 4.0)))))
+    plant = Plant(LEMON, Controller(ConstantImpedance(((3.0, 2.0), (1.0, 4.0)))))
     law = plant.changed({"law.K[1]": 20.0, "law.K[3]": 40.0, "law.B[0]": 9.0}).controller.law
-    assert law.parameters()["K"].tolist() == [1.0, 20.0, 3.0, 40.0]
+    assert law.parameters()["K"].tolist() == [3.0, 20.0, 1.0, 40.0]
     assert law.parameters()["B"].tolist() == [9.0, 1.43, 1.43, 3.93]
 
 

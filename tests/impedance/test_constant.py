@@ -64,7 +64,7 @@ def test_a_preset_of_no_such_name_is_refused_with_all_names():
 def test_torques_are_springs_and_dampers_summed_joint_by_joint():
     """Of matrices that are not symmetric, so that rows are not taken for columns."""
     rng = np.random.default_rng(0)
-    K, B = rng.normal(size=(2, 3, 3))
+    K, B = rng.normal(size=(2, 3, 3)) + 5 * np.eye(3)
     e, de = rng.normal(size=(2, 3))
     law = ConstantImpedance(K, B)
     torque = [sum(K[i, j] * e[j] + B[i, j] * de[j] for j in range(3)) for i in range(3)]
@@ -99,12 +99,40 @@ def test_numbers_go_there_and_back():
     ("matrices", "name"),
     [
         ({"K": 3.0}, "K"), ({"K": ((1.0, 2.0),)}, "K"), ({"K": ((1.0,), (1.0, 2.0))}, "K"), ({"K": "stiff"}, "K"),
+        ({"K": np.zeros((0, 0)), "B": np.zeros((0, 0))}, "K"),
         ({"B": ((1.0, math.nan), (0.0, 1.0))}, "B"), ({"B": ((math.inf, 0.0), (0.0, 1.0))}, "B"),
     ],
 )  # fmt: skip
 def test_what_is_no_square_matrix_is_refused(matrices, name):
     with pytest.raises(InputError, match=rf"^{name}: got .*; allowed: a square matrix of finite numbers$"):
         ConstantImpedance(**matrices)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [((-1.0, 0.0), (0.0, 1.0)), ((1.0, 2.0), (2.0, 1.0)), ((1.0, 3.0), (0.0, 1.0)), ((0.0, 1.0), (0.0, 5.0))],
+)
+@pytest.mark.parametrize("name", ["K", "B"])
+def test_gains_that_push_away_are_refused(name, matrix):
+    """There is an error that the gain makes larger: the least of `x (g11 x + g12 + g21) + g22` over x is below 0."""
+    x = np.linspace(-10, 10, 2001)
+    (a, b), (c, d) = matrix
+    assert (a * x**2 + (b + c) * x + d).min() < 0
+    with pytest.raises(InputError, match=rf"^{name}: got .*; allowed: a matrix that acts against any error"):
+        ConstantImpedance(**{name: matrix})
+
+
+@pytest.mark.parametrize("matrix", [((0.0, 0.0), (0.0, 0.0)), ((1.0, 1.0), (1.0, 1.0)), ((1.0, 1.9), (0.0, 1.0))])
+def test_gains_may_be_zero_of_one_direction_or_without_symmetry(matrix):
+    law = ConstantImpedance(K=matrix, B=matrix)
+    assert law.K == law.B == matrix
+
+
+def test_a_fit_may_pass_through_gains_that_push_away():
+    numbers = {"K": np.array([-1.0, 0.0, 0.0, 2.0]), "B": np.zeros(4)}
+    assert ConstantImpedance().changed(numbers).K == ((-1.0, 0.0), (0.0, 2.0))
+    with pytest.raises(InputError, match=r"^K: got .*finite numbers"):
+        ConstantImpedance().changed(numbers | {"K": np.full(4, np.nan)})
 
 
 def test_stiffness_and_damping_are_of_the_same_joints():

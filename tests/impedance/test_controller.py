@@ -53,8 +53,9 @@ def test_numbers_of_a_controller_have_names_and_are_checked():
     law = OIAC(a=0.1, beta=0.5, C=4.0)
     assert Controller(law).parameters() == {"law.a": 0.1, "law.beta": 0.5, "law.C": 4.0}
     assert Controller(law, torque_limit=9.0).parameters()["torque_limit"] == 9.0
-    matrices = Controller(ConstantImpedance(((1.0, 2.0), (3.0, 4.0)), ((5.0, 6.0), (7.0, 8.0)))).parameters()
-    expected = {f"law.{name}[{i}]": float(4 * j + i + 1) for j, name in enumerate("KB") for i in range(4)}
+    matrices = Controller(ConstantImpedance(((4.0, 1.0), (2.0, 3.0)), ((8.0, 5.0), (6.0, 7.0)))).parameters()
+    expected = {f"law.K[{i}]": x for i, x in enumerate((4.0, 1.0, 2.0, 3.0))}
+    expected |= {f"law.B[{i}]": x for i, x in enumerate((8.0, 5.0, 6.0, 7.0))}
     assert matrices == expected
     for wrong in ({"torque_limit": 0.0}, {"torque_limit": -1.0}, {"control_period": 0.0}, {"control_period": np.inf}):
         with pytest.raises(InputError, match=next(iter(wrong))):

@@ -13,7 +13,10 @@ from whiptool.impedance import OIAC, ConstantImpedance
 errors = arrays(float, 2, elements=st.floats(-2, 2))
 laws = st.one_of(
     st.builds(OIAC, a=st.floats(1e-4, 1), beta=st.floats(0, 1), C=st.floats(0, 10)),
-    st.builds(lambda K, B: ConstantImpedance(K=K, B=B), *[arrays(float, (2, 2), elements=st.floats(-50, 50))] * 2),
+    st.builds(
+        lambda K, B: ConstantImpedance().changed({"K": K, "B": B}),
+        *[arrays(float, (2, 2), elements=st.floats(-50, 50))] * 2,
+    ),
 )
 
 

@@ -64,6 +64,19 @@ def test_a_robot_s_file_is_a_model_with_the_robots_rope(tmp_path):
         find_model(str(tmp_path / "arm.xml"))
 
 
+def test_limits_in_degrees_are_asked_about():
+    """Of arms that a file describes link by link, as of robots' files; a slide's numbers are lengths."""
+    table = model_to_table(preset("ur5e"))
+    assert model_from_table(table).arm.notes == ()
+    table["arm"]["links"][1]["limits"]["position"] = [-360, 360]
+    table["arm"]["links"][2]["limits"]["velocity"] = 180
+    said = "limits are farther than arms go: shoulder_lift (360 rad), elbow (180 rad/s); are they in degrees?"
+    assert model_from_table(table).arm.notes[0].startswith(said)
+    for i in (1, 2):
+        table["arm"]["links"][i]["kind"] = "prismatic"
+    assert model_from_table(table).arm.notes == ()
+
+
 def test_mistakes_are_named(tmp_path):
     (tmp_path / "small.urdf").write_text(URDF)
     good = model_to_table(preset("nah2023"))

@@ -11,12 +11,13 @@ import pytest
 from whiptool.errors import InputError
 from whiptool.models import JointLimits, preset
 from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.free_hand import free_hand
 from whiptool.rollout.trajectory import Approach, Trajectory
 
 TURNS = JointLimits(position=(-1.0, 3.0), velocity=2.0, torque=10.0)
 SPINS = JointLimits(velocity=4.0)  # for ever
 SLIDES = JointLimits(position=(0.0, math.inf), torque=5.0)
-LIMITS = ArmLimits((TURNS, SPINS, SLIDES))
+LIMITS = ArmLimits((TURNS, SPINS, SLIDES), slides=(2,))
 REST = np.array([[1.0, 0.0, 1.0]])
 
 
@@ -66,9 +67,11 @@ def test_unknown_positions_are_no_alibi():
 @pytest.mark.parametrize(
     ("states", "said"),
     [
-        ({"q": REST - [[0, 0, 0], [3, 0, 0]]}, "at 0.010 s the position of a is -2.00; its limit is -1.00 to 3.00"),
-        ({"v": np.array([[1.0, -5, 0]])}, "at 0.000 s the velocity of b is -5.00; its limit is 4.00"),
-        ({"tau": np.array([[1.0, 0, 6]])}, "at 0.000 s the torque of c is +6.00; its limit is 5.00"),
+        ({"q": REST - [[0, 0, 0], [3, 0, 0]]},
+         "at 0.010 s the position of a is -2.00 rad; its limit is -1.00 to 3.00 rad"),
+        ({"q": REST - [[0, 0, 4]]}, "at 0.000 s the position of c is -3.00 m; its limit is 0.00 to inf m"),
+        ({"v": np.array([[1.0, -5, 0]])}, "at 0.000 s the velocity of b is -5.00 rad/s; its limit is 4.00 rad/s"),
+        ({"tau": np.array([[1.0, 0, 6]])}, "at 0.000 s the force of c is +6.00 N; its limit is 5.00 N"),
     ],
 )  # fmt: skip
 def test_the_worst_instant_in_words(states, said):
@@ -96,6 +99,15 @@ def test_the_change_of_torque_is_judged_on_whole_strikes_alone():
     said = limited.explain(strike, ("a", "b", "c"))
     assert said == "at 0.121 s the torque of a changes by -550 N m/s; its limit is 400 N m/s"
     assert limited.violation(strike, margin=0.2) == pytest.approx(550 / 400 - 0.8)
+    sliding = dataclasses.replace(limited, slides=(0,)).explain(strike, ("a", "b", "c"))
+    assert sliding == "at 0.121 s the force of a changes by -550 N/s; its limit is 400 N/s"
+
+
+def test_limits_of_an_arm_know_which_of_its_joints_slide():
+    hand = free_hand(np.eye(3))
+    limits = ArmLimits.of(hand)
+    assert limits.slides == limits.command.slides == (0, 1, 2)
+    assert ArmLimits.of(preset("panda").arm).slides == ()
 
 
 def test_what_is_kept_free_is_a_part_of_every_limit():

@@ -72,4 +72,7 @@ def test_the_panda_has_its_maker_s_limits_and_the_ur5e_none_of_acceleration():
 
 def test_in_words():
     strike = np.array([0.0, 0, 0, 0.5, 1.0, 0, 1.0])
-    assert LIMITS.explain(strike, "abc") == "the acceleration of b is commanded up to 5.77; its limit is 4"
+    said = "the acceleration of b is commanded up to 5.77 {0}; its limit is 4 {0}"
+    assert LIMITS.explain(strike, "abc") == said.format("rad/s^2")
+    sliding = CommandLimits(LIMITS.joints, slides=(1,))
+    assert sliding.explain(strike, "abc") == said.format("m/s^2")

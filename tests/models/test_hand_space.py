@@ -7,12 +7,16 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from whiptool.errors import InputError
+from whiptool.impedance import Controller, HandControl, PositionControl
 from whiptool.models import ArmLink, ArmParameters, preset
 from whiptool.models.hand_space import DEGREE, EXACT, HandSpace, home_posture
 from whiptool.models.hand_strike import HandStrike
 from whiptool.models.joint_space import JointSpace
 from whiptool.models.kinematics import arm_frames
-from whiptool.models.strike import Strike
+from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.objective import Objective
+from whiptool.options import SearchOptions
+from whiptool.rollout import ReferenceRollout
 
 LEMON, UR5E, PANDA = (preset(name).arm for name in ("lemon2024", "ur5e", "panda"))
 SPACES = {name: HandSpace(preset(name).arm) for name in ("lemon2024", "ur5e", "panda")}
@@ -150,6 +154,23 @@ def test_arms_without_such_a_space_and_home_postures_without_ease_are_refused():
         HandSpace(LEMON, posture=(0.3, 0.0))
     with pytest.raises(InputError, match="posture"):
         HandSpace(LEMON, posture=(0.3, 0.0, 1.0))
+    with pytest.raises(InputError, match=r"^posture: got '40 rad of elbow'; .*are these degrees"):
+        HandSpace(LEMON, posture=(0.3, 40.0))
+
+
+def test_turns_of_the_hand_in_degrees_are_refused_and_places_are_not_angles():
+    """By rollouts, searches and options alike; a place may be 15 m away."""
+    pose, degrees = SPACES["ur5e-pose"], [15.0, 0, 0, 0, 0, 0, 15.0, 0, 0, 0, 45.0, 0, 1.0]
+    lower = (*[-9.0] * 12, 0.4)
+    SPACES["ur5e"].check_turns("strike", [15.0, 0, 0, 15.0, 0, 0, 1.0])
+    rollout = ReferenceRollout(preset("ur5e"), Controller(PositionControl(), hand=HandControl(orientation=True)))
+    given = "got '45 rad of turn_y_f'; .*are these degrees"
+    with pytest.raises(InputError, match="^strikes: " + given):
+        rollout.vectors(degrees)
+    with pytest.raises(InputError, match="^bounds: " + given):
+        Objective(rollout, (1.2, 0.1, 0.4), bounds=StrikeBounds(lower, degrees))
+    with pytest.raises(InputError, match="^--upper: " + given):
+        SearchOptions(lower=lower, upper=tuple(degrees)).build_bounds(preset("ur5e"), pose)
 
 
 def test_strikes_of_the_hand_and_their_vectors():

@@ -48,6 +48,8 @@ def test_the_option_turns_presets_too_and_refuses_what_is_no_rotation():
     for base in (("roof",), ("1", "2"), ("1", "2", "x")):
         with pytest.raises(InputError, match=r"--base: got .*allowed: floor, wall, ceiling, or three numbers"):
             InSpace(model="ur5e", base=base).build_model()
+    with pytest.raises(InputError, match=r"--base: got '90 rad of pitch'; .*are these degrees"):
+        InSpace(model="ur5e", base=("0", "90", "0")).build_model()
     with pytest.raises(InputError, match="arm in the plane"):
         ModelOptions(base=("wall",)).build_model()
     with pytest.raises(InputError, match=r"tip: got 'tool0'; allowed: nothing but beside a robot's file"):

@@ -52,6 +52,7 @@ def test_reference_stays_at_the_end_and_takes_single_times():
 def test_vector_goes_there_and_back():
     vector = [-1.0, 0.5, 1.5, 0.2, 0.8]
     assert Strike.from_vector(vector).vector.tolist() == vector
+    assert repr(Strike.from_vector(vector)) == "Strike(q_i=(-1, 0.5) rad or m, q_f=(1.5, 0.2) rad or m, D=0.8 s)"
     for wrong in ([1.0], [1.0, 2.0], [0, 0, 0, 0, 0.0], [0, 0, 0, float("nan"), 1.0], [0, 0, 0, 0, -1.0]):
         with pytest.raises(InputError):
             Strike.from_vector(wrong)

@@ -16,7 +16,7 @@ from whiptool.viz import plots
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])
 STRIKE = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
-WILD = Controller(ConstantImpedance(K=((-1e7, 0), (0, -1e7)), B=((0, 0), (0, 0))))
+WILD = Controller(ConstantImpedance(K=((1e7, 0), (0, 1e7)), B=((0, 0), (0, 0))))
 
 
 @pytest.fixture(scope="module")

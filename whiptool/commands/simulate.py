@@ -95,15 +95,12 @@ def _main(args: Sequence[str] | None) -> int:
 
 
 def _strike(options: SimulateOptions, model):
-    from whiptool.models.joint_space import check_turns
-
     assert options.strike is not None
     space = options.build_controller().strike_space(model.arm)
     if len(options.strike) != space.width:
         whose = f"an arm of {model.arm.n} joints" if space.kind == "joint" else f"the hand: {' '.join(space.names)}"
         raise InputError("--strike", options.strike, f"{space.width} numbers, for {whose}")
-    if space.kind == "joint":
-        check_turns("--strike", options.strike[:-1], model.arm)
+    space.check_turns("--strike", options.strike)
     return space.strike(options.strike)
 
 

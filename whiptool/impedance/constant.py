@@ -16,13 +16,22 @@ from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import array_of
 
 Matrix = tuple[tuple[float, ...], ...]
+_ROUNDING = 1e-9  # of eigenvalues, in parts of the largest gain
 
 
 def _matrix(name: str, value: object) -> Matrix:
     array = array_of(name, value, "a square matrix of finite numbers")
-    if array.ndim != 2 or array.shape[0] != array.shape[1] or not np.isfinite(array).all():
+    if array.ndim != 2 or not array.size or array.shape[0] != array.shape[1] or not np.isfinite(array).all():
         raise InputError(name, value, "a square matrix of finite numbers")
     return tuple(tuple(float(x) for x in row) for row in array)
+
+
+def _check_acts_against(name: str, matrix: Matrix) -> None:
+    """Refuse a gain that pushes a joint farther from its path, or drives it on."""
+    gain = np.array(matrix)
+    if np.linalg.eigvalsh(gain + gain.T)[0] < -_ROUNDING * np.abs(gain).max():
+        rule = "a matrix that acts against any error: its symmetric part has no eigenvalue below 0"
+        raise InputError(name, matrix, rule)
 
 
 @register
@@ -33,6 +42,10 @@ class ConstantImpedance(NoArray, instead="its K or B"):
     Args:
         K: Stiffness [N m/rad], (n, n).
         B: Damping [N m s/rad], (n, n).
+
+    Raises:
+        InputError: One is no square matrix of finite numbers, or not of as many joints as the other, or its symmetric
+            part has an eigenvalue below 0: it would push the arm away from its path.
     """
 
     K: Matrix = ((29.5, 14.3), (14.3, 39.3))
@@ -45,6 +58,8 @@ class ConstantImpedance(NoArray, instead="its K or B"):
         object.__setattr__(self, "B", _matrix("B", self.B))
         if len(self.K) != len(self.B):
             raise InputError("B", self.B, f"{len(self.K)} rows, as many as K")
+        _check_acts_against("K", self.K)
+        _check_acts_against("B", self.B)
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K and B for tracking errors `e` [rad] and `de` [rad/s] of shape (..., n): each (..., n, n)."""
@@ -67,9 +82,12 @@ class ConstantImpedance(NoArray, instead="its K or B"):
         return {"K": n * n, "B": n * n}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> ConstantImpedance:
-        """The same law with other numbers, as `parameters` gives them."""
+        """The same law with other numbers, as `parameters` gives them; a fit may pass through any finite ones."""
         n = len(self.K)
-        return ConstantImpedance(*(_matrix(name, np.reshape(numbers[name], (n, n))) for name in ("K", "B")))
+        law = object.__new__(ConstantImpedance)
+        for name in ("K", "B"):
+            object.__setattr__(law, name, _matrix(name, np.reshape(numbers[name], (n, n))))
+        return law
 
     def parameters(self) -> dict[str, np.ndarray]:
         """The law's numbers by name, flat; what `expression` takes."""

@@ -75,7 +75,7 @@ def arm_from_table(table: object, folder: Path) -> ArmParameters | SpatialArm:
         return build_from(ArmParameters, {**table, "links": planar}, "arm.")
     spatial = tuple(_link_from_table(link, f"arm.links[{i}].") for i, link in enumerate(links))
     base = _capsules_from_tables(table.get("base", []), "arm.base")
-    return build_from(SpatialArm, {**table, "links": spatial, "base": base}, "arm.")
+    return _units_asked(build_from(SpatialArm, {**table, "links": spatial, "base": base}, "arm."))
 
 
 def _capsules_from_tables(tables: object, place: str) -> tuple[Capsule, ...]:

@@ -13,7 +13,7 @@ from whiptool.errors import InputError
 from whiptool.models.command_limits import ROUNDING, CommandLimits
 from whiptool.models.motor_limits import Motion, Peaks
 from whiptool.models.parameters import ArmParameters
-from whiptool.models.spatial_arm import JointLimits, SpatialArm
+from whiptool.models.spatial_arm import JointLimits, SpatialArm, limit_unit
 from whiptool.models.torque_rate import torque_rates
 
 
@@ -52,6 +52,7 @@ class ArmLimits:
         joints: Of each joint; see `JointLimits`.
         words: The limits for people.
         share: Of the velocities, that searches command: less than all where joints only follow what is commanded.
+        slides: Which joints slide, counted from 0; the others turn.
 
     Raises:
         InputError: No joint has a limit.
@@ -60,6 +61,7 @@ class ArmLimits:
     joints: tuple[JointLimits, ...]
     words: str = "the arm's limits"
     share: float = FOLLOWED
+    slides: tuple[int, ...] = ()
 
     judges: ClassVar[str] = "joint"
     by_peaks: ClassVar[bool] = True  # each limit is of one quantity
@@ -82,7 +84,8 @@ class ArmLimits:
         """
         joints = tuple(joint.keeping_free(keep_free) for joint in limits_of(arm))
         words = "the arm's limits" + (f", {keep_free:.0%} of them kept free" if keep_free else "")
-        return cls(joints, words, PRESCRIBED if prescribed else FOLLOWED)
+        slides = tuple(i for i, joint in enumerate(arm.joints) if joint in arm.slides)
+        return cls(joints, words, PRESCRIBED if prescribed else FOLLOWED, slides)
 
     @staticmethod
     def are_in(arm: ArmParameters | SpatialArm) -> bool:
@@ -92,7 +95,7 @@ class ArmLimits:
     @property
     def command(self) -> CommandLimits:
         """What searches command, and what is judged of the command alone."""
-        return CommandLimits(self.joints, self.share)
+        return CommandLimits(self.joints, self.share, self.slides)
 
     @property
     def smooth(self) -> tuple[CommandLimits, ...]:
@@ -160,20 +163,27 @@ class ArmLimits:
         t, of_rates, rates = self._rate_usage_of(trajectory)
         if of_rates.max() > usage.max():
             i, j = (int(x) for x in np.unravel_index(of_rates.argmax(), of_rates.shape))
-            rate = f"{rates[i, j]:+.0f} N m/s; its limit is {self.joints[j].torque_rate:.0f} N m/s"
-            return f"at {t[i]:.3f} s the torque of {joints[j]} changes by {rate}"
+            unit, effort = limit_unit("torque_rate", slides=j in self.slides), self._effort(j)
+            rate = f"{rates[i, j]:+.0f} {unit}; its limit is {self.joints[j].torque_rate:.0f} {unit}"
+            return f"at {t[i]:.3f} s the {effort} of {joints[j]} changes by {rate}"
         i, what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
         value = (trajectory.q, trajectory.v, trajectory.tau)[what][i, j]
-        limit = getattr(self.joints[j], _NAMES[what])
-        allowed = f"{limit[0]:.2f} to {limit[1]:.2f}" if what == 0 else f"{limit:.2f}"
-        return f"at {trajectory.t[i]:.3f} s the {_NAMES[what]} of {joints[j]} is {value:+.2f}; its limit is {allowed}"
+        limit, unit = getattr(self.joints[j], _NAMES[what]), limit_unit(_NAMES[what], slides=j in self.slides)
+        quantity = ("position", "velocity", self._effort(j))[what]
+        allowed = f"{limit[0]:.2f} to {limit[1]:.2f} {unit}" if what == 0 else f"{limit:.2f} {unit}"
+        return (
+            f"at {trajectory.t[i]:.3f} s the {quantity} of {joints[j]} is {value:+.2f} {unit}; its limit is {allowed}"
+        )
+
+    def _effort(self, joint: int) -> str:
+        return "force" if joint in self.slides else "torque"
 
     def _usage_of(self, trajectory: Motion) -> np.ndarray:
         a = trajectory.tau.shape[1]
         return self.usage(trajectory.q[:, :a], trajectory.v[:, :a], trajectory.tau)
 
     def _rate_usage_of(self, trajectory: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Times (S,), what changes of torques use of their limits, and the changes [N m/s], (S, a)."""
+        """Times (S,), what changes of torques use of their limits, and the changes [N m/s or N/s], (S, a)."""
         t, rates = torque_rates(trajectory.t, trajectory.tau) if self.of_candidates else _NO_RATES
         if not len(t):
             return np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1))

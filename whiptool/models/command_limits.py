@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.models.spatial_arm import JointLimits
+from whiptool.models.spatial_arm import JointLimits, limit_unit
 from whiptool.models.strike import FASTEST
 
 LARGEST_ACCELERATION = 10 / math.sqrt(3)  # of a minimum-jerk path (Eq. 1), in spans per squared duration
@@ -28,10 +28,12 @@ class CommandLimits:
     Args:
         joints: What each joint can do; see `JointLimits`.
         share: Of the velocities, that searches command; the rest is left for what joints do beside the command.
+        slides: Which joints slide, counted from 0; the others turn.
     """
 
     joints: tuple[JointLimits, ...]
     share: float = 1.0 - ROUNDING
+    slides: tuple[int, ...] = ()
 
     @property
     def largest(self) -> np.ndarray:
@@ -106,9 +108,8 @@ class CommandLimits:
         usage = self.usage(strike[None])[0]
         what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
         value, name = self._peaks_of(strike[None])[0, what + 1, j], _NAMES[what + 1]
-        return (
-            f"the {name} of {joints[j]} is commanded up to {value:.2f}; its limit is {getattr(self.joints[j], name):g}"
-        )
+        limit, unit = getattr(self.joints[j], name), limit_unit(name, slides=j in self.slides)
+        return f"the {name} of {joints[j]} is commanded up to {value:.2f} {unit}; its limit is {limit:g} {unit}"
 
     def _peaks_of(self, strikes: np.ndarray) -> np.ndarray:
         """Largest velocity, acceleration and jerk of each joint's command, (B, 3, a)."""

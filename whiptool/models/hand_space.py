@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -15,6 +15,7 @@ from whiptool.models.hand_path import DEGREE, NODES, TO_POWERS, TO_SERIES, HandP
 from whiptool.models.hand_strike import HandStrike
 from whiptool.models.hand_way import HandWay
 from whiptool.models.inverse_kinematics import HandKinematics
+from whiptool.models.joint_space import check_turns, refuse_far
 from whiptool.models.numbers import numbers
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
@@ -74,7 +75,7 @@ class HandSpace:
         led: Whether the joints follow the hand's path exactly.
 
     Raises:
-        InputError: The posture is of another arm, or the arm has no joints for the hand's coordinates.
+        InputError: The posture is of another arm or in degrees, or the arm has no joints for the hand's coordinates.
     """
 
     def __init__(
@@ -88,6 +89,7 @@ class HandSpace:
         self.arm, self.led = arm, led
         self._last: tuple[bytes, _Found] | None = None
         home = np.zeros(arm.n) if posture is None else np.array(numbers("posture", tuple(posture), arm.n))
+        check_turns("posture", home, arm)
         m = HandKinematics(arm, home, orientation=orientation).size
         if m > arm.n:
             what = "position and orientation" if orientation else "position"
@@ -203,6 +205,11 @@ class HandSpace:
         """Return how far strikes (B, 2 m + 1) are from what the arm can do, (B,); 0: it can."""
         found = self._solved(vectors)
         return found.reach + found.on_way + found.limits
+
+    def check_turns(self, name: str, vectors: Any) -> None:
+        """Refuse strikes (2 m + 1,) or (B, 2 m + 1) that turn the hand by more than two turns, as degrees would."""
+        rows = np.reshape(vectors, (-1, self.width))[:, :-1]
+        refuse_far(name, rows, [x.startswith("turn") for x in self.names[:-1]], self.names)
 
     def _coefficients(self, nodes: np.ndarray) -> np.ndarray:
         """Coefficients of powers of 2 s - 1, s the share of the path, of values at the nodes (B, K, a): (B, K a)."""

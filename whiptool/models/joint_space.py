@@ -84,6 +84,15 @@ class StrikeSpace(Protocol):
         """Return how far strikes (B, width) are from what the arm can do, (B,); 0: it can."""
         ...
 
+    def check_turns(self, name: str, vectors: Any) -> None:
+        """Refuse strikes, (width,) or (B, width), with an angle farther from 0 than two turns, as degrees would be.
+
+        Args:
+            name: What they are called where they were given.
+            vectors: Strikes.
+        """
+        ...
+
 
 class JointSpace:
     """Strikes of an arm's joints: vectors `[q_i, q_f, D]` of 2 a + 1 numbers, which rollouts take as they are.
@@ -144,6 +153,10 @@ class JointSpace:
         """Return zeros (B,): every strike of the joints can be made."""
         return np.zeros(len(vectors))
 
+    def check_turns(self, name: str, vectors: Any) -> None:
+        """Refuse strikes (2 a + 1,) or (B, 2 a + 1) that turn a joint farther than any arm does; see `check_turns`."""
+        check_turns(name, np.asarray(vectors)[..., :-1], self.arm)
+
 
 def check_turns(name: str, positions: Any, arm: ArmParameters | SpatialArm) -> None:
     """Refuse positions that turn a joint farther than any arm does, as angles in degrees would.
@@ -158,11 +171,25 @@ def check_turns(name: str, positions: Any, arm: ArmParameters | SpatialArm) -> N
         InputError: An angle is more than two turns from 0.
     """
     rows = np.reshape(positions, (-1, arm.n))
-    turning = np.array([joint not in arm.slides for joint in arm.joints])
-    far = np.argwhere((np.abs(rows) > FARTHEST_TURN) & turning)
+    refuse_far(name, rows, [joint not in arm.slides for joint in arm.joints], arm.joints)
+
+
+def refuse_far(name: str, rows: np.ndarray, turning: Sequence[bool], of: Sequence[str]) -> None:
+    """Refuse an angle that is more than two turns from 0, as degrees would be.
+
+    Args:
+        name: What the numbers are called where they were given.
+        rows: Numbers, (B, k) [rad where they are angles].
+        turning: Which of k are angles, (k,).
+        of: What each of k is called.
+
+    Raises:
+        InputError: There is one.
+    """
+    far = np.argwhere((np.abs(rows) > FARTHEST_TURN) & np.array(turning))
     if len(far):
-        row, joint = far[0]
-        given, rule = f"{rows[row, joint]:g} rad of {arm.joints[joint]}", "angles up to two turns (12.57 rad) from 0"
+        row, column = far[0]
+        given, rule = f"{rows[row, column]:g} rad of {of[column]}", "angles up to two turns (12.57 rad) from 0"
         raise InputError(name, given, rule, "angles are in radians; are these degrees?")
 
 

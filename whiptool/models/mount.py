@@ -10,6 +10,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule, Point
+from whiptool.models.joint_space import refuse_far
 from whiptool.models.kinematics import rotation_about
 from whiptool.models.numbers import numbers
 from whiptool.models.spatial_arm import SpatialArm
@@ -19,21 +20,22 @@ MOUNTS = {  # roll, pitch, yaw of the base [rad]
     "wall": (0.0, math.pi / 2, 0.0),  # the base's z points forward, its x down
     "ceiling": (math.pi, 0.0, 0.0),  # its z points down, its x still forward
 }
+MOUNT_RULE = f"{', '.join(MOUNTS)}, or three numbers: roll pitch yaw [rad]"
 
 
 def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
     """Return the rotation of a base (3, 3): `floor`, `wall`, `ceiling`, or roll, pitch and yaw [rad], as in URDF.
 
     Raises:
-        InputError: It is none of these.
+        InputError: It is none of these, or an angle is more than two turns.
     """
-    rule = f"{', '.join(MOUNTS)}, or roll pitch yaw [rad]"
     if isinstance(given, str) and given not in MOUNTS:
-        raise InputError("base", given, rule)
+        raise InputError("base", given, MOUNT_RULE)
     try:
         roll, pitch, yaw = MOUNTS[given] if isinstance(given, str) else numbers("base", tuple(given), 3)
     except (InputError, TypeError):
-        raise InputError("base", given, rule) from None
+        raise InputError("base", given, MOUNT_RULE) from None
+    refuse_far("base", np.array([[roll, pitch, yaw]]), [True] * 3, ("roll", "pitch", "yaw"))
     about = [rotation_about(axis, angle) for axis, angle in zip(np.eye(3), (roll, pitch, yaw), strict=True)]
     return about[2] @ about[1] @ about[0]
 

@@ -24,6 +24,10 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 XYZ = ("x", "y", "z")
 MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of an inertia's six numbers
 
+_UNITS = {
+    "position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "acceleration": ("rad/s^2", "m/s^2"),
+    "jerk": ("rad/s^3", "m/s^3"), "torque": ("N m", "N"), "torque_rate": ("N m/s", "N/s"),
+}  # fmt: skip
 _MAGNITUDES = ("velocity", "acceleration", "jerk", "torque", "torque_rate")  # of limits, beside the range of positions
 _ROUNDED = 1e-12  # entries of rotations and axes this close to 0, 1 or -1 are meant to be it: zeros are structural
 _SLANTED = 1e-6  # by which a rotation or a unit vector may be wrong where it was written with few digits
@@ -37,7 +41,7 @@ class JointLimits:
         position: Lowest and highest.
         velocity, acceleration, jerk: Largest magnitudes.
         torque: Largest magnitude, of a force where the joint is prismatic.
-        torque_rate: Largest magnitude of its change [N m/s].
+        torque_rate: Largest magnitude of its change [N m/s or N/s].
 
     Raises:
         InputError: A value is NaN or not positive, or the lowest position is not below the highest.
@@ -75,6 +79,11 @@ class JointLimits:
         shift = (high - low) * (1.0 - left) / 2 if math.isfinite(high - low) else 0.0
         rest = {name: left * getattr(self, name) for name in _MAGNITUDES}
         return JointLimits((low + shift, high - shift), **rest)
+
+
+def limit_unit(name: str, *, slides: bool) -> str:
+    """Return the unit of one of the `JointLimits` of a joint that turns, or slides."""
+    return _UNITS[name][slides]
 
 
 def kept_free(share: object) -> float:

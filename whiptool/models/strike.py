@@ -66,7 +66,7 @@ class Strike(Vector):
 
     def __repr__(self) -> str:
         start, end = (", ".join(f"{x:.4g}" for x in q) for q in (self.q_i, self.q_f))
-        return f"Strike(q_i=({start}) rad, q_f=({end}) rad, D={self.D:.4g} s)"
+        return f"Strike(q_i=({start}) rad or m, q_f=({end}) rad or m, D={self.D:.4g} s)"
 
     @classmethod
     def from_vector(cls, vector: Sequence[float] | np.ndarray) -> Strike:

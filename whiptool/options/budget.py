@@ -57,7 +57,7 @@ class SearchOptions(OptionGroup):
         Raises:
             InputError: They are not of this arm, or cross.
         """
-        from whiptool.models.joint_space import JointSpace, check_turns
+        from whiptool.models.joint_space import JointSpace
 
         space = JointSpace(model.arm) if space is None else space
         of = (
@@ -68,9 +68,8 @@ class SearchOptions(OptionGroup):
             if given is not None and len(given) != numbers:
                 raise InputError(name, given, f"{numbers} numbers, for {of}")
         bounds = self._bounds(space)
-        if isinstance(space, JointSpace):
-            check_turns("--lower", bounds.lower[:-1], model.arm)
-            check_turns("--upper", bounds.upper[:-1], model.arm)
+        space.check_turns("--lower", bounds.lower)
+        space.check_turns("--upper", bounds.upper)
         return bounds
 
     def _bounds(self, space: StrikeSpace) -> StrikeBounds:

@@ -70,6 +70,9 @@ class LimitOptions(OptionGroup):
             if model.arm.weightless:
                 rule = "arm or none, as the inertia of the arm is not known, nor are its torques"
                 raise InputError("--limits", self.limits, rule, "write an <inertial> of each link into the file")
+            if model.arm.slides:
+                rule = f"arm or none, as no such motor turns what slides: {', '.join(model.arm.slides)}"
+                raise InputError("--limits", self.limits, rule)
             found.append(limits_preset(self.limits).keeping_free(self.keep_free))
         elif self.keep_free:
             raise InputError("--keep-free", self.keep_free, "0 for an arm without limits", "give --limits")

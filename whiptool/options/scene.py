@@ -185,7 +185,7 @@ class ModelOptions(OptionGroup):
 
     def _mounted(self, model: Model) -> Model:
         """The model with its base as `--base` says."""
-        from whiptool.models.mount import mounted
+        from whiptool.models.mount import MOUNT_RULE, mounted
         from whiptool.models.spatial_arm import SpatialArm
 
         if self.base == ("floor",):
@@ -195,6 +195,7 @@ class ModelOptions(OptionGroup):
         try:
             angles = self.base[0] if len(self.base) == 1 else [float(x) for x in self.base]
             return replace(model, arm=mounted(model.arm, angles))
-        except (InputError, ValueError):
-            rule = "floor, wall, ceiling, or three numbers: roll pitch yaw [rad]"
-            raise InputError("--base", " ".join(self.base), rule) from None
+        except InputError as error:
+            raise error.renamed("--base") from None
+        except ValueError:
+            raise InputError("--base", " ".join(self.base), MOUNT_RULE) from None

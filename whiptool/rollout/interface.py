@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, check_turns, checked_vectors
+from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, checked_vectors
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
 from whiptool.rollout.points import Points, target_points
@@ -48,10 +48,9 @@ class Rollout(ABC):
                 duration D is not positive.
         """
         space, joints = self.space, f"an arm of {self.model.arm.n} joints"
-        if not isinstance(space, JointSpace):
-            return checked_vectors(strikes, space.width, f"the hand of {joints}")
-        vectors = checked_vectors(strikes, space.width, joints)
-        check_turns("strikes", vectors[:, :-1], self.model.arm)
+        whose = joints if space.kind == "joint" else f"the hand of {joints}"
+        vectors = checked_vectors(strikes, space.width, whose)
+        space.check_turns("strikes", vectors)
         return vectors
 
     def one_vector(self, strike: AnyStrike | np.ndarray) -> np.ndarray:
