@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from whiptool.gymnasium_id import register_with_gymnasium
 from whiptool.lazy_names import imported_when_used
 
 _HOMES = {
@@ -87,3 +88,4 @@ if TYPE_CHECKING:
     from whiptool.zone import Disc
 
 __getattr__, __dir__ = imported_when_used(__name__, _HOMES)
+register_with_gymnasium()

@@ -16,14 +16,13 @@ from gymnasium.vector import AutoresetMode
 import whiptool.rl.environment as environment
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
+from whiptool.gymnasium_id import ID
 from whiptool.objective import Objective
 from whiptool.rl.task import OBSERVATIONS
 from whiptool.target import Target
 from whiptool.zone import Disc
 
 pytestmark = pytest.mark.slow
-
-ID = environment.ID
 
 
 @pytest.fixture(autouse=True)
@@ -43,10 +42,11 @@ def test_gymnasiums_checker_finds_nothing_but_unbounded_velocities(observation, 
     assert not [str(w.message) for w in recwarn if "infinity" not in str(w.message)]
 
 
-def test_the_id_is_known_by_its_module_alone():
+@pytest.mark.parametrize("imports", ["gymnasium", "whiptool, gymnasium"])
+@pytest.mark.parametrize("module", ["whiptool", "whiptool.rl.environment"])
+def test_the_id_is_known_by_its_module_alone(module, imports):
     code = (
-        "import sys, whiptool; assert 'gymnasium' not in sys.modules; import gymnasium; "
-        f"env = gymnasium.make('whiptool.rl.environment:{ID}'); env.reset(seed=0); "
+        f"import {imports}; env = gymnasium.make('{module}:{ID}'); env.reset(seed=0); "
         f"gymnasium.make_vec('{ID}', num_envs=2).reset(seed=0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -65,7 +65,8 @@ def test_a_step_is_a_strike():
         obs, reward, terminated, truncated, info = env.step(action)
         assert obs == pytest.approx([*outcome.tip, *outcome.tip_velocity, 1.25, 0.05], rel=1e-6)
         assert (info["miss_distance"], info["tip_speed"]) == pytest.approx((outcome.miss_distance, outcome.tip_speed))
-        assert terminated == outcome.hit == (reward == 50)
+        assert terminated == outcome.hit == (reward == 50) == info["is_success"]
+        assert isinstance(info["is_success"], bool)
         assert info.get("hit_time") == outcome.hit_time
         assert not truncated
         assert not info["diverged"]

@@ -1,10 +1,10 @@
-"""Gymnasium's view of the task: one step is one strike. Importing this module registers `whiptool/WhipTarget-v0`.
+"""Gymnasium's view of the task: one step is one strike.
 
-    gymnasium.make("whiptool.rl.environment:whiptool/WhipTarget-v0", observation="goal")
-    gymnasium.make_vec("whiptool.rl.environment:whiptool/WhipTarget-v0", num_envs=100)
+    gymnasium.make("whiptool:whiptool/WhipTarget-v0", observation="goal")
+    gymnasium.make_vec("whiptool:whiptool/WhipTarget-v0", num_envs=100)
 
-Once this module is imported, the plain id will do. The vector environment is not a loop over single ones: the strikes
-of all its lanes are rolled out as one batch, on all cores.
+Once whiptool is imported, the plain id will do. The vector environment is not a loop over single ones: the strikes of
+all its lanes are rolled out as one batch, on all cores.
 """
 
 from __future__ import annotations
@@ -30,8 +30,6 @@ from whiptool.rl.task import Step, StrikeTask
 from whiptool.rollout import CompiledRollout
 from whiptool.target import HIT_RADIUS, Target
 from whiptool.zone import Zone
-
-ID = "whiptool/WhipTarget-v0"
 
 
 def make_task(
@@ -101,8 +99,9 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
 
     An episode has one goal; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
     or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. Where arrival angles are drawn, it takes
-    `"angle"` beside it [rad]. `info` holds the `target` [m], and after a strike `miss_distance` [m], `tip_speed` at the
-    closest approach [m/s], `diverged` (the distance is then a penalty, the speed zero), and, if it hit, `hit_time` [s].
+    `"angle"` beside it [rad]. `info` holds the `target` [m], and after a strike whether it hit (`is_success`),
+    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
+    speed zero), and, if it hit, `hit_time` [s].
     Where more than a point is asked for there are `direction`, if it is, and after a strike `arrival_angle` from it
     [rad], `arrival_speed` along it [m/s], and the `cost` [m] (`Goals`); of a diverged strike pi, zero and the penalty.
 
@@ -244,6 +243,7 @@ def _info(task: StrikeTask, step: Step) -> dict[str, np.ndarray]:
     near, velocity = judged.approach, np.where(judged.lost[:, None], 0.0, judged.approach.velocity)
     info = {
         **_asked(task),
+        "is_success": judged.hit,  # as Stable-Baselines3 counts successes
         "miss_distance": judged.distance,
         "tip_speed": np.where(judged.lost, 0.0, near.speed),
         "diverged": judged.lost,
@@ -308,6 +308,3 @@ def _chosen(options: dict[str, Any] | None, name: str, shape: tuple[int, ...]) -
     """The targets given in the options of `reset`; None: none were given."""
     wanted = (options or {}).get(name)
     return None if wanted is None else _checked(wanted, shape, name)
-
-
-gymnasium.register(ID, entry_point=f"{__name__}:WhipTarget", vector_entry_point=f"{__name__}:WhipTargets")
