@@ -25,11 +25,13 @@ from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.target import Target, as_target, usual_target
 
 UNREACHABLE = "posture"  # what refuses a strike of the hand that no joints can make
+RIG = "rig"  # a rig refused the strike before anything moved
 _WHY_LOST = {
     "joint": "beyond the joints' limits",
     "motor": "beyond the motors' limits",
     "clearance": "would collide",
     UNREACHABLE: "beyond the arm's reach",
+    RIG: "refused by the rig",
 }
 
 
@@ -68,7 +70,9 @@ class Outcome(NoArray, instead="its miss_distance or tip"):
         values: The objective's criteria in their units, in order; none of a strike that diverged or was refused.
         merit: What searches minimise of a hit that is judged by a criterion, negative; None: of anything else.
         refused: Which of the objective's limits the strike is beyond, by what judges them: `joint`, `motor`,
-            `clearance`, or `posture`: no joints make a strike of the hand. None: it is within all, or diverged.
+            `clearance`, or `posture`: no joints make a strike of the hand; `rig`: a rig refused it before anything
+            moved. None: it is within all, or diverged.
+        unseen: Whether it was made on a rig whose camera did not see the tip.
     """
 
     miss_distance: float
@@ -84,11 +88,23 @@ class Outcome(NoArray, instead="its miss_distance or tip"):
     values: tuple[float, ...] = ()
     merit: float | None = None
     refused: str | None = None
+    unseen: bool = False
 
     @property
     def lost(self) -> bool:
-        """Whether there is no true miss distance: the strike diverged, or was refused."""
-        return self.diverged or self.refused is not None
+        """Whether there is no true miss distance: the strike diverged, was refused, or was not seen."""
+        return self.diverged or self.refused is not None or self.unseen
+
+    @property
+    def status(self) -> str:
+        """What it came to, in one word: `hit`, `miss`, `refused`, `unseen` or `diverged`."""
+        if self.refused is not None:
+            return "refused"
+        if self.unseen:
+            return "unseen"
+        if self.diverged:
+            return "diverged"
+        return "hit" if self.hit else "miss"
 
     @property
     def cost(self) -> float:
@@ -123,8 +139,13 @@ class Trial(NoArray, instead="its strike or outcome"):
 def why_lost(trials: Sequence[Trial]) -> dict[str, int]:
     """Return how many trials have no miss distance, by why: `diverged`, `would collide` and the like."""
     lost = [trial.outcome for trial in trials if trial.outcome.lost]
-    why = ("diverged" if x.diverged else _WHY_LOST.get(x.refused or "", f"refused: {x.refused}") for x in lost)
-    return dict(Counter(why))
+    return dict(Counter(_why_lost(outcome) for outcome in lost))
+
+
+def _why_lost(outcome: Outcome) -> str:
+    if outcome.refused is None:
+        return "not seen" if outcome.unseen else "diverged"
+    return _WHY_LOST.get(outcome.refused, f"refused: {outcome.refused}")
 
 
 class SearchStopped(WhiptoolError):
@@ -230,8 +251,13 @@ class Objective:
 
     @property
     def n_refused(self) -> int:
-        """Trials that were beyond the limits."""
+        """Trials that were beyond the limits, or that a rig refused."""
         return sum(trial.outcome.refused is not None for trial in self.trials)
+
+    @property
+    def n_unseen(self) -> int:
+        """Trials on a rig whose camera did not see the tip."""
+        return sum(trial.outcome.unseen for trial in self.trials)
 
     @property
     def smooth(self) -> tuple[Smooth, ...]:
@@ -431,8 +457,10 @@ class Objective:
         self, near: Approach, i: int, beyond: float, by: str, values: Sequence[float] | np.ndarray = ()
     ) -> Outcome:
         """The outcome of strike i, which is so far beyond the limits that are named by what judges them."""
-        diverged = bool(near.diverged[i]) or not np.isfinite(near.distance[i])
-        lost = diverged or beyond > 0
+        by_rig = "" if near.lost is None else str(near.lost[i])  # its strikes do not diverge
+        diverged = not by_rig and (bool(near.diverged[i]) or not np.isfinite(near.distance[i]))
+        refused = RIG if by_rig == "refused" else by if beyond > 0 and not diverged else None
+        lost = diverged or beyond > 0 or bool(by_rig)
         distance = self.penalty * (2 - 1 / (1 + beyond)) if lost else float(near.distance[i])
         error = None if lost or near.error is None else float(near.error[i])
         arrival = None if lost or self.goals.only_points else self._arrival(near, i)
@@ -453,7 +481,8 @@ class Objective:
             arrival=arrival,
             values=found,
             merit=merit,
-            refused=by if beyond > 0 and not diverged else None,
+            refused=refused,
+            unseen=by_rig == "unseen",
         )
 
     def _arrival(self, near: Approach, i: int) -> Arrival:

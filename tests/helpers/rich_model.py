@@ -15,7 +15,8 @@ from whiptool.rollout.trajectory import Approach
 LEMON = preset("lemon2024")
 # code of scalars is generated as that of lanes is: its derivatives are compiled in the whole suite only
 EVERY_RUNG = ["simd", pytest.param("scalar", marks=pytest.mark.heavy), "interpreter"]
-COMPUTED = [field.name for field in dataclasses.fields(Approach) if field.name != "error"]  # only measured ones have it
+MEASURED = ("error", "lost")  # what only strikes on a rig have
+COMPUTED = [field.name for field in dataclasses.fields(Approach) if field.name not in MEASURED]
 
 
 def everything() -> Model:

@@ -109,5 +109,7 @@ def test_what_refused_a_strike_is_read_as_it_was_written(tmp_path: Path) -> None
         log.append(one)
     assert TrialLog(tmp_path / TRIALS, ARM, limited=True).read() == trials
     logged(tmp_path / "old.csv", 2)
+    text = (tmp_path / TRIALS).read_text().splitlines()
+    assert [line.split(",")[-2] for line in text] == ["status", "refused", "miss", "refused"]
     with pytest.raises(InputError, match="refused"):  # of a version that did not write the column
         TrialLog(tmp_path / "old.csv", ARM, limited=True).read()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import importlib.util
 import io
 import json
@@ -318,7 +319,9 @@ def test_no_search_strikes_on_after_a_strike_that_was_ended(method: str, end: st
 
 def test_a_refused_strike_is_told_and_the_search_goes_on() -> None:
     rollout = RigRollout(lambda number: Pretend(refuse=True), MODEL)
-    assert search(Objective(rollout, Target(), max_trials=3), "random", seed=1).n_diverged == 3
+    objective = Objective(rollout, Target(), max_trials=3)
+    search(objective, "random", seed=1)
+    assert (objective.n_refused, objective.n_unseen, objective.n_diverged) == (3, 0, 0)
     assert sorted(rollout.refused) == [1, 2, 3]
 
 
@@ -332,6 +335,34 @@ def test_the_command_tells_of_a_refused_strike_why_and_no_more(tmp_path: Path, m
     assert command.main(words) == 0
     refused = [line for line in capsys.readouterr().err.splitlines() if "strike" in line]
     assert refused == [f"strike {i} was refused: it asks more of joint 1 than it gives" for i in (1, 2)]
+
+
+class Turns(Pretend):
+    """A rig that refuses its first strike, does not see the second, and misses and hits with those after."""
+
+    def strike(self, strike, *, folder=None):
+        self.calls += 1
+        if self.calls == 1:
+            raise StrikeRefused("strike", [1.0], "what the motors can carry", "it asks more of joint 1 than it gives")
+        return self
+
+    def judged(self, target):
+        return None if self.calls == 2 else super().judged(target)
+
+
+def test_the_log_tells_what_each_strike_came_to(tmp_path: Path, monkeypatch, capsys) -> None:
+    rig, run = Turns(), tmp_path / "run"
+    monkeypatch.setattr(command, "_make_rig", lambda *_: rig)
+    words = ["learn", "--method", "random", "--max-trials", "4", "--hit-radius", "0.15", "--out", str(run)]
+    assert command.main(words) == 0
+    rows = list(csv.DictReader((run / "trials.csv").read_text().splitlines()))
+    assert [row["status"] for row in rows] == ["refused", "unseen", "miss", "hit"]
+    said = capsys.readouterr()
+    assert "4 strikes, 1 refused, 1 not seen" in said.out
+    assert "strike 2: the tip was not seen" in said.err
+    assert command.main(["learn", "--resume", str(run), "--json"]) == 0  # the log is all that it has
+    summary = json.loads(capsys.readouterr().out)
+    assert [summary[name] for name in ("n_trials", "n_refused", "n_unseen", "hit")] == [4, 1, 1, True]
 
 
 @pytest.mark.parametrize(("end", "status"), [("fault", 1), ("signal", 130), ("servo", 2), ("line", 1)])

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from rich_model import COMPUTED
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
@@ -26,7 +27,7 @@ VECTORS = np.array([s.vector for s in STRIKES])
 
 
 def columns(near: Approach) -> np.ndarray:
-    found = [np.asarray(getattr(near, f.name)) for f in dataclasses.fields(near) if f.name != "error"]
+    found = [np.asarray(getattr(near, f.name)) for f in dataclasses.fields(near) if f.name in COMPUTED]
     return np.concatenate([x.reshape(len(near.distance), -1) for x in found], axis=1)
 
 

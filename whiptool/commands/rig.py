@@ -371,7 +371,7 @@ def _search(
         stopped.add_note(f"kept in {folder.path}: {counted(len(objective.trials), 'strike')}")
         raise
     summary = _learned(objective, options.method, result.status.value)
-    lines = _learned_lines(result, folder.path)
+    lines = _learned_lines(result, objective, folder.path)
     if result.status is Status.INTERRUPTED:
         summary["torque_off"] = interlock.torque_off
         lines[0] = with_state(lines[0])
@@ -383,14 +383,15 @@ def _search(
 def _learned(objective: Objective, method: str, status: str) -> dict[str, Any]:
     """What a search on the rig came to; what was not carried out is not in it."""
     best = objective.best
-    if best is not None and best.outcome.diverged:  # none of them was seen
+    if best is not None and best.outcome.lost:  # none of them was seen
         best = None
     return {
         "method": method,
         "status": status,
         "fault": None,
         "n_trials": len(objective.trials),
-        "n_refused_or_unseen": objective.n_diverged,
+        "n_refused": objective.n_refused,
+        "n_unseen": objective.n_unseen,
         "miss_distance": None if best is None else best.outcome.miss_distance,
         "miss_error": None if best is None else best.outcome.miss_error,
         "hit": None if best is None else best.outcome.hit,
@@ -400,18 +401,18 @@ def _learned(objective: Objective, method: str, status: str) -> dict[str, Any]:
 
 def _measured(outcome: Outcome) -> str:
     """What the camera saw of a strike's miss."""
-    if outcome.diverged:
-        return "refused, or the tip was not seen"
+    if outcome.lost:
+        return "refused" if outcome.refused is not None else "the tip was not seen"
     said = "hit claimed" if outcome.hit else "no hit claimed"
     error = "" if outcome.miss_error is None else f" ± {outcome.miss_error:.4f}"
     return f"{said}, {outcome.miss_distance:.4f}{error} m"
 
 
-def _learned_lines(result: Result, folder: Path) -> list[str]:
+def _learned_lines(result: Result, objective: Objective, folder: Path) -> list[str]:
     """What a search on the rig came to."""
-    strikes = f"{counted(result.n_trials, 'strike')}, {result.n_diverged} refused or not seen"
+    strikes = f"{counted(result.n_trials, 'strike')}, {objective.n_refused} refused, {objective.n_unseen} not seen"
     lines = [f"{result.method}: {result.message}; {strikes}"]
-    if result.outcome is not None and not result.outcome.diverged and result.strike is not None:
+    if result.outcome is not None and not result.outcome.lost and result.strike is not None:
         strike = " ".join(f"{x:.4f}" for x in result.strike.vector)
         lines += [f"  miss distance  {_measured(result.outcome)}", f"  strike         {strike}"]
     return [*lines, f"  run folder     {folder}"]

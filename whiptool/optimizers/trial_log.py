@@ -15,10 +15,11 @@ from whiptool.errors import InputError
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import strike_names
-from whiptool.objective import Arrival, Outcome, Trial
+from whiptool.objective import RIG, Arrival, Outcome, Trial
 from whiptool.whole_files import append_whole, write_whole
 
 TRIALS = "trials.csv"
+_STATUS = ("hit", "miss", "refused", "unseen", "diverged")
 _NUMBERS = re.compile(rb"[-+.,0-9a-z]*")  # and nan, inf: what a kill in the middle of a line leaves
 
 
@@ -63,10 +64,10 @@ class TrialLog:
             *(f"tip_velocity_{axis}" for axis in axes),
             *(f"max_joint_speed_{joint}" for joint in arm.joints),
             *(f"max_torque_{joint}" for joint in arm.joints),
-            "diverged",
             *(["miss_error"] if measured else []),
             *(["arrival_angle", "arrival_speed", "cost"] if arriving else []),
             *([*self.criteria, "merit"] if self.criteria else []),
+            "status",
             *(["refused"] if limited else []),
         ]
 
@@ -125,7 +126,6 @@ class TrialLog:
             *map(repr, o.tip_velocity),
             *map(repr, o.max_joint_speed),
             *map(repr, o.max_torque),
-            int(o.diverged),
             *([repr(_or_nan(o.miss_error))] if self.measured else []),
             *(map(repr, _arrival_columns(o.arrival)) if self.arriving else []),
             *(
@@ -133,6 +133,7 @@ class TrialLog:
                 if self.criteria
                 else []
             ),
+            o.status,
             *([o.refused or ""] if self.limited else []),
         ]
         new = not self.path.exists() or self.path.stat().st_size == 0
@@ -144,6 +145,11 @@ class TrialLog:
         if len(row) != len(self._header):
             return None
         refused = (row.pop() or None) if self.limited else None
+        status = row.pop()
+        if status not in _STATUS:
+            return None
+        if status == "refused" and not self.limited:
+            refused = RIG
         n, d, start = self.n, self.dimension, 1 + len(self._names)
         try:
             number, numbers = int(row[0]), [float(x) for x in row]
@@ -152,14 +158,26 @@ class TrialLog:
         rest = iter(numbers[start:])
         distance, hit, time = itertools.islice(rest, 3)
         tip, velocity, speeds, torques = (tuple(itertools.islice(rest, count)) for count in (d, d, n, n))
-        diverged = bool(next(rest))
         error = _known(next(rest)) if self.measured else None
         arrival = _arrival(*itertools.islice(rest, 3)) if self.arriving else None
         values = tuple(itertools.islice(rest, len(self.criteria)))
         merit = _known(next(rest)) if self.criteria else None
         judged = () if any(map(math.isnan, values)) else values
         outcome = Outcome(
-            distance, bool(hit), time, tip, velocity, speeds, torques, diverged, error, arrival, judged, merit, refused
+            distance,
+            bool(hit),
+            time,
+            tip,
+            velocity,
+            speeds,
+            torques,
+            status == "diverged",
+            error,
+            arrival,
+            judged,
+            merit,
+            refused,
+            status == "unseen",
         )
         return Trial(number, tuple(numbers[1:start]), outcome)
 

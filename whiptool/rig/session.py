@@ -447,8 +447,8 @@ class RigRollout(Rollout):
         folder: Strike 7 leaves `strike-0007` here; None: nothing is left.
         done: Strikes that a run made before it was killed.
 
-    A strike that the rig refuses, or whose tip was not seen, counts as diverged, and no further than that. One that a
-    fault or a signal ends is no trial: its exception ends the search.
+    A strike that the rig refuses, or whose tip was not seen, has no closest approach: `Approach.lost` says which. One
+    that a fault or a signal ends is no trial: its exception ends the search.
 
     Attributes:
         struck: What each strike left; None: it was refused.
@@ -485,9 +485,11 @@ class RigRollout(Rollout):
         """The closest approach of one strike, with the camera's standard error."""
         judged = None if struck is None else struck.judged(Target(tuple(target)))
         if struck is None or judged is None:
-            return dataclasses.replace(nothing_seen(self.model.arm.n), error=np.array([np.nan]))
+            why = "refused" if struck is None else "unseen"
+            nothing = nothing_seen(self.model.arm.n)
+            return dataclasses.replace(nothing, error=np.array([np.nan]), lost=np.array([why]))
         near, nearest = struck.approach(target), judged.nearest
-        known = {"distance": np.array([judged.miss]), "error": np.array([judged.error])}
+        known = {"distance": np.array([judged.miss]), "error": np.array([judged.error]), "lost": np.array([""])}
         if nearest is not None:
             known |= {"time": np.array([nearest.time]), "tip": np.array([nearest.place])}
             known |= {"velocity": np.array([nearest.velocity])}

@@ -41,6 +41,8 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
         positions: Lowest and highest position of each arm joint over the strike [rad or m], (B, 2, a); None: not known.
         effort: Integral of each arm joint's squared torque over the strike, by the trapezoidal rule [N^2 m^2 s],
             (B, a); None: not known.
+        lost: Why a rig has no closest approach of a strike, `refused` or `unseen`, and empty where it has one, (B,) of
+            text; None: the strikes were simulated.
     """
 
     distance: np.ndarray
@@ -53,6 +55,7 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
     error: np.ndarray | None = None
     positions: np.ndarray | None = None
     effort: np.ndarray | None = None
+    lost: np.ndarray | None = None
 
     def __repr__(self) -> str:
         if len(self.distance) == 1:
