@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -130,6 +130,23 @@ class Target(Vector):
         """Return the time of a strike's closest approach (B = 1) if that is a hit [s], see `Goals.hit`; else None."""
         return float(near.time[0]) if self.goals.hit_by(near)[0] else None
 
+    def missed_by(self, distance: float, angle: float | None = None, speed: float | None = None) -> dict[str, float]:
+        """Return by how much a strike misses what is asked for: `point` [m], `direction` [rad], `speed` [m/s].
+
+        What is kept, or not asked for, is left out.
+
+        Args:
+            distance: Of the tip at the closest approach [m].
+            angle: Between the tip's velocity and the direction then [rad].
+            speed: Of the tip then, along the direction where there is one [m/s].
+        """
+        excess = {"point": distance - self.hit_radius}
+        if self.direction is not None and angle is not None:
+            excess["direction"] = angle - self.cone
+        if self.speed is not None and speed is not None:
+            excess["speed"] = self.speed - speed
+        return {name: by for name, by in excess.items() if by > 0}
+
     def check_dimension(self, model: Model) -> None:
         """Refuse a target in the plane for a model in space, and the other way round.
 
@@ -182,6 +199,13 @@ class Target(Vector):
             rule = f"at right angles to the line from the base, within the cone of {cone:g} degrees"
             why = f"the target is {distance:.4g} m away, where arm and whip are stretched to their reach"
             raise InputError("direction", given, rule, why)
+
+
+def missed_words(missed: Mapping[str, float]) -> str:
+    """Return what `Target.missed_by` found in words, such as `the direction by 12.3 degrees`; empty for nothing."""
+    units = {"point": (1e3, "mm"), "direction": (math.degrees(1), "degrees"), "speed": (1.0, "m/s")}
+    said = (f"the {name} by {by * units[name][0]:.3g} {units[name][1]}" for name, by in missed.items())
+    return ", ".join(said)
 
 
 def _unit(name: str, vector: Sequence[float], dimension: int) -> tuple[float, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,9 @@ def test_a_search_that_no_strike_comes_through_says_why(capsys):
     assert (result["n_refused"], result["hit"]) == (20, False)
     assert result["clearance"] < 0
     assert result["beyond"].endswith("below the floor")
+    page = Path("none/strike.html").read_text()
+    assert f"Beyond its limits, and so no hit: {result['beyond']}" in unescape(page)
+    assert "Hits" not in page
 
 
 @pytest.mark.heavy

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import types
 
-from whiptool.commands.optimize import outcome_lines, strike_lines
+import pytest
+
+from whiptool.commands.optimize import missed_by, outcome_lines, strike_lines
 from whiptool.models import SpatialArm
 from whiptool.models.spatial_arm import JointLimits, SpatialLink, without_inertia
 from whiptool.objective import Arrival
@@ -40,12 +43,31 @@ def test_torques_of_an_arm_of_unknown_inertia_are_not_told():
     assert [line.split(", ")[1] for line in told[-2:]] == ["force not known", "torque not known"]
 
 
-def test_a_near_miss_that_does_not_arrive_as_asked_is_told_as_such():
-    aside = dataclasses.replace(Target((1.0, 0.0, 0.0)), direction=(1.0, 0.0, 0.0))
-    came = types.SimpleNamespace(**vars(OUTCOME) | {"hit": False, "arrival": Arrival(2.0, 3.0, 0.05)})
-    assert (
-        "near enough, but missed, as it does not arrive as asked: closest 0.0100 m"
-        in outcome_lines(came, aside, ARM)[0]
-    )
-    far = types.SimpleNamespace(**vars(came) | {"miss_distance": 0.5})
-    assert "m, missed: closest 0.5000 m" in outcome_lines(far, aside, ARM)[0]
+@pytest.mark.parametrize(
+    ("miss", "angle", "speed", "words", "numbers"),
+    [
+        (0.01, math.radians(22.5), 9.0, "the direction by 12.5 degrees", (None, math.radians(12.5), None)),
+        (0.01, math.radians(3), 3.0, "the speed by 1.5 m/s", (None, None, 1.5)),
+        (0.0725, math.radians(3), 9.0, "the point by 12.5 mm", (0.0125, None, None)),
+        (
+            0.56,
+            math.radians(100),
+            -4.0,
+            "the point by 500 mm, the direction by 90 degrees, the speed by 8.5 m/s",
+            (0.5, math.radians(90), 8.5),
+        ),
+    ],
+)
+def test_a_miss_says_what_was_missed_and_by_how_much(miss, angle, speed, words, numbers):
+    """Asked for are 0.06 m, 10 degrees and 4.5 m/s."""
+    asked = dataclasses.replace(Target((1.0, 0.0, 0.0)), direction=(1.0, 0.0, 0.0), speed=4.5)
+    came = {"hit": False, "lost": False, "miss_distance": miss, "arrival": Arrival(angle, speed, 0.05)}
+    outcome = types.SimpleNamespace(**vars(OUTCOME) | came)
+    assert f"m, missed {words}: closest {miss:.4f} m" in outcome_lines(outcome, asked, ARM)[0]
+    missed = missed_by(outcome, asked)
+    assert missed == dict(zip(("point", "direction", "speed"), map(pytest.approx, numbers), strict=True))
+
+
+def test_a_hit_and_a_strike_that_was_lost_miss_nothing():
+    assert missed_by(OUTCOME, Target()) is None
+    assert missed_by(types.SimpleNamespace(hit=False, lost=True), Target()) is None

@@ -57,9 +57,11 @@ def test_what_is_asked_of_the_tips_arrival_is_looked_at_again(tmp_path, capsys):
     folder = tmp_path / "run"
     asked = ["--direction", "-1", "0", "--cone", "5", "--least-speed", "3"]
     assert simulate.main(["--strike", *map(str, STRIKE), *asked, "--no-video", "--out", str(folder)]) == 0
-    assert "missed, as it does not arrive as asked: closest 0.0" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "missed the direction by" in said
+    assert "the point by" not in said
     page = (folder / "strike.html").read_text()
-    assert "Misses the target" in page
+    assert "Misses the direction by" in page
     assert view.main([str(folder), "--page"]) == 0
     assert (folder / "strike.html").read_text() == page
 

@@ -39,7 +39,7 @@ every_goal = pytest.mark.parametrize(("target", "hit"), ASKED.values(), ids=ASKE
 @every_goal
 def test_the_page_says_whether_the_strike_hits(target: Target, hit: bool):
     page, data = strike_page(UR5E, PATH, target), strike_data(UR5E, PATH, target)
-    assert ("Hits the target" in page, "Misses the target" in page) == (hit, not hit)
+    assert ("Hits the target" in page, "Misses the" in page) == (hit, not hit)
     assert data["hit_time"] == (pytest.approx(PATH.t[200], abs=1e-6) if hit else None)
     json.dumps(data, allow_nan=False)
 
@@ -48,7 +48,19 @@ def test_the_page_says_how_the_tip_arrived():
     assert "0.0 degrees from the direction asked for (at most 10)" in strike_page(UR5E, PATH, ALONG)
     page = strike_page(UR5E, PATH, ASKED["the opposite direction"][0])
     assert "180.0 degrees from the direction asked for (at most 10)" in page
-    assert f"{SPEED:.1f} m/s fast (at least" in strike_page(UR5E, PATH, ASKED["more speed"][0])
+    assert "Misses the direction by 170 degrees: the target" in page
+    page = strike_page(UR5E, PATH, ASKED["more speed"][0])
+    assert f"{SPEED:.1f} m/s fast (at least" in page
+    assert f"Misses the speed by {0.01 * SPEED:.3g} m/s: the target" in page
+
+
+def test_a_strike_beyond_its_limits_is_shown_as_no_hit():
+    why = "at 0.000 s the elbow asks for 9 N m"
+    page = strike_page(UR5E, PATH, PLACE, label="by hand", beyond=why)
+    assert "Hits" not in page
+    assert f"Beyond its limits, and so no hit: {why}; target at (" in page
+    assert '"hit_time": null' in page.replace('"hit_time":null', '"hit_time": null')
+    assert not film_of(PATH, UR5E, PLACE, fps=20, speed=0.5, beyond=True).hit.any()
 
 
 @every_goal

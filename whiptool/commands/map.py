@@ -242,7 +242,15 @@ def _strike(args: Sequence[str]) -> int:
 
 def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strike: Strike) -> None:
     """Play the strike, replay it in MuJoCo, write everything, tell people or programs."""
-    from whiptool.commands.optimize import arrival_table, export_trajectory, outcome_lines, save_strike, strike_lines
+    from whiptool.commands.limits_told import with_cure
+    from whiptool.commands.optimize import (
+        arrival_table,
+        export_trajectory,
+        missed_by,
+        outcome_lines,
+        save_strike,
+        strike_lines,
+    )
     from whiptool.models.strike import named_strike
     from whiptool.objective import Objective
     from whiptool.rollout.reference import replay
@@ -252,7 +260,8 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
     rollout, model = striker.rollout, striker.rollout.model
     trajectory = rollout.trajectory(strike, t_stay=striker.t_stay)
     limits = striker.limits.members
-    options.refuse_beyond(striker.limits.explain(trajectory, model.arm.joints, strike))
+    beyond = striker.limits.explain(trajectory, model.arm.joints, strike)
+    options.refuse_beyond(beyond)
     commanded = options.build_trajectory(model, strike, striker.t_stay, limits)  # refused before anything is written
     objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=limits)
     outcome = objective.judge(trajectory, strike)
@@ -265,6 +274,8 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
         "refined": options.refine,
         "miss_distance": outcome.miss_distance,
         "hit": outcome.hit,
+        "missed_by": missed_by(outcome, target),
+        "beyond": beyond,
         "hit_time": outcome.hit_time,
         "tip_speed": None if outcome.diverged else outcome.tip_speed,
         "arrival": arrival_table(outcome, target),
@@ -275,12 +286,16 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
     label = "strike map"
     with cli.new_folder(options, "map-strike", cli.configuration(options, "map strike", model)) as folder:
         folder.write_result(summary)
-        files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
+        files = save_strike(
+            folder.path, trajectory, model, target, label, D=strike.D, video=options.video, beyond=beyond
+        )
     if options.json:
         print(json.dumps(summary, allow_nan=False))
     else:
         said = "no result in MuJoCo" if seen.miss_distance is None else f"{seen.miss_distance:.4f} m in MuJoCo"
         lines = [f"one strike from the map of {model.name}", *strike_lines(summary["strike"], model.arm)]
-        lines += [*outcome_lines(outcome, target, model.arm), f"  reference      {said}"]
+        refused = [f"  outcome        refused, as it is beyond the limits: {with_cure(beyond)}"]
+        lines += refused if outcome.refused is not None else outcome_lines(outcome, target, model.arm)
+        lines.append(f"  reference      {said}")
         print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
     export_trajectory(options, commanded, rollout.controller)

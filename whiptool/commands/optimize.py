@@ -217,15 +217,15 @@ class _Run:
         table = limits_table(self.objective.limits, trajectory, result.strike, self.model.arm.joints)
         summary |= table | (self._refusals(result) if table else {})
         self.folder.write_result(summary)
-        refused = ", refused" if result.outcome.refused is not None else ""
         files = save_strike(
             self.folder.path,
             trajectory,
             self.model,
             self.target,
-            self.options.controller_label() + refused,
+            self.options.controller_label(),
             D=result.strike.D,
             video=self.options.video,
+            beyond=summary.get("beyond"),
         )
         from whiptool.viz.plots import save_convergence
 
@@ -344,6 +344,7 @@ class _Run:
             "strike": dict(zip(self.rollout.space.names, map(float, result.strike.vector), strict=True)),
             "miss_distance": outcome.miss_distance,
             "hit": outcome.hit,
+            "missed_by": missed_by(outcome, self.target),
             "hit_time": outcome.hit_time,
             "tip_speed": outcome.tip_speed if math.isfinite(outcome.tip_speed) and not outcome.diverged else None,
             "arrival": arrival_table(outcome, self.target),
@@ -440,15 +441,32 @@ def _joint_lines(outcome, arm) -> list[str]:
     return lines
 
 
+def _missed_by(outcome, target) -> dict[str, float]:
+    came = outcome.arrival
+    return target.missed_by(outcome.miss_distance, came and came.angle, came and came.speed)
+
+
+def missed_by(outcome, target) -> dict[str, float | None] | None:
+    """By how much a strike misses point [m], direction [rad] and speed [m/s], for JSON; of what it keeps None.
+
+    None where it hits, or where there is no closest approach.
+    """
+    if outcome.hit or outcome.lost:
+        return None
+    return {"point": None, "direction": None, "speed": None} | _missed_by(outcome, target)
+
+
 def outcome_lines(outcome, target, arm) -> list[str]:
     """Return the lines that tell people the outcome of a strike of an arm."""
+    from whiptool.target import missed_words
+
     if outcome.diverged:
         cure = "move less far or in more time, or, with a stiff or hardly damped whip, take a smaller --timestep"
         return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
     said = "hit" if outcome.hit else "missed"
-    if not outcome.hit and outcome.arrival is not None and outcome.miss_distance <= target.hit_radius:
-        said = "near enough, but missed, as it does not arrive as asked"
+    if not outcome.hit and outcome.arrival is not None:
+        said = f"missed {missed_words(_missed_by(outcome, target))}"
     return [
         f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
         f"hit radius {target.hit_radius:.3f} m",
@@ -508,20 +526,25 @@ def export_trajectory(options: TrajectoryOptions, commanded: JointTrajectory | N
     print(f"wrote {' and '.join(map(str, files))}{follows}", file=sys.stderr)
 
 
-def save_strike(folder: Path, trajectory, model, target, label: str, *, D: float, video: bool) -> list[str]:
-    """Save trajectory, figures, interactive page and video of one strike; the files' kinds, for people."""
+def save_strike(
+    folder: Path, trajectory, model, target, label: str, *, D: float, video: bool, beyond: str | None = None
+) -> list[str]:
+    """Save trajectory, figures, interactive page and video of one strike; the files' kinds, for people.
+
+    What is beyond its limits, as `beyond` says in words, is shown as no hit.
+    """
     from whiptool.viz.page import strike_page
     from whiptool.viz.plots import save_strike_figures
     from whiptool.whole_files import write_whole
 
     trajectory.save(folder / "trajectory.npz")
-    save_strike_figures(folder, trajectory, model, target, label)
-    page = strike_page(model, trajectory, target, label=label)
+    save_strike_figures(folder, trajectory, model, target, label + (", beyond its limits" if beyond else ""))
+    page = strike_page(model, trajectory, target, label=label, beyond=beyond)
     write_whole(folder / "strike.html", page)
     kinds = ["trajectory", "figures", "page"]
     if video:
         from whiptool.viz.video import render_video
 
-        render_video(folder / "strike.mp4", trajectory, model, target)
+        render_video(folder / "strike.mp4", trajectory, model, target, beyond=beyond is not None)
         kinds.append("video")
     return kinds

@@ -124,6 +124,7 @@ def _play(options: SimulateOptions, model, strike) -> int:
     from whiptool.commands.optimize import (
         arrival_table,
         export_trajectory,
+        missed_by,
         outcome_lines,
         save_strike,
         strike_lines,
@@ -160,6 +161,7 @@ def _play(options: SimulateOptions, model, strike) -> int:
         "hit_radius": target.hit_radius,
         "miss_distance": outcome.miss_distance,
         "hit": outcome.hit,
+        "missed_by": missed_by(outcome, target),
         "time": outcome.time,
         "hit_time": outcome.hit_time,
         "tip_speed": None if outcome.diverged else outcome.tip_speed,
@@ -181,7 +183,16 @@ def _play(options: SimulateOptions, model, strike) -> int:
     label = options.controller_label()
     with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model, controller)) as folder:
         folder.write_result(summary)
-        files = save_strike(folder.path, trajectory, model, target, label, D=strike.D, video=options.video)
+        files = save_strike(
+            folder.path,
+            trajectory,
+            model,
+            target,
+            label,
+            D=strike.D,
+            video=options.video,
+            beyond=used.get("beyond"),
+        )
     if options.json:
         print(json.dumps(summary, allow_nan=False))
     else:
@@ -206,7 +217,7 @@ def _judged(rollout, trajectory, target):
 def _follow(options: SimulateOptions, model) -> int:
     """Have servos follow a joint trajectory, say what the tip did from the strike's beginning on; return the exit
     status."""
-    from whiptool.commands.optimize import arrival_table, outcome_lines, save_strike
+    from whiptool.commands.optimize import arrival_table, missed_by, outcome_lines, save_strike
     from whiptool.impedance import Controller
     from whiptool.impedance.position import PositionControl
     from whiptool.models.joint_trajectory import JointTrajectory
@@ -227,6 +238,7 @@ def _follow(options: SimulateOptions, model) -> int:
         "hit_radius": target.hit_radius,
         "miss_distance": outcome.miss_distance,
         "hit": outcome.hit,
+        "missed_by": missed_by(outcome, target),
         "time": outcome.time,
         "tip_speed": None if outcome.diverged else outcome.tip_speed,
         "arrival": arrival_table(outcome, target),

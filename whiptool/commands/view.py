@@ -48,12 +48,13 @@ class _Controlled(ControllerOptions, ModelOptions):
 
 @dataclass(frozen=True)
 class StrikeRun:
-    """The strike of a run folder; the label is its controller in words."""
+    """The strike of a run folder; the label is its controller in words, `beyond` which limit it is beyond, if any."""
 
     trajectory: Trajectory
     model: Model
     target: Target
     label: str
+    beyond: str | None = None
 
 
 _ABOUT = (
@@ -149,7 +150,16 @@ def read_strike(folder: Path) -> StrikeRun:
     if trajectory.q.shape[1:] != (model.coordinates,):
         given = f"{trajectory.q.shape[1]} coordinates"
         raise InputError(str(folder / TRAJECTORY), given, f"the model's {model.coordinates}")
-    return StrikeRun(trajectory, model, target, label)
+    return StrikeRun(trajectory, model, target, label, _beyond(folder))
+
+
+def _beyond(folder: Path) -> str | None:
+    """Which limit the strike of a run is beyond, as its result says; None: none that it knows."""
+    from whiptool.given_files import read_json
+    from whiptool.runs import RESULT
+
+    said = read_json(folder / RESULT).get("beyond") if (folder / RESULT).is_file() else None
+    return said if isinstance(said, str) else None
 
 
 def _part(group: type[T], table: dict[str, Any]) -> T:
@@ -173,14 +183,14 @@ def _write_page(folder: Path, strike: StrikeRun) -> None:
     from whiptool.viz.page import strike_page
     from whiptool.whole_files import write_whole
 
-    page = strike_page(strike.model, strike.trajectory, strike.target, label=strike.label)
+    page = strike_page(strike.model, strike.trajectory, strike.target, label=strike.label, beyond=strike.beyond)
     write_whole(folder / PAGE, page)
 
 
 def _write_video(folder: Path, strike: StrikeRun) -> None:
     from whiptool.viz.video import render_video
 
-    render_video(folder / VIDEO, strike.trajectory, strike.model, strike.target)
+    render_video(folder / VIDEO, strike.trajectory, strike.model, strike.target, beyond=strike.beyond is not None)
 
 
 def play(strike: StrikeRun) -> bool:
@@ -199,7 +209,8 @@ def play(strike: StrikeRun) -> bool:
     from whiptool.viz.opengl import add_bar, add_rod
 
     target, radius = np.array(strike.target.position), strike.target.hit_radius
-    film = film_of(strike.trajectory, strike.model, strike.target, fps=FPS, speed=1.0)
+    beyond = strike.beyond is not None
+    film = film_of(strike.trajectory, strike.model, strike.target, fps=FPS, speed=1.0, beyond=beyond)
     mj = build_spec(film.model, target=target, target_radius=radius).compile()
     data, paused = mujoco.MjData(mj), False
 

@@ -61,6 +61,7 @@ def film_of(
     fps: float,
     speed: float,
     size: tuple[int, int] = (960, 540),
+    beyond: bool = False,
 ) -> Film:
     """Return the film of a strike.
 
@@ -69,6 +70,7 @@ def film_of(
         target: What was to be hit.
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels].
+        beyond: The strike is beyond its limits: it is shown as no hit.
 
     Raises:
         InputError: The target has other coordinates than the model.
@@ -78,7 +80,7 @@ def film_of(
     t, tip = trajectory.t, trajectory.tip
     at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)
     near = trajectory.approach(place)
-    hit_time = target.hit_time(near)
+    hit_time = None if beyond else target.hit_time(near)
     tip_speed, distance = np.linalg.norm(trajectory.tip_velocity, axis=1), trajectory.distance(place)
     closest = np.interp(at, t, np.minimum.accumulate(distance))
     closest[at >= near.time[0]] = min(near.distance[0], distance.min())  # between two instants, nearer than at either

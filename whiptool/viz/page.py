@@ -12,7 +12,7 @@ from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Approach, Trajectory, joint_points
-from whiptool.target import Target, as_target
+from whiptool.target import Target, as_target, missed_words
 from whiptool.viz.plots import COLORS, joint_units, planned_end
 from whiptool.viz.templating import filled
 
@@ -21,7 +21,12 @@ MOST = 120_000  # numbers in a page; a longer strike is shown at a lower rate
 
 
 def strike_page(
-    model: Model, trajectory: Trajectory, target: Target | Sequence[float] | np.ndarray, *, label: str = ""
+    model: Model,
+    trajectory: Trajectory,
+    target: Target | Sequence[float] | np.ndarray,
+    *,
+    label: str = "",
+    beyond: str | None = None,
 ) -> str:
     """Return the page: the strike at an instant that a slider chooses, and its speed, angles and torques over time.
 
@@ -29,14 +34,17 @@ def strike_page(
         model, trajectory: The strike, and the model that it was rolled out with.
         target: What was to be hit, or its position (2,) or (3,) [m].
         label: The controller, in words.
+        beyond: Which limit the strike is beyond, in words: it is shown as no hit; None: it is within all.
     """
     goal = as_target(target)
     data = strike_data(model, trajectory, goal)
+    if beyond is not None:
+        data["hit_time"] = None
     period = 1e3 * float(np.median(np.diff(data["t"]))) if len(data["t"]) > 1 else 0.0
     return filled(
         "strike.html",
         title=f"Strike of {model.name}",
-        subtitle=_subtitle(trajectory, goal, label),
+        subtitle=_subtitle(trajectory, goal, label, beyond),
         period=f"{period:.2g}",
         colors=COLORS,
         data=data,
@@ -128,18 +136,33 @@ def _plain(values: np.ndarray, digits: int = 6) -> list[float | None]:
     return [float(f"{x:.{digits}g}") if np.isfinite(x) else None for x in values]
 
 
-def _subtitle(trajectory: Trajectory, goal: Target, label: str) -> str:
+def _subtitle(trajectory: Trajectory, goal: Target, label: str, beyond: str | None) -> str:
     near = trajectory.approach(goal)
     distance = float(near.distance[0])
-    said = "Misses" if goal.hit_time(near) is None else "Hits"
     where = ", ".join(f"{x:.3f}" for x in goal.position)
-    words = [f"{said} the target at ({where}) m, hit radius {goal.hit_radius:g} m"]
+    place = f"target at ({where}) m, hit radius {goal.hit_radius:g} m"
+    words = [f"{_verdict(goal, near)} the {place}"]
     if trajectory.diverged:
         words = [f"The simulation diverged at {trajectory.t[-1]:.4f} s; target at ({where}) m"]
+    elif beyond is not None:
+        words = [
+            f"Beyond its limits, and so no hit: {beyond}",
+            f"target at ({where}) m, hit radius {goal.hit_radius:g} m",
+        ]
     if np.isfinite(distance):
         words.append(f"closest {distance:.4f} m at {near.time[0]:.3f} s with {near.speed[0]:.1f} m/s")
         words += _arrival(goal, near)
     return "; ".join([*words, label] if label else words) + "."
+
+
+def _verdict(goal: Target, near: Approach) -> str:
+    """Whether the strike hits, and which of several things that are asked for it misses, and by how much."""
+    if goal.hit_time(near) is not None:
+        return "Hits"
+    if goal.goals.only_points:
+        return "Misses"
+    angle, speed = goal.goals.angle(near.velocity)[0], goal.goals.arrival_speed(near.velocity)[0]
+    return f"Misses {missed_words(goal.missed_by(near.distance[0], angle, speed))}:"
 
 
 def _arrival(goal: Target, near: Approach) -> list[str]:

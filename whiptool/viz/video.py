@@ -45,6 +45,7 @@ def render_video(
     speed: float = 0.25,
     size: tuple[int, int] = (960, 540),
     progress: Callable[[int, int], None] | None = None,
+    beyond: bool = False,
 ) -> str:
     """Write a film of a strike, seen from the side, or in space from the front right and above.
 
@@ -57,6 +58,7 @@ def render_video(
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels], both even.
         progress: Called as `progress(frames done, frames in all)` after each frame.
+        beyond: The strike is beyond its limits: it is shown as no hit.
 
     Returns:
         `"mujoco"` or `"matplotlib"`: what drew the frames.
@@ -71,7 +73,7 @@ def render_video(
     if any(x < 16 or x % 2 for x in size):
         raise InputError("size", size, "an even width and height of 16 pixels or more")
     goal = as_target(target)
-    film = film_of(trajectory, model, goal, fps=fps, speed=speed, size=size)
+    film = film_of(trajectory, model, goal, fps=fps, speed=speed, size=size, beyond=beyond)
     try:
         used, frames = "mujoco", _mujoco_frames(film, goal)
         frames = itertools.chain([next(frames)], frames)  # the first frame shows whether OpenGL works
