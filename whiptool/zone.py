@@ -307,9 +307,9 @@ def random_paths(
     rollout, bounds: StrikeBounds, count: int, rng: np.random.Generator, *, rate: float, progress: bool = False
 ) -> Iterator[np.ndarray]:
     """Tip paths of random strikes, some thousands at a time: (b, S, d) [m], NaN after a strike's end."""
-    from tqdm import tqdm
+    from whiptool.progress import Progress
 
-    with tqdm(total=count, unit=" strikes", disable=not progress, leave=False) as bar:
+    with Progress(total=count, unit=" strikes", disable=not progress, leave=False) as bar:
         for first in range(0, count, 4096):
             strikes = bounds.sample(rng, min(4096, count - first))
             yield rollout.tip_path(strikes, t_stay=T_STAY, rate=rate)[1]

@@ -156,14 +156,13 @@ class _Run:
 
     def search(self):
         """Search with a progress bar, every new trial written as it happens."""
-        from tqdm import tqdm
-
         from whiptool.optimizers import find_method, run_search
         from whiptool.optimizers.pareto_search import pareto_search
+        from whiptool.progress import Progress
 
         run = find_method(self.options.method) if self.options.pareto is None else pareto_search
         objective, known = self.objective, len(self.recorded)
-        with tqdm(
+        with Progress(
             total=self.options.max_trials,
             unit=" trials",
             file=sys.stderr,

@@ -245,15 +245,14 @@ class _Run:
 
     def train(self) -> int:
         """Train with a progress bar, log every episode, and strike at test targets at the end."""
-        from tqdm import tqdm
-
+        from whiptool.progress import Progress
         from whiptool.rl.event_log import EventLog
         from whiptool.rl.learner import Diverged
 
         training, options = self.training, self.options
         start = time.monotonic()
         board = EventLog(self.folder.path / "tensorboard", first_step=training.done + 1)
-        with tqdm(
+        with Progress(
             total=training.plan.episodes,
             initial=training.done,
             unit=" episodes",
@@ -300,9 +299,9 @@ class _Run:
     def _report(self, seconds: float) -> None:
         """Eq. 21 under every convention, as a file and for people."""
         import numpy as np
-        from tqdm import tqdm
 
         from whiptool.arrival_rule import sample_goals
+        from whiptool.progress import Progress
         from whiptool.rl.policy import CONVENTIONS, trials_to_hit
         from whiptool.runs import code_version
 
@@ -311,7 +310,7 @@ class _Run:
         print(f"striking at {counted(self.options.tests, 'target')} with the trained policy ...", file=sys.stderr)
         result: dict[str, Any] = {}
         for convention in CONVENTIONS:
-            with tqdm(total=self.options.tests, desc=convention, unit=" targets", leave=False) as bar:
+            with Progress(total=self.options.tests, desc=convention, unit=" targets", leave=False) as bar:
                 trials, hit = trials_to_hit(
                     self.training.learner,
                     self.tests,

@@ -88,15 +88,14 @@ def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> 
     Raises:
         InputError: There is neither a calibrated strike plane nor a camera in space, or the tip is never seen.
     """
-    from tqdm import tqdm
-
+    from whiptool.progress import Progress
     from whiptool.vision.recorded import RecordedCamera
     from whiptool.vision.source import frames_of
     from whiptool.vision.space_view import track_view
     from whiptool.vision.tracking import track
 
     camera = RecordedCamera(video)
-    frames = tqdm(
+    frames = Progress(
         frames_of(camera),
         total=len(camera),
         unit=" frames",

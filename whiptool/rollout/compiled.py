@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
 from whiptool.dynamics.modes import explicit_timestep
@@ -19,6 +18,7 @@ from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace
 from whiptool.models.numbers import array_of, texts, whole
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY
+from whiptool.progress import Progress
 from whiptool.rollout.batch import Batch, Engine
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
 from whiptool.rollout.interface import (
@@ -130,7 +130,7 @@ class CompiledRollout(Rollout):
                 raise InputError(name, given, f"a list of {B}, one for each strike, or none")
         targets = target_points(target, B, self.model.dimension)
         engine, out = self._engine(forward=False), np.empty((B, outcome_columns(a, self.model.dimension).width))
-        bar = tqdm(total=B, unit=" strikes", disable=not progress, leave=False)
+        bar = Progress(total=B, unit=" strikes", disable=not progress, leave=False)
         for first in range(0, B, _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             batch = self._batch(

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from tqdm import tqdm
 
 from whiptool.goals import Goals
 from whiptool.models.strike import strike_names
+from whiptool.progress import Progress
 from whiptool.strike_map.striker import Striker
 
 RATE = 500.0  # [1/s] at which paths are looked at: differences between samples are velocities to a part in a thousand
@@ -73,7 +73,7 @@ class Answers:
         """
         names, d = strike_names(striker.rollout.model.arm), striker.rollout.model.dimension
         parts = [cls.none(strikes.shape[1], d)]
-        for first in tqdm(range(0, len(strikes), _AT_ONCE), desc="derivatives", disable=not progress, leave=False):
+        for first in Progress(range(0, len(strikes), _AT_ONCE), desc="derivatives", disable=not progress, leave=False):
             here = (which >= first) & (which < first + _AT_ONCE)
             some, row, sample = strikes[first : first + _AT_ONCE], which[here] - first, when[here]
             _, paths, slopes = striker.rollout.tip_path(some, t_stay=striker.t_stay, rate=RATE, names=names)

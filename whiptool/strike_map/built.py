@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from tqdm import tqdm
-
 from whiptool.errors import InputError
+from whiptool.progress import Progress
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.building import Building
 from whiptool.strike_map.goal_region import GoalRegion
@@ -22,7 +21,7 @@ def built(building: Building, folder: Path) -> StrikeMap:
     """Return the map of a building; what of it is not in the folder yet is made, each part written when it is."""
     plan = building.plan
     parts = load_parts(folder, plan.parts)
-    with tqdm(total=plan.parts, initial=len(parts), unit=" parts", desc="map", file=sys.stderr, leave=False) as bar:
+    with Progress(total=plan.parts, initial=len(parts), unit=" parts", desc="map", file=sys.stderr, leave=False) as bar:
         while len(parts) < plan.parts:
             parts.append(building.part(parts))
             save_part(folder, len(parts) - 1, parts[-1])

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from tqdm import tqdm
 
 from whiptool.extras import optional
 from whiptool.goals import Goals
+from whiptool.progress import Progress
 from whiptool.strike_map.candidates import Candidates
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
@@ -74,7 +74,7 @@ class Gate:
         optimizer = torch.optim.AdamW(gate.layers.parameters(), lr=_RATE, weight_decay=_DECAY)
         steps = _EPOCHS * -(-len(x) // _BATCH)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-        for _ in tqdm(range(_EPOCHS), desc="gate", disable=not progress, leave=False):
+        for _ in Progress(range(_EPOCHS), desc="gate", disable=not progress, leave=False):
             for rows in torch.randperm(len(x), generator=generator).split(_BATCH):
                 loss = torch.nn.functional.binary_cross_entropy_with_logits(gate.layers(x[rows])[0, :, 0], y[rows])
                 optimizer.zero_grad()

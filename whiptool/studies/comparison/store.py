@@ -53,14 +53,14 @@ class Store:
             UnitFailed: One of them failed; what others gave is kept.
             InputError: A stored result is damaged.
         """
-        from tqdm import tqdm
+        from whiptool.progress import Progress
 
         names = {unit.name: unit for unit in units}
         results = {name: self._read(name) for name in names if self._file(name).exists()}
         todo = {name: unit for name, unit in names.items() if name not in results}
         alone = self.workers == 1 and self.cluster is None
         work = Work(self.checkpoints, None if alone else max(1, (os.cpu_count() or 1) // self.workers))
-        with tqdm(
+        with Progress(
             total=len(names),
             initial=len(results),
             unit=" units",
