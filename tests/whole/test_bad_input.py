@@ -448,7 +448,7 @@ compare --methods | --methods
 compare --methods sca | method
 compare --observation | --observation
 compare --observation god | --observation
-compare --methods ga --observation goal | --observation
+compare --methods ga --observation tip | --observation
 compare --methods ga --episodes 600 | --episodes
 compare --methods ga --hindsight 1 | --hindsight
 compare --methods sac --observation tip --further-episodes 60 | --further-episodes

@@ -156,8 +156,8 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
 
     methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
     """Methods of whiptool.optimize; random always stands beside them. sac, td3, ddpg, ppo are trained once per seed."""
-    observation: tuple[Observation, ...] = ("tip", "relative", "goal")
-    """What learners see."""
+    observation: tuple[Observation, ...] = ("goal",)
+    """What learners see; they are trained anew for each that is named."""
     zone: Literal["disc", "fast"] = "disc"
     """Where targets are drawn: disc (of --zone-radius), or fast: wherever the tip of random strikes is fast (3 m/s)."""
 
@@ -183,7 +183,7 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
 
 _EXAMPLE = (
     "Trials to the first hit of many random targets, method by method (Fig. 6). "
-    "Example: python -m whiptool.compare --quick --methods directl sac --observation goal"
+    "Example: python -m whiptool.compare --quick --methods directl sac"
 )
 
 

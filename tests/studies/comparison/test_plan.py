@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from flights import scene
 
+from whiptool.commands.compare import CompareOptions
 from whiptool.errors import InputError
+from whiptool.studies.comparison.learner_unit import LearnerUnit
 from whiptool.studies.comparison.plan import CHUNK, Comparison
 from whiptool.studies.comparison.units import SearchUnit
 
@@ -49,3 +51,12 @@ def test_nothing_is_compared_with_nothing():
     with pytest.raises(InputError, match="tarot"):
         Comparison(scene=scene(), methods=("random", "tarot"))
     Comparison(scene=scene(targets=1, cap=1, radii=(0.1,)), methods=("random",), seeds=1)
+
+
+def test_a_learner_is_trained_under_one_observation_unless_more_are_asked_for():
+    """On the command line as in Python."""
+    for usual in (Comparison(scene=scene(), methods=("sac",)).observations, CompareOptions().observation):
+        assert usual == ("goal",)
+    asked = Comparison(scene=scene(), methods=("sac", "ga"), observations=("tip", "goal"), seeds=2).units()
+    learners = [unit.name for unit in asked if isinstance(unit, LearnerUnit)]
+    assert learners == ["sac-tip-seed0", "sac-tip-seed1", "sac-goal-seed0", "sac-goal-seed1"]

@@ -38,7 +38,7 @@ class Comparison:
 
     scene: Scene
     methods: tuple[str, ...] = PAPER_METHODS
-    observations: tuple[str, ...] = OBSERVATIONS
+    observations: tuple[str, ...] = ("goal",)
     seeds: int = 3
     episodes: int = 500
     trials: int = 100
