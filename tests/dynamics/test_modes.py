@@ -8,6 +8,7 @@ import casadi as ca
 import mujoco
 import numpy as np
 import pytest
+from dense_inverse import dense_slopes, inverse_dynamics
 from random_space import loop_of, random_model, random_rods, random_state
 from scipy.linalg import eigh
 from scipy.special import jn_zeros, roots_laguerre
@@ -380,7 +381,7 @@ def test_rods_linearised_at_rest_are_the_slopes_of_their_accelerations(seed: int
     q0 = start_posture(model, np.array([[0.4, -0.3, 0.6]]))[0]
     loop, p = loop_of(model)
     still, n, a, h = np.zeros(loop.n), model.n, 3, 1e-6
-    hold = float_column(ca.Function("hold", [loop.p], [loop.inverse_dynamics(q0, still, still)[:a]])(p))
+    hold = float_column(ca.Function("hold", [loop.p], [inverse_dynamics(loop, q0, still, still)[:a]])(p))
     assert np.abs(loop.acceleration(np.r_[q0, still], 0, p, hold).full()).max() < 1e-8
     d = q0[a:].reshape(-1, 3)
     assert np.abs(d[:, :2]).max() > 0.1  # it is bent
@@ -398,6 +399,26 @@ def test_rods_linearised_at_rest_are_the_slopes_of_their_accelerations(seed: int
             of_rods = [turn_from_down(x)[:, :2].T @ y for x, y in zip(d, slope[a:].reshape(-1, 3), strict=True)]
             expected = np.r_[slope[:a], np.concatenate(of_rods)]
             np.testing.assert_allclose(A[n:, column], expected, rtol=0, atol=1e-5 * np.abs(A[n:]).max())
+
+
+@pytest.mark.parametrize("kind", ["universal", "rod"])
+def test_derivatives_from_link_to_link_are_those_of_the_whole_chain(kind: str):
+    """Of an arm and a whip that move and bend, with drag, friction and all else, as one expression has them."""
+    a, rng = 3, np.random.default_rng(3)
+    if kind == "universal":
+        model, across = random_model(1, a, 8, forces=True), None
+        q, v, _ = random_state(model, 1)
+    else:
+        model = random_rods(1, a, 8)
+        d = rng.normal(size=(8, 3))
+        d /= np.linalg.norm(d, axis=1, keepdims=True)
+        rate = np.cross(rng.uniform(-4, 4, (8, 3)), d)
+        q, v = np.r_[rng.uniform(-1, 1, a), d.ravel()], np.r_[rng.uniform(-2, 2, a), rate.ravel()]
+        across = np.array([turn_from_down(row)[:, :2] for row in d])
+    loop, p = loop_of(model)
+    linear, dense = linearise(model, q, v), dense_slopes(loop, p, q, v, across)
+    for name, expected in zip("MCK", dense, strict=True):
+        np.testing.assert_allclose(getattr(linear, name), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def float_column(x) -> np.ndarray:
@@ -426,7 +447,7 @@ def test_inverse_dynamics_of_moving_rods_undoes_their_forward_dynamics():
             rng.uniform(-1, 1, a),
         )
         qdd = loop.acceleration(np.r_[q, v], 0, p, tau).full()[:, 0]
-        found = float_column(ca.Function("inverse", [loop.p], [loop.inverse_dynamics(q, v, qdd)])(p))
+        found = float_column(ca.Function("inverse", [loop.p], [inverse_dynamics(loop, q, v, qdd)])(p))
         np.testing.assert_allclose(found[:a], tau, atol=1e-9)
         assert np.abs(np.cross(found[a:].reshape(5, 3), d)).max() < 1e-9  # along it, a rod has no inertia
 

@@ -12,7 +12,7 @@ import casadi as ca
 from whiptool.dynamics.articulated import SpatialAcceleration, SpatialCarried, SpatialFrame
 from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.integrator import GAMMA
-from whiptool.dynamics.rods import RodFrame, bend, torque_of
+from whiptool.dynamics.rods import RodFrame, bend
 from whiptool.dynamics.serial_arm import ArmMotion, ArmPosture, Body, LedMotion, SerialArm, solve
 from whiptool.dynamics.structure import HINGES, Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
@@ -104,8 +104,8 @@ class ClosedLoop(System):
         return of
 
     @property
-    def _friction(self) -> ca.SX:
-        """Of the arm's joints, (a, 1)."""
+    def friction(self) -> ca.SX:
+        """Viscous friction of the arm's joints, (a, 1)."""
         return self._arm_numbers["friction"]
 
     def _spatial_arm(self) -> SerialArm:
@@ -183,7 +183,7 @@ class ClosedLoop(System):
             q_d, v_d, a_d = self.reference(t)
             tau = expression(law, q_d - q, v_d - v) + weight
             if self.structure.feedforward:
-                tau += self.bare_arm.inverse(q_d, v_d, a_d, 0.0) + self._friction * v_d
+                tau += self.bare_arm.inverse(q_d, v_d, a_d, 0.0) + self.friction * v_d
         if self.structure.limits:
             limit = P["torque_limit"]
             tau = ca.fmin(ca.fmax(tau, -limit), limit)
@@ -258,7 +258,7 @@ class ClosedLoop(System):
         weight = motion.weight + motion.jacobian[5, :].T * (self._compensated[1] * P["gravity"])
         hand = HandNow(motion.place, motion.turned, motion.jacobian) if self.structure.hand else None
         tau, gain = self._torque_and_gain(now, weight, hand)
-        friction = self._friction
+        friction = self.friction
         braked = GAMMA * now.h * friction
         loop = ca.SX.zeros(a, a) if gain is None else GAMMA * now.h * gain
         torque = tau - friction * now.v
@@ -278,7 +278,7 @@ class ClosedLoop(System):
         moment = ca.mtimes(carried.J, angular) + ca.mtimes(carried.H, linear) + carried.moment
         force = ca.mtimes(carried.H.T, angular) + ca.mtimes(carried.M, linear) + carried.force
         load = ca.mtimes(motion.jacobian.T, ca.vertcat(moment, force))
-        torque = motion.torque + self._friction * now.v + load
+        torque = motion.torque + self.friction * now.v + load
         return Reaction(now.u, SpatialAcceleration(angular, linear), torque)
 
     def lead(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -368,38 +368,6 @@ class ClosedLoop(System):
                 V += ca.sum1(joint.stiffness * bent**2 / 2 + joint.cubic_stiffness * bent**4 / 4)
             frame = end
         return ca.Function("energies", [q, v, self.p], [T, V], {"cse": True})
-
-    def inverse_dynamics(self, q: ca.SX, v: ca.SX, qdd: ca.SX) -> ca.SX:
-        """Return the torques of all joints (n, 1) [N m] that give accelerations `qdd` beside those of springs, dampers,
-        friction and drag, by recursive Newton-Euler; of a rod the torque on its turning, in the world's axes (3, 1)."""
-        a, K, gravity = self.n_drive, self.link_size, self.parameters["gravity"]
-        motion = self.arm.motion(q[:a], v[:a], gravity, [])
-        hand = motion.drift + ca.mtimes(motion.jacobian, qdd[:a])
-        frame = self.hand(q[:a], v[:a], ca.SX.zeros(self.n_inputs), ca.SX.zeros(a)).frame
-        angular, linear, links = hand[:3], hand[3:], []
-        for i in range(self.n_links):
-            w = ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values()))
-            own, link = slice(a + K * i, a + K * (i + 1)), self.link(w)[0]
-            frame, moving, passive, _ = self.move_link(frame, q[own], v[own], w, ca.SX(0), None)
-            if self.hinges:
-                angular = angular + moving.turning + ca.mtimes(moving.axes, qdd[own])
-                linear = linear + ca.cross(angular, moving.r) + moving.centripetal
-            else:
-                linear = linear + link.length * qdd[own]
-            links.append((moving, passive, link.mass * linear - moving.drag, link.inertia * angular))
-        torques, force, moment, twist = [], ca.SX.zeros(3), ca.SX.zeros(3), self.twist(frame)
-        for moving, passive, own_force, own_moment in reversed(links):
-            force = force + own_force
-            if self.hinges:
-                moment = moment + own_moment + ca.cross(moving.r, force)
-                torques.append(ca.mtimes(moving.axes.T, moment) - passive)
-            else:  # what is before a rod feels its joint's torque alone
-                own, twist = torque_of(passive, twist)
-                torques.append(ca.cross(moving.r, force) - own + moment)
-                moment = own
-        of_arm = self.arm.inverse(q[:a], v[:a], qdd[:a], gravity) + self._friction * v[:a]
-        of_arm += ca.mtimes(motion.jacobian.T, ca.vertcat(moment, force))
-        return ca.vertcat(of_arm, *reversed(torques))
 
     @cached_property
     def mass_matrix(self) -> ca.Function:

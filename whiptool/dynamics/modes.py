@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import block_diag, eigh
+from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 
+from whiptool.dynamics import inverse
 from whiptool.dynamics.chain import Chain, chain_of, inverse_dynamics, passive_torque
+from whiptool.dynamics.closed_loop import Structure, closed_loop
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.models.kinematics import joint_points
@@ -76,37 +78,45 @@ def _in_plane(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray) -> list[np.n
     return _slopes(force, q0, v0)
 
 
-def _in_space(model: Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
+def _in_space(model: Model, q0: np.ndarray, v0: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """M, C and K of an arm and whip in space."""
-    from whiptool.dynamics.closed_loop import Structure, closed_loop
     from whiptool.impedance.controller import Controller
 
     controller = Controller()  # any: only arm and whip are used
     structure = Structure.of(model, controller)
     loop, n, a = closed_loop(structure), model.n, model.arm.n
-    x, dx, ddx = (ca.SX.sym(name, n) for name in ("x", "dx", "ddx"))
-    if loop.hinges:
-        start, rate = q0, v0
-        force = loop.inverse_dynamics(x, dx, ddx)
-    else:
-        across = _across_rods(q0[a:], v0[a:])
-        start, rate = np.r_[q0[:a], np.zeros(n - a)], np.r_[v0[:a], across.T @ v0[a:]]
-        q, turns = _near_rods(a, q0, across, x)
-        v = ca.jtimes(q, x, dx)
-        qdd = ca.jtimes(v, x, dx) + ca.jtimes(q, x, ddx)
-        force = ca.mtimes(turns.T, loop.inverse_dynamics(q, v, qdd))
     p = structure.pack(model, controller, np.ones((1, 2 * a + 1)))[0]
-    return _slopes(ca.Function("force", [x, dx, ddx, loop.p], [force], {"cse": True}), start, rate, p)
+    if loop.hinges:
+        return inverse.slopes(loop, p, q0, v0, _hinges, np.zeros((model.whip.N, 0)))
+    across = _across_rods(q0[a:], v0[a:])  # (N, 3, 2)
+    directions, rates = (x[a:].reshape(-1, 3) for x in (q0, v0))
+    start, rate = np.r_[q0[:a], np.zeros(n - a)], np.r_[v0[:a], np.einsum("nij,ni->nj", across, rates).ravel()]
+    return inverse.slopes(loop, p, start, rate, _near_rod, np.hstack([directions, across.reshape(-1, 6)]))
 
 
-def _slopes(force: ca.Function, q0: np.ndarray, v0: np.ndarray, *parameters: np.ndarray) -> list[np.ndarray]:
-    """Derivatives of a force (q, v, a, ...) by accelerations, speeds and positions, (n, n) each.
+def _hinges(q: ca.SX, v: ca.SX, qdd: ca.SX, _: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """A universal joint's angles with two derivatives, and how they turn it, which is the angles themselves."""
+    return q, v, qdd, ca.SX.eye(2)
+
+
+def _near_rod(x: ca.SX, dx: ca.SX, ddx: ca.SX, at: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """A rod's direction with two derivatives (3, 1), for deviations x (2, 1) from its direction towards two axes, both
+    in `at` (9, 1), and how x turns it (3, 2)."""
+    moved = at[:3] + ca.mtimes(ca.reshape(at[3:], 2, 3).T, x)
+    d = moved / ca.norm_2(moved)
+    rate = ca.jtimes(d, x, dx)
+    acceleration = ca.jtimes(rate, x, dx) + ca.jtimes(d, x, ddx)
+    return d, rate, acceleration, ca.mtimes(ca.skew(d), ca.jacobian(d, x))
+
+
+def _slopes(force: ca.Function, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
+    """Derivatives of a force (q, v, a) by accelerations, speeds and positions, (n, n) each.
 
     One direction after the other, through the recursion over the links: whole Jacobians of n joints, as expressions,
     are longer by n.
     """
     n = len(q0)
-    point = [q0, v0, np.zeros(n), *parameters]
+    point = [q0, v0, np.zeros(n)]
     along = force.forward(1).map(n)
     here = [np.repeat(x[:, None], n, axis=1) for x in (*point, np.zeros(n))]  # the last is the force itself, not used
     found = []
@@ -118,7 +128,7 @@ def _slopes(force: ca.Function, q0: np.ndarray, v0: np.ndarray, *parameters: np.
 
 
 def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Two unit vectors across each of N rods (3 N,), as columns of a matrix (3 N, 2 N).
+    """Two unit vectors across each of N rods (3 N,), (N, 3, 2).
 
     Raises:
         InputError: A direction is not a unit vector, or its rate is not across it.
@@ -128,7 +138,7 @@ def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
         raise InputError("q0", directions.tolist(), "unit vectors, for rods")
     if np.abs((d * rate).sum(axis=1)).max() > 1e-9 * max(1.0, np.abs(rate).max()):
         raise InputError("v0", rates.tolist(), "rates across the rods' directions")
-    return np.asarray(block_diag(*(_least_turn(row)[:, :2] for row in d)))
+    return np.array([_least_turn(row)[:, :2] for row in d])
 
 
 def _least_turn(d: np.ndarray) -> np.ndarray:
@@ -140,16 +150,6 @@ def _least_turn(d: np.ndarray) -> np.ndarray:
     return np.eye(3) + W + W @ W / (1 - d[2])
 
 
-def _near_rods(a: int, q0: np.ndarray, across: np.ndarray, x: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Coordinates (a + 3 N, 1) of deviations x (a + 2 N, 1), and how these turn joints and rods (a + 3 N, a + 2 N)."""
-    moved = q0[a:] + ca.mtimes(across, x[a:])
-    directions = [d / ca.norm_2(d) for d in ca.vertsplit(moved, 3)]
-    q = ca.vertcat(x[:a], *directions)
-    slopes = ca.jacobian(q, x)
-    rods = [ca.mtimes(ca.skew(d), slopes[a + 3 * i : a + 3 * i + 3, :]) for i, d in enumerate(directions)]
-    return q, ca.vertcat(slopes[:a, :], *rods)
-
-
 def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
     n = len(M)
     return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])  # (2 n, 2 n)
@@ -159,7 +159,8 @@ def _displacements(model: Model, q: np.ndarray, x: np.ndarray) -> np.ndarray:
     """How hand, nodes and tip move with small deviations x (k, n) of the joints from q, (k, N + 1, d)."""
     a, step = model.arm.n, 1e-6
     if model.whip.joints == "rod":
-        x = np.hstack([x[:, :a], x[:, a:] @ _across_rods(q[a:], 0 * q[a:]).T])
+        moved = np.einsum("nij,knj->kni", _across_rods(q[a:], 0 * q[a:]), x[:, a:].reshape(len(x), -1, 2))
+        x = np.hstack([x[:, :a], moved.reshape(len(x), -1)])
     return (joint_points(model, q + step * x) - joint_points(model, q - step * x))[:, a:] / (2 * step)
 
 

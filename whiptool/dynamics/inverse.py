@@ -1,0 +1,214 @@
+"""Inverse dynamics of an arm and whip in space by recursive Newton-Euler, one link at a time, and its derivatives.
+
+The derivatives of a chain of N links follow from those of one link, by the chain rule from link to link: no expression
+is longer than a link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from whiptool.dynamics.closed_loop import ClosedLoop
+from whiptool.dynamics.records import Stored
+from whiptool.dynamics.rods import torque_of
+
+
+class Reached(NamedTuple):
+    """Where a link begins, and how that point and the link before accelerate, weight being the base's acceleration:
+    angular and linear, (3, 1) each."""
+
+    frame: Any
+    angular: ca.SX
+    linear: ca.SX
+
+
+class Pull(NamedTuple):
+    """What a link needs of its joint: from the joint to its end and the hinges' axes (3, K); the joint's own torques,
+    as `System.move_link` gives them; the force on its mass (3, 1) [N], and the moment on its inertia (3, 1) [N m]."""
+
+    r: ca.SX
+    axes: ca.SX
+    passive: ca.SX
+    force: ca.SX
+    moment: ca.SX
+
+
+class Felt(NamedTuple):
+    """What the link before feels: moment and force (3, 1) each, and the twist of rods (2, 1), of hinges (0, 1)."""
+
+    moment: ca.SX
+    force: ca.SX
+    twist: ca.SX
+
+
+def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
+    """Return where the whip begins, for the arm's joints (a, 1)."""
+    a = loop.n_drive
+    motion = loop.arm.motion(q, v, loop.parameters["gravity"], [])
+    moves = motion.drift + ca.mtimes(motion.jacobian, qdd)
+    return Reached(loop.hand(q, v, ca.SX.zeros(loop.n_inputs), ca.SX.zeros(a)).frame, moves[:3], moves[3:])
+
+
+def outward(loop: ClosedLoop, at: Reached, q: ca.SX, v: ca.SX, qdd: ca.SX, w: ca.SX) -> tuple[Reached, Pull]:
+    """Return where a link of the numbers w ends, and what it needs, for its coordinates (K, 1)."""
+    link = loop.link(w)[0]
+    frame, moving, passive, _ = loop.move_link(at.frame, q, v, w, ca.SX(0), None)
+    angular, linear = at.angular, at.linear
+    if loop.hinges:
+        angular = angular + moving.turning + ca.mtimes(moving.axes, qdd)
+        linear = linear + ca.cross(angular, moving.r) + moving.centripetal
+    else:
+        linear = linear + link.length * qdd
+    force = link.mass * linear - moving.drag
+    axes = moving.axes if loop.hinges else ca.SX(3, 0)
+    return Reached(frame, angular, linear), Pull(moving.r, axes, passive, force, link.inertia * angular)
+
+
+def at_tip(loop: ClosedLoop, frame: Any) -> Felt:
+    """Return what the last link feels at the tip: nothing, but for how rods twist."""
+    return Felt(ca.SX.zeros(3), ca.SX.zeros(3), loop.twist(frame))
+
+
+def inward(loop: ClosedLoop, felt: Felt, pull: Pull) -> tuple[Felt, ca.SX]:
+    """Return what the link before feels, and the torques that this one's joint needs beside its own: of each hinge
+    (K, 1) [N m], of a rod on its turning, in the world's axes (3, 1)."""
+    force = felt.force + pull.force
+    levered = pull.moment + ca.cross(pull.r, force)
+    if loop.hinges:
+        moment = felt.moment + levered
+        return Felt(moment, force, felt.twist), ca.mtimes(pull.axes.T, moment) - pull.passive
+    own, twist = torque_of(pull.passive, felt.twist)  # what is before a rod feels its joint's torque alone
+    return Felt(own, force, twist), felt.moment + levered - own
+
+
+def of_arm(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX, felt: Felt) -> ca.SX:
+    """Return the torques (a, 1) [N m] that the arm's joints need beside their friction and what is felt at the hand."""
+    gravity = loop.parameters["gravity"]
+    jacobian = loop.arm.motion(q, v, gravity, []).jacobian
+    own = loop.arm.inverse(q, v, qdd, gravity) + loop.friction * v
+    return own + ca.mtimes(jacobian.T, ca.vertcat(felt.moment, felt.force))
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Derivatives
+
+Near = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], tuple[ca.SX, ca.SX, ca.SX, ca.SX]]
+
+
+class _Step(NamedTuple):
+    """A step along a chain: from a state (S, 1) and what comes to it (U, 1) to the next state and what is told (Y, 1);
+    and its derivatives, (S + Y, S + U)."""
+
+    value: ca.Function
+    slopes: ca.Function
+
+    @classmethod
+    def of(cls, state: ca.SX, come: ca.SX, fixed: ca.SX, following: ca.SX, told: ca.SX) -> _Step:
+        """Of expressions; `fixed` are numbers that nothing is differentiated by."""
+        inputs = [state, come, fixed]
+        slopes = ca.jacobian(ca.vertcat(following, told), ca.vertcat(state, come))
+        return cls(
+            ca.Function("step", inputs, [ca.densify(following), ca.densify(told)], {"cse": True}),
+            ca.Function("slopes", inputs, [ca.densify(slopes)], {"cse": True}),
+        )
+
+    def along(self, start: np.ndarray, come: np.ndarray, fixed: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return the state after N steps (S,), what each told (N, Y), and the derivatives of each (N, S + Y, S + U)."""
+        N = len(come)
+        states, told = (x.full() for x in self.value.mapaccum(N)(start, come.T, fixed.T))
+        before = np.column_stack([start, states[:, :-1]])
+        slopes = self.slopes.map(N)(before, come.T, fixed.T).full()
+        return states[:, -1], told.T, slopes.reshape(len(slopes), N, -1).transpose(1, 0, 2)
+
+
+def slopes(
+    loop: ClosedLoop, p: np.ndarray, start: np.ndarray, rate: np.ndarray, near: Near, fixed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the derivatives of all torques by accelerations, speeds and positions, (n, n) each.
+
+    Each of the N links is told by two numbers, and its torques are those on the turns that these two make.
+
+    Args:
+        loop: Of a structure in space.
+        p: Its parameters, (P,).
+        start, rate: Positions of the arm's a joints and numbers of the links, and how fast they change, (a + 2 N,);
+            nothing accelerates.
+        near: Of a link's numbers, their first and second derivatives (2, 1) and its fixed numbers (F, 1), the link's
+            coordinates and their derivatives (K, 1), and how its numbers turn it (K, 2).
+        fixed: Of each link, (N, F).
+    """
+    a, N = loop.n_drive, loop.n_links
+    states = (start, rate, np.zeros_like(start))
+    at_arm, at_links = np.hstack([x[:a] for x in states]), np.hstack([x[a:].reshape(N, 2) for x in states])
+    numbers = np.array([[p[first + i * by] for first, by in loop.link_columns.values()] for i in range(N)])
+
+    hand, out, tip, back, base = _functions(loop, near, fixed.shape[1])
+    begins, by_arm = (x.full() for x in hand(at_arm, p))
+    ends, pulls, outward_slopes = out.along(begins[:, 0], at_links, np.hstack([numbers, fixed]))
+    felt, by_tip = (x.full() for x in tip(ends))
+    felt, _, inward_slopes = back.along(felt[:, 0], pulls[::-1], np.zeros((N, 0)))
+    by_base = base(at_arm, felt, p).full()
+
+    moved = np.zeros((len(begins), 3 * a + 6 * N))  # by all of the arm's numbers, then by each link's
+    moved[:, : 3 * a] = by_arm
+    pulled = np.empty((N, pulls.shape[1], moved.shape[1]))
+    for i, by in enumerate(outward_slopes):
+        both = by[:, : len(moved)] @ moved
+        both[:, 3 * a + 6 * i : 3 * a + 6 * (i + 1)] += by[:, len(moved) :]
+        moved, pulled[i] = np.split(both, [len(moved)])
+    torques, moved = np.empty((a + 2 * N, moved.shape[1])), by_tip @ moved
+    for i, by in zip(reversed(range(N)), inward_slopes, strict=True):
+        moved, torques[a + 2 * i : a + 2 * (i + 1)] = np.split(by @ np.vstack([moved, pulled[i]]), [len(moved)])
+    torques[:a] = by_base[:, 3 * a :] @ moved
+    torques[:a, : 3 * a] += by_base[:, : 3 * a]
+    of_links = 3 * a + np.arange(6 * N).reshape(N, 3, 2)
+    K, C, M = (torques[:, np.r_[k * a : (k + 1) * a, of_links[:, k].ravel()]] for k in range(3))
+    return M, C, K
+
+
+def _functions(
+    loop: ClosedLoop, near: Near, n_fixed: int
+) -> tuple[ca.Function, _Step, ca.Function, _Step, ca.Function]:
+    """Return the hand's state and its derivatives, of the arm's numbers; the steps from link to link; what is felt at
+    the tip and its derivatives, of the state there; the steps back; and the arm's torques' derivatives."""
+    arm, accelerations = ca.SX.sym("arm", 3 * loop.n_drive), ca.SX.sym("accelerations", 6)
+    u, w, f = ca.SX.sym("u", 6), ca.SX.sym("w", len(loop.link_columns)), ca.SX.sym("f", n_fixed)
+    q, v, qdd, turns = near(*_thirds(u), f)
+    hand = at_hand(loop, *_thirds(arm))
+
+    def follow(frame: Any) -> tuple[Reached, Pull]:
+        return outward(loop, Reached(frame, accelerations[:3], accelerations[3:]), q, v, qdd, w)
+
+    frame = Stored.along(hand.frame, "frame", lambda record: follow(record)[0].frame)
+    begin, (end, pull) = ca.vertcat(frame.symbols, accelerations), follow(frame.record)
+    state, at_end = (ca.vertcat(frame.column(x.frame), x.angular, x.linear) for x in (hand, end))
+    tip = at_tip(loop, frame.record)
+    felt, pulled = (tuple(ca.SX.sym("x", *x.shape) for x in parts) for parts in (tip, (*pull, turns)))
+    *of_link, turned = pulled
+    before, torque = inward(loop, Felt(*felt), Pull(*of_link))
+    out = _Step.of(begin, u, ca.vertcat(w, f), at_end, _flat(*pull, turns))
+    back = _Step.of(_flat(*felt), _flat(*pulled), ca.SX(0, 1), _flat(*before), ca.mtimes(turned.T, torque))
+    on_arm = of_arm(loop, *_thirds(arm), Felt(*felt))
+    by_arm, by_tip = ca.jacobian(state, arm), ca.jacobian(_flat(*tip), begin)
+    by_base = ca.jacobian(on_arm, ca.vertcat(arm, _flat(*felt)))
+    return (
+        ca.Function("hand", [arm, loop.p], [state, by_arm], {"cse": True}),
+        out,
+        ca.Function("tip", [begin], [_flat(*tip), by_tip]),
+        back,
+        ca.Function("base", [arm, _flat(*felt), loop.p], [by_base], {"cse": True}),
+    )
+
+
+def _thirds(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    n = x.numel() // 3
+    return x[:n], x[n : 2 * n], x[2 * n :]
+
+
+def _flat(*parts: ca.SX) -> ca.SX:
+    """All numbers of matrices, one column after the other."""
+    return ca.vertcat(*(ca.vec(ca.densify(ca.SX(x))) for x in parts))
