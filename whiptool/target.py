@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from whiptool.errors import InputError, expect
 from whiptool.goals import CONE, Goals, arrival_directions
-from whiptool.models.arrays import Vector
+from whiptool.models.arrays import Vector, made_of_numbers
 from whiptool.models.numbers import array_of, number, numbers
 from whiptool.models.parameters import Model
 
@@ -24,9 +24,12 @@ TARGET = (1.3, 0.0)  # [m], centre of the target zone; not printed in the paper
 _COORDINATES = {2: "two coordinates x y", 3: "three coordinates x y z"}
 
 
+@made_of_numbers(lambda place: (place,))
 @dataclass(frozen=True)
 class Target(Vector):
     """A point to hit, and how the tip has to arrive there; as an array or a list, its position.
+
+    `Target(1.25, 0.2)` is `Target((1.25, 0.2))`; all else is then named: `Target(1.25, 0.2, hit_radius=0.03)`.
 
     Args:
         position: (x, y) in the plane, (x, y, z) in space [m].
@@ -48,6 +51,29 @@ class Target(Vector):
     cone: float = CONE
     speed: float | None = None
     sight: tuple[float, ...] | None = None
+
+    if TYPE_CHECKING:
+
+        @overload
+        def __init__(
+            self,
+            position: Sequence[float] = TARGET,
+            hit_radius: float = HIT_RADIUS,
+            direction: Sequence[float] | None = None,
+            cone: float = CONE,
+            speed: float | None = None,
+            sight: Sequence[float] | None = None,
+        ) -> None: ...
+        @overload
+        def __init__(
+            self,
+            *position: float,
+            hit_radius: float = HIT_RADIUS,
+            direction: Sequence[float] | None = None,
+            cone: float = CONE,
+            speed: float | None = None,
+            sight: Sequence[float] | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         rule = "two finite coordinates x y in m, or three in space"

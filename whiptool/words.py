@@ -1,4 +1,4 @@
-"""Numbers as people read them: counts with their nouns, ratios, and what only a rounding is left of."""
+"""Numbers as people read them: counts with their nouns, ratios, what only a rounding is left of; names as written."""
 
 from __future__ import annotations
 
@@ -17,6 +17,16 @@ def rounded(x: float, digits: int = 3) -> str:
 def fixed(x: float, digits: int = 2) -> str:
     """Return a number with so many digits after the point, and `none` where it is no number."""
     return f"{x:.{digits}f}" if math.isfinite(x) else "none"
+
+
+def method_name(written: str) -> str:
+    """Return a method's name in the toolbox's spelling: `CMA-ES` and `cma_es` are `cmaes`.
+
+    NLopt's algorithms have NLopt's spelling: `nlopt:gn-crs2-lm` is `nlopt:GN_CRS2_LM`.
+    """
+    family, colon, algorithm = written.strip().partition(":")
+    plain = family.lower().replace("-", "").replace("_", "").replace(" ", "")
+    return plain + colon + algorithm.upper().replace("-", "_")
 
 
 def counted(count: int, thing: str, things: str = "") -> str:

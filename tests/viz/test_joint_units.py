@@ -21,9 +21,9 @@ SWING = swing(MODEL)
 
 
 def test_gains_of_slides_are_told_in_newtons_and_metres():
-    axes = plots.plot_gains(Figure().subplots(2), SWING, MODEL.arm.joints, slides=MODEL.arm.slides)
+    axes = plots.plot_gains(SWING, MODEL, axes=Figure().subplots(2))
     assert [ax.get_ylabel() for ax in axes] == ["stiffness K [N m/rad, N/m]", "damping B [N m s/rad, N s/m]"]
-    axes = plots.plot_gains(Figure().subplots(2), SWING, MODEL.arm.joints)
+    axes = plots.plot_gains(SWING, axes=Figure().subplots(2))
     assert [ax.get_ylabel() for ax in axes] == ["stiffness K [N m/rad]", "damping B [N m s/rad]"]
 
 

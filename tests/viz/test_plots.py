@@ -33,9 +33,9 @@ def test_every_axis_names_its_unit(trajectory):
     assert "[m]" in ax.get_ylabel()
     marked = [line for line in ax.lines if len(line.get_xdata()) == 1]
     assert marked[0].get_xdata()[0] == pytest.approx(trajectory.approach(TARGET).time[0])
-    axes = plots.plot_tracking(Figure().subplots(2), trajectory, LEMON.arm.joints)
+    axes = plots.plot_tracking(trajectory, LEMON, axes=Figure().subplots(2))
     assert ["deg" in ax.get_ylabel() for ax in axes] == [True, True]
-    axes = plots.plot_gains(Figure().subplots(2), trajectory, LEMON.arm.joints)
+    axes = plots.plot_gains(trajectory, LEMON, axes=Figure().subplots(2))
     assert ["N m" in ax.get_ylabel() for ax in axes] == [True, True]
 
 

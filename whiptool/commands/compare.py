@@ -27,6 +27,7 @@ from whiptool.options import (
     ZoneOptions,
     learned_with,
     refuse_idle,
+    spell_methods,
     whole,
 )
 from whiptool.whole_files import write_whole
@@ -160,6 +161,9 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     """What learners see; they are trained anew for each that is named."""
     zone: Literal["disc", "fast"] = "disc"
     """Where targets are drawn: disc (of --zone-radius), or fast: wherever the tip of random strikes is fast (3 m/s)."""
+
+    def __post_init__(self) -> None:
+        spell_methods(self, "methods")
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -30,6 +30,7 @@ from whiptool.options import (
     TrajectoryOptions,
     learned_with,
     refuse_idle,
+    spell_methods,
 )
 from whiptool.words import counted
 
@@ -65,6 +66,9 @@ class OptimizeOptions(
     than the miss, a search goes on in any case."""
     video: bool = True
     """Render the strike as a video."""
+
+    def __post_init__(self) -> None:
+        spell_methods(self, "method")
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -17,7 +17,7 @@ from tyro.conf import arg
 from whiptool.commands import cli
 from whiptool.commands.compare import QUICK, ComparisonOptions, open_folder
 from whiptool.errors import InputError
-from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, whole
+from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, spell_methods, whole
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -63,6 +63,9 @@ class ReproduceOptions(ComparisonOptions):
     """What is compared there; random always stands beside them."""
     further_observation: tuple[Observation, ...] = ("goal",)
     """What learners see there."""
+
+    def __post_init__(self) -> None:
+        spell_methods(self, "further_methods")
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -23,6 +23,7 @@ from whiptool.options import (
     SearchOptions,
     learned_with,
     refuse_idle,
+    spell_methods,
 )
 from whiptool.rig.options import ArmOptions, ask_to_release, hardware_rig, loop_options
 from whiptool.words import counted
@@ -93,6 +94,9 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense}|FILE.db3")] = "twin"
     """With a real arm: realsense or a RealSense recording; with the twin: the others (d435-infrared is twin; points is
     the tip's position with the error of tracked images, without the images)."""
+
+    def __post_init__(self) -> None:
+        spell_methods(self, "method")
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

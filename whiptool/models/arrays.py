@@ -7,8 +7,10 @@ and an assignment, a sum or a comparison with it fails late or not at all.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from typing import ClassVar
+from collections.abc import Callable, Iterator
+from functools import wraps
+from numbers import Real
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -44,6 +46,37 @@ class Vector(ArrayLike):
 
     def __iter__(self) -> Iterator[float]:
         return iter(self.vector.tolist())
+
+
+C = TypeVar("C", bound=type)
+
+
+def _row(given: Any) -> tuple[Any, ...]:
+    """Return what a list, tuple or array of one dimension holds; nothing of anything else."""
+    is_row = isinstance(given, (list, tuple)) or (isinstance(given, np.ndarray) and given.ndim == 1)
+    return tuple(given) if is_row else ()
+
+
+def made_of_numbers(arguments: Callable[[tuple[float, ...]], tuple[Any, ...]]) -> Callable[[C], C]:
+    """Let a class be made of its vector, too, number by number or as one sequence: `Target(1.25, 0.2)`.
+
+    Args:
+        arguments: Turns those numbers into the arguments that the class has by itself.
+    """
+
+    def decorate(cls: C) -> C:
+        of_arguments: Callable[..., None] = cls.__init__
+
+        @wraps(of_arguments)
+        def __init__(self: object, *given: Any, **named: Any) -> None:
+            row = given if len(given) != 1 or named or np.isscalar(given[0]) else _row(given[0])
+            alone = bool(row) and all(isinstance(x, Real) for x in row)
+            of_arguments(self, *(arguments(row) if alone else given), **named)
+
+        cls.__init__ = __init__
+        return cls
+
+    return decorate
 
 
 class NoArray:

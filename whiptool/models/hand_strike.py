@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.arrays import Vector
-from whiptool.models.numbers import array_of, number, numbers
+from whiptool.models.arrays import Vector, made_of_numbers
+from whiptool.models.numbers import ends_and_duration, number, numbers
+
+_VECTOR = "the hand's coordinates x_i, as many x_f, and D"
 
 
+@made_of_numbers(lambda row: ends_and_duration(row, _VECTOR))
 @dataclass(frozen=True)
 class HandStrike(Vector):
     """Zero-torque trajectory of the hand, in m coordinates, see `HandKinematics`; as an array or a list, its `vector`.
+
+    `HandStrike(0.1, 0.2, 0.3, 0.4, 0.5)` is `HandStrike((0.1, 0.2), (0.3, 0.4), 0.5)`.
 
     Args:
         x_i: Of the hand at the start: its place [m] and, where the strike holds its orientation, how it is turned from
@@ -29,6 +35,15 @@ class HandStrike(Vector):
     x_i: tuple[float, ...]
     x_f: tuple[float, ...]
     D: float
+
+    if TYPE_CHECKING:
+
+        @overload
+        def __init__(self, x_i: Sequence[float], x_f: Sequence[float], D: float) -> None: ...
+        @overload
+        def __init__(self, vector: Sequence[float] | np.ndarray, /) -> None: ...
+        @overload
+        def __init__(self, *vector: float) -> None: ...
 
     def __post_init__(self) -> None:
         for name in ("x_i", "x_f"):
@@ -48,11 +63,7 @@ class HandStrike(Vector):
         Raises:
             InputError: The length is even, or a value breaks its rule.
         """
-        values = array_of("strike vector", vector, "a vector of finite numbers").tolist()
-        if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
-            raise InputError("strike", values, "the hand's coordinates x_i, as many x_f, and D")
-        m = len(values) // 2
-        return cls(tuple(values[:m]), tuple(values[m : 2 * m]), values[-1])
+        return cls(*ends_and_duration(vector, _VECTOR))
 
     @property
     def vector(self) -> np.ndarray:

@@ -65,6 +65,15 @@ def array_of(name: str, value: object, rule: str) -> np.ndarray:
     return array.astype(float, copy=False)
 
 
+def ends_and_duration(vector: object, rule: str) -> tuple[tuple[float, ...], tuple[float, ...], float]:
+    """A strike's vector as where it begins, where it ends, and how long it takes; `rule` says what it holds."""
+    values = array_of("strike vector", vector, "a vector of finite numbers").tolist()
+    if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
+        raise InputError("strike", values, rule)
+    n = len(values) // 2
+    return tuple(values[:n]), tuple(values[n : 2 * n]), values[-1]
+
+
 def texts(name: str, value: object) -> tuple[str, ...]:
     """`value` as texts, any number of them."""
     if isinstance(value, str) or not isinstance(value, Iterable):

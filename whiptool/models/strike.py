@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
 from whiptool.errors import InputError, expect
-from whiptool.models.arrays import ArrayLike, Vector
-from whiptool.models.numbers import array_of, number, numbers, whole
+from whiptool.models.arrays import ArrayLike, Vector, made_of_numbers
+from whiptool.models.numbers import ends_and_duration, number, numbers, whole
 from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.spatial_arm import SpatialArm
 
@@ -40,9 +41,15 @@ def named_strike(strike: Strike, arm: ArmParameters | SpatialArm) -> dict[str, f
     return dict(zip(strike_names(arm), map(float, strike.vector), strict=True))
 
 
+_VECTOR = "the angles q_i, as many angles q_f, and D"
+
+
+@made_of_numbers(lambda row: ends_and_duration(row, _VECTOR))
 @dataclass(frozen=True)
 class Strike(Vector):
     """Zero-torque trajectory of the arm's n joints; as an array or a list, its `vector`.
+
+    `Strike(-1.36, 0.47, 1.73, 1.41, 0.95)` is `Strike((-1.36, 0.47), (1.73, 1.41), 0.95)`.
 
     Args:
         q_i: Joint positions at the start [rad, m where a joint slides], length n.
@@ -56,6 +63,15 @@ class Strike(Vector):
     q_i: tuple[float, ...]
     q_f: tuple[float, ...]
     D: float
+
+    if TYPE_CHECKING:
+
+        @overload
+        def __init__(self, q_i: Sequence[float], q_f: Sequence[float], D: float) -> None: ...
+        @overload
+        def __init__(self, vector: Sequence[float] | np.ndarray, /) -> None: ...
+        @overload
+        def __init__(self, *vector: float) -> None: ...
 
     def __post_init__(self) -> None:
         for name in ("q_i", "q_f"):
@@ -75,11 +91,7 @@ class Strike(Vector):
         Raises:
             InputError: The length is even, or a value breaks its rule.
         """
-        values = array_of("strike vector", vector, "a vector of finite numbers").tolist()
-        if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
-            raise InputError("strike", values, "the angles q_i, as many angles q_f, and D")
-        n = len(values) // 2
-        return cls(values[:n], values[n : 2 * n], values[-1])
+        return cls(*ends_and_duration(vector, _VECTOR))
 
     @property
     def vector(self) -> np.ndarray:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any, overload
 
 import nlopt
 import numpy as np
@@ -19,6 +20,9 @@ from whiptool.optimizers.learner_search import learner_search
 from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 from whiptool.optimizers.random_search import random_search
 from whiptool.optimizers.result import MESSAGES, Result, Status
+from whiptool.rollout.interface import Rollout
+from whiptool.target import Target
+from whiptool.words import method_name
 
 __all__ = ["METHODS", "Result", "Status", "find_method", "run_search", "search"]
 
@@ -32,37 +36,76 @@ METHODS: dict[str, Method] = {
     **{name: partial(learner_search, learner=name) for name in LEARNERS},
     "random": random_search,
 }
+USUAL = "directl"
+MAX_TRIALS = 600  # of a search that is given a target and no other end
 _STOPS = {"hit": Status.HIT, "trials": Status.MAX_TRIALS, "time": Status.MAX_TIME}
 
 
 def find_method(name: str) -> Method:
     """The method called `name`: one of `METHODS`, or `nlopt:` and the name of an NLopt global algorithm.
 
+    Capital letters, hyphens and underscores make no difference: `DIRECT-L` is `directl`.
+
     Raises:
         InputError: There is none of that name; the message lists them.
     """
     expect(str, method=name)
-    if name in METHODS:
-        return METHODS[name]
-    if name.startswith("nlopt:") and name.removeprefix("nlopt:") in nlopt_names():
-        return partial(nlopt_search, algorithm=name.removeprefix("nlopt:"))
+    found = method_name(name)
+    if found in METHODS:
+        return METHODS[found]
+    if found.startswith("nlopt:") and found.removeprefix("nlopt:") in nlopt_names():
+        return partial(nlopt_search, algorithm=found.removeprefix("nlopt:"))
     raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())]))
 
 
-def search(objective: Objective, method: str, *, seed: int = 0, first: np.ndarray | None = None) -> Result:
+Place = Target | Sequence[float] | np.ndarray
+
+
+@overload
+def search(
+    objective: Objective, method: str = USUAL, *, seed: int = 0, first: Sequence[float] | np.ndarray | None = None
+) -> Result: ...
+@overload
+def search(
+    rollout: Rollout,
+    target: Place | None = None,
+    method: str = USUAL,
+    *,
+    seed: int = 0,
+    first: Sequence[float] | np.ndarray | None = None,
+    **options: Any,
+) -> Result: ...
+def search(objective: Any, *given: Any, seed: int = 0, first: Any = None, **named: Any) -> Result:
     """Run a method on an objective until it hits, converges, uses up its budget, or is interrupted (Ctrl-C).
 
+    `search(objective, method)` searches an `Objective`. `search(rollout, target, method)` makes one, which ends with
+    the first hit and after 600 trials at most, as `python -m whiptool.optimize` does.
+
     Args:
-        objective: What is searched.
-        method: One of `METHODS`, or `nlopt:NAME`.
+        objective: What is searched: an `Objective`, or the rollout that is to strike.
+        target: Of a rollout: what to hit, or its place (x, y) or (x, y, z) [m]; default: the usual target.
+        method: One of `METHODS`, or `nlopt:NAME`; default: DIRECT-L. Capital letters, hyphens and underscores make no
+            difference.
         seed: Of what is random in the method.
         first: A strike vector to try before the method begins.
+        options: Of a rollout: others of `Objective`, by name, such as `max_trials`, `bounds` and `limits`.
 
     Raises:
-        InputError: The method is unknown, or does not fit the objective.
+        InputError: The method is unknown, or does not fit the objective, or the target is out of reach.
     """
-    expect(Objective, objective=objective)
-    return run_search(objective, find_method(method), method, seed=whole("seed", seed, low=0), first=first)
+    expect(Objective, Rollout, objective=objective)
+    takes = ("method",) if isinstance(objective, Objective) else ("target", "method")
+    if len(given) > len(takes):
+        raise InputError("search", given[len(takes) :], f"nothing after {' and '.join(takes)} but by name")
+    named |= dict(zip(takes, given, strict=False))
+    method = named.pop("method", USUAL)
+    run, seed = find_method(method), whole("seed", seed, low=0)
+    if isinstance(objective, Rollout):
+        options: dict[str, Any] = {"stop_at_hit": True, "max_trials": MAX_TRIALS} | named
+        objective = Objective(objective, **options)
+    elif named:
+        raise InputError("search", ", ".join(named), "nothing but method, seed and first: an Objective has the rest")
+    return run_search(objective, run, method_name(method), seed=seed, first=first)
 
 
 def run_search(objective: Objective, run: Method, name: str, *, seed: int, first: np.ndarray | None = None) -> Result:

@@ -22,6 +22,7 @@ from whiptool.options.budget import (
     SearchOptions,
     TrainingOptions,
     learned_with,
+    spell_methods,
 )
 from whiptool.options.controller import ControllerOptions, LawOptions, Preset, SimulatedControllerOptions
 from whiptool.options.criteria import CriteriaOptions, CriterionName
@@ -74,5 +75,6 @@ __all__ = [
     "flags",
     "learned_with",
     "refuse_idle",
+    "spell_methods",
     "whole",
 ]

@@ -10,6 +10,7 @@ from tyro.conf import arg
 
 from whiptool.errors import InputError
 from whiptool.options.base import MANY_TARGETS, OptionGroup, whole
+from whiptool.words import method_name
 
 if TYPE_CHECKING:
     from whiptool.models.joint_space import StrikeSpace
@@ -23,6 +24,18 @@ WITHOUT_DERIVATIVES = ("directl", "cmaes", "ga", "sac", "td3", "ddpg", "ppo", "r
 LEARNERS = get_args(Learner)
 METHODS = "{gradient," + ",".join(WITHOUT_DERIVATIVES) + "}"
 Methods = Annotated[tuple[str, ...], arg(metavar=f"[{METHODS} ...]")]
+
+
+def spell_methods(options: OptionGroup, name: str) -> None:
+    """Give methods their own spelling, whose names were written with capital letters or hyphens.
+
+    Args:
+        options: That are being made.
+        name: Of the field that holds one method or several.
+    """
+    written = getattr(options, name)
+    spelled = method_name(written) if isinstance(written, str) else tuple(map(method_name, written))
+    object.__setattr__(options, name, spelled)
 
 
 def learned_with(methods: Iterable[str]) -> tuple[str, ...]:

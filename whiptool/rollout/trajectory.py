@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.extras import optional
 from whiptool.given_files import read_arrays
 from whiptool.models.arrays import NoArray
 from whiptool.models.hand_path import HandPath
@@ -18,9 +20,11 @@ from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.points import Points, target_points
-from whiptool.whole_files import write_npz
+from whiptool.whole_files import write_npz, write_whole
 
 if TYPE_CHECKING:
+    import pandas
+
     from whiptool.impedance.controller import Controller
     from whiptool.models.joint_space import StrikePath
 
@@ -129,9 +133,19 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
     diverged: bool = False
 
     def __repr__(self) -> str:
-        fastest = np.linalg.norm(self.tip_velocity, axis=1).max()
+        fastest = self.tip_speed.max()
         ended = "diverged" if self.diverged else "ended"
         return f"Trajectory({len(self.t)} instants, {ended} at {self.t[-1]:.3f} s, tip at most {fastest:.1f} m/s)"
+
+    @property
+    def tip_speed(self) -> np.ndarray:
+        """Speed of the tip [m/s], (T,)."""
+        return np.linalg.norm(self.tip_velocity, axis=1)
+
+    @property
+    def tracking_error(self) -> np.ndarray:
+        """By how much the arm's joints lag behind their references, `q_d - q` [rad], (T, a)."""
+        return self.q_d - self.q[:, : self.q_d.shape[1]]
 
     def approach(self, target: Points) -> Approach:
         """The closest approach (B = 1): the nearest point of the segments between successive tip positions."""
@@ -155,6 +169,10 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         """Distance between tip and target at every instant [m], (T,)."""
         return np.linalg.norm(self.tip - target_points(target, 1, self.tip.shape[1])[0], axis=1)
 
+    def miss(self, target: Points) -> float:
+        """Return how far the tip misses a target: the distance of its closest approach [m]."""
+        return float(self.approach(target).distance[0])
+
     def since(self, begin: float) -> Trajectory:
         """Return the part from a time on [s]; its times are measured from there."""
         begin = number("begin", begin)
@@ -166,6 +184,37 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         """Write an NPZ file, without pickle."""
         arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
         write_npz(path, arrays)
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Return every number over time by its name: `t`, `q[0]`, ..., `K[0][1]`, `tip.x`, each (T,)."""
+        found = {"t": self.t}
+        for name in _SHAPES:
+            values, letters = getattr(self, name), _SHAPES[name][1:]
+            for place in np.ndindex(np.shape(values)[1:]) if letters else ():
+                suffix = f".{'xyz'[place[0]]}" if letters == "d" else "".join(f"[{i}]" for i in place)
+                found[name + suffix] = values[(slice(None), *place)]
+        return found
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a pandas table of T rows, whose columns are those of `columns`.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return optional("pandas", "a data frame").DataFrame(self.columns())
+
+    def to_csv(self, path: Path | str | None = None) -> str | None:
+        """Write a CSV file of T rows under the names of `columns`; without a path, return its text.
+
+        Args:
+            path: Of the file.
+        """
+        columns, text = self.columns(), StringIO()
+        np.savetxt(text, np.stack(list(columns.values()), axis=1), "%.17g", ",", header=",".join(columns), comments="")
+        if path is None:
+            return text.getvalue()
+        write_whole(path, text.getvalue())
+        return None
 
     @classmethod
     def load(cls, path: Path | str) -> Trajectory:

@@ -36,8 +36,7 @@ class TrackingErrors:
 
 def errors_over_time(path: Trajectory) -> np.ndarray:
     """What is desired less what is, of a two-joint arm: (T, 4), in the order of `NAMES`."""
-    a = path.q_d.shape[1]
-    return np.hstack([path.q_d - path.q[:, :a], path.v_d - path.v[:, :a]])
+    return np.hstack([path.tracking_error, path.v_d - path.v[:, : path.v_d.shape[1]]])
 
 
 def tracking_errors(

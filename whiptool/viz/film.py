@@ -81,7 +81,7 @@ def film_of(
     at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)
     near = trajectory.approach(place)
     hit_time = None if beyond else target.hit_time(near)
-    tip_speed, distance = np.linalg.norm(trajectory.tip_velocity, axis=1), trajectory.distance(place)
+    tip_speed, distance = trajectory.tip_speed, trajectory.distance(place)
     closest = np.interp(at, t, np.minimum.accumulate(distance))
     closest[at >= near.time[0]] = min(near.distance[0], distance.min())  # between two instants, nearer than at either
 

@@ -1,8 +1,8 @@
 """Figures of a strike and of a search, drawn with matplotlib's objects.
 
 Every `plot_...` function draws into axes that it is given and returns them, so that figures can be composed freely;
-`matplotlib.rc_context(STYLE)` gives them the look of the saved ones. Where none are given, `plot_strike` and
-`plot_distance` make a figure with pyplot, in that look; nothing else here knows of it.
+`matplotlib.rc_context(STYLE)` gives them the look of the saved ones. Where none are given, those of a strike make a
+figure with pyplot, in that look; nothing else here knows of it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from whiptool.viz.style import (
 from whiptool.words import counted
 
 _POSTURES = 12  # as in Fig. 10a
-_STRIKE_SIZE, _DISTANCE_SIZE = (7.4, 6.6), (7.6, 4.0)  # [in]; the width of a strike follows its shape
+_STRIKE_SIZE, _TIME_SIZE, _TWO_TIMES_SIZE = (7.4, 6.6), (7.6, 4.0), (7.6, 6.4)  # [in]; a strike's shape sets its width
 
 
 def planned_end(trajectory: Trajectory) -> float | None:
@@ -235,13 +235,39 @@ def _fit_width(ax: Axes) -> Axes:
     return ax
 
 
-def plot_tracking(
-    axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str], *, slides: Sequence[str] = ()
-) -> np.ndarray:
-    """Draw positions [deg] and velocities [deg/s] of the arm's joints beside their references; axes of shape (2,).
+def _new_pair() -> np.ndarray:
+    """Two axes of a new figure over one time, (2,)."""
+    from matplotlib import pyplot
 
-    Joints that slide are named in `slides`, and drawn in mm and mm/s.
+    return pyplot.figure(figsize=_TWO_TIMES_SIZE, layout="constrained").subplots(2, sharex=True)
+
+
+def _joints(trajectory: Trajectory, model: Model | None) -> tuple[Sequence[str], Sequence[str]]:
+    """Names of the arm's joints, and of those that slide; without a model they have numbers, and all of them turn."""
+    if model is None:
+        return [f"joint{i + 1}" for i in range(trajectory.tau.shape[1])], ()
+    expect(Model, model=model)
+    return model.arm.joints, model.arm.slides
+
+
+def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: np.ndarray | None = None) -> np.ndarray:
+    """Draw positions [deg] and velocities [deg/s] of the arm's joints beside their references.
+
+    Joints that slide are drawn in mm and mm/s.
+
+    Args:
+        trajectory: The strike.
+        model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
+        axes: Where to draw, (2,); None: axes of a new figure.
+
+    Returns:
+        The axes.
     """
+    expect(Trajectory, trajectory=trajectory)
+    if axes is None:
+        with matplotlib.rc_context(STYLE):
+            return plot_tracking(trajectory, model, axes=_new_pair())
+    joint_names, slides = _joints(trajectory, model)
     pairs = ((trajectory.q, trajectory.q_d, "position", ""), (trajectory.v, trajectory.v_d, "velocity", "/s"))
     for ax, (actual, desired, quantity, per) in zip(axes, pairs, strict=True):
         for i, name in enumerate(joint_names):
@@ -269,14 +295,56 @@ def plot_tracking(
     return axes
 
 
-def plot_torque(ax: Axes, trajectory: Trajectory, joint_names: Sequence[str], *, slides: Sequence[str] = ()) -> Axes:
-    """Draw the torques of the arm's joints [N m] over time; of joints that slide, named in `slides`, forces [N]."""
+def plot_torque(trajectory: Trajectory, model: Model | None = None, *, ax: Axes | None = None) -> Axes:
+    """Draw the torques of the arm's joints [N m] over time; of joints that slide, forces [N].
+
+    Args:
+        trajectory: The strike.
+        model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
+        ax: Where to draw; None: axes of a new figure.
+
+    Returns:
+        The axes.
+    """
+    expect(Trajectory, trajectory=trajectory)
+    expect(Axes, type(None), ax=ax)
+    if ax is None:
+        with matplotlib.rc_context(STYLE):
+            return plot_torque(trajectory, model, ax=_new_axes(_TIME_SIZE))
+    joint_names, slides = _joints(trajectory, model)
     largest = np.abs(trajectory.tau).max(axis=0)
     for i, name in enumerate(joint_names):
         label = f"{name}, up to {largest[i]:.3g} {'N' if name in slides else 'N m'}"
         ax.plot(trajectory.t, trajectory.tau[:, i], color=JOINT_COLORS[i % len(JOINT_COLORS)], label=label)
     ax.set_ylabel(f"torque [{joint_units('N m', 'N', joint_names, slides)}]")
     _time_axis(ax, trajectory)
+    legend_above(ax)
+    return ax
+
+
+def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
+    """Draw the speed of the tip [m/s] over time, and mark its largest.
+
+    Args:
+        trajectory: The strike.
+        ax: Where to draw; None: axes of a new figure.
+
+    Returns:
+        The axes.
+    """
+    expect(Trajectory, trajectory=trajectory)
+    expect(Axes, type(None), ax=ax)
+    if ax is None:
+        with matplotlib.rc_context(STYLE):
+            return plot_tip_speed(trajectory, ax=_new_axes(_TIME_SIZE))
+    t, speed = trajectory.t, trajectory.tip_speed
+    fastest = int(speed.argmax())
+    label = f"largest {speed[fastest]:.3g} m/s at {t[fastest]:.3f} s"
+    ax.plot(t, speed, color=COLORS["blue"])
+    ax.plot(t[fastest], speed[fastest], "o", color=COLORS["vermilion"], markersize=7, zorder=3, label=label)
+    ax.set_ylabel("speed of the tip [m/s]")
+    _time_axis(ax, trajectory)
+    ax.set_ylim(bottom=0)
     legend_above(ax)
     return ax
 
@@ -288,14 +356,25 @@ def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: 
     return f"{turning}, {sliding}" if len(slides) < len(joint_names) else sliding
 
 
-def plot_gains(
-    axes: np.ndarray, trajectory: Trajectory, joint_names: Sequence[str], *, slides: Sequence[str] = ()
-) -> np.ndarray:
-    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d); axes of shape (2,).
+def plot_gains(trajectory: Trajectory, model: Model | None = None, *, axes: np.ndarray | None = None) -> np.ndarray:
+    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d).
 
-    Joints that slide are named in `slides`: their own entries are in N/m and N s/m. Of arms of more than three joints,
-    those that couple joints are thin and have one name.
+    The own entries of joints that slide are in N/m and N s/m. Of arms of more than three joints, those that couple
+    joints are thin and have one name.
+
+    Args:
+        trajectory: The strike.
+        model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
+        axes: Where to draw, (2,); None: axes of a new figure.
+
+    Returns:
+        The axes.
     """
+    expect(Trajectory, trajectory=trajectory)
+    if axes is None:
+        with matplotlib.rc_context(STYLE):
+            return plot_gains(trajectory, model, axes=_new_pair())
+    joint_names, slides = _joints(trajectory, model)
     letters = [name[0] for name in joint_names]
     marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
     a, few = len(marks), len(marks) <= 3
@@ -338,7 +417,7 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
     goal = as_target(target)
     if ax is None:
         with matplotlib.rc_context(STYLE):
-            return plot_distance(trajectory, goal, ax=_new_axes(_DISTANCE_SIZE))
+            return plot_distance(trajectory, goal, ax=_new_axes(_TIME_SIZE))
     place, hit_radius = np.array(goal.position), goal.hit_radius
     near = trajectory.approach(place)
     ax.plot(trajectory.t, trajectory.distance(place), color=COLORS["blue"])
@@ -380,18 +459,16 @@ def save_strike_figures(
     Returns:
         The files.
     """
-    joints = model.arm.joints
-    slides = model.arm.slides
     with matplotlib.rc_context(STYLE):
-        sizes = {"distance": _DISTANCE_SIZE, "tracking": (7.6, 6.4), "torque": _DISTANCE_SIZE}
-        sizes |= {"gains": (7.6, 6.4)} if trajectory.K.any() or trajectory.B.any() else {}
+        sizes = {"distance": _TIME_SIZE, "tracking": _TWO_TIMES_SIZE, "torque": _TIME_SIZE}
+        sizes |= {"gains": _TWO_TIMES_SIZE} if trajectory.K.any() or trajectory.B.any() else {}
         figures = {name: Figure(size, layout="constrained") for name, size in sizes.items()}
         figures["strike"] = _strike_figure(trajectory, model, target)
         plot_distance(trajectory, target, ax=figures["distance"].subplots())
-        plot_tracking(figures["tracking"].subplots(2, sharex=True), trajectory, joints, slides=slides)
-        plot_torque(figures["torque"].subplots(), trajectory, joints, slides=slides)
+        plot_tracking(trajectory, model, axes=figures["tracking"].subplots(2, sharex=True))
+        plot_torque(trajectory, model, ax=figures["torque"].subplots())
         if "gains" in figures:
-            plot_gains(figures["gains"].subplots(2, sharex=True), trajectory, joints, slides=slides)
+            plot_gains(trajectory, model, axes=figures["gains"].subplots(2, sharex=True))
         title = verbatim(f"{model.name}, {controller_label}")
         for figure in figures.values():
             figure.suptitle(title, fontsize=12, fontweight="bold", x=0.02, ha="left")

@@ -114,7 +114,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
         whips=whips,
         path=at_times(path_times, t, trajectory.tip),
         path_times=path_times,
-        speed=np.interp(path_times, t, np.linalg.norm(trajectory.tip_velocity, axis=1)),
+        speed=np.interp(path_times, t, trajectory.tip_speed),
         until=until,
         target=goal,
         title=title,

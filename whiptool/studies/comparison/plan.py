@@ -11,6 +11,7 @@ from whiptool.rl.settings import Plan
 from whiptool.studies.comparison.difficulty import DifficultyUnit
 from whiptool.studies.comparison.learner_unit import LearnerUnit
 from whiptool.studies.comparison.units import Scene, SearchUnit
+from whiptool.words import method_name
 
 PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6
 LEARNERS = ("sac", "td3", "ddpg", "ppo")
@@ -50,7 +51,7 @@ class Comparison:
     def __post_init__(self) -> None:
         from whiptool.optimizers import find_method
 
-        object.__setattr__(self, "methods", tuple(dict.fromkeys((*self.methods, "random"))))
+        object.__setattr__(self, "methods", tuple(dict.fromkeys(map(method_name, (*self.methods, "random")))))
         object.__setattr__(self, "observations", tuple(dict.fromkeys(self.observations)))
         for method in self.methods:
             find_method(method)
