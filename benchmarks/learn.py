@@ -22,7 +22,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from tqdm import tqdm
 
-from whiptool.rl.environment import WhipTarget, make_task
+from whiptool.rl.environment import WhipEnv, make_task
 from whiptool.rl.learner import Learner
 from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.settings import settings_for
@@ -75,7 +75,7 @@ def ours(seed: int) -> Extend:
 
 def theirs(seed: int) -> Extend:
     """Stable-Baselines3's SAC."""
-    env = WhipTarget(observation="goal")
+    env = WhipEnv(observation="goal")
     algorithm = SAC(
         "MlpPolicy",
         Normalised(env, env.task),

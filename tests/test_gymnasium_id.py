@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("gymnasium")
 
 ID = "whiptool/WhipTarget-v0"
-FOUND = f"assert gymnasium.spec('{ID}').entry_point == 'whiptool.rl.environment:WhipTarget'"
+FOUND = f"assert gymnasium.spec('{ID}').entry_point == 'whiptool.rl.environment:WhipEnv'"
 
 
 @pytest.mark.parametrize(

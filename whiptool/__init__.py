@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from whiptool.gymnasium_id import register_with_gymnasium
-from whiptool.lazy_names import imported_when_used
+from whiptool.lazy_names import doors_aside, imported_when_used
 
 _HOMES = {
     "__version__": "version",
@@ -13,15 +13,15 @@ _HOMES = {
     "ArmParameters": "models",
     "Model": "models",
     "MotorLimits": "models",
-    "PRESETS": "models",
     "Strike": "models",
     "StrikeBounds": "models",
     "WhipParameters": "models",
     "WhipProfile": "models",
     "default_bounds": "models",
-    "find_model": "models",
     "limits_preset": "models",
+    "load_model": "models",
     "preset": "models",
+    "presets": "models.presets",
     "read_model": "models",
     "write_model": "models",
     "ConstantImpedance": "impedance",
@@ -38,31 +38,39 @@ _HOMES = {
     "Disc": "zone",
     "METHODS": "optimizers",
     "search": "optimizers",
+    "animate": "viz.animation",
     "plot_distance": "viz.plots",
     "plot_strike": "viz.plots",
+    "plot_tip_speed": "viz.plots",
+    "plot_torque": "viz.plots",
+    "plot_tracking": "viz.plots",
     "StrikeRecording": "recording",
     "read_recording": "recording",
     "Fit": "identification",
     "Plant": "identification",
     "fit": "identification.fit",
+    "similarity": "identification.similarity",
     "Adaptation": "adaptation",
     "TipPort": "adaptation",
     "default_prior": "adaptation",
     "draw_twin": "adaptation",
     "load_map": "commands.map",
     "load_policy": "commands.train",
+    "train": "commands.train",
+    "compare": "studies.comparison.comparing",
+    "WhipEnv": "rl.environment",
 }
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
     from whiptool.adaptation import Adaptation, TipPort, default_prior, draw_twin
     from whiptool.commands.map import load_map
-    from whiptool.commands.train import load_policy
+    from whiptool.commands.train import load_policy, train
     from whiptool.identification import Fit, Plant
     from whiptool.identification.fit import fit
+    from whiptool.identification.similarity import similarity
     from whiptool.impedance import OIAC, ConstantImpedance, Controller, impedance_cost, oiac_preset
     from whiptool.models import (
-        PRESETS,
         ArmLink,
         ArmParameters,
         Model,
@@ -72,20 +80,25 @@ if TYPE_CHECKING:
         WhipParameters,
         WhipProfile,
         default_bounds,
-        find_model,
         limits_preset,
+        load_model,
         preset,
         read_model,
         write_model,
     )
+    from whiptool.models.presets import presets
     from whiptool.objective import Objective, Outcome
     from whiptool.optimizers import METHODS, search
     from whiptool.recording import StrikeRecording, read_recording
+    from whiptool.rl.environment import WhipEnv
     from whiptool.rollout import CompiledRollout, ReferenceRollout, Trajectory
+    from whiptool.studies.comparison.comparing import compare
     from whiptool.target import Target
     from whiptool.version import __version__
-    from whiptool.viz.plots import plot_distance, plot_strike
+    from whiptool.viz.animation import animate
+    from whiptool.viz.plots import plot_distance, plot_strike, plot_tip_speed, plot_torque, plot_tracking
     from whiptool.zone import Disc
 
 __getattr__, __dir__ = imported_when_used(__name__, _HOMES)
+doors_aside(__name__, _HOMES)
 register_with_gymnasium()

@@ -27,7 +27,7 @@ def register_with_gymnasium() -> None:
 def _register() -> None:
     import gymnasium
 
-    gymnasium.register(ID, entry_point=f"{_HOME}:WhipTarget", vector_entry_point=f"{_HOME}:WhipTargets")
+    gymnasium.register(ID, entry_point=f"{_HOME}:WhipEnv", vector_entry_point=f"{_HOME}:WhipEnvs")
 
 
 class _WhenImported(MetaPathFinder):

@@ -2,8 +2,27 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from types import ModuleType
+
+
+class _Package(ModuleType):
+    """A package with public names that modules in it have, too: `whiptool.train` is a function, and a door of `-m`."""
+
+    _functions: frozenset[str] = frozenset()
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in self._functions and isinstance(value, ModuleType)):  # an import of the door keeps it here
+            super().__setattr__(name, value)
+
+
+def doors_aside(package: str, names: Mapping[str, str]) -> None:
+    """Let the names of a package stand for what they are, also once a module of the same name has been imported."""
+    module = sys.modules[package]
+    module.__class__ = _Package
+    module._functions = frozenset(names)  # pyrefly: ignore[missing-attribute]
 
 
 def imported_when_used(

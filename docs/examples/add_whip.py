@@ -30,7 +30,7 @@ def tip_path(folder: Path, N: int, strike: wt.Strike) -> np.ndarray:
     """Path of the tip of the whip with N nodes at 100 samples a second [m], (S, 2)."""
     file = folder / f"leather-{N}.toml"
     file.write_text(TOML.format(N=N), encoding="utf-8")
-    rollout = wt.CompiledRollout(wt.find_model(str(file)), wt.Controller(wt.ConstantImpedance()))
+    rollout = wt.CompiledRollout(wt.load_model(str(file)), wt.Controller(wt.ConstantImpedance()))
     return rollout.tip_path(strike.vector[None], t_stay=0.3, rate=100.0)[1][0]
 
 

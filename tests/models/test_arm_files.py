@@ -10,7 +10,7 @@ from robot_files import MJCF, URDF
 from spatial_arms import ARMS, random_model
 
 from whiptool.errors import InputError
-from whiptool.models import find_model, preset, read_model, write_model
+from whiptool.models import load_model, preset, read_model, write_model
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.files import model_from_table, model_to_table
 from whiptool.models.stick import with_stick
@@ -44,7 +44,7 @@ def test_files_read_back_the_same(tmp_path, arm):
 def test_a_file_may_name_a_robot_s_file_beside_it(tmp_path):
     (tmp_path / "small.urdf").write_text(URDF)
     (tmp_path / "model.toml").write_text(ROBOT)
-    model = find_model(str(tmp_path / "model.toml"))
+    model = load_model(str(tmp_path / "model.toml"))
     arm = read_urdf(tmp_path / "small.urdf", ArmChoice(tip="tool", locked={"finger_joint": 0.01}))
     assert model.arm == with_stick(arm, length=0.4, mass=0.1)
     assert (model.whip.N, model.whip.joints, model.whip.node_inertia) == (3, "universal", 1e-7)
@@ -56,12 +56,12 @@ def test_a_file_may_name_a_robot_s_file_beside_it(tmp_path):
 def test_a_robot_s_file_is_a_model_with_the_robots_rope(tmp_path):
     start, end = URDF.index('  <joint name="finger_joint"'), URDF.index("</robot>")
     (tmp_path / "arm.urdf").write_text(URDF[:start] + URDF[end:])
-    model = find_model(str(tmp_path / "arm.urdf"))
+    model = load_model(str(tmp_path / "arm.urdf"))
     assert (model.name, model.arm.joints) == ("arm", ("rail", "shoulder_joint", "elbow"))
     assert model.whip == preset("ur5e").whip
     (tmp_path / "arm.xml").write_text(MJCF)
     with pytest.raises(InputError, match="tip: got 'none'"):
-        find_model(str(tmp_path / "arm.xml"))
+        load_model(str(tmp_path / "arm.xml"))
 
 
 def test_limits_in_degrees_are_asked_about():
@@ -101,7 +101,7 @@ def test_mistakes_are_named(tmp_path):
     with pytest.raises(InputError, match=r"whip\.joints: got 'hinge'; allowed: universal or rod"):
         model_from_table({**good, "whip": {**good["whip"], "joints": "hinge", "node_inertia": 0}})
     with pytest.raises(InputError, match=r"^model: got 'robot\.sdf'; allowed: a preset .*ur5e"):
-        find_model("robot.sdf")
+        load_model("robot.sdf")
 
 
 def test_capsules_are_in_the_file_and_bad_ones_are_named(tmp_path):

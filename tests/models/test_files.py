@@ -9,7 +9,7 @@ from random_models import models
 
 from whiptool.errors import InputError
 from whiptool.models import (
-    find_model,
+    load_model,
     preset,
     read_model,
     write_model,
@@ -25,7 +25,7 @@ def test_files_read_back_the_same(tmp_path_factory, model):
     again = read_model(path)
     assert again == model
     assert again.name == model.name
-    assert find_model(str(path)) == model
+    assert load_model(str(path)) == model
 
 
 def test_mistakes_in_files_are_named(tmp_path):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from whiptool.models import Strike, default_bounds, find_model, preset, read_model, write_model
+from whiptool.models import Strike, default_bounds, load_model, preset, read_model, write_model
 from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.robots import PANDA_ARM, UR5E_ARM
 from whiptool.models.strike import named_strike, strike_names
@@ -112,4 +112,4 @@ def test_names_of_strikes():
 @pytest.mark.parametrize("name", ["nah2023", "ur5e", "panda"])
 def test_presets_read_back_the_same_from_files(name, tmp_path):
     write_model(preset(name), tmp_path / "model.toml")
-    assert read_model(tmp_path / "model.toml") == find_model(name)
+    assert read_model(tmp_path / "model.toml") == load_model(name)

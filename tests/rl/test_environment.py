@@ -201,11 +201,11 @@ def test_lanes_with_directions_equal_single_environments():
 
 
 def test_angles_are_refused_where_none_is_drawn():
-    env = environment.WhipTarget(arrival=ArrivalRule(direction=(0.0, 1.0)))
+    env = environment.WhipEnv(arrival=ArrivalRule(direction=(0.0, 1.0)))
     with pytest.raises(InputError, match=r"arrival angles: got .* none, for the rule draws none"):
         env.reset(options={"angle": 1.0})
     with pytest.raises(InputError, match="angle: got nan"):
-        environment.WhipTarget(arrival=UPWARD).reset(options={"angle": np.nan})
+        environment.WhipEnv(arrival=UPWARD).reset(options={"angle": np.nan})
 
 
 def test_seeds_decide_the_targets():
@@ -242,14 +242,14 @@ def test_bad_input_is_refused():
     )
     for options in wrong:
         with pytest.raises(InputError):
-            environment.WhipTarget(**options)
+            environment.WhipEnv(**options)
         with pytest.raises(InputError):
-            environment.WhipTargets(2, **options)
+            environment.WhipEnvs(2, **options)
     with pytest.raises(InputError, match="render mode"):
-        environment.WhipTarget(render_mode="human")
+        environment.WhipEnv(render_mode="human")
     with pytest.raises(InputError, match="num_envs"):
-        environment.WhipTargets(0)
-    env, envs = environment.WhipTarget(), environment.WhipTargets(2)
+        environment.WhipEnvs(0)
+    env, envs = environment.WhipEnv(), environment.WhipEnvs(2)
     env.reset()
     envs.reset()
     for action in ([0.0] * 4, [np.nan] * 5):

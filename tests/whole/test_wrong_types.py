@@ -82,7 +82,7 @@ CALLS: list[tuple[Callable, dict[str, Any]]] = [
     (PROFILE.changed, {"changes": {"length": 1.1}}),
     (PROFILE.at, {"quantity": "linear_density", "place": np.array(0.5)}),
     (whiptool.default_bounds, {"arm": MODEL.arm}),
-    (whiptool.find_model, {"name": "lemon2024"}),
+    (whiptool.load_model, {"name": "lemon2024"}),
     (whiptool.limits_preset, {"name": "xm430"}),
     (whiptool.preset, {"name": "lemon2024"}),
     (whiptool.read_model, {"path": "none.toml"}),

@@ -77,11 +77,11 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.files import find_model
+        from whiptool.models.files import load_model
         from whiptool.models.parameters import number
 
         super().check()
-        self._check_space(find_model(self.model))
+        self._check_space(load_model(self.model))
         if self.port == "twin" and self.camera not in CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(CAMERAS) + " with --port twin")
         if self.port not in ("twin", ROBOT) and self.camera != "realsense" and not self.camera.endswith(".db3"):
@@ -131,9 +131,9 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
 
     def build_controller(self) -> Controller:
         """The controller that the options describe; of an arm in space it is position control, as robots have it."""
-        from whiptool.models.files import find_model
+        from whiptool.models.files import load_model
 
-        if self.port != ROBOT and find_model(self.model).dimension == 2:
+        if self.port != ROBOT and load_model(self.model).dimension == 2:
             return super().build_controller()
         from whiptool.impedance import Controller, PositionControl
 

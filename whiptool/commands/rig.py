@@ -139,7 +139,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
     """The rig that the options describe; everything is checked before anything moves."""
-    from whiptool.models.files import find_model
+    from whiptool.models.files import load_model
     from whiptool.rig.caps import default_caps
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.session import TwinRig, TwinTruth
@@ -150,7 +150,7 @@ def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
     if options.port != "twin":
         return hardware_rig(options, model, controller, loop, interlock)
     truth = TwinTruth(
-        find_model(options.true_model) if options.true_model is not None else model,
+        load_model(options.true_model) if options.true_model is not None else model,
         HARDWARE if options.friction else Motor(),
         command_delay=options.latency / 2,
         sample_delay=options.latency / 2,

@@ -7,7 +7,7 @@ import io
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
@@ -31,14 +31,17 @@ from whiptool.options import (
     refuse_idle,
     whole,
 )
+from whiptool.rollout.interface import Rollout
 from whiptool.whole_files import append_whole, write_whole
-from whiptool.words import counted
+from whiptool.words import counted, method_name
 
 if TYPE_CHECKING:
     from whiptool.rl.policy import Policy
     from whiptool.rl.settings import Settings
     from whiptool.rl.task import StrikeTask
-    from whiptool.rl.training import Training
+    from whiptool.rl.training import Episode, Training
+    from whiptool.rollout import CompiledRollout
+    from whiptool.zone import Zone
 
 CHECKPOINT, EPISODES = "checkpoint.pt", "episodes.csv"
 TRIALS_TO_HIT = 600  # that a trained policy has at each target
@@ -181,6 +184,67 @@ def load_policy(run_folder: str | Path) -> Policy:
     training = build_training(options)
     training.load(Path(run_folder) / CHECKPOINT)
     return Policy(training.learner, training.task)
+
+
+def train(
+    rollout: CompiledRollout,
+    zone: Zone | None = None,
+    method: str = "sac",
+    *,
+    episodes: int = 500,
+    trials: int = 100,
+    random_episodes: int | None = None,
+    hindsight: int = 0,
+    seed: int = 0,
+    progress: bool = True,
+    settings: Mapping[str, Any] | None = None,
+    **task: Any,
+) -> Policy:
+    """Train a policy that strikes at any target of a zone (Algorithm 1), in memory: without a run folder.
+
+    Args:
+        rollout: What strikes.
+        zone: Where its targets lie, such as `Disc((1.2, 0.1), 0.2)`; None: the paper's disc, in space a ball.
+        method: `sac`, `td3`, `ddpg` or `ppo`. Capital letters and hyphens make no difference.
+        episodes: Number of episodes.
+        trials: Strikes per episode, all in one batch.
+        random_episodes: Episodes at the start with random strikes; None: a tenth of them.
+        hindsight: Relabelled copies of every strike, see `whiptool.rl.settings.Plan`.
+        seed: Of everything random.
+        progress: Show a bar.
+        settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
+        task: Others of `whiptool.rl.task.StrikeTask`, by name, such as `hit_radius` and `arrival`.
+
+    Returns:
+        The policy: `policy.strike(target)`, or `policy.predict(observation)`.
+
+    Raises:
+        InputError: PyTorch is not installed, there is no such learner, or a number breaks its rule.
+        Diverged: A loss is not finite.
+    """
+    expect(Rollout, rollout=rollout)
+    torch = optional("torch", "training")
+    from tqdm import tqdm
+
+    from whiptool.rl.policy import Policy
+    from whiptool.rl.settings import Plan, settings_for
+    from whiptool.rl.task import StrikeTask
+    from whiptool.rl.training import Training, make_learner
+    from whiptool.studies.comparison.learner_unit import one_torch_thread
+
+    method = method_name(method)
+    seed, episodes = whole("seed", seed, low=0), whole("episodes", episodes)
+    plan = Plan(episodes, trials, episodes // 10 if random_episodes is None else random_episodes, hindsight)
+    struck, generator = StrikeTask(rollout, zone, **task), torch.Generator().manual_seed(seed)
+    learner = make_learner(method, settings_for(method, **settings or {}), struck, generator)
+    training = Training(learner, struck, plan)
+    with one_torch_thread(), tqdm(total=episodes, unit=" episodes", desc=method, disable=not progress) as bar:
+
+        def on_episode(episode: Episode) -> None:
+            bar.update()
+
+        training.run(on_episode)
+    return Policy(learner, struck)
 
 
 def build_training(options: TrainOptions) -> Training:

@@ -23,14 +23,14 @@ _HOMES = {
     "limits_preset": "motor_limits",
     "PRESETS": "presets",
     "preset": "presets",
-    "find_model": "files",
+    "load_model": "files",
     "read_model": "files",
     "write_model": "files",
 }
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
-    from whiptool.models.files import find_model, read_model, write_model
+    from whiptool.models.files import load_model, read_model, write_model
     from whiptool.models.motor_limits import MotorLimits, limits_preset
     from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
     from whiptool.models.presets import PRESETS, preset

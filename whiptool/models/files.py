@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 
 import tomli_w
@@ -87,7 +87,7 @@ def write_model(model: Model, path: Path | str) -> None:
     write_whole(Path(path), tomli_w.dumps(model_to_table(model)))
 
 
-def find_model(name: str, *, tip: str = "") -> Model:
+def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
     """A preset by its name, or a model from a file: a TOML table, or a robot in URDF or MJCF with the presets' rope.
 
     Args:
@@ -97,7 +97,8 @@ def find_model(name: str, *, tip: str = "") -> Model:
     Raises:
         InputError: There is neither, or the file says something that is not allowed.
     """
-    expect(str, name=name)
+    expect(str, PathLike, name=name)
+    name = fspath(name)
     if tip and not name.endswith(ROBOT_FILES):
         rule = "nothing but beside a robot's file: " + ", ".join(ROBOT_FILES)
         raise InputError("tip", tip, rule, "in a model file it is arm.tip")

@@ -40,6 +40,11 @@ PRESETS: dict[str, Model] = {
 }
 
 
+def presets() -> list[str]:
+    """Return the names of the published models: `preset(name)` is one."""
+    return list(PRESETS)
+
+
 def preset(name: str) -> Model:
     """The published model called `name`.
 

@@ -168,13 +168,13 @@ class ModelOptions(OptionGroup):
 
     def find_model(self) -> Model:
         """The same, and nothing is said."""
-        from whiptool.models.files import find_model
+        from whiptool.models.files import load_model
 
         of_model, of_arm = (self.arm_tip or "", "") if self.arm is None else ("", self.arm_tip or "")
-        model = find_model(self.model, tip=of_model)
+        model = load_model(self.model, tip=of_model)
         if self.arm is not None:
             try:
-                other = find_model(self.arm, tip=of_arm)
+                other = load_model(self.arm, tip=of_arm)
             except InputError as error:
                 raise error.renamed("--arm") if error.name == "model" else error from None
             model = replace(other, whip=model.whip) if other.dimension == model.dimension else other

@@ -23,7 +23,7 @@ from whiptool.arrival_rule import ArrivalRule, sample_goals
 from whiptool.errors import InputError
 from whiptool.goals import Goals
 from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
-from whiptool.models import Model, find_model
+from whiptool.models import Model, load_model
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rl.task import Step, StrikeTask
@@ -61,7 +61,7 @@ def make_task(
         InputError: One of them breaks its rule.
     """
     if not isinstance(model, Model):
-        model = find_model(str(model))
+        model = load_model(str(model))
     if not isinstance(controller, Controller):
         of_arm = controller in CONSTANT_PRESETS
         controller = Controller(constant_preset(controller) if of_arm else oiac_preset(controller))
@@ -94,7 +94,7 @@ def spaces(task: StrikeTask) -> tuple[Box, Box]:
     )
 
 
-class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
+class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Strike at a target until it is hit.
 
     An episode has one goal; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
@@ -176,7 +176,7 @@ class WhipTarget(gymnasium.Env[np.ndarray, np.ndarray]):
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-class WhipTargets(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Lanes that each strike at a target of their own, all strikes of a step as one batch.
 
     A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then what is

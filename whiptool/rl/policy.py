@@ -9,6 +9,7 @@ import torch
 
 from whiptool.errors import InputError
 from whiptool.goals import Goals
+from whiptool.models.numbers import array_of
 from whiptool.models.strike import Strike
 from whiptool.rl.learner import Learner
 from whiptool.rl.task import StrikeTask
@@ -34,6 +35,34 @@ class Policy:
 
     def __repr__(self) -> str:
         return f"Policy({type(self.learner).__name__.lower()}, over {self.task.zone})"
+
+    def predict(
+        self,
+        observation: np.ndarray | Sequence[float],
+        state: None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = False,
+    ) -> tuple[np.ndarray, None]:
+        """Return the action for what an environment shows, as Stable-Baselines3's models do; `WhipEnv.step` takes it.
+
+        Args:
+            observation: Of one environment, (n_obs,), or of B, (B, n_obs), in SI units.
+            state, episode_start: Of recurrent policies; this is none.
+            deterministic: The mean action, instead of a sample of the policy.
+
+        Returns:
+            The action in [-1, 1], (n_act,) or (B, n_act), and no state.
+
+        Raises:
+            InputError: The observation has other numbers than the policy's task shows.
+        """
+        rule = f"{self.task.n_obs} finite numbers, or rows of them, as the observation {self.task.observation} has"
+        seen = array_of("observation", observation, rule)
+        if seen.ndim not in (1, 2) or seen.shape[-1] != self.task.n_obs:
+            raise InputError("observation", observation, rule)
+        rows = torch.as_tensor(self.task.normalise(np.atleast_2d(seen)), dtype=torch.float32)
+        actions = self.learner.act(rows, deterministic=deterministic).numpy()
+        return (actions[0] if seen.ndim == 1 else actions), None
 
     def strike(self, target: Target | Sequence[float]) -> Strike:
         """Return the strike that the policy makes first at a target: its mean action, seen from rest.

@@ -28,7 +28,7 @@ NAMES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Series:
     """S seeds of a method at the same T targets.
 
@@ -57,6 +57,12 @@ class Series:
     wall_time: float
     notes: tuple[str, ...] = ()
     cap: float = math.inf
+
+    def __repr__(self) -> str:
+        low, high = self.interval
+        way = f" ({self.convention})" if self.convention else ""
+        needs = f"{self.mean:.1f} trials to a hit, 95 % interval {low:.1f} to {high:.1f}"
+        return f"Series({self.label}{way}: {needs}, {self.hit.mean():.0%} of {self.hit.size} hit)"
 
     @property
     def label(self) -> str:

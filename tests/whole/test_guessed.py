@@ -1,0 +1,163 @@
+"""Calls as a new user types them before looking anything up: each works, and gives the right value.
+
+A snippet is evaluated with `wt`, `np`, `model`, `rollout`, `strike`, `path`, `target`, `objective` and `folder` in
+reach; beside it stands what holds of its value, `it`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import whiptool as wt
+from whiptool.errors import InputError
+
+pytestmark = pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
+MODEL = wt.load_model("lemon2024")
+STRIKE = wt.Strike((-1.36, 0.47), (1.73, 1.41), 0.95)
+TARGET = wt.Target((1.25, 0.2))
+
+
+class Here(dict):
+    """What is in reach of a snippet: made when it is first asked for."""
+
+    made: dict[str, object] = {}  # noqa: RUF012
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(wt=wt, np=np, json=json, model=MODEL, strike=STRIKE, target=TARGET, folder=folder)
+
+    def __missing__(self, name: str) -> object:
+        if name == "objective":  # counts its trials: another one for each snippet
+            self[name] = wt.Objective(self["rollout"], TARGET, max_trials=12)
+            return self[name]
+        if name not in self.made:
+            self.made[name] = {
+                "rollout": lambda: wt.CompiledRollout(MODEL, wt.Controller(), timestep=1e-3),
+                "path": lambda: self["rollout"].trajectory(STRIKE),
+                "reference": lambda: self["rollout"].approach(STRIKE, TARGET),
+            }[name]()
+        return self.made[name]
+
+
+DATA = [
+    ("wt.Target(1.25, 0.2)", "it == wt.Target((1.25, 0.2)) and it.hit_radius == 0.06"),
+    ("wt.Target(1.2, 0.3, 0.5)", "it == wt.Target((1.2, 0.3, 0.5))"),
+    ("wt.Target(1.25, 0.2, hit_radius=0.03)", "it == wt.Target((1.25, 0.2), 0.03)"),
+    ("wt.Target([1.25, 0.2])", "it == target"),
+    ("wt.Target(np.array([1.25, 0.2]))", "it == target"),
+    ("wt.Strike(-1.36, .47, 1.73, 1.41, .95)", "it == strike and it.q_f == (1.73, 1.41) and it.D == 0.95"),
+    ("wt.Strike([-1.36, .47, 1.73, 1.41, .95])", "it == strike"),
+    ("wt.Strike(-1, 1, 0.5)", "it == wt.Strike((-1,), (1,), 0.5)"),
+    ("list(strike)", "it == [-1.36, 0.47, 1.73, 1.41, 0.95]"),
+    ("np.asarray(strike)", "it.tolist() == list(strike)"),
+    ("wt.presets()", "'lemon2024' in it and all(wt.load_model(name).name == name for name in it)"),
+    ("wt.load_model('lemon2024')", "it == wt.preset('lemon2024')"),
+]
+SEARCHES = [
+    ("wt.search(rollout, target)", "it.hit and it.method == 'directl' and it.outcome.miss_distance < 0.06"),
+    ("wt.search(rollout, (1.25, 0.2), 'random', seed=1, max_trials=5)", "it.n_trials <= 5 and it.method == 'random'"),
+    ("wt.search(objective)", "it.method == 'directl' and it.n_trials == 12"),
+    ("wt.search(objective, 'direct-l')", "it.trace == wt.search(wt.Objective(rollout, target, max_trials=12)).trace"),
+    ("wt.search(objective, 'DIRECT_L')", "it.method == 'directl'"),
+    ("wt.search(objective, 'cma-es')", "it.method == 'cmaes'"),
+    ("wt.search(objective, 'CMAES')", "it.method == 'cmaes'"),
+    ("wt.search(objective, method='Random', seed=3)", "it.method == 'random'"),
+    ("wt.search(objective, 'nlopt:gn-crs2-lm')", "it.method == 'nlopt:GN_CRS2_LM'"),
+]
+PATHS = [
+    ("path.tip_speed", "np.allclose(it**2, (path.tip_velocity**2).sum(axis=1)) and it.shape == path.t.shape"),
+    ("path.tracking_error", "np.array_equal(it, path.q_d - path.q[:, :2])"),
+    ("path.miss(target)", "it == path.distance(target).min() or 0 <= path.distance(target).min() - it < 1e-3"),
+    ("path.to_dataframe()", "np.array_equal(it['q[3]'], path.q[:, 3]) and np.array_equal(it['tip.y'], path.tip[:, 1])"),
+    ("path.to_dataframe()", "np.array_equal(it['K[0][1]'], path.K[:, 0, 1]) and len(it) == len(path.t)"),
+    ("path.to_csv()", "np.array_equal(np.loadtxt(it.splitlines(), delimiter=',', skiprows=1)[:, 1:15], path.q)"),
+    ("path.to_csv(f'{folder}/a.csv')", "(folder / 'a.csv').read_text() == path.to_csv()"),
+    ("path.save(f'{folder}/a.npz')", "np.array_equal(wt.Trajectory.load(f'{folder}/a.npz').tip, path.tip)"),
+]
+FIGURES = [
+    (
+        "wt.plot_tracking(path)",
+        "it.shape == (2,) and 'joint1, error' in it[0].get_legend().get_texts()[0].get_text()",
+    ),
+    ("wt.plot_tracking(path, model)", "'shoulder, error up to' in it[0].get_legend().get_texts()[0].get_text()"),
+    ("wt.plot_torque(path, model)", "np.array_equal(it.lines[1].get_ydata(), path.tau[:, 1])"),
+    ("wt.plot_torque(path)", "it.get_ylabel() == 'torque [N m]'"),
+    ("wt.plot_tip_speed(path)", "it.lines[1].get_ydata()[0] == path.tip_speed.max()"),
+    ("wt.animate(path, model, target)", "it.count == 1 + np.ceil(path.t[-1] / (0.25 / 25))"),
+    (
+        "wt.similarity(path.t, path.tip, path.tip + [0.003, 0.004])",
+        "abs(it.rmse - 0.005) < 1e-12 and abs(it.delay) < 1e-12",
+    ),
+]
+LEARNING = [
+    (
+        "wt.compare(rollout, ['direct-l'], targets=2, max_trials=5)",
+        "[one.method for one in it] == ['directl', 'random'] and it[0].trials.shape == (1, 2)",
+    ),
+]
+
+
+@pytest.mark.parametrize(("snippet", "holds"), [*DATA, *SEARCHES, *PATHS, *FIGURES, *LEARNING])
+def test_what_is_guessed_works(snippet, holds, tmp_path):
+    here = Here(tmp_path)
+    here["it"] = eval(snippet, here)
+    assert eval(holds, here), here["it"]
+
+
+def test_a_policy_is_trained_and_asked_as_elsewhere():
+    """`predict` is Stable-Baselines3's: an action for one observation or many, and no state."""
+    here = Here(Path())
+    policy = wt.train(here["rollout"], wt.Disc((1.2, 0.1), 0.2), "SAC", episodes=2, trials=4, progress=False)
+    env = wt.WhipEnv(zone=wt.Disc((1.2, 0.1), 0.2))
+    seen, info = env.reset(seed=0)
+    action, state = policy.predict(seen, deterministic=True)
+    assert state is None
+    assert env.action_space.contains(action)
+    expected = policy.task.to_strikes(action[None].astype(float))[0]
+    np.testing.assert_allclose(policy.strike(info["target"]), expected, atol=1e-6)
+    both, _ = policy.predict(np.stack([seen, seen]), deterministic=True)
+    np.testing.assert_allclose(both, [action, action], atol=1e-6)
+    with pytest.raises(InputError, match=r"observation: got \[1, 2\]; allowed: 6 finite numbers"):
+        policy.predict([1, 2])
+
+
+def test_a_function_stays_one_when_the_command_of_its_name_is_imported():
+
+    for name in ("train", "compare"):
+        door = import_module(f"whiptool.{name}")
+        assert door.main is not getattr(wt, name)
+        assert callable(getattr(wt, name))
+
+
+@pytest.mark.parametrize(
+    ("snippet", "said"),
+    [
+        (
+            "wt.Strike(1, 2, 3, 4)",
+            "strike: got [1.0, 2.0, 3.0, 4.0]; allowed: the angles q_i, as many",
+        ),
+        ("wt.Target(1.0)", "target: got (1.0,); allowed: two finite coordinates x y in m, or three in space"),
+        ("wt.search(objective, 'cma')", "method: got 'cma'; allowed: directl, gradient, cmaes"),
+        ("wt.search(objective, max_trials=3)", "search: got 'max_trials'; allowed: nothing but method, seed and first"),
+        ("wt.search(model, target)", "objective: got Model; allowed: Objective or Rollout"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(snippet, said, tmp_path):
+    with pytest.raises(InputError) as refused:
+        eval(snippet, Here(tmp_path))
+    assert str(refused.value).startswith(said)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_table_without_pandas_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    monkeypatch.setattr("whiptool.extras.find_spec", lambda name: None)
+    with pytest.raises(
+        InputError, match="a data frame: got 'no pandas'; allowed: pandas installed; pip install pandas"
+    ):
+        Here(Path())["path"].to_dataframe()

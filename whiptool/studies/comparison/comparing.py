@@ -1,0 +1,70 @@
+"""Methods compared in memory: without a run folder, for a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from whiptool.errors import expect
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.studies.comparison.plan import Comparison
+from whiptool.studies.comparison.series import Series, collect
+from whiptool.studies.comparison.store import Store
+from whiptool.studies.comparison.units import Scene
+from whiptool.target import HIT_RADIUS
+from whiptool.zone import Zone, usual_disc
+
+
+def compare(
+    rollout: CompiledRollout,
+    methods: Sequence[str] = ("directl", "cmaes", "gradient"),
+    *,
+    zone: Zone | None = None,
+    targets: int = 12,
+    target_seed: int = 0,
+    hit_radius: float = HIT_RADIUS,
+    max_trials: int = 600,
+    seeds: int = 1,
+    observations: Sequence[str] = ("goal",),
+    **training: Any,
+) -> list[Series]:
+    """Compare methods by the trials that they need until they hit random targets of a zone (Fig. 6).
+
+    `random` always stands beside them. Learners are trained first, for as long as `training` says.
+
+    Args:
+        rollout: What strikes.
+        methods: Of `METHODS`. Capital letters, hyphens and underscores make no difference.
+        zone: Where the targets lie; None: the paper's disc, in space a ball.
+        targets: Their number, the same for all methods.
+        target_seed: They are drawn with it.
+        hit_radius: [m]
+        max_trials: At most, at each target.
+        seeds: Number of seeds of what is random in a method.
+        observations: What learners see.
+        training: `episodes`, `trials`, `random_episodes`, `hindsight`, see `Comparison`.
+
+    Returns:
+        One series for each method and, of a learner, for each way to strike with its policy.
+
+    Raises:
+        InputError: There is no such method, or a number breaks its rule.
+    """
+    expect(CompiledRollout, rollout=rollout)
+    scene = Scene(
+        model=rollout.model,
+        controller=rollout.controller,
+        zone=zone or usual_disc(rollout.model.dimension),
+        targets=targets,
+        target_seed=target_seed,
+        radii=(hit_radius,),
+        cap=max_trials,
+        timestep=rollout.timestep,
+    )
+    given = (methods,) if isinstance(methods, str) else tuple(methods)
+    comparison = Comparison(scene=scene, methods=given, observations=tuple(observations), seeds=seeds, **training)
+    with TemporaryDirectory() as folder:
+        units = comparison.units()
+        return collect(units, Store(Path(folder)).results(units, desc="compare"))
