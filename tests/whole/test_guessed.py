@@ -11,13 +11,14 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import whiptool as wt
 from whiptool.errors import InputError
 
-pytestmark = pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
+pytestmark = pytest.mark.filterwarnings("ignore:Animation was deleted")
 MODEL = wt.load_model("lemon2024")
 STRIKE = wt.Strike((-1.36, 0.47), (1.73, 1.41), 0.95)
 TARGET = wt.Target((1.25, 0.2))
@@ -107,6 +108,7 @@ def test_what_is_guessed_works(snippet, holds, tmp_path):
     here = Here(tmp_path)
     here["it"] = eval(snippet, here)
     assert eval(holds, here), here["it"]
+    plt.close("all")
 
 
 def test_a_policy_is_trained_and_asked_as_elsewhere():
