@@ -11,11 +11,11 @@ from full_disk import full_disk
 from search_words import SEARCH
 
 from whiptool.commands import cli, optimize
+from whiptool.commands.pictures import StrikePictures
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.objective import Trial
 from whiptool.optimizers.trial_log import TRIALS, TrialLog
 from whiptool.options import OutputOptions, ResumableOptions
-from whiptool.rollout import Trajectory
 from whiptool.runs import CONFIG, RESULT, RunFolder
 
 
@@ -23,12 +23,9 @@ from whiptool.runs import CONFIG, RESULT, RunFolder
 def plain():
     """Searches without figures and MuJoCo, for speed."""
 
-    def save_strike(folder: Path, trajectory: Trajectory, *_, **__) -> list[str]:
-        trajectory.save(folder / "trajectory.npz")
-        return []
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(optimize, "save_strike", save_strike)
+        patch.setattr(StrikePictures, "__enter__", lambda self: self)
+        patch.setattr(StrikePictures, "draw", lambda self: [])
         patch.setattr(optimize._Run, "_replay", lambda *_: {"miss_distance": None, "difference": None})
         patch.setattr("whiptool.viz.plots.save_convergence", lambda *_, **__: None)
         yield

@@ -14,6 +14,7 @@ from whiptool.target import Target
 from whiptool.viz import video
 from whiptool.viz.animation import animate
 from whiptool.viz.camera import Camera
+from whiptool.viz.drawn_film import drawn_film
 from whiptool.viz.film import film_of
 from whiptool.viz.style import COLORS
 
@@ -42,7 +43,7 @@ def rgb(name: str) -> tuple[float, ...]:
 
 def test_matplotlib_draws_the_tip_where_the_camera_sees_it(film):
     camera = Camera.of(build_spec(UR5E).compile(), "view").fitted(film.box(TARGET), SIZE[0] / SIZE[1])
-    frames = list(video._matplotlib_frames(film, TARGET))
+    frames = list(drawn_film(film, TARGET))
     assert len(frames) == len(film.q)
     seen = camera.seen(joint_points(UR5E, film.q)[:, -1])[0, :2]  # in the first frame no trail has its colour
     np.testing.assert_allclose(of_color(frames[0], rgb("vermilion"), 0.1), seen, atol=0.02)
@@ -53,7 +54,7 @@ def test_mujoco_and_matplotlib_film_the_same(film):
         shown = next(video._mujoco_frames(film, TARGET))
     except Exception as error:  # drivers fail in many ways
         pytest.skip(f"no OpenGL: {error}")
-    drawn = next(video._matplotlib_frames(film, TARGET))
+    drawn = next(drawn_film(film, TARGET))
     blue = [(image[..., 2].astype(int) - image[..., 0] > 90) for image in (shown, drawn)]  # the arm
     for image in blue:
         assert image.sum() > 100

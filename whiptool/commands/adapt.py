@@ -115,9 +115,10 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
         except AwaitsRecording as waits:
             return _ask(waits, folder.path, as_json=options.json)
         summary = _summary(steps)
-        write_whole(folder.path / REPORT, _page(adaptation, steps, options))
         folder.write_result(summary)
-        print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path))
+        print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path), flush=True)
+        cli.drawing()
+        write_whole(folder.path / REPORT, _page(adaptation, steps, options))
         return 0 if summary["hit"] else 1
 
 

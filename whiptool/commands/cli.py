@@ -482,6 +482,11 @@ def _unknown(command: str) -> int:
     raise InputError("command", command, ", ".join(COMMANDS))
 
 
+def drawing() -> None:
+    """Say on stderr that the result is told, and that what takes longer follows."""
+    print("drawing ...", file=sys.stderr, flush=True)
+
+
 def degrees(radians: float) -> str:
     """An angle for people: rad, and degrees beside it."""
     return f"{radians:+.4f} rad ({radians * 57.29577951308232:+.1f} deg)"

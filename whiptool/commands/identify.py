@@ -282,21 +282,16 @@ class _Run:
         return f"{said}; free what is missing, or {cure if self.options.drive == 'command' else 'check the recordings'}"
 
     def report(self, folder: RunFolder) -> int:
-        """Write everything, tell people or programs."""
+        """Write the fit and tell it, then draw the report."""
         from whiptool.identification.plant import Plant
-        from whiptool.identification.report import sections
         from whiptool.identification.solver import Status
         from whiptool.models.files import write_model
-        from whiptool.viz.report import to_html
 
         plant, path = self.found.plant, folder.path
         assert isinstance(plant, Plant)
         write_model(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
         summary = self._summary(plant, path)
         folder.write_result(summary)
-        parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
-        html = to_html("Identified whip", self._subtitle(), self._facts(), parts)
-        write_whole(path / REPORT, html)
         if self.found.status is not Status.CONVERGED:
             self._say(f"not converged: {self.found.status.value}; more --starts or a nearer --model may help")
         if self.found.failed:
@@ -305,7 +300,14 @@ class _Run:
             self._say(f"{number} of {tried} failed: they ended far above the best, which alone is judged")
         if self.warning is not None:
             self._say(self.warning)
-        print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary, path))
+        told = json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary, path)
+        print(told, flush=True)
+        cli.drawing()
+        from whiptool.identification.report import sections
+        from whiptool.viz.report import to_html
+
+        parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
+        write_whole(path / REPORT, to_html("Identified whip", self._subtitle(), self._facts(), parts))
         return 0
 
     def _say(self, line: str) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from tyro.conf import Positional
 
 from whiptool.commands import cli
+from whiptool.commands.pictures import StrikePictures
 from whiptool.errors import InputError, expect
 from whiptool.extras import optional
 from whiptool.options import (
@@ -241,14 +242,13 @@ def _strike(args: Sequence[str]) -> int:
 
 
 def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strike: Strike) -> None:
-    """Play the strike, replay it in MuJoCo, write everything, tell people or programs."""
+    """Play the strike and tell it, replay it in MuJoCo, then draw; programs are told when it was replayed."""
     from whiptool.commands.limits_told import with_cure
     from whiptool.commands.optimize import (
         arrival_table,
         export_trajectory,
         missed_by,
         outcome_lines,
-        save_strike,
         strike_lines,
     )
     from whiptool.models.strike import named_strike
@@ -265,37 +265,39 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
     commanded = options.build_trajectory(model, strike, striker.t_stay, limits)  # refused before anything is written
     objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=limits)
     outcome = objective.judge(trajectory, strike)
+    lines = [f"one strike from the map of {model.name}", *strike_lines(named_strike(strike, model.arm), model.arm)]
+    refused = [f"  outcome        refused, as it is beyond the limits: {with_cure(beyond)}"]
+    lines += refused if outcome.refused is not None else outcome_lines(outcome, target, model.arm)
+    if not options.json:
+        print("\n".join(lines), flush=True)
     place, expected = np.array(target.position), outcome.miss_distance
-    seen = replay(model, rollout.controller, strike, place, t_stay=striker.t_stay, expected=expected)
-    summary = {
-        "strike": named_strike(strike, model.arm),
-        "target": list(target.position),
-        "hit_radius": target.hit_radius,
-        "refined": options.refine,
-        "miss_distance": outcome.miss_distance,
-        "hit": outcome.hit,
-        "missed_by": missed_by(outcome, target),
-        "beyond": beyond,
-        "hit_time": outcome.hit_time,
-        "tip_speed": None if outcome.diverged else outcome.tip_speed,
-        "arrival": arrival_table(outcome, target),
-        "reference": {"miss_distance": seen.miss_distance},
-        "model": model.name,
-        "version": code_version(),
-    }
-    label = "strike map"
-    with cli.new_folder(options, "map-strike", cli.configuration(options, "map strike", model)) as folder:
+    with (
+        cli.new_folder(options, "map-strike", cli.configuration(options, "map strike", model)) as folder,
+        StrikePictures(
+            folder.path, trajectory, model, target, "strike map", video=options.video, beyond=beyond
+        ) as pictures,
+    ):
+        seen = replay(model, rollout.controller, strike, place, t_stay=striker.t_stay, expected=expected)
+        summary = {
+            "strike": named_strike(strike, model.arm),
+            "target": list(target.position),
+            "hit_radius": target.hit_radius,
+            "refined": options.refine,
+            "miss_distance": outcome.miss_distance,
+            "hit": outcome.hit,
+            "missed_by": missed_by(outcome, target),
+            "beyond": beyond,
+            "hit_time": outcome.hit_time,
+            "tip_speed": None if outcome.diverged else outcome.tip_speed,
+            "arrival": arrival_table(outcome, target),
+            "reference": {"miss_distance": seen.miss_distance},
+            "model": model.name,
+            "version": code_version(),
+        }
         folder.write_result(summary)
-        files = save_strike(
-            folder.path, trajectory, model, target, label, D=strike.D, video=options.video, beyond=beyond
-        )
-    if options.json:
-        print(json.dumps(summary, allow_nan=False))
-    else:
         said = "no result in MuJoCo" if seen.miss_distance is None else f"{seen.miss_distance:.4f} m in MuJoCo"
-        lines = [f"one strike from the map of {model.name}", *strike_lines(summary["strike"], model.arm)]
-        refused = [f"  outcome        refused, as it is beyond the limits: {with_cure(beyond)}"]
-        lines += refused if outcome.refused is not None else outcome_lines(outcome, target, model.arm)
-        lines.append(f"  reference      {said}")
-        print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
+        print(json.dumps(summary, allow_nan=False) if options.json else f"  reference      {said}", flush=True)
+        files = pictures.draw()
+    if not options.json:
+        print(f"  run folder     {folder.path} ({', '.join(files)})")
     export_trajectory(options, commanded, rollout.controller)

@@ -8,13 +8,13 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.commands.limits_told import limit_lines, limits_table, with_cure
+from whiptool.commands.pictures import StrikePictures
 from whiptool.errors import InputError
 from whiptool.options import (
     METHODS,
@@ -161,10 +161,12 @@ class _Run:
     def search(self):
         """Search with a progress bar, every new trial written as it happens."""
         from whiptool.optimizers import find_method, run_search
-        from whiptool.optimizers.pareto_search import pareto_search
         from whiptool.progress import Progress
 
-        run = find_method(self.options.method) if self.options.pareto is None else pareto_search
+        if self.options.pareto is None:
+            run = find_method(self.options.method)
+        else:
+            from whiptool.optimizers.pareto_search import pareto_search as run
         objective, known = self.objective, len(self.recorded)
         with Progress(
             total=self.options.max_trials,
@@ -205,7 +207,7 @@ class _Run:
         return f"all of the first {len(objective.trials)} strikes were refused: {why}{closest}; {cure}"
 
     def report(self, result) -> int:
-        """Replay on the reference, write everything, tell people or programs."""
+        """Tell the result, replay it on the reference, then draw; programs are told when it was replayed."""
         from whiptool.optimizers import Status
 
         status = 130 if result.status is Status.INTERRUPTED else 0
@@ -213,29 +215,30 @@ class _Run:
             print("whiptool: ended before the first trial", file=sys.stderr)
             return status or 1
         self.folder.write_result(self._summary(result, reference=_NOT_REPLAYED))  # whatever happens below
-        replayed = self._replay(result)
-        summary = self._summary(result, reference=replayed)
         trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
-        summary["warning"] = self._refine(result, trajectory)
         table = limits_table(self.objective.limits, trajectory, result.strike, self.model.arm.joints)
-        summary |= table | (self._refusals(result) if table else {})
-        self.folder.write_result(summary)
-        files = save_strike(
-            self.folder.path,
-            trajectory,
-            self.model,
-            self.target,
-            self.options.controller_label(),
-            D=result.strike.D,
-            video=self.options.video,
-            beyond=summary.get("beyond"),
-        )
-        from whiptool.viz.plots import save_convergence
+        table |= self._refusals(result) if table else {}
+        if not self.options.json:
+            print(self._text(result, self._summary(result, reference=_NOT_REPLAYED) | table), flush=True)
+        label, beyond = self.options.controller_label(), table.get("beyond")
+        with StrikePictures(
+            self.folder.path, trajectory, self.model, self.target, label, video=self.options.video, beyond=beyond
+        ) as pictures:
+            replayed = self._replay(result)
+            summary = self._summary(result, reference=replayed)
+            summary["warning"] = self._refine(result, trajectory)
+            summary |= table
+            self.folder.write_result(summary)
+            said = json.dumps(summary, allow_nan=False) if self.options.json else _in_mujoco(replayed, result.outcome)
+            print(said, flush=True)
+            files = pictures.draw()
+            from whiptool.viz.plots import save_convergence
 
-        label = f"{self.model.name}, {self.options.controller_label()}, {result.method}"
-        save_convergence(self.folder.path, result.trace, self.target, label=label)
-        files += self._save_front(result, label)
-        print(json.dumps(summary, allow_nan=False) if self.options.json else self._text(result, summary, files))
+            label = f"{self.model.name}, {label}, {result.method}"
+            save_convergence(self.folder.path, result.trace, self.target, label=label)
+            files += self._save_front(result, label)
+        if not self.options.json:
+            print(f"  run folder     {self.folder.path} ({', '.join(files)})")
         self.options.refuse_beyond(summary.get("beyond"))
         path = self.rollout.space.path(result.strike.vector)
         commanded = self.options.build_trajectory(self.model, path, self.options.t_stay, self.given)
@@ -363,7 +366,7 @@ class _Run:
             "version": self.version,
         }
 
-    def _text(self, result, summary: dict, files: list[str]) -> str:
+    def _text(self, result, summary: dict) -> str:
         from whiptool.objective import why_lost
 
         bounds = self.objective.bounds
@@ -388,17 +391,7 @@ class _Run:
             refusals = [one for one in result.trace if one.outcome.refused is not None]
             by = ", ".join(f"{n} {why}" for why, n in why_lost(refusals).items())
             lines.append(f"  refused        {counted(len(refusals), 'strike')}: {by}")
-        reference = summary["reference"]
-        if reference["miss_distance"] is None:
-            said = "not asked for such a strike" if result.outcome.lost else "not confirmed: no result in MuJoCo"
-            lines.append(f"  reference      {said}")
-        else:
-            lines.append(
-                f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, a difference of "
-                f"{1e3 * reference['difference']:+.3f} mm{_arrival_in_mujoco(reference)}"
-            )
         lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
-        lines.append(f"  run folder     {self.folder.path} ({', '.join(files)})")
         return "\n".join(lines)
 
 
@@ -509,6 +502,15 @@ def _arrival_lines(outcome, target) -> list[str]:
     return [f"  arrival        {lead}{', '.join(said)}"]
 
 
+def _in_mujoco(reference: dict, outcome) -> str:
+    """The line that tells people how the strike did in MuJoCo."""
+    if reference["miss_distance"] is None:
+        said = "not asked for such a strike" if outcome.lost else "not confirmed: no result in MuJoCo"
+        return f"  reference      {said}"
+    difference = f"a difference of {1e3 * reference['difference']:+.3f} mm{_arrival_in_mujoco(reference)}"
+    return f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, {difference}"
+
+
 def _arrival_in_mujoco(reference: dict) -> str:
     """How the tip arrived in MuJoCo, for people, behind its miss distance."""
     said = [] if reference["angle"] is None else [f"{math.degrees(reference['angle']):.2f} degrees"]
@@ -527,27 +529,3 @@ def export_trajectory(options: TrajectoryOptions, commanded: JointTrajectory | N
     files = options.write_trajectory(commanded)
     follows = "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
     print(f"wrote {' and '.join(map(str, files))}{follows}", file=sys.stderr)
-
-
-def save_strike(
-    folder: Path, trajectory, model, target, label: str, *, D: float, video: bool, beyond: str | None = None
-) -> list[str]:
-    """Save trajectory, figures, interactive page and video of one strike; the files' kinds, for people.
-
-    What is beyond its limits, as `beyond` says in words, is shown as no hit.
-    """
-    from whiptool.viz.page import strike_page
-    from whiptool.viz.plots import save_strike_figures
-    from whiptool.whole_files import write_whole
-
-    trajectory.save(folder / "trajectory.npz")
-    save_strike_figures(folder, trajectory, model, target, label + (", beyond its limits" if beyond else ""))
-    page = strike_page(model, trajectory, target, label=label, beyond=beyond)
-    write_whole(folder / "strike.html", page)
-    kinds = ["trajectory", "figures", "page"]
-    if video:
-        from whiptool.viz.video import render_video
-
-        render_video(folder / "strike.mp4", trajectory, model, target, beyond=beyond is not None)
-        kinds.append("video")
-    return kinds

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from whiptool.commands import cli
+from whiptool.commands.pictures import StrikePictures
 from whiptool.errors import NOTHING, InputError
 from whiptool.options import (
     GoalOptions,
@@ -126,7 +127,6 @@ def _play(options: SimulateOptions, model, strike) -> int:
         export_trajectory,
         missed_by,
         outcome_lines,
-        save_strike,
         strike_lines,
         torques_known,
     )
@@ -180,26 +180,11 @@ def _play(options: SimulateOptions, model, strike) -> int:
         "model": model.name,
         "version": code_version(),
     }
-    label = options.controller_label()
+    label, engine = options.controller_label(), f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
+    lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"], model.arm)]
+    lines += [*outcome_lines(outcome, target, model.arm), *limit_lines(limits, used)]
     with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model, controller)) as folder:
-        folder.write_result(summary)
-        files = save_strike(
-            folder.path,
-            trajectory,
-            model,
-            target,
-            label,
-            D=strike.D,
-            video=options.video,
-            beyond=used.get("beyond"),
-        )
-    if options.json:
-        print(json.dumps(summary, allow_nan=False))
-    else:
-        engine = f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
-        lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"], model.arm)]
-        lines += [*outcome_lines(outcome, target, model.arm), *limit_lines(limits, used)]
-        print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
+        _tell(options, folder, summary, lines, (trajectory, model, target, label), beyond=used.get("beyond"))
     export_trajectory(options, commanded, controller)
     return int(outcome.diverged)
 
@@ -217,7 +202,7 @@ def _judged(rollout, trajectory, target):
 def _follow(options: SimulateOptions, model) -> int:
     """Have servos follow a joint trajectory, say what the tip did from the strike's beginning on; return the exit
     status."""
-    from whiptool.commands.optimize import arrival_table, missed_by, outcome_lines, save_strike
+    from whiptool.commands.optimize import arrival_table, missed_by, outcome_lines
     from whiptool.impedance import Controller
     from whiptool.impedance.position import PositionControl
     from whiptool.models.joint_trajectory import JointTrajectory
@@ -248,15 +233,21 @@ def _follow(options: SimulateOptions, model) -> int:
         "version": code_version(),
     }
     label = "position servos"
-    with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model)) as folder:
-        folder.write_result(summary)
-        length = float(strike.t[-1] - strike.t[0])
-        files = save_strike(folder.path, strike, model, target, label, D=length, video=options.video)
-    if options.json:
-        print(json.dumps(summary, allow_nan=False))
-        return int(outcome.diverged)
     lines = [f"a joint trajectory: {model.name}, {label}, MuJoCo", *outcome_lines(outcome, target, model.arm)]
     unit = "rad or m" if model.arm.slides else "rad"
     lines.append(f"  servos         at most {summary['tracking_error']:.2g} {unit} from the trajectory")
-    print("\n".join([*lines, f"  run folder     {folder.path} ({', '.join(files)})"]))
+    with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model)) as folder:
+        _tell(options, folder, summary, lines, (strike, model, target, label))
     return int(outcome.diverged)
+
+
+def _tell(
+    options: SimulateOptions, folder, summary: dict[str, Any], lines: list[str], drawn: tuple, beyond: str | None = None
+) -> None:
+    """Write a result and tell it, then draw."""
+    folder.write_result(summary)
+    print(json.dumps(summary, allow_nan=False) if options.json else "\n".join(lines), flush=True)
+    with StrikePictures(folder.path, *drawn, video=options.video, beyond=beyond) as pictures:
+        files = pictures.draw()
+    if not options.json:
+        print(f"  run folder     {folder.path} ({', '.join(files)})")

@@ -180,6 +180,7 @@ def _open(page: Path) -> str | None:
 
 
 def _write_page(folder: Path, strike: StrikeRun) -> None:
+    cli.drawing()
     from whiptool.viz.page import strike_page
     from whiptool.whole_files import write_whole
 
@@ -188,6 +189,7 @@ def _write_page(folder: Path, strike: StrikeRun) -> None:
 
 
 def _write_video(folder: Path, strike: StrikeRun) -> None:
+    cli.drawing()
     from whiptool.viz.video import render_video
 
     render_video(folder / VIDEO, strike.trajectory, strike.model, strike.target, beyond=strike.beyond is not None)

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.models.parameters import Model
+from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.target import Target
+from whiptool.viz.camera import Camera
 from whiptool.viz.posture import as_mujoco_shows, at_times
 
 MAX_SEGMENTS = 800  # of the tip's path
+GRID, HIT, TEXT = (0.70, 0.73, 0.77), (0.0, 0.62, 0.45), (0.15, 0.16, 0.18)  # colours; the target's once hit
 _SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path where the tip rests and is fastest
 
 
@@ -109,3 +112,8 @@ def film_of(
         grid=grid,
         size=(int(size[0]), int(size[1])),
     )
+
+
+def film_camera(mj: mujoco.MjModel, film: Film, target: Target) -> Camera:
+    """Return the camera that films a strike in space."""
+    return Camera.of(mj, "view").fitted(film.box(target), film.size[0] / film.size[1])

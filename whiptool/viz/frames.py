@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import imageio_ffmpeg
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
 
 
 def drawn_frames(
@@ -23,6 +25,8 @@ def drawn_frames(
         count: How many frames.
         show: Called with the number of each frame, puts the artists where they are then.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # not needed for films that MuJoCo draws
+
     canvas = FigureCanvasAgg(figure)
     for artist in moving:
         artist.set_animated(True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
 import sys
@@ -24,6 +25,14 @@ def gl_context(width: int, height: int):
         backend = "egl"
     module = f"mujoco.{backend}" if backend in ("egl", "osmesa", "glfw", "cgl") else "mujoco.gl_context"
     return importlib.import_module(module).GLContext(width, height)
+
+
+def draws_in_software() -> bool:
+    """Whether the current OpenGL context draws with the processor, for want of a graphics card."""
+    from OpenGL.raw.GL.VERSION.GL_1_0 import GL_RENDERER, glGetString
+
+    name = ctypes.string_at(glGetString(GL_RENDERER)).decode()
+    return name.lower().startswith(("llvmpipe", "softpipe", "swrast"))
 
 
 def add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: float, rgb: Sequence[float]) -> None:

@@ -33,6 +33,7 @@ COLORS = {
 CYCLE = list(COLORS.values())[:7]  # yellow lines are hard to see on white
 JOINT_COLORS = [*CYCLE[:6], COLORS["brown"]]  # none is the black of what is desired
 _MOST_TICKS = 40
+_PNG: dict[str, Any] = {"pil_kwargs": {"compress_level": 2}}  # as the usual 6, in half the time
 STYLE: dict[Any, Any] = {
     "figure.dpi": 110,
     "savefig.dpi": 200,
@@ -91,7 +92,7 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as unfinished, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # of names in letters that the font lacks: boxes stand for them
-        figure.savefig(unfinished)
+        figure.savefig(unfinished, **_PNG if path.suffix == ".png" else {})
     return path
 
 
