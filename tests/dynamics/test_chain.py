@@ -286,6 +286,7 @@ def test_chain_of_a_model_moves_like_its_mujoco_model(seed: int, a: int, N: int,
         b=tuple(rng.uniform(0, 0.1, N)),
         rest_angle=tuple(rng.uniform(-0.3, 0.3, N)),
         hinge_mass=0.05 * hinge,
+        node_inertia=tuple(rng.uniform(0, 1e-4, N)),
     )
     model = Model(whip, arm)
     mj = build_spec(model, node_inertia=POINT_INERTIA).compile()

@@ -125,6 +125,18 @@ def test_damping_ratio_of_a_single_pendulum(seed: int):
     np.testing.assert_allclose(modes.eigenvalues, [-damping * omega - root, -damping * omega + root], rtol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_node_with_inertia_swings_as_a_physical_pendulum(seed: int):
+    """omega^2 = (k + m g l) / (m l^2 + I), 2 zeta omega = b / (m l^2 + I): in the plane, and in space in two ways."""
+    l, m, k, b, I = np.random.default_rng(seed).uniform(0.1, 1, 5) * [1, 1, 1, 0.1, 0.1]
+    omega = np.sqrt((k + m * G * l) / (m * l**2 + I))
+    whip = WhipParameters(N=1, l=l, m=m, k=(k,), b=(b,), node_inertia=I)
+    for model, ways in ((Model(whip, ARM), 1), (put_in_space(Model(whip, ARM), "universal"), 2)):
+        modes = hanging_modes(model)
+        assert 2 * np.pi * modes.frequencies == pytest.approx([omega] * ways, rel=1e-9)
+        assert modes.damping_ratios == pytest.approx([b / (m * l**2 + I) / (2 * omega)] * ways, rel=1e-9)
+
+
 def test_an_overdamped_pendulum_has_real_eigenvalues_and_no_ratio():
     l, m, damping = 0.4, 0.2, 3.0
     omega = np.sqrt(G / l)
@@ -283,9 +295,9 @@ def test_published_whips_keep_the_usual_step():
 
 
 def test_a_step_is_as_steady_in_space_as_in_the_plane():
-    whip = dataclasses.replace(preset("lemon2024").whip, k=20.0, b=1e-3)
+    whip = dataclasses.replace(preset("lemon2024").whip, k=20.0, b=1e-3, node_inertia=1e-6)
     planar = Model(whip, ARM)
-    space = Model(dataclasses.replace(whip, joints="universal", node_inertia=1e-6), in_space(ARM))
+    space = Model(dataclasses.replace(whip, joints="universal", rest_angle_x=1e-9), in_space(ARM))
     assert steady_timestep(space, TIMESTEP) == pytest.approx(steady_timestep(planar, TIMESTEP), rel=1e-9)
     assert steady_timestep(space, TIMESTEP) < TIMESTEP
 

@@ -27,6 +27,7 @@ PLAIN = Controller(ConstantImpedance())
         ({"drag_ratio": 0.3}, ()),  # nothing is dragged
         ({"hinge_mass": 0.05}, ("hinge_mass",)),
         ({"cubic_stiffness": (0.0,) * 11 + (0.2,)}, ("cubic_stiffness",)),
+        ({"node_inertia": 1e-5, "hinge_mass": 0.05}, ("node_inertia", "hinge_mass")),
     ],
 )
 def test_terms_are_generated_only_where_they_act(changes: dict, optional: tuple[str, ...]):
@@ -41,6 +42,7 @@ def test_terms_are_generated_only_where_they_act(changes: dict, optional: tuple[
         (["whip.friction_velocity"], ("dry_friction",)),  # says nothing without friction
         (["whip.drag_ratio"], ("drag", "drag_ratio")),
         (["whip.hinge_mass"], ("hinge_mass",)),
+        (["whip.node_inertia"], ("node_inertia",)),
         (["whip.k[3]", "q_si"], ()),
     ],
 )
@@ -83,7 +85,7 @@ def test_every_number_of_a_model_stands_in_its_column(name: str):
     assert [structure.columns(x) for x in ("q_i", "q_f", "D")] == [slice(0, 2), slice(2, 4), slice(4, 5)]
     for quantity in ("length", "mass", "com", "inertia", "friction"):
         np.testing.assert_array_equal(read(f"arm.{quantity}"), model.arm.per_link(quantity))
-    for quantity in ("l", "m", "k", "b", "rest_angle", "dry_friction", "drag", "cubic_stiffness"):
+    for quantity in ("l", "m", "k", "b", "rest_angle", "dry_friction", "drag", "cubic_stiffness", "node_inertia"):
         np.testing.assert_array_equal(read(f"whip.{quantity}"), model.whip.per_node(quantity))
     for quantity in ("drag_ratio", "hinge_mass", "friction_velocity"):
         assert read(f"whip.{quantity}") == getattr(model.whip, quantity)

@@ -32,6 +32,7 @@ def everything() -> Model:
         whip=dataclasses.replace(
             whip, l=vary(0.072), m=vary(0.012), k=vary(0.242), b=vary(0.092), drag=vary(1e-3), dry_friction=vary(5e-3),
             rest_angle=vary(0.05), cubic_stiffness=vary(0.05), drag_ratio=0.3, hinge_mass=0.01,
+            node_inertia=vary(2e-5),
         ),
     )  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -84,13 +86,15 @@ def test_a_clamp_bends_at_the_hand_as_half_a_link():
 
 def test_more_nodes_are_the_same_whip():
     """Uniform: length, mass, total drag and the bending of the whole are kept."""
-    whip = WhipParameters(N=10, l=0.08, m=0.02, k=0.3, b=0.05, drag=1e-3, cubic_stiffness=0.7, rest_angle=0.01)
+    whip = WhipParameters(N=10, l=0.08, m=0.02, k=0.3, b=0.05, drag=1e-3, cubic_stiffness=0.7, rest_angle=0.01,
+                          node_inertia=2e-5)  # fmt: skip
     plant = Plant(type(LEMON)(arm=LEMON.arm, whip=whip))
     finer = plant.with_nodes(25).model.whip
     assert finer.N == 25
     assert finer.length == pytest.approx(0.8)
     assert finer.per_node("m").sum() == pytest.approx(0.2)
     assert finer.per_node("drag").sum() == pytest.approx(1e-2)
+    assert finer.per_node("node_inertia").sum() == pytest.approx(2e-4)
     assert 25 * finer.per_node("rest_angle")[-1] == pytest.approx(0.1)
     for name in ("k", "b"):  # in series: a moment M bends the whole by N M / k
         assert 25 / finer.per_node(name)[-1] == pytest.approx(10 / whip.per_node(name)[-1])
@@ -153,6 +157,9 @@ def test_a_profile_in_space_keeps_how_its_nodes_are_joined():
     assert "profile.bending_stiffness" in plant.values()
     coarse = plant.with_nodes(10).model.whip
     assert coarse.per_node("node_inertia").sum() == pytest.approx(model.whip.per_node("node_inertia").sum())
+    bent = dataclasses.replace(model, whip=dataclasses.replace(model.whip, rest_angle_x=0.01))
+    kept = Plant(bent, None, profile_of(model, "")).changed({"profile.linear_density": 0.2}).model.whip
+    np.testing.assert_allclose(kept.per_node("rest_angle_x"), bent.whip.per_node("rest_angle_x"), rtol=1e-12)
     (slope,) = slopes(plant, ["profile.linear_density"])
     h = 1e-6 * plant.values()["profile.linear_density"]
     up, down = (

@@ -34,12 +34,12 @@ CASES = {
         PLANT,
         [
             *FREE, "whip.l", "whip.drag", "whip.drag_ratio", "whip.rest_angle", "whip.cubic_stiffness", "law.a",
-            "arm.mass[0]", "delay",
+            "arm.mass[0]", "whip.node_inertia", "delay",
         ],
         ("start", "scale", "rotation", "shift_x", "shift_y"),
     ),
     "profile": (PROFILED, [*(f"profile.{name}" for name in PROFILE), "whip.dry_friction"], ()),
-    "joints": (PLANT, ["whip.k", "whip.b", "whip.rest_angle", "delay"], ("scale",)),
+    "joints": (PLANT, ["whip.k", "whip.b", "whip.rest_angle", "whip.node_inertia", "delay"], ("scale",)),
     "handle": (PLANT, ["whip.k", "whip.m", "whip.dry_friction"], ("start",)),
     "free": (
         PENDULUM,
@@ -60,7 +60,8 @@ def test_derivatives_are_those_of_differences(case):
         recordings = [film(LEMON, STRIKES[0], markers=("tip", "handle", "node3"), exposure=0.004)]
     predictor = Predictor(recordings, plant, drive=kind, shared=shared, own=own)
     values, nuisance = plant.values(), {"delay": 0.007} if "delay" in shared else {}
-    usual = {"whip.cubic_stiffness": 5.0}  # joints bend by a few hundredths of a radian: less is lost in rounding
+    # joints bend by a few hundredths of a radian: less is lost in rounding
+    usual = {"whip.cubic_stiffness": 5.0, "whip.node_inertia": 2e-5}
     plant = plant.changed({x: usual.get(x, 1e-3) for x in shared if x in values and values[x] == 0})
     values, rng = plant.values(), np.random.default_rng(1)
     unknowns = [x + 1e-4 * rng.standard_normal(len(x)) for x in predictor.start]

@@ -33,6 +33,7 @@ EVERYTHING = Model(  # every term that a model can have
         hinge_mass=0.03,
         drag_ratio=0.2,
         cubic_stiffness=(0.05, 0.2, 0.1, 0.15),
+        node_inertia=(1e-4, 3e-4, 0.0, 2e-4),
     ),
     arm=ArmParameters(
         (ArmLink(mass=0.3, length=0.3, com=0.1, friction=0.02), ArmLink(mass=0.2, length=0.25, inertia=0.002))

@@ -77,7 +77,8 @@ def ride_on_end(
 
 
 def chain_of(model: Model, *, node_inertia: float = 0.0) -> Chain:
-    """The numbers of arm and whip as one chain; `node_inertia` [kg m^2] is for engines that want it positive."""
+    """The numbers of arm and whip as one chain; nodes have `node_inertia` [kg m^2] where their own is less, for
+    engines that want it positive."""
     arm, whip = model.arm, model.whip
     zeros, l = np.zeros(arm.n), whip.per_node("l")
     length, mass, com, inertia = (arm.per_link(name) for name in ("length", "mass", "com", "inertia"))
@@ -88,7 +89,7 @@ def chain_of(model: Model, *, node_inertia: float = 0.0) -> Chain:
         length=np.r_[length, l],
         mass=np.r_[mass, whip.per_node("m")],
         com=np.r_[com, l],
-        inertia=np.r_[inertia, np.full(whip.N, node_inertia)],
+        inertia=np.r_[inertia, np.maximum(whip.per_node("node_inertia"), node_inertia)],
         stiffness=np.r_[zeros, whip.per_node("k")],
         damping=np.r_[arm.per_link("friction"), whip.per_node("b")],
         rest_angle=np.r_[zeros, whip.per_node("rest_angle")],

@@ -213,7 +213,7 @@ def steady_timestep(model: Model, largest: float, *, prescribed: bool = False) -
         return largest
     explicit = min(largest, explicit_timestep(model)) if prescribed else 0.0
     if model.dimension == 3:  # a hanging whip swings in two directions as one in the plane does
-        whip = replace(whip, joints="hinge", node_inertia=0.0)
+        whip = replace(whip, joints="hinge", rest_angle_x=0.0)
         model = Model(whip, ArmParameters((ArmLink(mass=1.0, length=1.0),)), gravity=model.gravity)
     eigenvalues = hanging_modes(model).eigenvalues
     swinging = eigenvalues[eigenvalues.imag > 0]  # one of each pair
@@ -242,7 +242,7 @@ def explicit_timestep(model: Model) -> float:
         if not own.all():
             return 0.0
         locked = float((2 * damping / own).max())
-    whip = replace(whip, joints="hinge", node_inertia=0.0, rest_angle_x=0.0, b=tuple(damping.tolist()))
+    whip = replace(whip, joints="hinge", rest_angle_x=0.0, b=tuple(damping.tolist()))
     alone = Model(whip, ArmParameters((ArmLink(mass=1.0, length=1.0),)), gravity=model.gravity)
     return float(_RUNGE_KUTTA / max(locked, np.abs(hanging_modes(alone).eigenvalues).max()))
 

@@ -19,7 +19,8 @@ from whiptool.models.joint_space import joint_layout
 from whiptool.models.parameters import ArmParameters, Model, SpatialArm
 from whiptool.models.spatial_arm import MOMENTS, XYZ
 
-PER_NODE = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness")  # generated only where used
+# generated only where used
+PER_NODE = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness", "node_inertia")
 _ONE = ("drag_ratio", "hinge_mass")  # numbers of a whip, likewise
 _ARM = {"mass": 1, "com": 3, "inertia": 6, "position": 3, "friction": 1, "armature": 1}  # numbers of a link in space
 Matrix = tuple[tuple[float, ...], ...]
@@ -84,7 +85,7 @@ class Structure:
     n_arm: int
     n_whip: int
     law: str
-    optional: tuple[str, ...] = ()  # of PER_NODE, drag_ratio, hinge_mass, node_inertia
+    optional: tuple[str, ...] = ()  # of PER_NODE, drag_ratio, hinge_mass
     feedforward: bool = False
     limits: int = 0  # of the torque: none, one for all joints, or one each
     held: bool = False  # the torque is held for a control period
@@ -108,8 +109,6 @@ class Structure:
         if "drag" in used and (whip.drag_ratio != 1 or "drag_ratio" in named):
             used += ("drag_ratio",)
         used += ("hinge_mass",) if whip.hinge_mass or "hinge_mass" in named else ()
-        if model.dimension == 3 and (whip.per_node("node_inertia").any() or "node_inertia" in named):
-            used += ("node_inertia",)
         return cls(
             n_arm=model.arm.n,
             n_whip=whip.N,
@@ -202,7 +201,7 @@ class Structure:
             values |= {f"arm.{name}": numbers for name, numbers in arm_numbers(model.arm).items()}
         else:
             values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
-        per_node = ("l", "m", "k", "b", "node_inertia", *PER_NODE)
+        per_node = ("l", "m", "k", "b", *PER_NODE)
         values |= {f"whip.{name}": model.whip.per_node(name) for name in per_node}
         values |= {
             f"whip.{name}": getattr(model.whip, name) for name in ("drag_ratio", "hinge_mass", "friction_velocity")

@@ -17,14 +17,14 @@ from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.profile import WhipProfile, lump
 from whiptool.models.spatial_arm import SpatialArm
-from whiptool.models.whip import UNIVERSAL_ONLY, WhipParameters
+from whiptool.models.whip import WhipParameters
 
 PROFILE = tuple(WhipProfile(1.0, 1.0, 1.0, 0.0).numbers)
 LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
 _BESIDE_PROFILE = ("dry_friction", "friction_velocity", "drag_ratio", "cubic_stiffness")  # of the whip, not its profile
 # the hinge's numbers over those of a joint between two links, where half a link bends at the hinge
 _CLAMPED = {"k": 2.0, "b": 2.0, "cubic_stiffness": 8.0, "rest_angle": 0.5, "dry_friction": 1.0}
-_OF_WHIP = (*LUMPED, *_BESIDE_PROFILE)
+_OF_WHIP = (*LUMPED, *_BESIDE_PROFILE, "node_inertia", "rest_angle_x")
 
 Quantities = dict[str, np.ndarray]  # numbers of the chain by block, as the generated code takes them
 
@@ -79,7 +79,8 @@ class Plant:
         """Return the profile's whip with N nodes, and what of the model's whip no profile says."""
         whip = self.model.whip
         kept = {name: getattr(whip, name) for name in _BESIDE_PROFILE}
-        kept |= {name: whip.per_node(name).sum() / N for name in UNIVERSAL_ONLY if whip.joints == "universal"}
+        kept["node_inertia"] = whip.per_node("node_inertia").sum() / N
+        kept["rest_angle_x"] = whip.per_node("rest_angle_x").sum() / max(N - 1, 1)  # the free hinge has none
         return dataclasses.replace(profile.lump(N, joints=whip.joints), **kept)
 
     @property
@@ -156,13 +157,13 @@ class Plant:
         if self.profile is not None:
             whip = self._lumped(self.profile, N)
         else:
-            numbers = {name: getattr(whip, name) for name in (*_OF_WHIP, *UNIVERSAL_ONLY)}
+            numbers = {name: getattr(whip, name) for name in _OF_WHIP}
             per_node = [name for name, value in numbers.items() if isinstance(value, tuple)]
             if per_node:
                 raise InputError(f"whip.{per_node[0]}", "a value per node", "one number for all", "or give a profile")
             finer = N / whip.N
             powers = {"l": -1, "m": -1, "k": 1, "b": 1, "rest_angle": -1, "drag": -1, "cubic_stiffness": 3}
-            powers |= dict.fromkeys(UNIVERSAL_ONLY, -1)
+            powers |= {"node_inertia": -1, "rest_angle_x": -1}
             scaled = {name: numbers[name] * finer**power for name, power in powers.items()}
             whip = dataclasses.replace(whip, N=N, **scaled)
         return Plant(dataclasses.replace(self.model, whip=whip), self.controller, self.profile, self.clamp)
@@ -174,7 +175,7 @@ class Plant:
             blocks |= {f"arm.{name}": numbers for name, numbers in arm_numbers(model.arm).items()}
         else:
             blocks |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
-        for name in (*_OF_WHIP, *UNIVERSAL_ONLY):
+        for name in _OF_WHIP:
             single = name in ("hinge_mass", "friction_velocity", "drag_ratio")
             blocks[f"whip.{name}"] = np.array([getattr(model.whip, name)]) if single else model.whip.per_node(name)
         blocks["gravity"] = np.array([model.gravity])

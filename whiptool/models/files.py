@@ -17,7 +17,7 @@ from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
 from whiptool.models.robots import rope
 from whiptool.models.tables import build_from, read_toml
-from whiptool.models.whip import UNIVERSAL_ONLY, WhipParameters
+from whiptool.models.whip import ABSENT, WhipParameters
 from whiptool.whole_files import write_whole
 
 
@@ -56,7 +56,7 @@ def model_to_table(model: Model) -> dict:
     """The model as nested plain data; `model_from_table` gives the same model back."""
     whip = {k: list(v) if isinstance(v, tuple) else v for k, v in dataclasses.asdict(model.whip).items()}
     if model.whip.joints == "hinge":  # what is of space stays out of the plane
-        for name in ("joints", *UNIVERSAL_ONLY):
+        for name in ("joints", *ABSENT["hinge"]):
             del whip[name]
     return {"name": model.name, "gravity": model.gravity, "whip": whip, "arm": arm_to_table(model.arm)}
 

@@ -13,7 +13,7 @@ from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import number, numbers, whole
 from whiptool.models.planar_arm import ArmLink, ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
-from whiptool.models.whip import UNIVERSAL_ONLY, PerNode, WhipParameters
+from whiptool.models.whip import ABSENT, PerNode, WhipParameters
 
 __all__ = ["ArmLink", "ArmParameters", "Model", "PerNode", "SpatialArm", "WhipParameters", "number", "whole"]
 
@@ -80,9 +80,7 @@ class Model(NoArray, instead="its parameters()"):
         named: dict[str, float] = {}
         for f in dataclasses.fields(self.whip):
             value = getattr(self.whip, f.name)
-            if f.name in ("N", "joints") or (f.name in UNIVERSAL_ONLY and self.whip.joints != "universal"):
-                continue
-            if f.name == "rest_angle" and self.whip.joints == "rod":
+            if f.name in ("N", "joints", *ABSENT[self.whip.joints]):
                 continue
             if isinstance(value, tuple):
                 named.update({f"whip.{f.name}[{i}]": v for i, v in enumerate(value)})

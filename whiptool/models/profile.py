@@ -115,7 +115,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         Args:
             N: Nodes.
             joints: Their joints, see `WhipParameters`.
-            node_inertia: Moment of inertia of each node, where they are universal [kg m^2].
+            node_inertia: Moment of inertia of each node [kg m^2].
 
         Raises:
             InputError: A number is out of range, or a whip in space is to be curved at rest.

@@ -15,7 +15,8 @@ from whiptool.models.numbers import number, whole
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 Joints: TypeAlias = Literal["hinge", "universal", "rod"]
 JOINTS = get_args(Joints)
-UNIVERSAL_ONLY = ("node_inertia", "rest_angle_x")  # quantities that no other joints have
+ABSENT = {"hinge": ("rest_angle_x",), "universal": (), "rod": ("rest_angle", "rest_angle_x", "node_inertia")}
+"""Quantities that joints of a kind do not have."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
             node's x axis, then about its -y axis, each with the node's k, b, ...), or as a `rod`, whose direction
             turns freely and whose bending is the same all around.
         node_inertia: Moment of inertia of each node about its own centre, the same about all axes, as of a small
-            sphere [kg m^2]; of universal joints only. Without it, a node that hangs at a right angle to the first of
+            sphere [kg m^2]; rods have none. Without it, a universal node that hangs at a right angle to the first of
             its hinges has no inertia about it.
         rest_angle_x: Angle of a universal joint's first hinge at which its spring is slack [rad]: `rest_angle` across.
 
@@ -106,12 +107,11 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
         if self.joints not in JOINTS:
             raise InputError("joints", self.joints, ", ".join(JOINTS))
-        for name in UNIVERSAL_ONLY:
-            if self.joints != "universal" and self.per_node(name).any():
-                raise InputError(name, getattr(self, name), f"0 for joints of the kind {self.joints}")
-        if self.joints == "rod" and self.per_node("rest_angle").any():
-            rule = "0 for rods, which do not twist with the hand: nothing says which way they would bend"
-            raise InputError("rest_angle", self.rest_angle, rule)
+        for name in ABSENT[self.joints]:
+            if self.per_node(name).any():
+                untwisted = "0 for rods, which do not twist with the hand: nothing says which way they would bend"
+                rule = untwisted if name == "rest_angle" else f"0 for joints of the kind {self.joints}"
+                raise InputError(name, getattr(self, name), rule)
 
     @property
     def joints_per_node(self) -> int:

@@ -122,14 +122,13 @@ def _in_plane(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
     arm, whip, a = model.arm, model.whip, model.arm.n
     points, velocities = joint_points(model, q), joint_velocities(model, q, v)
     share = np.r_[arm.per_link("com") / arm.per_link("length"), np.ones(whip.N)][:, None]  # of the link, to the mass
-    turning = np.zeros((len(q), a + whip.N))
-    turning[:, :a] = arm.per_link("inertia") * np.cumsum(v[:, :a], axis=1) ** 2 / 2
+    inertia = np.r_[arm.per_link("inertia"), whip.per_node("node_inertia")]
     return _Moving(
         points=points,
         velocities=velocities,
         centres=points[:, :-1] + share * np.diff(points, axis=1),
         speeds=velocities[:, :-1] + share * np.diff(velocities, axis=1),
-        turning=turning,
+        turning=inertia * np.cumsum(v, axis=1) ** 2 / 2,
         springs=_spring_energy(model, (q[:, a:] - whip.rest_angles) ** 2),
         braking=_braking_power(model, v[:, a:] ** 2).sum(axis=1),
     )
