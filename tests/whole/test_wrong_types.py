@@ -45,7 +45,7 @@ AS_ARRAYS = {"a strike", "a target", "bounds"}  # judged by their shape
 WORDS = {"text", "a number as text"}
 BY_NAMES = {
     "name path run_folder method family quantity joints engine": WORDS,
-    "free names markers": {"texts"},
+    "free names markers methods": {"texts"},
     "strike strikes vector target position direction centre place": AS_ARRAYS,
     "q q_i q_f x_i x_f lower upper K B compensated points": AS_ARRAYS,
 }
@@ -108,6 +108,7 @@ CALLS: list[tuple[Callable, dict[str, Any]]] = [
     (REFERENCE.hang, {"q": np.zeros(2)}),
     (TRAJECTORY.approach, {"target": TARGET}),
     (TRAJECTORY.distance, {"target": TARGET}),
+    (TRAJECTORY.miss, {"target": TARGET}),
     (TRAJECTORY.since, {"begin": 0.0}),
     (whiptool.Objective, {"rollout": COMPILED, "target": TARGET, "t_stay": 0.1, "bounds": BOUNDS, "max_trials": 1,
                           "max_time": 1.0, "stop_at_hit": False, "limits": None, "criteria": ()}),
@@ -122,6 +123,11 @@ CALLS: list[tuple[Callable, dict[str, Any]]] = [
     (whiptool.Disc, {"centre": (1.0, 0.0), "radius": 0.1}),
     (whiptool.search, {"objective": OBJECTIVE, "method": "random", "seed": 0}),
     (whiptool.plot_distance, {"trajectory": TRAJECTORY, "target": TARGET, "ax": None}),
+    (whiptool.plot_tracking, {"trajectory": TRAJECTORY, "model": MODEL}),
+    (whiptool.plot_torque, {"trajectory": TRAJECTORY, "model": MODEL, "ax": None}),
+    (whiptool.plot_tip_speed, {"trajectory": TRAJECTORY, "ax": None}),
+    (whiptool.compare, {"rollout": COMPILED, "methods": ["random"], "targets": 1, "max_trials": 1, "seeds": 1}),
+    (whiptool.train, {"rollout": COMPILED, "method": "sac", "episodes": 1, "trials": 2, "seed": 0}),
     (whiptool.plot_strike, {"trajectory": TRAJECTORY, "model": MODEL, "target": TARGET, "ax": None}),
     (whiptool.StrikeRecording, {"t": np.arange(3) / 60, "points": np.ones((3, 1, 2)), "markers": ("tip",)}),
     (whiptool.read_recording, {"path": "none.csv"}),
@@ -141,6 +147,8 @@ def may_be(call: Callable, name: str) -> set[str]:
     parameter = inspect.signature(call).parameters[name]
     own_name = (whiptool.default_prior, "whip")
     kinds = WORDS if (call, name) == own_name else KINDS.get(name, set())
+    if (call, name) == (whiptool.search, "objective"):
+        kinds = kinds | {"a rollout"}
     if call is whiptool.Adaptation:
         kinds = {"target": {"a target"}, "port": {"any port"}}.get(name, set())
     return kinds | ({"nothing"} if "None" in str(parameter.annotation) else set())

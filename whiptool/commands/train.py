@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from whiptool.commands import cli
 from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.extras import optional
+from whiptool.models import numbers
 from whiptool.options import (
     MANY_TARGETS,
     Learner,
@@ -232,8 +233,9 @@ def train(
     from whiptool.rl.training import Training, make_learner
     from whiptool.studies.comparison.learner_unit import one_torch_thread
 
+    expect(str, method=method)
     method = method_name(method)
-    seed, episodes = whole("seed", seed, low=0), whole("episodes", episodes)
+    seed, episodes = numbers.whole("seed", seed, low=0), numbers.whole("episodes", episodes)
     plan = Plan(episodes, trials, episodes // 10 if random_episodes is None else random_episodes, hindsight)
     struck, generator = StrikeTask(rollout, zone, **task), torch.Generator().manual_seed(seed)
     learner = make_learner(method, settings_for(method, **settings or {}), struck, generator)

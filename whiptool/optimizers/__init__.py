@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, overload
+from typing import Any
 
 import nlopt
 import numpy as np
@@ -21,7 +21,6 @@ from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 from whiptool.optimizers.random_search import random_search
 from whiptool.optimizers.result import MESSAGES, Result, Status
 from whiptool.rollout.interface import Rollout
-from whiptool.target import Target
 from whiptool.words import method_name
 
 __all__ = ["METHODS", "Result", "Status", "find_method", "run_search", "search"]
@@ -58,24 +57,15 @@ def find_method(name: str) -> Method:
     raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())]))
 
 
-Place = Target | Sequence[float] | np.ndarray
-
-
-@overload
 def search(
-    objective: Objective, method: str = USUAL, *, seed: int = 0, first: Sequence[float] | np.ndarray | None = None
-) -> Result: ...
-@overload
-def search(
-    rollout: Rollout,
-    target: Place | None = None,
+    objective: Objective | Rollout,
+    target: Any = None,
     method: str = USUAL,
     *,
     seed: int = 0,
     first: Sequence[float] | np.ndarray | None = None,
     **options: Any,
-) -> Result: ...
-def search(objective: Any, *given: Any, seed: int = 0, first: Any = None, **named: Any) -> Result:
+) -> Result:
     """Run a method on an objective until it hits, converges, uses up its budget, or is interrupted (Ctrl-C).
 
     `search(objective, method)` searches an `Objective`. `search(rollout, target, method)` makes one, which ends with
@@ -83,7 +73,8 @@ def search(objective: Any, *given: Any, seed: int = 0, first: Any = None, **name
 
     Args:
         objective: What is searched: an `Objective`, or the rollout that is to strike.
-        target: Of a rollout: what to hit, or its place (x, y) or (x, y, z) [m]; default: the usual target.
+        target: Of a rollout: a `Target`, or its place (x, y) or (x, y, z) [m]; None: the usual one. An objective has
+            its own, and the method may stand here.
         method: One of `METHODS`, or `nlopt:NAME`; default: DIRECT-L. Capital letters, hyphens and underscores make no
             difference.
         seed: Of what is random in the method.
@@ -94,21 +85,21 @@ def search(objective: Any, *given: Any, seed: int = 0, first: Any = None, **name
         InputError: The method is unknown, or does not fit the objective, or the target is out of reach.
     """
     expect(Objective, Rollout, objective=objective)
-    takes = ("method",) if isinstance(objective, Objective) else ("target", "method")
-    if len(given) > len(takes):
-        raise InputError("search", given[len(takes) :], f"nothing after {' and '.join(takes)} but by name")
-    named |= dict(zip(takes, given, strict=False))
-    method = named.pop("method", USUAL)
+    if isinstance(objective, Objective) and isinstance(target, str):
+        target, method = None, target
     run, seed = find_method(method), whole("seed", seed, low=0)
     if isinstance(objective, Rollout):
-        options: dict[str, Any] = {"stop_at_hit": True, "max_trials": MAX_TRIALS} | named
-        objective = Objective(objective, **options)
-    elif named:
-        raise InputError("search", ", ".join(named), "nothing but method, seed and first: an Objective has the rest")
+        ends: dict[str, Any] = {"stop_at_hit": True, "max_trials": MAX_TRIALS}
+        objective = Objective(objective, target, **ends | options)
+    elif target is not None or options:
+        given = ["target"] * (target is not None) + list(options)
+        raise InputError("search", ", ".join(given), "nothing but method, seed and first: an Objective has the rest")
     return run_search(objective, run, method_name(method), seed=seed, first=first)
 
 
-def run_search(objective: Objective, run: Method, name: str, *, seed: int, first: np.ndarray | None = None) -> Result:
+def run_search(
+    objective: Objective, run: Method, name: str, *, seed: int, first: Sequence[float] | np.ndarray | None = None
+) -> Result:
     """As `search`, of a function that is no method of the command line."""
     start = time.monotonic()
     try:

@@ -264,10 +264,10 @@ def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: n
         The axes.
     """
     expect(Trajectory, trajectory=trajectory)
+    joint_names, slides = _joints(trajectory, model)
     if axes is None:
         with matplotlib.rc_context(STYLE):
             return plot_tracking(trajectory, model, axes=_new_pair())
-    joint_names, slides = _joints(trajectory, model)
     pairs = ((trajectory.q, trajectory.q_d, "position", ""), (trajectory.v, trajectory.v_d, "velocity", "/s"))
     for ax, (actual, desired, quantity, per) in zip(axes, pairs, strict=True):
         for i, name in enumerate(joint_names):
@@ -307,11 +307,11 @@ def plot_torque(trajectory: Trajectory, model: Model | None = None, *, ax: Axes 
         The axes.
     """
     expect(Trajectory, trajectory=trajectory)
+    joint_names, slides = _joints(trajectory, model)
     expect(Axes, type(None), ax=ax)
     if ax is None:
         with matplotlib.rc_context(STYLE):
             return plot_torque(trajectory, model, ax=_new_axes(_TIME_SIZE))
-    joint_names, slides = _joints(trajectory, model)
     largest = np.abs(trajectory.tau).max(axis=0)
     for i, name in enumerate(joint_names):
         label = f"{name}, up to {largest[i]:.3g} {'N' if name in slides else 'N m'}"
@@ -371,10 +371,10 @@ def plot_gains(trajectory: Trajectory, model: Model | None = None, *, axes: np.n
         The axes.
     """
     expect(Trajectory, trajectory=trajectory)
+    joint_names, slides = _joints(trajectory, model)
     if axes is None:
         with matplotlib.rc_context(STYLE):
             return plot_gains(trajectory, model, axes=_new_pair())
-    joint_names, slides = _joints(trajectory, model)
     letters = [name[0] for name in joint_names]
     marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
     a, few = len(marks), len(marks) <= 3

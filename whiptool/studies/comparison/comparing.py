@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from whiptool.errors import expect
+from whiptool.models.numbers import texts, whole
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.studies.comparison.plan import Comparison
 from whiptool.studies.comparison.series import Series, collect
@@ -57,14 +58,14 @@ def compare(
         model=rollout.model,
         controller=rollout.controller,
         zone=zone or usual_disc(rollout.model.dimension),
-        targets=targets,
+        targets=whole("targets", targets),
         target_seed=target_seed,
         radii=(hit_radius,),
-        cap=max_trials,
+        cap=whole("max_trials", max_trials),
         timestep=rollout.timestep,
     )
-    given = (methods,) if isinstance(methods, str) else tuple(methods)
-    comparison = Comparison(scene=scene, methods=given, observations=tuple(observations), seeds=seeds, **training)
+    methods, observations = texts("methods", methods), texts("observations", observations)
+    comparison = Comparison(scene=scene, methods=methods, observations=observations, seeds=seeds, **training)
     with TemporaryDirectory() as folder:
         units = comparison.units()
         return collect(units, Store(Path(folder)).results(units, desc="compare"))
