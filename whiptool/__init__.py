@@ -27,6 +27,7 @@ _HOMES = {
     "ConstantImpedance": "impedance",
     "Controller": "impedance",
     "OIAC": "impedance",
+    "default_controller": "impedance",
     "impedance_cost": "impedance",
     "oiac_preset": "impedance",
     "CompiledRollout": "rollout",
@@ -69,7 +70,7 @@ if TYPE_CHECKING:
     from whiptool.identification import Fit, Plant
     from whiptool.identification.fit import fit
     from whiptool.identification.similarity import similarity
-    from whiptool.impedance import OIAC, ConstantImpedance, Controller, impedance_cost, oiac_preset
+    from whiptool.impedance import OIAC, ConstantImpedance, Controller, default_controller, impedance_cost, oiac_preset
     from whiptool.models import (
         ArmLink,
         ArmParameters,

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import ClassVar, Protocol, TypeAlias
+from typing import ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
+from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.clearance import Clearance
 from whiptool.models.command_limits import CommandLimits
 from whiptool.models.joint_space import AnyStrike
+from whiptool.models.mount import default_floor
+from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds
 from whiptool.rollout.trajectory import Approach, Trajectory
 
@@ -72,6 +77,39 @@ class Limits(Protocol):
 COMMANDED = "joint"  # what judges a movement that is commanded faster than the joints may go: the joints' limits
 
 Given: TypeAlias = Limits | Sequence[Limits] | None
+OrDefault: TypeAlias = Given | Literal["default"]
+
+
+def default_limits(model: Model, controller: Controller | None) -> list[Limits]:
+    """Return what strikes of a model keep where nothing else is asked for.
+
+    Of a robot these are the limits of its joints, the distance of arm and whip from the arm, and the floor on which it
+    stands, see `default_floor`; of a planar or a person's arm none.
+
+    Args:
+        model: Arm and whip.
+        controller: What moves the arm; None: it is not known.
+    """
+    found: list[Limits] = []
+    if ArmLimits.are_in(model.arm):
+        found.append(ArmLimits.of(model.arm, prescribed=controller is not None and controller.prescribed))
+    floor = default_floor(model.arm)
+    if floor is not None or Clearance.is_of(model):
+        found.append(Clearance(model, floor))
+    return found
+
+
+def limits_given(given: OrDefault, model: Model, controller: Controller | None) -> Given:
+    """Return limits as given, or `default_limits`.
+
+    Raises:
+        InputError: They are named by another word.
+    """
+    if not isinstance(given, str):
+        return given
+    if given != "default":
+        raise InputError("limits", given, "'default', None, or MotorLimits, ArmLimits or Clearance, one or several")
+    return default_limits(model, controller)
 
 
 class AllLimits:

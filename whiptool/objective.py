@@ -14,7 +14,7 @@ import numpy as np
 from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError, expect
-from whiptool.limits import AllLimits, Limits, Smooth
+from whiptool.limits import AllLimits, OrDefault, Smooth, limits_given
 from whiptool.models.arrays import NoArray
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.numbers import array_of
@@ -169,9 +169,10 @@ class Objective:
         stop_at_hit: End the search with the first hit.
         check_reach: Refuse a target out of reach.
         limits: One or several, such as `ArmLimits` and `Clearance`: a strike beyond them is refused: it is never a hit,
-            and its miss distance is larger than any real one and grows with how far it is beyond; None: the arm can do
-            anything. The box is narrowed to limits of position. So is a strike of the hand refused that no joints
-            can make.
+            and its miss distance is larger than any real one and grows with how far it is beyond. The box is narrowed
+            to limits of position. So is a strike of the hand refused that no joints can make. Default: what the model's
+            arm has (`whiptool.limits.default_limits`): of a robot the limits of its joints, its own shape and the floor
+            on which it stands; None: the arm can do anything.
         criteria: What hits are judged by: searches look for the best hit by the first; none: for the smallest cost.
 
     Attributes:
@@ -194,7 +195,7 @@ class Objective:
         max_time: float | None = None,
         stop_at_hit: bool = False,
         check_reach: bool = True,
-        limits: Limits | Sequence[Limits] | None = None,
+        limits: OrDefault = "default",
         criteria: Sequence[Criterion] = (),
     ) -> None:
         expect(Rollout, rollout=rollout)
@@ -205,7 +206,8 @@ class Objective:
         if check_reach:
             self.target.check_reach(rollout.model)
         self.space = rollout.space
-        self.limits = AllLimits(limits, by_joints=self.space.kind == "joint")
+        given = limits_given(limits, rollout.model, rollout.controller)
+        self.limits = AllLimits(given, by_joints=self.space.kind == "joint")
         self.bounds = bounds or self.space.bounds
         if len(self.bounds.lower) != self.space.width:
             raise InputError("bounds", self.bounds.lower, f"{self.space.width} values each")

@@ -12,6 +12,7 @@ from dense_inverse import dense_slopes, inverse_dynamics
 from random_space import loop_of, random_model, random_rods, random_state
 from scipy.linalg import eigh
 from scipy.special import jn_zeros, roots_laguerre
+from spatial_arms import of_universal_nodes
 
 from whiptool.dynamics.chain import bias_forces, chain_of, forward_dynamics, passive_torque, potential_energy
 from whiptool.dynamics.modes import explicit_timestep, hanging_modes, linearise, steady_timestep
@@ -308,9 +309,10 @@ def test_an_explicit_step_is_a_share_of_the_fastest_decay():
         node = WhipParameters(N=1, l=0.3, m=0.02, k=(0.1,), b=(b,))
         fastest = np.abs(np.roots([0.02 * 0.3**2, b, 0.1 + 0.02 * G * 0.3])).max()
         assert explicit_timestep(Model(node, ARM)) == pytest.approx(2 / fastest, rel=1e-9)
-    rope = preset("ur5e").whip
+    robot = of_universal_nodes("ur5e")
+    rope = robot.whip
     inertia, b = rope.per_node("node_inertia"), rope.per_node("b")
-    assert explicit_timestep(preset("ur5e")) == pytest.approx((inertia[b > 0] / b[b > 0]).min(), rel=1e-9)
+    assert explicit_timestep(robot) == pytest.approx((inertia[b > 0] / b[b > 0]).min(), rel=1e-9)
     assert explicit_timestep(preset("nah2023")) < 1e-4
     rods = dataclasses.replace(rope, joints="rod", node_inertia=0.0)
     assert explicit_timestep(dataclasses.replace(preset("ur5e"), whip=rods)) > 2e-3

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from whiptool.models import JointLimits, Model, SpatialArm, SpatialLink, WhipParameters
+from whiptool.models import JointLimits, Model, SpatialArm, SpatialLink, WhipParameters, preset
 
 
 def rotation(rng: np.random.Generator) -> np.ndarray:
@@ -63,3 +65,10 @@ ARMS = {
     "a slide among hinges": {"n": 5, "prismatic": (2,)},
     "massless links in the middle and at the end": {"n": 7, "massless": (2, 3, 6), "prismatic": (3, 5)},
 }
+
+
+def of_universal_nodes(name: str) -> Model:
+    """A robot of the presets whose rope is of universal nodes, each with a cord's inertia about itself, m r^2 / 2."""
+    model = preset(name)
+    inertia = float(model.whip.per_node("m")[0]) * 6.35e-3**2 / 2
+    return replace(model, whip=replace(model.whip, joints="universal", node_inertia=inertia))

@@ -7,7 +7,6 @@ import numpy as np
 from whiptool.models import Model
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.arm_files import read_robot
-from whiptool.models.clearance import Clearance
 from whiptool.models.robots import rope
 from whiptool.models.scene import Scene
 
@@ -45,4 +44,4 @@ def test_flat_ends_are_flat(tmp_path):
     path.write_text(robot(0.25))
     arm = read_robot(path)
     assert arm.never_touch == ()
-    assert Clearance(Model(rope(3), arm))._scenes[0].distances(np.zeros((1, 3)))[0].min() > 0.09
+    assert Scene(Model(rope(3), arm), of="close").distances(np.zeros((1, 3)))[0].min() > 0.09

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 from whiptool.commands import cli, optimize, simulate
 from whiptool.commands.rig import ArmOptions
 from whiptool.errors import InputError
-from whiptool.impedance import OIAC, ConstantImpedance, Controller, constant_preset
+from whiptool.impedance import OIAC, ConstantImpedance, Controller, PositionControl, constant_preset, default_controller
 from whiptool.impedance.files import write_controller
+from whiptool.models.files import write_model
 from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.models.presets import PRESETS, preset
 from whiptool.options import ControllerOptions, LawOptions, ModelOptions, SimulatedControllerOptions
@@ -87,16 +89,43 @@ def test_a_resumed_run_finds_its_file_from_elsewhere(file, monkeypatch):
 class StrikeOptions(SimulatedControllerOptions, ModelOptions):
     """A command that has a model beside its controller."""
 
+    in_space: ClassVar[bool] = True
 
-@pytest.mark.parametrize("model", ["nah2023", "ur5e", "panda"])
-@pytest.mark.parametrize("command", [StrikeOptions, optimize.OptimizeOptions, simulate.SimulateOptions])
-def test_models_with_an_impedance_of_their_own_get_it(command, model):
+
+COMMANDS = [StrikeOptions, optimize.OptimizeOptions, simulate.SimulateOptions]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_persons_arm_has_the_impedance_that_was_published_with_it(command):
+    options = command(model="nah2023")
+    assert options.build_controller() == Controller(constant_preset("nah2023")) == default_controller(preset("nah2023"))
+    assert options.law_label() == "constant impedance nah2023"
+
+
+@pytest.mark.parametrize("model", ["ur5e", "panda"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_robots_go_where_they_are_told_unless_impedance_is_asked_for(command, model):
     options = command(model=model)
-    controller = options.build_controller()
-    assert controller == Controller(constant_preset(model))
-    controller.check_fits(preset(model).arm)
-    assert options.law_label() == f"constant impedance {model}"
-    assert command(model=model, controller="constant").build_controller() == controller
+    assert options.build_controller() == Controller(PositionControl()) == default_controller(preset(model))
+    assert options.law_label() == "position control"
+    asked = command(model=model, controller="constant")
+    assert asked.build_controller() == Controller(constant_preset(model))
+    assert asked.law_label() == f"constant impedance {model}"
+    asked.build_controller().check_fits(preset(model).arm)
+
+
+def test_an_arm_from_a_file_is_a_robot(tmp_path):
+    write_model(replace(preset("panda"), name="mine"), tmp_path / "mine.toml")
+    for given in ({"model": str(tmp_path / "mine.toml")}, {"arm": str(tmp_path / "mine.toml")}):
+        assert StrikeOptions(**given).build_controller() == Controller(PositionControl())
+    assert StrikeOptions(arm="panda", controller="constant").build_controller() == Controller(constant_preset("panda"))
+
+
+@pytest.mark.parametrize("given", [{"feedforward": True}, {"torque_limit": 3.0}, {"control_period": 0.01}])
+def test_what_position_control_has_no_use_for_asks_for_another_law(given):
+    with pytest.raises(InputError, match=r"nothing beside position control; give --controller constant"):
+        StrikeOptions(model="ur5e", **given).check()
+    StrikeOptions(model="ur5e", controller="constant", **given).check()
 
 
 @pytest.mark.parametrize("model", ["nah2023", "ur5e", "panda"])
@@ -120,9 +149,6 @@ def test_planar_models_get_oiac(model):
 @pytest.mark.parametrize("model", ["nah2023", "ur5e", "panda"])
 def test_oiac_is_given_where_it_is_asked_for(model):
     assert StrikeOptions(model=model, controller="oiac").build_controller() == Controller(OIAC(a=1.3e-4))
-    assert StrikeOptions(model=f"{model}.toml").build_controller() == Controller(
-        OIAC(a=1.3e-4)
-    )  # the file's arm is anyone's
 
 
 def test_a_constant_preset_is_taken_before_the_models_own():

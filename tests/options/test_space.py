@@ -43,10 +43,11 @@ def test_a_pose_has_gains_of_its_own_for_turns_and_the_usual_ones_elsewhere():
 @pytest.mark.parametrize(
     ("given", "label"),
     [
-        ({"space": "joint"}, "constant impedance ur5e"),
-        ({"space": "hand"}, "constant impedance of the hand"),
-        ({"space": "pose"}, "constant impedance of the hand's pose"),
-        ({"space": "pose", "controller": "position"}, "position control of the hand's pose"),
+        ({"space": "joint"}, "position control"),
+        ({"space": "joint", "controller": "constant"}, "constant impedance ur5e"),
+        ({"space": "hand", "controller": "constant"}, "constant impedance of the hand"),
+        ({"space": "pose", "controller": "constant"}, "constant impedance of the hand's pose"),
+        ({"space": "pose"}, "position control of the hand's pose"),
         ({"space": "hand", "controller": "oiac"}, "OIAC table4 of the hand"),
     ],
 )

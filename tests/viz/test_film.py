@@ -7,12 +7,12 @@ from itertools import product
 import numpy as np
 import pytest
 from space_swing import swing
+from spatial_arms import of_universal_nodes
 
-from whiptool.models import preset
 from whiptool.target import Target
 from whiptool.viz.film import MAX_SEGMENTS, film_of
 
-UR5E = preset("ur5e")
+UR5E = of_universal_nodes("ur5e")
 PATH = swing(UR5E)
 TARGET = Target(tuple(PATH.tip[200] + 0.01), 0.08)
 

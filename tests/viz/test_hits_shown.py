@@ -10,8 +10,8 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from space_swing import swing
+from spatial_arms import of_universal_nodes
 
-from whiptool.models import preset
 from whiptool.objective import Outcome, Trial
 from whiptool.target import Target
 from whiptool.viz import plots
@@ -20,7 +20,7 @@ from whiptool.viz.film import film_of
 from whiptool.viz.page import strike_data, strike_page
 from whiptool.viz.style import COLORS
 
-UR5E = preset("ur5e")
+UR5E = of_universal_nodes("ur5e")
 PATH = swing(UR5E)
 PLACE = Target(tuple(PATH.tip[200]), 0.05)  # the tip passes through it
 VELOCITY = PATH.tip_velocity[200]

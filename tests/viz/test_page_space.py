@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from browser_pages import Elements, browser, chromium, count, picture, root_data
 from space_swing import places, swing
+from spatial_arms import of_universal_nodes
 
-from whiptool.models import preset
 from whiptool.target import Target
 from whiptool.viz.page import strike_data, strike_page
 
 pytestmark = pytest.mark.slow
 
-PANDA = preset("panda")
+PANDA = of_universal_nodes("panda")
 PATH, RADIUS = swing(PANDA), 0.05
 TARGET = Target(tuple(PATH.tip[200] + [0.01, 0.02, -0.01]), RADIUS)
 

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from space_swing import places, swing
+from spatial_arms import of_universal_nodes
 
 from whiptool.models import preset
 from whiptool.viz.posture import arm_and_whip, as_mujoco_shows, at_times
 
-LEMON, UR5E = preset("lemon2024"), preset("ur5e")
+LEMON, UR5E = preset("lemon2024"), of_universal_nodes("ur5e")
 PATH = swing(UR5E)
 
 

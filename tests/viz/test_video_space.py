@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from space_swing import places, swing
+from spatial_arms import of_universal_nodes
 
 from whiptool.errors import InputError
-from whiptool.models import preset
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.trajectory import joint_points
 from whiptool.target import Target
@@ -18,7 +18,7 @@ from whiptool.viz.drawn_film import drawn_film
 from whiptool.viz.film import film_of
 from whiptool.viz.style import COLORS
 
-UR5E = preset("ur5e")
+UR5E = of_universal_nodes("ur5e")
 PATH = swing(UR5E)
 TARGET = Target(tuple(PATH.tip[200] + 0.01), 0.08)
 SIZE = (480, 270)

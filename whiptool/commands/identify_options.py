@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
@@ -11,6 +11,9 @@ from whiptool.errors import InputError
 from whiptool.options import LawOptions, ModelOptions, Preset, ResumableOptions, SeedOptions, refuse_idle, whole
 from whiptool.options.controller import CONTROLLERS
 from whiptool.options.scene import MODELS
+
+if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
 
 Drive = Literal["command", "joints", "robot", "hand", "handle", "passive", "free"]
 Own = Literal[
@@ -49,8 +52,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     among --free. Default: a free hinge."""
     model: Annotated[str, tyro.conf.arg(metavar=MODELS)] = "lemon2024"
     """Where the fit starts: a published whip and arm, or those of a file; with free, the pendulum's file."""
-    controller: Annotated[str, tyro.conf.arg(metavar=CONTROLLERS)] = "oiac"
-    """Used only where the recordings do not hold it."""
+    controller: Annotated[str | None, tyro.conf.arg(metavar=CONTROLLERS)] = None
+    """Used only where the recordings do not hold it; default: as that of simulate, by the model."""
     preset: Preset | None = None
     """Likewise, parameters of the law; default: table4 of oiac, nah2020 (Eq. 22) of constant."""
     held_out: tuple[str, ...] | None = None
@@ -108,6 +111,9 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         if self.drive == "free":
             refuse_idle(self, dict.fromkeys(OF_WHIPS, "nothing with --drive free"))
         read_marker(self.tip)
+
+    def _model(self) -> Model | None:
+        return None if self.drive == "free" else super()._model()  # a pendulum is none of ours
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

@@ -196,7 +196,7 @@ def _judged(rollout, trajectory, target):
 
     n = rollout.space.width - 1
     anywhere = StrikeBounds((-1.0,) * n + (0.1,), (1.0,) * (n + 1))  # what is there already needs no box
-    return Objective(rollout, target, bounds=anywhere, check_reach=False).judge(trajectory)
+    return Objective(rollout, target, bounds=anywhere, check_reach=False, limits=None).judge(trajectory)
 
 
 def _follow(options: SimulateOptions, model) -> int:

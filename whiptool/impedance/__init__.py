@@ -4,6 +4,7 @@ their cost."""
 from whiptool.impedance.constant import CONSTANT_PRESETS, ConstantImpedance, constant_preset
 from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.impedance.cost import Cost, impedance_cost
+from whiptool.impedance.default import default_controller
 from whiptool.impedance.hand import HandControl, hand_impedance
 from whiptool.impedance.law import LAWS, Law, register
 from whiptool.impedance.oiac import OIAC, OIAC_PRESETS, oiac_preset
@@ -22,6 +23,7 @@ __all__ = [
     "Law",
     "PositionControl",
     "constant_preset",
+    "default_controller",
     "hand_impedance",
     "impedance_cost",
     "oiac_preset",

@@ -86,15 +86,22 @@ class Clearance:
     def words(self) -> str:
         """The limits for people."""
         kept = f" of {1e3 * self.least:g} mm" if self.least else ""
-        return f"the distance{kept} from arm and whip to the arm" + ("" if self.floor is None else " and the floor")
+        floor = "" if self.floor is None else f" and the floor at {self.floor:g} m"
+        return f"the distance{kept} from arm and whip to the arm{floor}"
 
     @cached_property
-    def _scenes(self) -> tuple[Scene, Scene, Scene]:
-        """What is looked at: close links, links apart, the whip."""
+    def _scene(self) -> Scene:
+        """What is looked at over a strike."""
         from whiptool.models.scene import Scene
 
-        close, apart = (Scene(self.model, self.floor, of) for of in ("close", "apart"))
-        return close, apart, Scene(self.model, self.floor, "whip")
+        return Scene(self.model, self.floor, ("close", "apart", "whip"))
+
+    @cached_property
+    def _scene_of_arm(self) -> Scene:
+        """What of it is of the arm without its whip."""
+        from whiptool.models.scene import Scene
+
+        return Scene(self.model, self.floor, ("close", "apart"))
 
     @property
     def smooth(self) -> tuple[PathClearance, ...]:
@@ -121,14 +128,15 @@ class Clearance:
         """
         step = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else SAMPLED
         stride = max(1, int(SAMPLED / step + 1e-9))
-        found = self._nearest(trajectory.q[::stride], enough, self._scenes)
+        found = self._nearest(trajectory.q[::stride], enough, self._scene)
         return found, 0.0 if found is None else float(trajectory.t[::stride][found.instant])
 
-    def _nearest(self, q: np.ndarray, enough: float, scenes: Sequence[Scene]) -> NearestPair | None:
-        close, *others = scenes
-        overlap = close.nearest(q, enough=0.0)
-        found = [overlap] if overlap is not None and overlap.clearance < 0 else []
-        found += [x for x in (scene.nearest(q, enough=enough) for scene in others) if x is not None]
+    def _nearest(self, q: np.ndarray, enough: float, scene: Scene) -> NearestPair | None:
+        overlapping, kept = 0, 1  # close links have to be apart, and need not keep more
+        groups = np.array([overlapping if kind == "close" else kept for kind in scene.kinds], int)
+        overlap, nearest = scene.nearest_of_groups(q, groups, [0.0, enough])
+        found = [nearest] if nearest is not None else []
+        found += [overlap] if overlap is not None and overlap.clearance < 0 else []
         return min(found, key=lambda x: x.clearance, default=None)
 
     def violation(self, trajectory: motor_limits.Motion) -> float:
@@ -160,7 +168,7 @@ class Clearance:
             q: Positions of its joints [rad or m], (T, a).
         """
         in_space = isinstance(self.model.arm, SpatialArm)
-        found = self._nearest(q, self.least, self._scenes[:2]) if in_space else None
+        found = self._nearest(q, self.least, self._scene_of_arm) if in_space else None
         if found is None or self._beyond(found) <= 0:
             return None
         return f"at {t[found.instant]:.3f} s {self._said(found)}"

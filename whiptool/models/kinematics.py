@@ -52,10 +52,15 @@ class MovingFrame(NamedTuple):
 
 def rotation_about(axis: Sequence[float] | np.ndarray, angle: np.ndarray | float) -> np.ndarray:
     """Return the rotations about a unit vector (3,) by angles [rad] of any shape, (..., 3, 3); Rodrigues' formula."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    K = _cross_matrix(axis)
     angle = np.asarray(angle, float)[..., None, None]
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+
+
+def _cross_matrix(axis: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return the matrix (3, 3) that takes a vector to its cross product with an axis (3,)."""
+    x, y, z = axis
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> list[MovingFrame]:
@@ -77,6 +82,34 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
         frame = move(link.axis, q[..., i], v[..., i])
         frames.append(frame)
     return [*frames, frame.carried(arm.hand_position).turned(arm.hand_rotation)]
+
+
+def arm_poses(arm: SpatialArm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places of every link's frame and, last, the hand's, as `arm_frames` does, and nothing of their motion.
+
+    Args:
+        arm: Of a joints.
+        q: Joint positions [rad or m], (T, a).
+
+    Returns:
+        Origins [m], (T, a + 1, 3); rotations, (T, a + 1, 3, 3).
+    """
+    T = len(q)
+    origins, rotations = np.empty((T, arm.n + 1, 3)), np.empty((T, arm.n + 1, 3, 3))
+    origin, rotation = np.zeros((T, 3)), np.tile(np.eye(3), (T, 1))  # of the rotation its rows, (3 T, 3)
+    for i, link in enumerate(arm.links):
+        origin = origin + (rotation @ np.array(link.position)).reshape(T, 3)
+        rotation = rotation @ np.array(link.rotation)
+        if link.kind == "revolute":  # Rodrigues' formula
+            across = rotation @ _cross_matrix(link.axis)
+            angle = np.repeat(q[:, i], 3)[:, None]
+            rotation = rotation + np.sin(angle) * across + (1 - np.cos(angle)) * (across @ _cross_matrix(link.axis))
+        else:
+            origin = origin + q[:, i, None] * (rotation @ np.array(link.axis)).reshape(T, 3)
+        origins[:, i], rotations[:, i] = origin, rotation.reshape(T, 3, 3)
+    origins[:, -1] = origin + (rotation @ np.array(arm.hand_position)).reshape(T, 3)
+    rotations[:, -1] = (rotation @ np.array(arm.hand_rotation)).reshape(T, 3, 3)
+    return origins, rotations
 
 
 def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
@@ -125,6 +158,21 @@ def whip_motion(
     """
     move = _rods if model.whip.joints == "rod" else _universal
     return move(hand, model.whip.per_node("l"), q, np.zeros_like(q) if v is None else v)
+
+
+def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the positions of the nodes of a whip in space behind its hand [m], (T, N, 3).
+
+    Args:
+        model: With the whip.
+        origin, rotation: Of the hand's frame, (T, 3) and (T, 3, 3).
+        q: Positions of the whip's joints, as in `chain_motion` behind the arm's.
+    """
+    if model.whip.joints == "rod":
+        steps = q.reshape(len(q), -1, 3) * model.whip.per_node("l")[:, None]
+        return origin[:, None] + np.cumsum(steps, axis=1)
+    rest = np.zeros_like(origin)
+    return whip_motion(model, MovingFrame(origin, rotation, rest, rest), q)[0]
 
 
 def universal_frames(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> list[MovingFrame]:

@@ -1,4 +1,4 @@
-"""How the base of an arm in space is fixed: to the floor, a wall, the ceiling, or turned otherwise."""
+"""How the base of an arm in space is fixed: to the floor, a wall, the ceiling, or turned; and where its floor is."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule, Point
 from whiptool.models.joint_space import refuse_far
-from whiptool.models.kinematics import rotation_about
+from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.numbers import numbers
+from whiptool.models.planar_arm import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 
 MOUNTS = {  # roll, pitch, yaw of the base [rad]
@@ -57,6 +58,32 @@ def mounted(arm: SpatialArm, given: str | Sequence[float]) -> SpatialArm:
     )
     base = tuple(_turned_capsule(R, capsule) for capsule in arm.base)
     return dataclasses.replace(arm, links=(turned, *arm.links[1:]), base=base)
+
+
+_LEAST_HEIGHT = 1e-3  # [m] of a shoulder above a floor: less is a turn of the base that was written with few digits
+_LEVEL = 1e-9  # of an axis: by how much it may be off the vertical or the horizontal
+
+
+def level_links(arm: SpatialArm) -> int:
+    """Return how many of an arm's first links stay at their height, as joints turn them about the vertical alone."""
+    at_zero = arm_frames(arm, np.zeros(arm.n))
+    for i, (link, frame) in enumerate(zip(arm.links, at_zero, strict=False)):
+        upward = abs(float(frame.rotation[2] @ link.axis))
+        if (1.0 - upward if link.kind == "revolute" else upward) > _LEVEL:
+            return i
+    return arm.n
+
+
+def default_floor(arm: ArmParameters | SpatialArm) -> float | None:
+    """Return the height of the floor on which a robot stands, 0: that of its base; None: it does not stand on one.
+
+    It does where the first joint that moves anything up or down is above the base, and not where that joint is at the
+    base, as a person's shoulder is, beside it (on a wall) or below it (on a ceiling).
+    """
+    if not isinstance(arm, SpatialArm) or (first := level_links(arm)) == arm.n:
+        return None
+    height = float(arm_frames(arm, np.zeros(arm.n))[first].origin[2])
+    return 0.0 if height > _LEAST_HEIGHT else None
 
 
 def _turned(R: np.ndarray, point: Point) -> Point:

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TypeAlias
-
 import numpy as np
 
-from whiptool.models.kinematics import arm_frames
+from whiptool.models.kinematics import arm_poses
 from whiptool.models.parameters import Model
 from whiptool.models.scene import Scene
 from whiptool.models.spatial_arm import SpatialArm
 
 FRACTIONS = np.linspace(0.0, 1.0, 16)  # of the way, at which the arm is looked at
 SPARE = 5e-3  # [m] that a search keeps besides, for what lies between and for what joints do beside the command
-
-_Ends: TypeAlias = tuple[tuple[int, np.ndarray, np.ndarray], ...]  # link, its nearest point, way towards the other
 
 
 class PathClearance:
@@ -33,7 +28,12 @@ class PathClearance:
         assert isinstance(model.arm, SpatialArm)
         self._arm = model.arm
         self._turns = np.array([link.kind == "revolute" for link in model.arm.links])
-        self._parts = [_Part(Scene(model, floor, "close"), 0.0), _Part(Scene(model, floor, "apart"), least + SPARE)]
+        self._scene = Scene(model, floor, ("close", "apart"))
+        pairs = zip(self._scene.kinds, map(self._scene.links_of, self._scene.pairs), strict=True)
+        of_pairs = [(0.0 if kind == "close" else least + SPARE, *links) for kind, links in pairs]
+        kept = sorted(set(of_pairs))  # what each two links keep, and which they are
+        self._groups = np.array([kept.index(each) for each in of_pairs], int)
+        self._least, self._links = np.array([x[0] for x in kept]), np.array([x[1:] for x in kept], int).reshape(-1, 2)
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return, of each pair of links (or link and floor), how much nearer they come than they may [m].
@@ -45,55 +45,32 @@ class PathClearance:
             The functions (m,), <= 0 where the distance is kept, and their derivatives (m, 2 a + 1). Where another
             instant or capsule becomes the nearest, a function has a kink.
         """
-        a = self._arm.n
+        a, m = self._arm.n, len(self._links)
+        if not m:
+            return np.zeros(0), np.zeros((0, 2 * a + 1))
         q = strike[:a] + FRACTIONS[:, None] * (strike[a : 2 * a] - strike[:a])
-        frames = arm_frames(self._arm, q)[:a]
-        origins = np.stack([frame.origin for frame in frames], axis=1)  # (T, a, 3)
-        along = [f.rotation @ np.array(link.axis) for f, link in zip(frames, self._arm.links, strict=True)]
-        axes = np.stack(along, axis=1)
-        values, slopes = [], []
-        for part in self._parts:
-            for value, k, ends in part.nearest(q):
-                by_q = sum((self._towards(axes[k], origins[k], *end) for end in ends), np.zeros(a))
-                values.append(value)
-                slopes.append(np.r_[(1 - FRACTIONS[k]) * by_q, FRACTIONS[k] * by_q, 0.0])
-        return np.array(values), np.array(slopes).reshape(-1, 2 * a + 1)
+        contacts = [x for x in self._scene.contacts(q, self._groups, [np.inf] * m) if x is not None]
+        at = np.array([contact.instant for contact in contacts])
+        normals = np.stack([contact.normal for contact in contacts])
+        points = np.stack([contact.points for contact in contacts])
+        by_q = self._slopes(q[at], points, np.stack([normals, -normals], axis=1))
+        share = FRACTIONS[at, None]
+        values = self._least - np.array([contact.distance for contact in contacts])
+        return values, np.hstack([(1 - share) * by_q, share * by_q, np.zeros((m, 1))])
 
-    def _towards(
-        self, axes: np.ndarray, origins: np.ndarray, link: int, point: np.ndarray, outward: np.ndarray
-    ) -> np.ndarray:
-        """Return how fast a point of a link moves along a direction, by each joint's position, (a,).
+    def _slopes(self, q: np.ndarray, points: np.ndarray, toward: np.ndarray) -> np.ndarray:
+        """Return how fast points of two links approach each other, by each joint's position, (m, a).
+
+        The base and the floor, whose numbers are negative, do not move.
 
         Args:
-            axes, origins: Of the joints, (a, 3) each.
-            link: Its number; the base and the floor, whose numbers are negative, do not move.
-            point, outward: (3,) each.
+            q: States, (m, a).
+            points: One of each link, (m, 2, 3).
+            toward: Directions from each to the other, (m, 2, 3).
         """
-        velocities = np.where(self._turns[:, None], np.cross(axes, point - origins), axes)
-        return np.where(np.arange(len(axes)) <= link, velocities @ outward, 0.0)
-
-
-class _Part:
-    """Pairs of links that keep the same distance.
-
-    Args:
-        scene: What is compared.
-        least: Distance to be kept [m].
-    """
-
-    def __init__(self, scene: Scene, least: float) -> None:
-        self._scene, self._least = scene, least
-        links = [scene.links_of(pair) for pair in scene.pairs]
-        self._links = sorted(set(links))
-        self._groups = np.array([self._links.index(both) for both in links], int)
-
-    def nearest(self, q: np.ndarray) -> Iterator[tuple[float, int, _Ends]]:
-        """Yield of each two links how much nearer they come than they may [m], at which state, and where.
-
-        Args:
-            q: States, (T, a).
-        """
-        contacts = self._scene.contacts(q, self._groups) if self._links else []
-        for (one, other), contact in zip(self._links, contacts, strict=True):
-            ends = ((one, contact.points[0], contact.normal), (other, contact.points[1], -contact.normal))
-            yield self._least - contact.distance, contact.instant, ends
+        origins, rotations = arm_poses(self._arm, q)
+        axes = np.einsum("mjik,jk->mji", rotations[:, :-1], self._arm.per_link("axis"))[:, None]
+        arms = points[:, :, None] - origins[:, None, :-1]  # (m, 2, a, 3)
+        velocities = np.where(self._turns[:, None], np.cross(axes, arms), axes)
+        moved = np.arange(self._arm.n) <= self._links[:, :, None]  # (m, 2, a)
+        return (np.einsum("meji,mei->mej", velocities, toward) * moved).sum(axis=1)

@@ -62,7 +62,7 @@ STICK = {"length": 0.65, "mass": 0.09}
 
 
 def rope(N: int = 20) -> WhipParameters:
-    """Return the rope as N universal nodes, each with a cord's moment of inertia about itself, m r^2 / 2."""
+    """Return the rope as N rods, which bend alike all around, as a rope does."""
     stiffness = _YOUNG * math.pi * _RADIUS**4 / 4  # EI of a round section
     density = _DENSITY * math.pi * _RADIUS**2
     profile = WhipProfile(
@@ -71,7 +71,7 @@ def rope(N: int = 20) -> WhipParameters:
         bending_stiffness=stiffness,
         bending_damping=_RETARDATION * stiffness,
     )
-    return profile.lump(N, joints="universal", node_inertia=density / N * _RADIUS**2 / 2)
+    return profile.lump(N, joints="rod")
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -11,7 +11,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from whiptool.models.capsules import Capsule
-from whiptool.models.kinematics import arm_frames, joint_points, whip_motion
+from whiptool.models.kinematics import arm_poses, joint_points, whip_places
+from whiptool.models.mount import level_links
 from whiptool.models.parameters import Model
 from whiptool.models.segment_distances import nearest_points
 from whiptool.models.solids import Solids
@@ -21,7 +22,8 @@ NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared
 Of: TypeAlias = Literal["close", "apart", "whip"]
 _HOLDING = 2  # last links of an arm, which hold the whip: a flange and what carries it
 _BASE, _FLOOR, _WHIP = -1, -2, -3  # in place of a link's number
-_AT_ONCE = 200_000  # pairs of bodies, counted in all states, that are compared together: some 50 MB
+_AT_ONCE = 4096  # states that are looked at together: bounds the memory
+_BLOCK = 16  # successive states that are held in one ball around each body
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -80,41 +82,51 @@ class Scene:
     """What of a model may touch what.
 
     It is of `close` links, that have one link between them and are always near each other; of `apart` links, that have
-    more, and of the arm and the floor; or of the `whip`, and of arm and floor. Neighbours are not compared, nor the
-    arm's `never_touch`, nor the whip's first segments with the links that hold it. Arms in the plane have no thickness
+    more, and of arm and floor; and of the `whip`, with arm and floor. Neighbours are not compared, nor the
+    arm's `never_touch`, nor the whip's first segments with the links that hold it, nor the floor with links that stay
+    at their height, whatever a strike is. Arms in the plane have no thickness
     and nothing to touch but a floor.
 
     Args:
         model: Arm and whip.
         floor: Its height [m]; None: there is none.
-        of: Which of them.
+        of: Which of them, one or several.
+
+    Attributes:
+        bodies: All, those of the whip last.
+        pairs: Numbers of the bodies that are compared; the floor's is one more than the last.
+        kinds: Of which kind each pair is.
     """
 
     model: Model
     floor: float | None = None
-    of: Of = "whip"
+    of: Of | tuple[Of, ...] = "whip"
     bodies: list[_Body] = field(init=False)
 
     def __post_init__(self) -> None:
         self.bodies = [_Body(name, link, capsule) for name, link, capsule in self._capsules_of_arm()]
-        if self.of == "whip":
+        asked = (self.of,) if isinstance(self.of, str) else self.of
+        if "whip" in asked:
             lengths = self.model.whip.per_node("l")
             rods = [Capsule((0.0, 0.0, 0.0), (0.0, 0.0, -float(l)), 0.0) for l in lengths]
             self.bodies += [_Body(f"the whip's node {i + 1}", _WHIP, rod, i) for i, rod in enumerate(rods)]
-        self.pairs = list(self._pairs())
+        compared = [(pair, kind) for pair, kind in self._compared() if kind in asked]
+        self.pairs, self.kinds = [pair for pair, _ in compared], [kind for _, kind in compared]
         self._first, self._second = np.array(self.pairs, int).reshape(-1, 2).T
         self._floor, self._height = self._second == len(self.bodies), self.floor or 0.0
+        self._other = np.where(self._floor, self._first, self._second)  # of the floor any body: it is replaced
         self._radii = np.array([*(body.capsule.radius for body in self.bodies), 0.0])  # the last: of the floor
-        self._inner = np.array([*(body.capsule.inner_radius for body in self.bodies), 0.0])
-        self._outer = self._radii + np.array([*(body.capsule.length / 2 for body in self.bodies), 0.0])
+        inner = np.array([*(body.capsule.inner_radius for body in self.bodies), 0.0])
+        outer = self._radii + np.array([*(body.capsule.length / 2 for body in self.bodies), 0.0])
+        self._inner, self._outer = (size[self._first] + size[self._second] for size in (inner, outer))  # of pairs
         exact = np.array([*(body.capsule.exact for body in self.bodies), True])
         self._inexact = ~(exact[self._first] & exact[self._second])
-        ends: dict[int, list] = {body.link: [] for body in self.bodies if body.link != _WHIP}
+        local: dict[int, list] = {body.link: [] for body in self.bodies if body.link != _WHIP}
         for body in self.bodies:
             if body.link != _WHIP:
                 start, end = body.capsule.start, body.capsule.end
-                ends[body.link].append((start, end, start + body.capsule.rotation[:, 0]))
-        self._local = {link: np.array(points) for link, points in ends.items()}  # in each link's frame, (bodies, 3, 3)
+                local[body.link].append((start, end, start + body.capsule.rotation[:, 0]))
+        self._local = {link: np.array(points) for link, points in local.items()}  # in each link's frame, (bodies, 3, 3)
 
     def _capsules_of_arm(self) -> list[tuple[str, int, Capsule]]:
         """Name, link and capsule of all that the arm consists of."""
@@ -130,58 +142,63 @@ class Scene:
             found += [(f"the link of {joint}", i, capsule) for capsule in link.capsules]
         return found
 
-    def _pairs(self) -> Iterator[tuple[int, int]]:
-        """Yield the numbers of bodies that are compared; the floor's is one more than the last."""
-        n, over_floor = len(self.bodies), {"close": (), "apart": range(self.model.arm.n), "whip": (_WHIP,)}[self.of]
-        for i in range(n):
+    def _compared(self) -> Iterator[tuple[tuple[int, int], Of]]:
+        """Yield the numbers of bodies that may be compared, and of which kind that is."""
+        arm, n = self.model.arm, len(self.bodies)
+        level = level_links(arm) if isinstance(arm, SpatialArm) else 0
+        for i, body in enumerate(self.bodies):
             for j in range(i + 1, n):
-                if self._may_touch(self.bodies[i], self.bodies[j]):
-                    yield i, j
-            if self.floor is not None and self.bodies[i].link in over_floor:
-                yield i, n
+                kind = self._kind(body, self.bodies[j])
+                if kind is not None:
+                    yield (i, j), kind
+            if self.floor is not None and (body.link == _WHIP or body.link >= level):
+                yield (i, n), "whip" if body.link == _WHIP else "apart"
 
-    def _may_touch(self, one: _Body, other: _Body) -> bool:
-        """Whether two bodies are compared; the whip's come last."""
+    def _kind(self, one: _Body, other: _Body) -> Of | None:
+        """Return of which kind two bodies are that are compared, the whip's being the second; None: they are not."""
         arm = self.model.arm
         if not isinstance(arm, SpatialArm) or one.link == _WHIP:
-            return False
-        if self.of == "whip":
-            far = other.segment >= NEAR_HAND or one.link < arm.n - _HOLDING
-            return other.link == _WHIP and far
+            return None
+        if other.link == _WHIP:
+            return "whip" if other.segment >= NEAR_HAND or one.link < arm.n - _HOLDING else None
         numbers = {BASE: _BASE} | {joint: i for i, joint in enumerate(arm.joints)}
         never = [tuple(sorted(numbers[name] for name in pair)) for pair in arm.never_touch]
         between = other.link - one.link - 1
-        asked = between == 1 if self.of == "close" else between > 1
-        return asked and (one.link, other.link) not in never
+        if between < 1 or (one.link, other.link) in never:
+            return None
+        return "close" if between == 1 else "apart"
 
     def segments(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return both ends of every body [m], (T, bodies, 3) each, of states q (T, n), or of an arm alone (T, a)."""
-        places = self._places(q)
+        places = self._places(q, points=2)
         return places[:, :, 0], places[:, :, 1]
 
-    def _places(self, q: np.ndarray) -> np.ndarray:
-        """Return both ends of every body and, of the arm's, a point beside the first one along `Capsule.rotation`'s x,
-        (T, bodies, 3, 3) [m]."""
-        arm, a = self.model.arm, self.model.arm.n
+    def _places(self, q: np.ndarray, *, points: int = 3) -> np.ndarray:
+        """Return points of every body [m], (T, bodies, points, 3).
+
+        They are its ends and, of the arm's bodies, one beside the first end along `Capsule.rotation`'s x.
+        """
+        arm, a, T = self.model.arm, self.model.arm.n, len(q)
         if not isinstance(arm, SpatialArm):
-            points = joint_points(self.model, q)
-            points = np.stack([points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]], axis=-1)
-            ends = points[:, : len(self.bodies)], points[:, 1 : len(self.bodies) + 1]
-            return np.stack([*ends, ends[0]], axis=2)
-        frames = arm_frames(arm, q[:, :a])
-        ends = [np.empty((len(q), 0, 3, 3))]
+            joints = joint_points(self.model, q)
+            joints = np.stack([joints[..., 0], np.zeros(joints.shape[:-1]), joints[..., 1]], axis=-1)
+            return _along(joints[:, : len(self.bodies) + 1], points)
+        origins, rotations = arm_poses(arm, q[:, :a])
+        found = [np.empty((T, 0, points, 3))]
         for link, local in self._local.items():
+            local = local[:, :points]
             if link == _BASE:
-                ends.append(np.broadcast_to(local, (len(q), *local.shape)))
+                found.append(np.broadcast_to(local, (T, *local.shape)))
             else:
-                moved = np.einsum("tij,bej->tbei", frames[link].rotation, local)
-                ends.append(moved + frames[link].origin[:, None, None])
-        if self.of == "whip":
-            nodes = np.concatenate(
-                [frames[-1].origin[:, None], whip_motion(self.model, frames[-1], q[:, a:])[0]], axis=1
+                moved = (rotations[:, link].reshape(-1, 3) @ local.reshape(-1, 3).T).reshape(T, 3, -1)
+                at = moved + origins[:, link, :, None]
+                found.append(at.transpose(0, 2, 1).reshape(T, *local.shape))
+        if any(body.link == _WHIP for body in self.bodies):
+            hand = origins[:, -1], rotations[:, -1]
+            found.append(
+                _along(np.concatenate([hand[0][:, None], whip_places(self.model, *hand, q[:, a:])], 1), points)
             )
-            ends.append(np.stack([nodes[:, :-1], nodes[:, 1:], nodes[:, :-1]], axis=2))
-        return np.concatenate(ends, axis=1)
+        return np.concatenate(found, axis=1)
 
     def links_of(self, pair: tuple[int, int]) -> tuple[int, int]:
         """Return the numbers of the links of a pair of bodies; negative: the base, the floor or the whip."""
@@ -196,59 +213,109 @@ class Scene:
     def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
         """Return where two bodies come nearest over successive states q, (T, n); None: nothing is compared.
 
-        States are looked at in parts, so that memory does not grow with their number.
-
         Args:
             q: Joint positions, (T, n), of an arm alone (T, a).
             enough: Clearance from which it does not matter how large it is [m]: then that of some state is returned.
         """
-        if not self.pairs:
-            return None
-        together, at_once = np.zeros(len(self.pairs), int), max(1, _AT_ONCE // len(self.pairs))
-        best: NearestPair | None = None
-        for first in range(0, len(q), at_once):
-            limit = enough if best is None else min(best.clearance, enough)
-            (contact,) = self.contacts(q[first : first + at_once], together, enough=limit)
-            if best is None or contact.distance < best.clearance:
-                names = self.names_of(self.pairs[contact.pair])
-                best = NearestPair(contact.distance, first + contact.instant, names)
-        return best
+        return self.nearest_of_groups(q, np.zeros(len(self.pairs), int), [enough])[0]
 
-    def contacts(self, q: np.ndarray, groups: np.ndarray, *, enough: float = np.inf) -> list[Contact]:
-        """Return where the pairs of each group come nearest; distances are computed where balls around bodies are near.
+    def nearest_of_groups(self, q: np.ndarray, groups: np.ndarray, enough: Sequence[float]) -> list[NearestPair | None]:
+        """Return the same of each group of pairs; None: no pair is in it.
+
+        States are looked at in parts, so that memory does not grow with their number.
 
         Args:
             q: States, (T, n).
-            groups: Of each pair the number of its group, all numbers from 0 to the largest, (pairs,).
-            enough: Distance from which it does not matter how large it is [m].
+            groups: Of each pair the number of its group, (pairs,).
+            enough: Of each group, see `nearest`.
         """
-        places = self._places(q)
-        ends = places[:, :, 0], places[:, :, 1]
-        lower, upper = self._bounds(*ends)
-        least, limit = (np.full(groups.max() + 1, np.inf) for _ in range(2))
-        np.minimum.at(least, groups, lower.min(axis=1))
-        np.minimum.at(limit, groups, upper.min(axis=1))
-        limit = np.maximum(np.minimum(limit, enough), least)
-        pairs, instants = np.nonzero(lower <= limit[groups, None])
-        distances, points, normals = self._distances(*ends, instants, pairs)
+        best: list[NearestPair | None] = [None] * len(enough)
+        for first in range(0, len(q), _AT_ONCE):
+            limits = [most if x is None else min(x.clearance, most) for x, most in zip(best, enough, strict=True)]
+            for i, contact in enumerate(self.contacts(q[first : first + _AT_ONCE], groups, limits)):
+                known = best[i]
+                if contact is not None and (known is None or contact.distance < known.clearance):
+                    names = self.names_of(self.pairs[contact.pair])
+                    best[i] = NearestPair(contact.distance, first + contact.instant, names)
+        return best
+
+    def contacts(self, q: np.ndarray, groups: np.ndarray, enough: Sequence[float]) -> list[Contact | None]:
+        """Return where the pairs of each group come nearest; None: no pair is in it.
+
+        Distances are computed where balls around bodies are near, first balls that hold a body over several states.
+
+        Args:
+            q: Successive states, (T, n).
+            groups: Of each pair the number of its group, (pairs,).
+            enough: Of each group, distance from which it does not matter how large it is [m].
+        """
+        starts, ends = self.segments(q)
+        instants, pairs = self._candidates((starts + ends) / 2, groups, np.array(enough))
+        distances, points, normals = self._distances(starts, ends, instants, pairs)
         order = np.lexsort((distances, groups[pairs]))
-        begins = np.searchsorted(groups[pairs[order]], np.arange(len(least) + 1))
-        found = []
-        for first, last in pairwise(begins):
+        begins = np.searchsorted(groups[pairs[order]], np.arange(len(enough) + 1))
+        found: list[Contact | None] = []
+        for limit, (first, last) in zip(enough, pairwise(begins), strict=True):
             best: Contact | None = None
             for i in order[first:last]:  # what holds the bodies comes no nearer than these
-                if best is not None and distances[i] >= min(best.distance, enough):
+                if best is not None and distances[i] >= min(best.distance, limit):
                     break
                 k, p = int(instants[i]), int(pairs[i])
                 contact = Contact(float(distances[i]), k, p, points[i], normals[i])
                 if self._inexact[p]:
-                    distance, *where = self._of_solids(places[k], p)
+                    distance, *where = self._of_solids(self._places(q[k : k + 1])[0], p)
                     contact = Contact(distance, k, p, *where)
                 if best is None or contact.distance < best.distance:
                     best = contact
-            assert best is not None
             found.append(best)
         return found
+
+    def _candidates(self, middles: np.ndarray, groups: np.ndarray, enough: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return instants and pairs, (C,) each, among which the nearest of each group is.
+
+        Args:
+            middles: Of the bodies [m], (T, bodies, 3).
+            groups, enough: As in `contacts`.
+        """
+        T = len(middles)
+        size = min(_BLOCK, max(1, T // _BLOCK))
+        of_blocks = middles[np.minimum(np.arange(0, T, size)[:, None] + np.arange(size), T - 1)]
+        centres = of_blocks[:, size // 2]
+        spread = np.sqrt(((of_blocks - centres[:, None]) ** 2).sum(axis=-1).max(axis=1))
+        blocks, pairs = (x.ravel() for x in np.indices((len(centres), len(self.pairs))))
+        near = self._near(centres, spread, blocks, pairs, groups, enough)
+        instants = blocks[near, None] * size + np.arange(size)
+        pairs = np.broadcast_to(pairs[near, None], instants.shape)[instants < T]
+        instants = instants[instants < T]
+        near = self._near(middles, np.zeros(middles.shape[:2]), instants, pairs, groups, enough)
+        return instants[near], pairs[near]
+
+    def _near(
+        self,
+        middles: np.ndarray,
+        spread: np.ndarray,
+        rows: np.ndarray,
+        pairs: np.ndarray,
+        groups: np.ndarray,
+        enough: np.ndarray,
+    ) -> np.ndarray:
+        """Return among which pairs the nearest of each group may be, (C,), by balls around bodies and in them.
+
+        Args:
+            middles, spread: Of the bodies, and how far from there they go [m], (R, bodies, 3) and (R, bodies).
+            rows, pairs: Which of them, and the numbers of the pairs, (C,) each.
+            groups, enough: As in `contacts`.
+        """
+        first, other, floor = self._first[pairs], self._other[pairs], self._floor[pairs]
+        one = middles[rows, first]
+        between = one - middles[rows, other]
+        apart = np.where(floor, one[:, 2] - self._height, np.sqrt(np.einsum("ci,ci->c", between, between)))
+        lower = apart - self._outer[pairs] - spread[rows, first] - np.where(floor, 0.0, spread[rows, other])
+        least, limit = (np.full(len(enough), np.inf) for _ in range(2))
+        np.minimum.at(least, groups[pairs], lower)
+        np.minimum.at(limit, groups[pairs], apart - self._inner[pairs])
+        limit = np.maximum(np.minimum(limit, enough), least)
+        return lower <= limit[groups[pairs]]
 
     def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return how near all pairs come at states q, (T, n).
@@ -279,20 +346,6 @@ class Scene:
         poses = [_pose(*places[i]) if i < len(places) else (np.eye(3), np.zeros(3)) for i in bodies]
         return self._solids.distance(bodies, poses)
 
-    def _bounds(self, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what distances are at least and at most [m], (pairs, T) each, by balls around bodies and in them.
-
-        Args:
-            starts, ends: Of the bodies [m], (T, bodies, 3) each.
-        """
-        first, second, floor = self._first, self._second, self._floor
-        middles = np.ascontiguousarray((starts + ends).T) / 2  # (3, bodies, T)
-        between = middles[:, first] - middles[:, np.where(floor, first, second)]
-        apart = np.sqrt(np.einsum("xpt,xpt->pt", between, between))
-        apart[floor] = middles[2, first[floor]] - self._height
-        upper, lower = (apart - (size[first] + size[second])[:, None] for size in (self._inner, self._outer))
-        return lower, upper
-
     def _distances(
         self, starts: np.ndarray, ends: np.ndarray, instants: np.ndarray, pairs: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -306,7 +359,7 @@ class Scene:
         start, end = starts[instants, first], ends[instants, first]
         lowest = np.where(start[:, 2:] < end[:, 2:], start, end)
         below = lowest * (1.0, 1.0, 0.0) + (0.0, 0.0, self._height)
-        other = np.where(floor, first, second)  # of the floor any: it is replaced
+        other = self._other[pairs]
         one, two = nearest_points(start, end, starts[instants, other], ends[instants, other])
         one, two = np.where(floor[:, None], lowest, one), np.where(floor[:, None], below, two)
         apart = np.linalg.norm(two - one, axis=-1)
@@ -316,6 +369,11 @@ class Scene:
         own, its = self._radii[first], self._radii[second]
         points = np.stack([one + own[:, None] * normals, two - its[:, None] * normals], axis=1)
         return apart - own - its, points, normals
+
+
+def _along(nodes: np.ndarray, points: int) -> np.ndarray:
+    """Return points of the rods between successive nodes (T, N + 1, 3), see `Scene._places`, (T, N, points, 3)."""
+    return np.stack([nodes[:, :-1], nodes[:, 1:], nodes[:, :-1]][:points], axis=2)
 
 
 def _pose(start: np.ndarray, end: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -167,6 +167,11 @@ _PERSON = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow
 _D = (0.4, 1.5)  # [s]; none is printed
 
 
+def is_person(arm: ArmParameters | SpatialArm) -> bool:
+    """Whether an arm has the joints of the person's arm of Nah et al. 2023."""
+    return arm.joints == _PERSON
+
+
 def default_bounds(arm: ArmParameters | SpatialArm) -> StrikeBounds:
     """Return the bounds of strikes of an arm that has usual ones. [rad or m], [s]
 
@@ -181,7 +186,7 @@ def default_bounds(arm: ArmParameters | SpatialArm) -> StrikeBounds:
         raise InputError("arm", "a Model", "its arm", "give model.arm")
     expect(ArmParameters, SpatialArm, arm=arm)
     if isinstance(arm, SpatialArm):
-        found = _person_bounds() if arm.joints == _PERSON else _bounds_of_limits(arm)
+        found = _person_bounds() if is_person(arm) else _bounds_of_limits(arm)
     else:
         found = StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, _D[0]), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, _D[1]))
         found = found if arm.n == 2 else None

@@ -33,11 +33,11 @@ def without_touching(arm: SpatialArm, choice: ArmChoice | None) -> SpatialArm:
     from whiptool.models.scene import Scene
 
     rest = np.array([np.clip(0.0, *link.limits.position) for link in arm.links])
-    names, pairs = (*arm.joints, BASE), []
-    for scene in (Scene(Model(_WHIP, arm), of="close"), Scene(Model(_WHIP, arm), of="apart")):
-        links = [scene.links_of(pair) for pair in scene.pairs]
-        distances = scene.distances(rest[None])[0][0] if links else []
-        pairs += sorted({both for both, distance in zip(links, distances, strict=True) if distance < 0})
+    names = (*arm.joints, BASE)
+    scene = Scene(Model(_WHIP, arm), of=("close", "apart"))
+    links = [scene.links_of(pair) for pair in scene.pairs]
+    distances = scene.distances(rest[None])[0][0] if links else []
+    pairs = sorted({both for both, distance in zip(links, distances, strict=True) if distance < 0})
     if not pairs:
         return arm
     touching = tuple((names[one], names[other]) for one, other in pairs)  # the base, -1, is the last name

@@ -14,6 +14,7 @@ from whiptool.options.base import OptionGroup
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.impedance.law import Law
+    from whiptool.models.parameters import Model
 
 Preset = Literal["printed", "table4", "nah2020", "nah2023", "ur5e", "panda"]
 LAWS = ("oiac", "constant", "position")
@@ -30,8 +31,8 @@ class LawOptions(OptionGroup):
 
     controller: Annotated[str | None, arg(metavar=CONTROLLERS)] = None
     """Control law, or a file with a table [controller] (a run has one); position: the joints are exactly on their path,
-    as stiff robots are. Default: constant for nah2023, ur5e and panda, which have an impedance of their own, else
-    oiac."""
+    as stiff robots are. Default: position for a robot's arm, constant for nah2023, which has an impedance of its own,
+    else oiac."""
     preset: Preset | None = None
     """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4.
     Constant impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
@@ -43,13 +44,22 @@ class LawOptions(OptionGroup):
 
     @property
     def law_or_file(self) -> str:
-        """The law or file as given, or else the law that goes with the model."""
-        from whiptool.impedance import CONSTANT_PRESETS
+        """The law or file as given, or else the law of the preset that is given, or that goes with the model."""
+        from whiptool.impedance import CONSTANT_PRESETS, default_controller
 
         if self.controller is not None:
             return self.controller
-        of_its_own = getattr(self, "model", "") in CONSTANT_PRESETS  # not every command has a model
-        return "constant" if of_its_own and (self.preset is None or self.preset in CONSTANT_PRESETS) else "oiac"
+        model = self._model()
+        if model is None or model.dimension == 2:
+            return "oiac"
+        if self.preset is not None:
+            return "constant" if self.preset in CONSTANT_PRESETS else "oiac"
+        return default_controller(model).law.kind
+
+    def _model(self) -> Model | None:
+        """The model, of commands that have one."""
+        find = getattr(self, "find_model", None)
+        return None if find is None else find()
 
     @property
     def in_file(self) -> bool:
@@ -88,6 +98,15 @@ class LawOptions(OptionGroup):
         if self.in_file and value not in (None, False):
             raise InputError(option, value, f"nothing beside --controller {self.law_or_file}", "write it into the file")
 
+    def refuse_beside_position(self, option: str, value: object) -> None:
+        """Refuse an option that position control has no use for.
+
+        Raises:
+            InputError: It has a value, and the joints are exactly on their path.
+        """
+        if self.law_or_file == "position" and value not in (None, False):
+            raise InputError(option, value, "nothing beside position control", "give --controller constant")
+
     def _named_law(self) -> Law:
         from whiptool.impedance import PositionControl, constant_preset, oiac_preset
 
@@ -109,8 +128,8 @@ class LawOptions(OptionGroup):
         """The preset of the constant law: as given, or that of the model's arm, or the paper's."""
         from whiptool.impedance import CONSTANT_PRESETS
 
-        model = getattr(self, "model", "")  # of commands that have one
-        return self.preset or (model if model in CONSTANT_PRESETS else "nah2020")
+        model = self._model()
+        return self.preset or (model.name if model is not None and model.name in CONSTANT_PRESETS else "nah2020")
 
     def law_label(self) -> str:
         """The law in words, for people."""
@@ -139,6 +158,8 @@ class ControllerOptions(LawOptions):
         self.refuse_beside_file("--torque-limit", self.torque_limit)
         if self.in_file:
             return controller
+        self.refuse_beside_position("--feedforward", self.feedforward)
+        self.refuse_beside_position("--torque-limit", self.torque_limit)
         return replace(controller, feedforward=self.feedforward, torque_limit=self.torque_limit)
 
     def controller_label(self) -> str:
@@ -165,4 +186,7 @@ class SimulatedControllerOptions(ControllerOptions):
         """The controller that the options describe, or that of the file."""
         controller = super().build_controller()
         self.refuse_beside_file("--control-period", self.control_period)
-        return controller if self.in_file else replace(controller, control_period=self.control_period)
+        if self.in_file:
+            return controller
+        self.refuse_beside_position("--control-period", self.control_period)
+        return replace(controller, control_period=self.control_period)

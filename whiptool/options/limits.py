@@ -24,8 +24,9 @@ class LimitOptions(OptionGroup):
     tells."""
     keep_free: float = 0.0
     """Share of those limits that is kept free, such as 0.1."""
-    floor: float | None = None
-    """Height of the floor [m], above the base (shoulder); below it negative. Default: there is no floor."""
+    floor: float | Literal["none"] | None = None
+    """Height of the floor [m], above the base (shoulder), below it negative; none: there is none. Default: 0 of a robot
+    that stands on its base, else none."""
     clearance: float = 0.0
     """Distance that arm, whip and floor have to keep from each other [m]."""
     ignore_collisions: bool = False
@@ -42,7 +43,7 @@ class LimitOptions(OptionGroup):
         except InputError as error:
             raise error.renamed("--keep-free") from None
         number("--clearance", self.clearance, low=0)
-        if self.floor is not None:
+        if isinstance(self.floor, float):
             number("--floor", self.floor)
         if self.limits == "none":
             idle = ("keep_free", "floor", "clearance", "ignore_collisions")
@@ -76,8 +77,16 @@ class LimitOptions(OptionGroup):
             found.append(limits_preset(self.limits).keeping_free(self.keep_free))
         elif self.keep_free:
             raise InputError("--keep-free", self.keep_free, "0 for an arm without limits", "give --limits")
-        if not self.ignore_collisions and (self.floor is not None or Clearance.is_of(model)):
-            found.append(Clearance(model, self.floor, self.clearance))
+        floor = self._floor(model)
+        if not self.ignore_collisions and (floor is not None or Clearance.is_of(model)):
+            found.append(Clearance(model, floor, self.clearance))
         elif self.clearance:
             raise InputError("--clearance", self.clearance, "0 for an arm without capsules, above no floor")
         return found
+
+    def _floor(self, model: Model) -> float | None:
+        from whiptool.models.mount import default_floor
+
+        if isinstance(self.floor, float):
+            return self.floor
+        return default_floor(model.arm) if self.floor is None else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
@@ -167,7 +168,11 @@ class ModelOptions(OptionGroup):
         return model
 
     def find_model(self) -> Model:
-        """The same, and nothing is said."""
+        """The same, and nothing is said; files are read once."""
+        return self._model_found
+
+    @cached_property
+    def _model_found(self) -> Model:
         from whiptool.models.files import load_model
 
         of_model, of_arm = (self.arm_tip or "", "") if self.arm is None else ("", self.arm_tip or "")

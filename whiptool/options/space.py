@@ -14,7 +14,6 @@ from whiptool.options.controller import SimulatedControllerOptions
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.impedance.hand import HandControl
-    from whiptool.models.parameters import Model
     from whiptool.options.scene import ModelOptions
 
 _GAINS = ("stiffness", "damping", "turn_stiffness", "turn_damping")
@@ -104,13 +103,10 @@ class SpaceOptions(SimulatedControllerOptions):
         from whiptool.impedance import ConstantImpedance
         from whiptool.impedance.hand import hand_impedance
 
-        model = self._model()
+        model = cast("ModelOptions", self).find_model()  # every command with a space has a model
         usual, d = hand_impedance(model, self._hand()), model.dimension
         K = _with_blocks(usual.K, d, self.stiffness, self.turn_stiffness)
         return ConstantImpedance(K, _with_blocks(usual.B, d, self.damping, self.turn_damping))
-
-    def _model(self) -> Model:
-        return cast("ModelOptions", self).find_model()  # every command with a space has a model
 
 
 def _with_blocks(usual: Matrix, d: int, of_place: float | None, of_turn: float | None) -> Matrix:

@@ -14,6 +14,7 @@ from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.dynamics.structure import Structure, arm_column
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
+from whiptool.impedance.default import default_controller
 from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace
 from whiptool.models.numbers import array_of, texts, whole
 from whiptool.models.parameters import Model, number
@@ -55,7 +56,7 @@ class CompiledRollout(Rollout):
 
     Args:
         model: Whip, arm, gravity.
-        controller: Law and options.
+        controller: Law and options; default: `default_controller`.
         timestep: Largest step of the integrator [s]. Under position control it is the classical Runge-Kutta method,
             of fourth order, at steps at which that is stable, else as under every other controller ROS2.
         engine: `simd`, `scalar` or `interpreter`; default: the environment variable WHIPTOOL_ENGINE, or the best that
@@ -71,7 +72,7 @@ class CompiledRollout(Rollout):
     def __init__(
         self,
         model: Model,
-        controller: Controller,
+        controller: Controller | None = None,
         *,
         timestep: float = TIMESTEP,
         engine: str | None = None,
@@ -80,6 +81,7 @@ class CompiledRollout(Rollout):
         sag: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         expect(Model, model=model)
+        controller = default_controller(model) if controller is None else controller
         expect(Controller, controller=controller)
         if engine is not None and engine not in RUNGS:
             raise InputError("engine", engine, ", ".join(RUNGS))

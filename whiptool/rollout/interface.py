@@ -10,6 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, checked_vectors
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
@@ -25,12 +26,14 @@ class Rollout(ABC):
 
     Args:
         model: Whip, arm and gravity.
+        controller: What moves the arm; None: it is not known.
         engine: What computes, or strikes: a name.
         timestep: Of the integrator [s].
         one_by_one: Whether each strike costs more than time, so that none is asked for that may not be needed.
     """
 
     model: Model
+    controller: Controller | None = None
     engine: str
     timestep: float
     one_by_one: ClassVar[bool] = False

@@ -16,6 +16,7 @@ from whiptool.dynamics.stepping import FASTEST, LARGEST_STEP, SMALLEST_STEP, tim
 from whiptool.errors import InputError, expect
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
+from whiptool.impedance.default import default_controller
 from whiptool.models.joint_space import AnyStrike, StrikeSpace
 from whiptool.models.numbers import numbers
 from whiptool.models.parameters import Model, number
@@ -46,7 +47,7 @@ class ReferenceRollout(Rollout):
 
     Args:
         model: Whip, arm, gravity.
-        controller: Law and options.
+        controller: Law and options; default: `default_controller`.
         timestep: MuJoCo's step [s].
         integrator: One of MuJoCo's. Where neither is given: RK4 at 0.1 ms, or less where the whip's damping asks for
             it; where it asks for less than 0.02 ms, that step with `implicitfast`, of first order.
@@ -57,12 +58,13 @@ class ReferenceRollout(Rollout):
     def __init__(
         self,
         model: Model,
-        controller: Controller,
+        controller: Controller | None = None,
         *,
         timestep: float | None = None,
         integrator: str | None = None,
     ) -> None:
         expect(Model, model=model)
+        controller = default_controller(model) if controller is None else controller
         expect(Controller, controller=controller)
         if integrator is not None:
             check_integrator(integrator)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals import Goals
-from whiptool.limits import AllLimits, Limits
+from whiptool.limits import AllLimits, OrDefault, limits_given
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, Trajectory
@@ -64,7 +63,8 @@ class Striker:
     Args:
         rollout: Simulator with derivatives.
         bounds: Box of the strikes; default: `default_bounds`. It is narrowed to limits of position.
-        limits: One or several that strikes have to keep; None: the arm can do anything.
+        limits: One or several that strikes have to keep; default: what the model's arm has, see `Objective`; None: the
+            arm can do anything.
         t_stay: A strike is watched this long after the movement ended [s].
 
     Raises:
@@ -76,12 +76,13 @@ class Striker:
         rollout: CompiledRollout,
         *,
         bounds: StrikeBounds | None = None,
-        limits: Limits | Sequence[Limits] | None = None,
+        limits: OrDefault = "default",
         t_stay: float = T_STAY,
     ) -> None:
         if rollout.space.kind != "joint":
             raise InputError("space of strikes", rollout.space.kind, "joint, for a strike map")
-        self.rollout, self.limits, self.t_stay = rollout, AllLimits(limits), t_stay
+        self.rollout, self.t_stay = rollout, t_stay
+        self.limits = AllLimits(limits_given(limits, rollout.model, rollout.controller))
         self.bounds = self.limits.narrowed(bounds or default_bounds(rollout.model.arm))
         self.lower, self.upper = self.bounds.box
 

@@ -1,0 +1,24 @@
+"""The controller that goes with a model where none is asked for."""
+
+from __future__ import annotations
+
+from whiptool.errors import expect
+from whiptool.impedance.constant import constant_preset
+from whiptool.impedance.controller import Controller
+from whiptool.impedance.position import PositionControl
+from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.strike import is_person
+
+
+def default_controller(model: Model) -> Controller:
+    """Return the controller that a model has where none is given.
+
+    Of an arm in the plane that is OIAC with the preset `table4`, of the person's arm in space (`nah2023`) the constant
+    impedance that was published with it, and of every other arm in space position control: robots go where they are
+    told.
+    """
+    expect(Model, model=model)
+    if not isinstance(model.arm, SpatialArm):
+        return Controller()
+    return Controller(constant_preset("nah2023") if is_person(model.arm) else PositionControl())
