@@ -19,12 +19,11 @@ a Cosserat rod (extra `oracle`). Published: 73.5 % in one shot, 92.1 % with the 
 With --folder, what is done stands there, and a run that was broken off goes on where it was. The map is built there
 unless --map names the run folder of one:
 
-    python -m whiptool.map build --model ur5e-rods.toml --controller position --timestep 0.0015
+    python -m whiptool.map build --model ur5e --timestep 0.0015
         --sector 1.6 2.3 -1.4 0.8 30 --hit-radius 0.05 --arrival-angle -180 180 --cone 10 --least-speed 1
         --floor -1.7 --random-strikes 4096 --room 2 --rounds 2 --goals 800 --gate-strikes 16000
 
-(`--write-model ur5e-rods.toml` writes that model, and does nothing else). Goals are drawn all together: the first of
-them are a random sample.
+Goals are drawn all together: the first of them are a random sample.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from whiptool.models import write_model
 from whiptool.rollout.threads import cores
 from whiptool.strike_map import StrikeMap
 from whiptool.strike_map.built import built
@@ -137,12 +135,8 @@ def main() -> None:
     parser.add_argument("--oracle", type=int, default=0, help="of these, played with a Cosserat rod; default: 0")
     parser.add_argument("--ignore-collisions", action="store_true", help="arm and whip may go through all")
     parser.add_argument("--folder", type=Path, help="of what is found, to go on from")
-    parser.add_argument("--write-model", type=Path, metavar="FILE.toml", help="write the model, and do nothing else")
     arguments = parser.parse_args()
     task = ur5e(quick=arguments.quick, clear=not arguments.ignore_collisions)
-    if arguments.write_model:
-        write_model(task.model, arguments.write_model)
-        return
     usual = (GOALS, REPLAYS, ALONE, TOUCHED)
     if arguments.quick:
         usual = (QUICK_GOALS, QUICK_REPLAYS, QUICK_ALONE, QUICK_TOUCHED)

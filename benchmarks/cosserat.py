@@ -34,6 +34,7 @@ from tqdm import tqdm
 from whiptool.impedance import Controller, constant_preset
 from whiptool.models import WhipProfile, preset
 from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.robots import rope
 from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.closest import closest_on_curve
@@ -99,8 +100,9 @@ def profile(arm: str, whip: str, damped: bool) -> WhipProfile:
 def rollout_of(arm: str, whip: str, damped: bool, joints: str, N: int) -> CompiledRollout:
     """Ours, of the arm with its whip lumped into N nodes."""
     base, inertia = preset(arm), 0.0
-    if joints == "universal" and damped:  # the preset's, shared out among N
-        inertia = float(base.whip.per_node("node_inertia").sum()) / N
+    if joints == "universal" and damped:  # the preset's, or the rope's, shared out among N
+        whole = base.whip if base.whip.joints == "universal" else rope(joints="universal")
+        inertia = float(whole.per_node("node_inertia").sum()) / N
     lumped = profile(arm, whip, damped).lump(N, joints=joints, node_inertia=inertia)
     controller = Controller() if arm == "lemon2024" else Controller(constant_preset(arm))
     return CompiledRollout(replace(base, whip=lumped), controller, timestep=TIMESTEP)

@@ -20,12 +20,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-from reach import MODELS, SEARCHED, TIMESTEP, of_rods, targets, warm_up
+from reach import MODELS, SEARCHED, TIMESTEP, targets, warm_up
 from tqdm import tqdm
 
 from whiptool.impedance import Controller, PositionControl
 from whiptool.limits import AllLimits
-from whiptool.models import Model
+from whiptool.models import Model, preset
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
 from whiptool.models.command_limits import CommandLimits
@@ -113,7 +113,7 @@ def main() -> None:
     points = targets(2 if arguments.quick else arguments.targets)
     known = arguments.out.read_text().splitlines() if arguments.out and arguments.out.exists() else []
     done = {(row["model"], row["way"], row["target"]): row for row in map(json.loads, known)}
-    models = {name: of_rods(name) for name in MODELS}
+    models = {name: preset(name) for name in MODELS}
     todo = [(name, way, i) for i in range(len(points)) for name in MODELS for way in WAYS]
     warm: set[str] = set()
     for name, way, i in tqdm([key for key in todo if key not in done], leave=False):

@@ -22,14 +22,13 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.impedance import Controller, PositionControl
-from whiptool.models import Model
+from whiptool.models import Model, preset
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import Strike
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
 from whiptool.studies.comparison import Store
-from whiptool.studies.reproduction.aim.robot import of_rods
 from whiptool.studies.reproduction.spaces import targets
 from whiptool.target import Target
 
@@ -87,7 +86,7 @@ class ReachUnit:
 
     def run(self, folder: Path | None, threads: int | None) -> dict:
         """Search, when all that the search needs is compiled and imported."""
-        model = of_rods(self.model)
+        model = preset(self.model)
         if self.model not in _WARM:
             warm_up(model)
             _WARM.add(self.model)

@@ -8,7 +8,6 @@ from typing import ClassVar, Literal, Protocol, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.impedance.controller import Controller
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
 from whiptool.models.command_limits import CommandLimits
@@ -80,7 +79,7 @@ Given: TypeAlias = Limits | Sequence[Limits] | None
 OrDefault: TypeAlias = Given | Literal["default"]
 
 
-def default_limits(model: Model, controller: Controller | None) -> list[Limits]:
+def default_limits(model: Model, *, prescribed: bool) -> list[Limits]:
     """Return what strikes of a model keep where nothing else is asked for.
 
     Of a robot these are the limits of its joints, the distance of arm and whip from the arm, and the floor on which it
@@ -88,18 +87,18 @@ def default_limits(model: Model, controller: Controller | None) -> list[Limits]:
 
     Args:
         model: Arm and whip.
-        controller: What moves the arm; None: it is not known.
+        prescribed: Whether joints move exactly as commanded, as under position control.
     """
     found: list[Limits] = []
     if ArmLimits.are_in(model.arm):
-        found.append(ArmLimits.of(model.arm, prescribed=controller is not None and controller.prescribed))
+        found.append(ArmLimits.of(model.arm, prescribed=prescribed))
     floor = default_floor(model.arm)
     if floor is not None or Clearance.is_of(model):
         found.append(Clearance(model, floor))
     return found
 
 
-def limits_given(given: OrDefault, model: Model, controller: Controller | None) -> Given:
+def limits_given(given: OrDefault, model: Model, *, prescribed: bool) -> Given:
     """Return limits as given, or `default_limits`.
 
     Raises:
@@ -109,7 +108,7 @@ def limits_given(given: OrDefault, model: Model, controller: Controller | None) 
         return given
     if given != "default":
         raise InputError("limits", given, "'default', None, or MotorLimits, ArmLimits or Clearance, one or several")
-    return default_limits(model, controller)
+    return default_limits(model, prescribed=prescribed)
 
 
 class AllLimits:

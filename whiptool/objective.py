@@ -206,7 +206,7 @@ class Objective:
         if check_reach:
             self.target.check_reach(rollout.model)
         self.space = rollout.space
-        given = limits_given(limits, rollout.model, rollout.controller)
+        given = limits_given(limits, rollout.model, prescribed=rollout.prescribed)
         self.limits = AllLimits(given, by_joints=self.space.kind == "joint")
         self.bounds = bounds or self.space.bounds
         if len(self.bounds.lower) != self.space.width:

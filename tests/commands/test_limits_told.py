@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 from whiptool.commands import optimize, simulate
 from whiptool.commands.limits_told import limits_table, with_cure
 from whiptool.limits import AllLimits
-from whiptool.models import JointLimits, Strike, preset, write_model
+from whiptool.models import JointLimits, Strike, preset
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.rollout.trajectory import Trajectory
@@ -22,8 +21,6 @@ STRIKE = ["--strike", "-1.2", "0.9", "1.2", "0.3", "0.7"]
 UR5E = [
     "--model",
     "ur5e",
-    "--controller",
-    "position",
     "--target",
     "1.2",
     "0.2",
@@ -81,7 +78,6 @@ def test_a_search_that_no_strike_comes_through_says_why(capsys):
 @pytest.mark.heavy
 def test_a_strike_of_a_robot_is_exported_within_what_is_left(capsys):
     robot = preset("ur5e")
-    write_model(replace(robot, whip=replace(robot.whip, joints="rod", node_inertia=0.0)), Path("rods.toml"))
     words = [*UR5E, "--strike", *GOOD, "--export-trajectory", "strike.csv", "--json"]
     assert simulate.main([*words, "--floor", "-1.5", "--out", "whole"]) == 0
     told = said(capsys)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from whiptool.models import JointLimits, Model, SpatialArm, SpatialLink, WhipParameters, preset
+from whiptool.models.robots import rope
 
 
 def rotation(rng: np.random.Generator) -> np.ndarray:
@@ -68,7 +69,5 @@ ARMS = {
 
 
 def of_universal_nodes(name: str) -> Model:
-    """A robot of the presets whose rope is of universal nodes, each with a cord's inertia about itself, m r^2 / 2."""
-    model = preset(name)
-    inertia = float(model.whip.per_node("m")[0]) * 6.35e-3**2 / 2
-    return replace(model, whip=replace(model.whip, joints="universal", node_inertia=inertia))
+    """A robot of the presets whose rope is of universal nodes."""
+    return replace(preset(name), whip=rope(joints="universal"))

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from spatial_arms import of_universal_nodes
 
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
@@ -148,7 +149,7 @@ def test_lumping_in_casadi_is_that_of_numpy():
 
 def test_a_profile_in_space_keeps_how_its_nodes_are_joined():
     """And has no curvature at rest, which would need a direction; its slopes are those of differences."""
-    model = preset("ur5e")
+    model = of_universal_nodes("ur5e")
     plant = Plant(model, None, profile_of(model, ""))
     assert plant.model.whip.joints == "universal"
     for name in ("l", "m", "k", "b", "node_inertia"):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from random_space import random_rods
 from rich_model import everything
-from spatial_arms import ARMS, random_arm, random_model
+from spatial_arms import ARMS, of_universal_nodes, random_arm, random_model
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller, constant_preset
@@ -63,7 +63,8 @@ def test_a_planar_model_in_space_rolls_out_as_in_the_plane(turned):
 
 
 MODELS = [
-    *(preset(name) for name in ("nah2023", "ur5e", "panda")),
+    preset("nah2023"),
+    *map(of_universal_nodes, ("ur5e", "panda")),
     *(random_model(rng=np.random.default_rng(i), **arm) for i, arm in enumerate(ARMS.values())),
 ]
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: f"{model.name}, {model.arm.n}")
@@ -117,7 +118,7 @@ def test_drag_and_friction_do_the_work_that_their_forces_say(ratio):
 
 
 def test_what_follows_from_states_is_what_the_rollout_recorded():
-    model = preset("ur5e")
+    model = of_universal_nodes("ur5e")
     controller = Controller(constant_preset("ur5e"), feedforward=True)
     strike = Strike((0, -1.5, 1.0, 0, 0.5, 0), (0.3, -1.0, 0.5, 0.2, 0.5, 0), 0.2)
     path = ReferenceRollout(model, controller, timestep=1e-4, integrator="implicitfast").trajectory(strike, t_stay=0.0)
@@ -133,9 +134,9 @@ def test_what_follows_from_states_is_what_the_rollout_recorded():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["nah2023", "ur5e"])
-def test_compiled_strikes_are_replayed_in_mujoco(name):
-    model, controller = preset(name), Controller(constant_preset(name), feedforward=name == "ur5e")
+@pytest.mark.parametrize(("name", "model"), [("nah2023", preset("nah2023")), ("ur5e", of_universal_nodes("ur5e"))])
+def test_compiled_strikes_are_replayed_in_mujoco(name, model):
+    controller = Controller(constant_preset(name), feedforward=name == "ur5e")
     strike = Strike.from_vector(default_bounds(model.arm).sample(np.random.default_rng(1), 1)[0])
     strike = dataclasses.replace(strike, D=0.8)
     target = np.array([1.3, 0.2, 0.3])
@@ -147,7 +148,7 @@ def test_compiled_strikes_are_replayed_in_mujoco(name):
 @pytest.mark.heavy
 def test_rods_are_where_the_compiled_rollout_has_them():
     """The page and the pictures work out from directions what the engine summed up."""
-    model = rods_of("ur5e")
+    model = preset("ur5e")
     strike = Strike((0, -1.5, 1.0, 0, 0.5, 0), (0.3, -0.5, 0.5, 0.2, 0.5, 0), 0.4)
     rollout = CompiledRollout(model, Controller(constant_preset("ur5e"), feedforward=True), timestep=5e-4)
     path = rollout.trajectory(strike, t_stay=0.0)
@@ -156,12 +157,8 @@ def test_rods_are_where_the_compiled_rollout_has_them():
     np.testing.assert_allclose(points[:, -1], path.tip, atol=1e-13)
     np.testing.assert_allclose(velocities[:, -1], path.tip_velocity, atol=1e-12)
     np.testing.assert_allclose(joint_points(model, path.q), points, atol=0)
-    assert preset("ur5e").coordinates == preset("ur5e").n == 46
-
-
-def rods_of(name: str) -> Model:
-    model = preset(name)
-    return dataclasses.replace(model, whip=dataclasses.replace(model.whip, joints="rod", node_inertia=0.0))
+    universal = of_universal_nodes("ur5e")
+    assert universal.coordinates == universal.n == 46
 
 
 def test_flat_targets_are_refused():
@@ -190,7 +187,7 @@ def test_rods_move_in_mujoco_as_in_the_compiled_rollout():
 
 @pytest.mark.heavy
 def test_a_robots_rods_are_replayed_in_mujoco():
-    model = rods_of("ur5e")
+    model = preset("ur5e")
     controller = Controller(constant_preset("ur5e"), feedforward=True)
     strike = Strike((0, -1.5, 1.0, 0, 0.5, 0), (0.3, -0.5, 0.5, 0.2, 0.5, 0), 0.2)
     ours = CompiledRollout(model, controller, timestep=2.5e-4).trajectory(strike, t_stay=0.0)
@@ -201,7 +198,7 @@ def test_a_robots_rods_are_replayed_in_mujoco():
 
 def test_rods_need_a_body_at_the_hand():
     arm = random_arm(2, np.random.default_rng(0), massless=(1,))
-    whip = dataclasses.replace(rods_of("ur5e").whip, hinge_mass=0.0)
+    whip = dataclasses.replace(preset("ur5e").whip, hinge_mass=0.0)
     with pytest.raises(InputError, match=r"^arm\.links"):
         ReferenceRollout(Model(whip, arm), Controller())
 

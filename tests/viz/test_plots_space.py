@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from space_swing import places, swing
+from spatial_arms import of_universal_nodes
 
 from whiptool.errors import InputError
 from whiptool.models import preset
@@ -26,7 +27,7 @@ NAH = preset("nah2023")
     scope="module", params=["nah2023", *(pytest.param(x, marks=pytest.mark.heavy) for x in ("ur5e", "panda"))]
 )
 def model(request):
-    return preset(request.param)
+    return NAH if request.param == "nah2023" else of_universal_nodes(request.param)
 
 
 def struck(model) -> tuple[Trajectory, plots.Target]:

@@ -206,14 +206,10 @@ def _efforts(model: Model, *, limited: bool) -> dict[str, Any]:
 
 
 def kept_in_space(model: Model) -> tuple[Limits, ...]:
-    """The limits of a robot's joints, and that it and the whip keep clear of the robot."""
-    from whiptool.models.arm_limits import ArmLimits
-    from whiptool.models.clearance import Clearance
+    """What a robot keeps in space: the limits of its joints, and that it and the whip keep clear of it and its floor."""
+    from whiptool.limits import default_limits
 
-    if model.dimension == 2:
-        return ()
-    found: list[Limits] = [ArmLimits.of(model.arm, prescribed=True)] if ArmLimits.are_in(model.arm) else []
-    return (*found, Clearance(model)) if Clearance.is_of(model) else tuple(found)
+    return tuple(default_limits(model, prescribed=True)) if model.dimension == 3 else ()
 
 
 def _check_known(recordings, controller) -> None:

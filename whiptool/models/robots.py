@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -61,8 +62,11 @@ _RADIUS, _DENSITY, _YOUNG, _RETARDATION = 6.35e-3, 700.0, 2e5, 0.1
 STICK = {"length": 0.65, "mass": 0.09}
 
 
-def rope(N: int = 20) -> WhipParameters:
-    """Return the rope as N rods, which bend alike all around, as a rope does."""
+def rope(N: int = 20, *, joints: Literal["rod", "universal"] = "rod") -> WhipParameters:
+    """Return the rope as N rods, which bend alike all around, as a rope does.
+
+    Universal nodes in their place have a cord's moment of inertia about themselves, m r^2 / 2.
+    """
     stiffness = _YOUNG * math.pi * _RADIUS**4 / 4  # EI of a round section
     density = _DENSITY * math.pi * _RADIUS**2
     profile = WhipProfile(
@@ -71,7 +75,8 @@ def rope(N: int = 20) -> WhipParameters:
         bending_stiffness=stiffness,
         bending_damping=_RETARDATION * stiffness,
     )
-    return profile.lump(N, joints="rod")
+    inertia = density / N * _RADIUS**2 / 2 if joints == "universal" else 0.0
+    return profile.lump(N, joints=joints, node_inertia=inertia)
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, checked_vectors
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
@@ -26,14 +25,12 @@ class Rollout(ABC):
 
     Args:
         model: Whip, arm and gravity.
-        controller: What moves the arm; None: it is not known.
         engine: What computes, or strikes: a name.
         timestep: Of the integrator [s].
         one_by_one: Whether each strike costs more than time, so that none is asked for that may not be needed.
     """
 
     model: Model
-    controller: Controller | None = None
     engine: str
     timestep: float
     one_by_one: ClassVar[bool] = False
@@ -42,6 +39,12 @@ class Rollout(ABC):
     def space(self) -> StrikeSpace:
         """What its strikes are told by: the joints, or the hand."""
         return JointSpace(self.model.arm)
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether the arm's joints move exactly as commanded, as under position control."""
+        controller = getattr(self, "controller", None)  # a rig's is its own
+        return controller is not None and controller.prescribed
 
     def vectors(self, strikes: Strikes) -> np.ndarray:
         """Return strikes as vectors, (B, width of `space`).

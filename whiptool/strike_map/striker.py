@@ -82,7 +82,7 @@ class Striker:
         if rollout.space.kind != "joint":
             raise InputError("space of strikes", rollout.space.kind, "joint, for a strike map")
         self.rollout, self.t_stay = rollout, t_stay
-        self.limits = AllLimits(limits_given(limits, rollout.model, rollout.controller))
+        self.limits = AllLimits(limits_given(limits, rollout.model, prescribed=rollout.prescribed))
         self.bounds = self.limits.narrowed(bounds or default_bounds(rollout.model.arm))
         self.lower, self.upper = self.bounds.box
 

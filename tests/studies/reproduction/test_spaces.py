@@ -13,10 +13,10 @@ import pytest
 pytest.importorskip("torch")
 
 from whiptool.impedance import Controller, PositionControl
+from whiptool.models import preset
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.studies.reproduction import spaces
-from whiptool.studies.reproduction.aim.robot import of_rods
 from whiptool.studies.reproduction.spaces import (
     METHODS,
     RADIUS,
@@ -104,7 +104,7 @@ def test_the_report_says_how_many_targets_are_hit_in_both_spaces(monkeypatch):
 @pytest.mark.heavy
 @pytest.mark.parametrize(("robot", "space"), STRIKES)
 def test_the_same_target_is_hit_in_both_spaces_by_both_robots_within_their_limits(robot, space):
-    model, strike, target = of_rods(robot), np.array(STRIKES[robot, space]), targets(2)[1]
+    model, strike, target = preset(robot), np.array(STRIKES[robot, space]), targets(2)[1]
     controller = Controller(PositionControl(), hand=SPACES[space])
     near = CompiledRollout(model, controller, timestep=TIMESTEP, engine="interpreter").approach(strike, target)
     assert near.distance[0] <= RADIUS

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from whiptool.impedance import Controller, HandControl, PositionControl
+from whiptool.models import preset
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
 from whiptool.studies.comparison import Store
-from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP, of_rods
+from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
 from whiptool.studies.reproduction.context import Context
 from whiptool.target import Target
 from whiptool.viz.report import Section, Table, Text
@@ -52,7 +53,7 @@ def targets(count: int) -> np.ndarray:
 def simulator(robot: str, space: str, threads: int | None) -> CompiledRollout:
     """Return the rollout of a robot whose joints follow their path exactly, its strikes told in this space."""
     controller = Controller(PositionControl(), hand=SPACES[space])
-    return CompiledRollout(of_rods(robot), controller, timestep=TIMESTEP, threads=threads)
+    return CompiledRollout(preset(robot), controller, timestep=TIMESTEP, threads=threads)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +168,7 @@ class SpaceStudy:
 
 def _width(robot: str, space: str) -> int:
     """Return how many numbers a strike of a robot has."""
-    return Controller(PositionControl(), hand=SPACES[space]).strike_space(of_rods(robot).arm).width
+    return Controller(PositionControl(), hand=SPACES[space]).strike_space(preset(robot).arm).width
 
 
 def facts() -> dict[str, str]:
