@@ -17,6 +17,7 @@ from whiptool.models.scene import Scene
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
+from whiptool.strike_map.striker import Striker
 from whiptool.target import Target
 
 TARGET = Target((1.2, 0.2, 0.1), 0.05)
@@ -104,3 +105,31 @@ def test_the_box_is_narrowed_to_positions():
         AllLimits(ArmLimits((JointLimits((4.0, 9.0)), JointLimits()))).narrowed(box)
     assert AllLimits(None).narrowed(box) == box
     assert not AllLimits(None)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_a_robot_keeps_its_limits_itself_and_its_floor_clear_unless_it_is_told_not_to(name):
+    rollout = CompiledRollout(preset(name), engine="interpreter")
+    joints, clear = Objective(rollout).limits.members
+    assert joints == ArmLimits.of(rollout.model.arm, prescribed=True)
+    assert clear == Clearance(rollout.model, floor=0.0)
+    assert clear.words == "the distance from arm and whip to the arm and the floor at 0 m"
+    assert [type(x) for x in Striker(rollout).limits.members] == [ArmLimits, Clearance]
+    assert not Objective(rollout, limits=None).limits
+    assert Objective(rollout, limits=clear).limits.members == (clear,)
+    with pytest.raises(InputError, match="limits: got 'arm'; allowed: 'default', None, or"):
+        Objective(rollout, limits="arm")
+
+
+def test_an_arm_without_limits_has_none():
+    for name in ("lemon2024", "nah2023"):
+        assert not Objective(CompiledRollout(preset(name), engine="interpreter")).limits
+
+
+def test_a_strike_that_begins_below_its_own_base_is_refused():
+    """A UR5e's stick straight down beside its base, 1.65 m long with the rope: its shoulder is 0.1625 m high."""
+    rollout = CompiledRollout(preset("ur5e"), engine="interpreter", timestep=2e-3)
+    below = [0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 0.1, 0.9, 0.0, 0.0, 0.0, 0.0, 0.4]
+    judged, free = Objective(rollout, TARGET, t_stay=0.0), Objective(rollout, TARGET, t_stay=0.0, limits=None)
+    assert judged(below).refused == "clearance"
+    assert free(below).refused is None

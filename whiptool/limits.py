@@ -76,7 +76,6 @@ class Limits(Protocol):
 COMMANDED = "joint"  # what judges a movement that is commanded faster than the joints may go: the joints' limits
 
 Given: TypeAlias = Limits | Sequence[Limits] | None
-OrDefault: TypeAlias = Given | Literal["default"]
 
 
 def default_limits(model: Model, *, prescribed: bool) -> list[Limits]:
@@ -98,7 +97,7 @@ def default_limits(model: Model, *, prescribed: bool) -> list[Limits]:
     return found
 
 
-def limits_given(given: OrDefault, model: Model, *, prescribed: bool) -> Given:
+def limits_given(given: Given | Literal["default"], model: Model, *, prescribed: bool) -> Given:
     """Return limits as given, or `default_limits`.
 
     Raises:

@@ -8,13 +8,14 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError, expect
-from whiptool.limits import AllLimits, OrDefault, Smooth, limits_given
+from whiptool.limits import AllLimits, Limits, Smooth, limits_given
 from whiptool.models.arrays import NoArray
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.numbers import array_of
@@ -195,7 +196,7 @@ class Objective:
         max_time: float | None = None,
         stop_at_hit: bool = False,
         check_reach: bool = True,
-        limits: OrDefault = "default",
+        limits: Limits | Sequence[Limits] | Literal["default"] | None = "default",
         criteria: Sequence[Criterion] = (),
     ) -> None:
         expect(Rollout, rollout=rollout)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.models import Model
+from whiptool.models import JointLimits, Model, SpatialArm, in_space, preset
 from whiptool.models.kinematics import arm_frames
-from whiptool.models.mount import mount_rotation, mounted
+from whiptool.models.mount import default_floor, level_links, mount_rotation, mounted
 from whiptool.models.robots import PANDA_ARM, UR5E_ARM, rope
 from whiptool.models.scene import Scene
 from whiptool.options import ModelOptions
@@ -54,3 +56,33 @@ def test_the_option_turns_presets_too_and_refuses_what_is_no_rotation():
         ModelOptions(base=("wall",)).build_model()
     with pytest.raises(InputError, match=r"tip: got 'tool0'; allowed: nothing but beside a robot's file"):
         InSpace(model="ur5e", arm_tip="tool0").build_model()
+
+
+@pytest.mark.parametrize(
+    ("arm", "level", "floor"),
+    [
+        (UR5E_ARM, 1, 0.0),  # its pan turns about the vertical, its lift is 0.1625 m above the base
+        (PANDA_ARM, 1, 0.0),
+        (preset("nah2023").arm, 0, None),  # a shoulder stands on nothing
+        (in_space(preset("lemon2024").arm), 0, None),
+        (preset("lemon2024").arm, None, None),
+        (mounted(PANDA_ARM, "wall"), 0, None),
+        (mounted(PANDA_ARM, "ceiling"), 1, None),
+        (mounted(PANDA_ARM, (0.0, 1.57, 0.0)), 0, None),  # a wall with few digits
+    ],
+)
+def test_a_robot_stands_on_a_floor_where_its_shoulder_is_above_its_base(arm, level, floor):
+    assert default_floor(arm) == floor
+    if level is not None:
+        assert level_links(arm) == level
+
+
+def test_links_that_stay_at_their_height_are_not_compared_with_the_floor():
+    """The Panda's first link begins 6 cm below its base; a robot that slides along a rail and turns above it."""
+    scene = Scene(preset("panda"), 0.0, "apart")
+    over = {scene.links_of(pair)[0] for pair in scene.pairs if scene.links_of(pair)[1] == -2}
+    assert over == {1, 2, 3, 4, 5, 6}
+    rail = replace(PANDA_ARM.links[0], axis=(1.0, 0.0, 0.0), kind="prismatic", limits=JointLimits((-1.0, 1.0)))
+    on_rail = SpatialArm((rail, replace(PANDA_ARM.links[0], position=(0.0, 0.0, 0.0)), *PANDA_ARM.links[1:]))
+    assert level_links(on_rail) == 2
+    assert default_floor(on_rail) == 0.0

@@ -206,7 +206,7 @@ def _efforts(model: Model, *, limited: bool) -> dict[str, Any]:
 
 
 def kept_in_space(model: Model) -> tuple[Limits, ...]:
-    """What a robot keeps in space: the limits of its joints, and that it and the whip keep clear of it and its floor."""
+    """What a robot keeps: the limits of its joints, and that it and the whip keep clear of it and its floor."""
     from whiptool.limits import default_limits
 
     return tuple(default_limits(model, prescribed=True)) if model.dimension == 3 else ()

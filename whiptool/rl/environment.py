@@ -35,7 +35,7 @@ from whiptool.zone import Zone
 def make_task(
     *,
     model: Model | str | Path = "lemon2024",
-    controller: Controller | str = "table4",
+    controller: Controller | str | None = None,
     zone: Zone | None = None,
     arrival: ArrivalRule | None = None,
     observation: str = "goal",
@@ -48,7 +48,8 @@ def make_task(
 
     Args:
         model: A model, the name of a preset, or a TOML file.
-        controller: A controller, or the name of a preset of OIAC or of constant impedance.
+        controller: A controller, or the name of a preset of OIAC or of constant impedance; default:
+            `default_controller`.
         zone: Where targets are drawn; default: the paper's disc, in space a ball.
         arrival: How the tip has to arrive there, such as `ArrivalRule(angle=(0.5, 1.5))`; default: any way.
         observation: `tip`, `relative` or `goal`, see `StrikeTask`.
@@ -62,7 +63,7 @@ def make_task(
     """
     if not isinstance(model, Model):
         model = load_model(str(model))
-    if not isinstance(controller, Controller):
+    if isinstance(controller, str):
         of_arm = controller in CONSTANT_PRESETS
         controller = Controller(constant_preset(controller) if of_arm else oiac_preset(controller))
     return StrikeTask(

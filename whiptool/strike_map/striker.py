@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals import Goals
-from whiptool.limits import AllLimits, OrDefault, limits_given
+from whiptool.limits import AllLimits, Limits, limits_given
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, Trajectory
@@ -76,7 +78,7 @@ class Striker:
         rollout: CompiledRollout,
         *,
         bounds: StrikeBounds | None = None,
-        limits: OrDefault = "default",
+        limits: Limits | Sequence[Limits] | Literal["default"] | None = "default",
         t_stay: float = T_STAY,
     ) -> None:
         if rollout.space.kind != "joint":
