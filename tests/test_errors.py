@@ -30,3 +30,12 @@ def test_what_was_given_is_shown_in_a_line(given: object) -> None:
     assert "\n" not in str(error)
     assert str(error).endswith("; allowed: a number")
     assert error.given is given
+
+
+@pytest.mark.parametrize(
+    ("given", "asked"),
+    [("directtl", "directl"), ("CMEAS", "cmaes"), ("directl", ""), ("zzz", ""), (3, ""), ("or", "")],
+)
+def test_what_is_like_an_allowed_word_is_asked_for(given, asked):
+    said = str(InputError("method", given, "directl, cmaes, or the name of a file"))
+    assert said.endswith(f"; did you mean {asked}?" if asked else "of a file")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Mapping
 from os import PathLike
 
@@ -29,10 +31,12 @@ class InputError(WhiptoolError, ValueError):
         name: What the value is called where the user wrote it (option, key, argument).
         given: The value as given.
         allowed: The rule that it breaks.
-        fix: What to do about it, if the rule does not say it already.
+        fix: What to do about it, if the rule does not say it already; default: the question whether one of the words
+            that are allowed was meant, where one is like what was given.
     """
 
     def __init__(self, name: str, given: object, allowed: str, fix: str = "") -> None:
+        fix = fix or _meant(given, allowed)
         self.name, self.given, self.allowed, self.fix = name, given, allowed, fix
         message = f"{_cut(name)}: got {_shown(given)}; allowed: {allowed}" + (f"; {fix}" if fix else "")
         super().__init__(" ".join(message.split()))  # always one line
@@ -44,6 +48,17 @@ class InputError(WhiptoolError, ValueError):
     def renamed(self, name: str, fix: str = "") -> InputError:
         """The same error under the name that the value has where it was written, and with a fix if it has none."""
         return InputError(name, self.given, self.allowed, self.fix or fix)
+
+
+def _meant(given: object, allowed: str) -> str:
+    """Ask whether one of the words that are allowed was meant; empty where none of them is like what was given."""
+    if not isinstance(given, str):
+        return ""
+    words = {word.lower(): word for word in re.findall(r"[^\s,;()]+", allowed) if len(word) > 2}
+    if given.lower() in words:  # it is wrong for another reason
+        return ""
+    alike = difflib.get_close_matches(given.lower(), words, n=1, cutoff=0.7)
+    return f"did you mean {words[alike[0]]}?" if alike else ""
 
 
 def _shown(given: object) -> str:

@@ -102,8 +102,13 @@ def test_what_is_missing_is_named_with_its_meaning(words, option, meaning, capsy
     ("words", "said"),
     [
         ("--pareto effort", "--pareto: got 'effort'; allowed: two of miss, effort, peak-torque, speed, robustness"),
-        ("--target 1.2,0.1", "--target: got '1.2,0.1'; allowed: numbers with a space between them"),
-        ("--lower=1,2,3", "--lower: got '1,2,3'; allowed: numbers with a space between them"),
+        ("--target 1.2,a", "--target: got '1.2 a'; allowed: numbers with a space or comma between them"),
+        ("--lower=1;2", "--lower: got '1;2'; allowed: numbers with a space or comma between them"),
+        (
+            "--minimise efort",
+            "--minimise: got 'efort'; allowed: miss, effort, peak-torque, speed, robustness; did you mean effort?",
+        ),
+        ("-metod cmaes", "-metod: got '-metod cmaes'; allowed: the options that --help lists; did you mean --method?"),
         ("--max-trials 1.5", "--max-trials: got '1.5'; allowed: a whole number"),
         ("--max-time a", "--max-time: got 'a'; allowed: a number"),
         (

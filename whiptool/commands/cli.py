@@ -16,6 +16,7 @@ from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
+from whiptool.commands.spelling import usual_words
 from whiptool.errors import NOTHING, InputError, WhiptoolError
 from whiptool.extras import require
 from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
@@ -59,7 +60,7 @@ def _parsed(
     import tyro
     from tyro import _errors as tyro_errors
 
-    words = list(sys.argv[1:] if args is None else args)
+    words = usual_words(sys.argv[1:] if args is None else args, options)
     _check_words(words)
     if shutil.get_terminal_size().columns < _NARROWEST:
         os.environ["COLUMNS"] = str(_NARROWEST)
@@ -68,7 +69,7 @@ def _parsed(
         argument: Any = getattr(event, "argument", None)
         name = argument.lowered.name_or_flags[0] if argument is not None else "command line"
         if isinstance(event, tyro_errors.UnrecognizedArgs):
-            unknown = next((x for x in event.tokens if x.startswith("--")), "command line")
+            unknown = next((x for x in event.tokens if x.startswith("-")), "command line")
             raise InputError(unknown, " ".join(event.tokens), "the options that --help lists", _meant(unknown, options))
         if isinstance(event, tyro_errors.MissingArgs):
             raise _missing(event.missing_arguments[0].arg)
@@ -116,13 +117,13 @@ def choices(kind: Any) -> list[Any]:
 
 
 def _kind_in_words(kind: Any) -> str:
-    """Return what an option of a type takes: `a number`, `two of miss, effort`, `numbers with a space between them`."""
+    """Return what an option of a type takes, such as `a number` or `two of miss, effort`."""
     if isinstance(kind, UnionType):
         return _kind_in_words(next(part for part in get_args(kind) if part is not NoneType))
     if get_origin(kind) is tuple:
         parts, names = get_args(kind), ", ".join(map(str, choices(kind)[: len(choices(get_args(kind)[0]))]))
         count = "" if Ellipsis in parts else f"{_COUNTS.get(len(parts), len(parts))} "
-        return f"{count or 'one or more '}of {names}" if names else f"{count}numbers with a space between them"
+        return f"{count or 'one or more '}of {names}" if names else f"{count}numbers with a space or comma between them"
     names = ", ".join(map(str, choices(kind)))
     return names or {int: "a whole number", float: "a number"}.get(kind, "a value of its type")
 

@@ -1,0 +1,54 @@
+"""Command lines in other spellings mean the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from whiptool.commands import cli, compare, identify, map, optimize, simulate
+from whiptool.commands.spelling import usual_words
+
+
+def parsed(options, words: str):
+    return cli.parse(options, prog="whiptool test", description="", args=words.split())
+
+
+@pytest.mark.parametrize("words", ["--target 1.25,0.2", "--target=1.25,0.2", "--target 1.25, 0.2", "--target 1.25 0.2"])
+def test_coordinates_may_have_commas_between_them(words):
+    assert parsed(optimize.OptimizeOptions, words).target == (1.25, 0.2)
+
+
+def test_every_option_of_several_values_takes_commas():
+    strike = parsed(simulate.SimulateOptions, "--strike -1.36,.47,1.73,1.41,.95 --base 0,0,1.5").strike
+    assert strike == (-1.36, 0.47, 1.73, 1.41, 0.95)
+    assert parsed(optimize.OptimizeOptions, "--pareto effort,miss").pareto == ("effort", "miss")
+    assert parsed(compare.CompareOptions, "--methods directl,ga --zone-radius 0.2").methods == ("directl", "ga")
+    assert parsed(map.BuildOptions, "--sector 1,2,-.5,.5,30 --model ur5e").sector == (1, 2, -0.5, 0.5, 30)
+
+
+def test_the_run_folder_has_a_short_option():
+    for words in ("-o a,b", "-o=a,b", "--out a,b"):
+        assert parsed(optimize.OptimizeOptions, words).out == Path("a,b")
+
+
+def test_paths_keep_their_commas():
+    words = ["--drive", "joints", "--free", "k,b", "--cameras", "a,b.toml", "c,d.csv"]
+    assert usual_words(words, identify.IdentifyOptions)[-3:] == ["--cameras", "a,b.toml", "c,d.csv"]
+    assert usual_words(words, identify.IdentifyOptions)[2:5] == ["--free", "k", "b"]
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("--model ur5", "ur5e"),
+        ("--method cmeas", "cmaes"),
+        ("--controller possition", "position"),
+        ("--space joints", "joint"),
+        ("--trget 1 0", "--target"),
+        ("--limits xm340", "xm430"),
+    ],
+)
+def test_what_was_meant_is_asked(words, meant, capsys):
+    assert optimize.main([*words.split(), "--no-video"]) == 2
+    assert capsys.readouterr().err.endswith(f"; did you mean {meant}?\n")
