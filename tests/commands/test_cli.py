@@ -18,7 +18,6 @@ from repository import ROOT
 
 from whiptool.commands import cli, optimize
 from whiptool.commands.compare import CompareOptions
-from whiptool.commands.simulate import SimulateOptions
 from whiptool.commands.train import TrainOptions
 from whiptool.errors import InputError
 from whiptool.studies.comparison.store import unit_file
@@ -138,14 +137,6 @@ def test_units_of_older_runs_are_found_under_the_names_that_they_had(tmp_path):
     assert unit_file(tmp_path, "sac-tip-seed0").name == "sac-paper-seed0.json"
     assert unit_file(tmp_path, "sac-tip-seed1").name == "sac-tip-seed1.json"
     assert unit_file(tmp_path, "directl-0-100").name == "directl-0-100.json"
-
-
-@pytest.mark.parametrize("columns", ["0", "1", "3", "x"])
-def test_help_ends_however_narrow_the_terminal_is(columns: str, monkeypatch, capsys) -> None:
-    monkeypatch.setenv("COLUMNS", columns)
-    with pytest.raises(SystemExit):
-        cli.parse(SimulateOptions, prog="simulate", description="", args=["--help"])
-    assert "--strike" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("variable", "said"), [("MPLBACKEND", "MPLBACKEND:"), ("MATPLOTLIBRC", "matplotlibrc:")])

@@ -65,7 +65,7 @@ def test_open_ended_choices_list_what_the_library_knows(capsys):
     from whiptool.optimizers import METHODS
 
     with pytest.raises(SystemExit):
-        optimize.main(["--help"])
+        optimize.main(["--help-all"])
     said = re.sub(r"[\s│]", "", capsys.readouterr().out)
     assert "--model{" + ",".join(PRESETS) + "}|FILE.toml" in said
     assert "--controller{oiac,constant,position}|FILE.toml" in said

@@ -77,12 +77,12 @@ def commands(text: str) -> list[list[str]]:
 
 @cache
 def options_of(command: str) -> frozenset[str]:
-    """The options that `--help` of a command lists."""
+    """The options that `--help-all` of a command lists."""
     module, *words = command.split()
     main = import_module(_module(module)).main
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        main([*words, "--help"])
+        main([*words, "--help-all"])
     return frozenset(re.findall(r"--[a-z][\w-]*", said.getvalue()))
 
 
@@ -106,13 +106,13 @@ def test_commands_and_their_options_exist(page):
         assert command in COMMANDS or (len(words) == 1 and command in TWOFOLD), (
             f"{page.name}: whiptool {' '.join(words)}"
         )
-        given = {word.split("=")[0] for word in words if re.match(r"--[a-z]", word)} - {"--help"}
+        given = {word.split("=")[0] for word in words if re.match(r"--[a-z]", word)} - {"--help", "--help-all"}
         assert given <= options_of(command), f"{page.name}: {command} has no {given - options_of(command)}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_options_without_a_command_belong_to_some_command(page):
-    known = frozenset().union(*map(options_of, COMMANDS)) | {"--version"}
+    known = frozenset().union(*map(options_of, COMMANDS)) | {"--version", "--help", "--help-all"}
     for span in SPAN.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
         for word in re.findall(r"(?:^|\s)(--[a-z][\w-]*)", span):
             assert word in known, f"{page.name}: {span}"

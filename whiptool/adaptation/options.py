@@ -33,6 +33,7 @@ LONGEST, THICKEST = 10.0, 0.2  # [m], of a whip
 class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Strike, film, identify again and plan again, until an unknown whip hits."""
 
+    first: ClassVar[tuple[str, ...]] = ("port", "camera", "family", "material")
     in_space: ClassVar[bool] = True
 
     port: str = "twin"

@@ -8,13 +8,13 @@ import errno
 import io
 import os
 import pathlib
-import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
+from whiptool.commands.help import HELP, HELP_ALL, help_text
 from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
 from whiptool.commands.spelling import usual_words
 from whiptool.errors import NOTHING, InputError, WhiptoolError
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound=OptionGroup)
 _LONGEST_WORD, _DEEPEST = 4000, 200  # [characters], [folders]
 _COUNTS = {2: "two", 3: "three"}
-_NARROWEST = 40  # [columns] of help: tyro lays out without end what is narrower
 
 
 def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None) -> T:
@@ -44,7 +43,7 @@ def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] 
     Raises:
         InputError: It does not parse, an option is there twice, what it needs is not installed, or a value breaks a
             rule of its own; it is named.
-        SystemExit: `--help` was printed.
+        SystemExit: `--help` or `--help-all` was printed.
     """
     parsed = _parsed(options, prog=prog, description=description, args=args, default=default)
     require(prog.removeprefix("whiptool "), parsed.needs())
@@ -57,13 +56,13 @@ def _parsed(
     options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None
 ) -> T:
     """As `parse`, values not checked: those of a run to be resumed are in its folder."""
-    import tyro
-    from tyro import _errors as tyro_errors
-
     words = usual_words(sys.argv[1:] if args is None else args, options)
     _check_words(words)
-    if shutil.get_terminal_size().columns < _NARROWEST:
-        os.environ["COLUMNS"] = str(_NARROWEST)
+    if {*HELP, HELP_ALL} & set(words):
+        print(help_text(options, prog=prog, description=description, whole=HELP_ALL in words))
+        raise SystemExit(0)
+    import tyro
+    from tyro import _errors as tyro_errors
 
     def refuse(event: Any) -> None:
         argument: Any = getattr(event, "argument", None)
@@ -130,7 +129,7 @@ def _kind_in_words(kind: Any) -> str:
 
 def _meant(unknown: str, options: type[OptionGroup]) -> str:
     """Return the question which option was meant; empty where none is like what was given."""
-    known = ["--help", *(flag(f.name) for f in dataclasses.fields(options))]
+    known = ["--help", HELP_ALL, *(flag(f.name) for f in dataclasses.fields(options))]
     alike = difflib.get_close_matches(unknown.split("=")[0].replace("_", "-"), known, n=1)
     return f"did you mean {alike[0]}?" if alike else ""
 
@@ -192,6 +191,7 @@ def parse_resumable(
     description: str,
     args: Sequence[str] | None,
     quick: Mapping[str, Any] | None = None,
+    prog: str = "",
 ) -> T:
     """As `parse`, for a command with `--out` and `--resume`: a resumed run's options come from its folder.
 
@@ -202,11 +202,12 @@ def parse_resumable(
         command: Its name, as in `python -m whiptool.COMMAND`.
         description, args: As in `parse`.
         quick: Values that `--quick` sets where an option is not given.
+        prog: How the command is called; default: `whiptool COMMAND`.
 
     Raises:
         InputError: The folder is of another command, or an option given beside `--resume` differs from the stored one.
     """
-    prog, words = f"whiptool {command}", list(sys.argv[1:] if args is None else args)
+    prog, words = prog or f"whiptool {command}", list(sys.argv[1:] if args is None else args)
     parsed: Any = _parsed(options, prog=prog, description=description, args=words)
     if parsed.resume is None:
         small: Any = None

@@ -65,6 +65,13 @@ class ComparisonOptions(
 
     may_be_empty: ClassVar[tuple[str, ...]] = ("tighter",)
     changeable: ClassVar[tuple[str, ...]] = ("workers", "cluster")
+    heading: ClassVar[str] = "comparison"
+    first: ClassVar[tuple[str, ...]] = (
+        "targets",
+        "seeds",
+        "workers",
+        "quick",
+    )
 
     targets: int = 300
     """Number of random targets, the same for all methods."""
@@ -153,6 +160,7 @@ class ComparisonOptions(
 class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     """Trials to the first hit of many random targets, method by method (Fig. 6)."""
 
+    first: ClassVar[tuple[str, ...]] = ("methods", "observation", "zone")
     in_space: ClassVar[bool] = True
 
     methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")

@@ -37,6 +37,15 @@ REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings" 
 class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Fit a whip's parameters to recorded strikes."""
 
+    first: ClassVar[tuple[str, ...]] = (
+        "recordings",
+        "free",
+        "drive",
+        "held_out",
+        "nodes",
+        "profile",
+        "cameras",
+    )
     in_space: ClassVar[bool] = True
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()

@@ -55,6 +55,10 @@ class BuildOptions(
 ):
     """Build a map of strikes: the strike for any goal of a region, without a search."""
 
+    first: ClassVar[tuple[str, ...]] = (
+        "random_strikes",
+        "rounds",
+    )
     in_space: ClassVar[bool] = True
 
     random_strikes: int = 8192
@@ -106,6 +110,11 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
     """Strike at a goal from a map that was built."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("video",)
+    first: ClassVar[tuple[str, ...]] = (
+        "run",
+        "refine",
+        "video",
+    )
 
     run: Positional[Path]
     """Run folder of `whiptool map build`."""
@@ -171,7 +180,7 @@ def _one_torch_thread() -> None:
 
 
 def _build(args: Sequence[str]) -> int:
-    options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args)
+    options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args, prog="whiptool map build")
     with cli.options_named(options):
         _one_torch_thread()
         from whiptool.strike_map.built import built

@@ -55,6 +55,10 @@ class OptimizeOptions(
     """Find a strike with which the tip of the whip hits a target."""
 
     changeable: ClassVar[tuple[str, ...]] = ("video",)
+    first: ClassVar[tuple[str, ...]] = (
+        "method",
+        "video",
+    )
     in_space: ClassVar[bool] = True
 
     method: Annotated[str, arg(metavar=METHODS)] = "directl"

@@ -40,6 +40,7 @@ _OF_ANY_PAPER = {"what", "workers", "cluster", "quick", "out", "resume", "json"}
 class ReproduceOptions(ComparisonOptions):
     """The paper's figures and tables beside ours, in one HTML file."""
 
+    first: ClassVar[tuple[str, ...]] = ("what", "space", "quick")
     may_be_empty: ClassVar[tuple[str, ...]] = ("further_zones",)
 
     what: tyro.conf.Positional[Part] = "all"

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
@@ -66,6 +66,8 @@ class RigOptions(ArmOptions):
 class StrikeOptions(RigOptions):
     """Run one strike on a rig."""
 
+    first: ClassVar[tuple[str, ...]] = ("strike",)
+
     strike: tuple[float, ...]
     """q_si q_ei q_sf q_ef [rad] D [s]."""
 
@@ -86,6 +88,8 @@ class StrikeOptions(RigOptions):
 @dataclass(frozen=True, kw_only=True)
 class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     """Search for a hit on the rig itself, strike by strike."""
+
+    first: ClassVar[tuple[str, ...]] = ("method",)
 
     method: Annotated[str, arg(metavar="{" + ",".join(WITHOUT_DERIVATIVES) + "}")] = "cmaes"
     """Any method of whiptool optimize that needs no derivatives."""

@@ -41,6 +41,11 @@ class SimulateOptions(
     """Play one strike and save its trajectory, figures and video."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("trajectory", "export", "video")
+    first: ClassVar[tuple[str, ...]] = (
+        "strike",
+        "export",
+        "video",
+    )
     in_space: ClassVar[bool] = True
 
     strike: tuple[float, ...] | None = None

@@ -78,6 +78,10 @@ class TrainOptions(
     """Train a policy that strikes at any target of a zone; the zone's centre is --target."""
 
     changeable: ClassVar[tuple[str, ...]] = ("checkpoint_every",)
+    first: ClassVar[tuple[str, ...]] = (
+        "method",
+        "region",
+    )
     in_space: ClassVar[bool] = True
 
     method: Learner = "sac"

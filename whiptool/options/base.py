@@ -19,12 +19,15 @@ class OptionGroup:
 
     A group may name some of its fields in class variables, and a command has what all its groups name:
     `of_this_call`, what is not kept with a run; `changeable`, what may be given anew where a run is resumed;
-    `may_be_empty`, options of several values that may be given without one.
+    `may_be_empty`, options of several values that may be given without one; `first`, what `--help` tells of a command
+    that has more options than fit on a screen. `heading` is that of the group in help.
     """
 
     of_this_call: ClassVar[tuple[str, ...]] = ()
     changeable: ClassVar[tuple[str, ...]] = ()
     may_be_empty: ClassVar[tuple[str, ...]] = ()
+    first: ClassVar[tuple[str, ...]] = ()
+    heading: ClassVar[str] = "options"
 
     def check(self) -> None:
         """Refuse values that break a rule of their own.
@@ -52,6 +55,9 @@ class OptionGroup:
 class SeedOptions(OptionGroup):
     """Seed of what is random."""
 
+    heading: ClassVar[str] = "search"
+    first: ClassVar[tuple[str, ...]] = ("seed",)
+
     seed: int = 0
     """Seed of everything random."""
 
@@ -66,6 +72,8 @@ class JsonOptions(OptionGroup):
     """How the result is told."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("json",)
+    heading: ClassVar[str] = "result"
+    first: ClassVar[tuple[str, ...]] = ("json",)
 
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
@@ -76,6 +84,7 @@ class OutputOptions(JsonOptions):
     """Where the result goes."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("out",)
+    first: ClassVar[tuple[str, ...]] = ("out",)
 
     out: Path | None = None
     """Run folder; default: a new one in runs/, named after the command or method, the date and the time."""
@@ -86,6 +95,7 @@ class ResumableOptions(OutputOptions):
     """Where the result of a run goes that can be resumed."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("resume",)
+    first: ClassVar[tuple[str, ...]] = ("resume",)
 
     resume: Path | None = None
     """Go on with the killed run in this folder; its options need not be given again."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 from tyro.conf import arg
 
@@ -46,6 +46,9 @@ def learned_with(methods: Iterable[str]) -> tuple[str, ...]:
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions(OptionGroup):
     """Within which bounds strikes are searched, and how many are tried."""
+
+    heading: ClassVar[str] = "search"
+    first: ClassVar[tuple[str, ...]] = ("max_trials",)
 
     lower: tuple[float, ...] | None = None
     """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space of
@@ -100,6 +103,9 @@ class SearchOptions(OptionGroup):
 @dataclass(frozen=True, kw_only=True)
 class TrainingOptions(OptionGroup):
     """How long learners are trained (Algorithm 1)."""
+
+    heading: ClassVar[str] = "training"
+    first: ClassVar[tuple[str, ...]] = ("episodes",)
 
     episodes: int = 500
     """Episodes that learners are trained for."""

@@ -26,6 +26,8 @@ LONGEST_PERIOD = 0.1  # [s]; an arm that is looked at more rarely is not control
 class LawOptions(OptionGroup):
     """Options that choose the impedance law."""
 
+    heading: ClassVar[str] = "controller"
+    first: ClassVar[tuple[str, ...]] = ("controller",)
     usual_preset: ClassVar[Preset] = "table4"
     takes_hand: ClassVar[bool] = False  # whether the command takes controllers of the hand
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup, refuse_idle
@@ -18,6 +18,9 @@ CriterionName = Literal["miss", "effort", "peak-torque", "speed", "robustness"] 
 @dataclass(frozen=True, kw_only=True)
 class CriteriaOptions(OptionGroup):
     """What a strike is judged by beside the hit."""
+
+    heading: ClassVar[str] = "search"
+    first: ClassVar[tuple[str, ...]] = ("minimise",)
 
     minimise: CriterionName = "miss"
     """Look for the hit with the least of this: the miss distance; the effort, which is the integral of the squared

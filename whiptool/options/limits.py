@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup, refuse_idle
@@ -17,6 +17,12 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class LimitOptions(OptionGroup):
     """What a strike has to keep."""
+
+    heading: ClassVar[str] = "limits"
+    first: ClassVar[tuple[str, ...]] = (
+        "limits",
+        "floor",
+    )
 
     limits: Literal["xm430", "arm", "none"] | None = None
     """Limits that strikes have to keep: this motor's speed-torque line, or those of the arm's joints; none: nothing at

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from whiptool.errors import InputError
 from whiptool.options.base import refuse_idle
@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class RegionOptions(ZoneGoalOptions):
     """Where goals are drawn; a disc or ball around --target, or one of these."""
+
+    first: ClassVar[tuple[str, ...]] = (
+        "region",
+        "sector",
+    )
 
     region: Path | None = None
     """Draw targets from the region in this file instead (see whiptool.zone.Region)."""

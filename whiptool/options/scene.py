@@ -30,6 +30,12 @@ MODELS = (
 class TargetOptions(OptionGroup):
     """What is struck at, and for how long the tip is watched."""
 
+    heading: ClassVar[str] = "target"
+    first: ClassVar[tuple[str, ...]] = (
+        "target",
+        "hit_radius",
+    )
+
     target: tuple[float, ...] = (1.3, 0.0)
     """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up, usually
     1.3 0 0."""
@@ -57,6 +63,8 @@ class TargetOptions(OptionGroup):
 @dataclass(frozen=True, kw_only=True)
 class GoalOptions(TargetOptions):
     """What is struck at, and how the tip has to arrive there."""
+
+    first: ClassVar[tuple[str, ...]] = ("direction",)
 
     direction: tuple[float, ...] | None = None
     """The tip has to arrive along this vector x y, in space x y z, of any length; default: along any."""
@@ -105,6 +113,7 @@ class ZoneOptions(TargetOptions):
     """Where targets are drawn; the middle of a disc is --target."""
 
     of_disc: ClassVar[tuple[str, ...]] = ("target", "zone_radius")
+    first: ClassVar[tuple[str, ...]] = ("zone_radius",)
 
     zone_radius: float = 0.1
     """Targets are drawn from what the model can reach of the disc (ball, in space) of this radius around --target."""
@@ -140,6 +149,11 @@ class ZoneOptions(TargetOptions):
 class ModelOptions(OptionGroup):
     """Which whip and arm."""
 
+    heading: ClassVar[str] = "model"
+    first: ClassVar[tuple[str, ...]] = (
+        "model",
+        "arm",
+    )
     in_space: ClassVar[bool] = False  # whether the command takes models in space
 
     model: Annotated[str, arg(metavar=MODELS)] = "lemon2024"

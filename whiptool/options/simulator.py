@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup
@@ -23,6 +23,9 @@ MANY_COARSE = 0.1  # share of random strikes that a step may get wrong by more t
 @dataclass(frozen=True, kw_only=True)
 class StepOptions(OptionGroup):
     """How finely the compiled simulator steps."""
+
+    heading: ClassVar[str] = "simulation"
+    first: ClassVar[tuple[str, ...]] = ("timestep",)
 
     timestep: float | None = None
     """Integration step [s]; default: 0.00025, less for stiff whips."""

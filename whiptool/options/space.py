@@ -25,6 +25,7 @@ Space = Literal["joint", "hand", "pose"]
 class SpaceOptions(SimulatedControllerOptions):
     """What strikes are told by, and the controller that goes with it."""
 
+    first: ClassVar[tuple[str, ...]] = ("space",)
     takes_hand: ClassVar[bool] = True
 
     space: Space = "joint"

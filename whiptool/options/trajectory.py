@@ -24,6 +24,8 @@ _WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
 class TrajectoryOptions(OptionGroup):
     """The strike as a joint trajectory for a robot."""
 
+    heading: ClassVar[str] = "trajectory for a robot"
+    first: ClassVar[tuple[str, ...]] = ("export_trajectory",)
     of_this_call: ClassVar[tuple[str, ...]] = ("export_trajectory", "trajectory_rate", "posture", "rest")
 
     export_trajectory: Path | None = None

@@ -31,6 +31,8 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Options of the arm that strikes: a rig or its twin."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("yes",)
+    heading: ClassVar[str] = "rig"
+    first: ClassVar[tuple[str, ...]] = ("port", "camera")
     usual_preset: ClassVar[Preset] = "printed"
 
     preset: Preset | None = None

@@ -1,0 +1,61 @@
+"""Help: what is used most on one screen, everything in `--help-all`, types and defaults as people read them."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from importlib import import_module
+
+import pytest
+
+from whiptool.commands.help import SCREEN, help_text
+from whiptool.commands.optimize import OptimizeOptions
+from whiptool.options import flag
+
+MAIN = ["optimize", "simulate", "train", "compare", "map build", "map strike", "identify", "adapt", "view", "reproduce",
+        "human", "doctor", "rig strike", "rig learn"]  # fmt: skip
+
+
+def said_by(words: str, capsys) -> str:
+    command, *rest = words.split()
+    with pytest.raises(SystemExit) as end:
+        import_module(f"whiptool.commands.{command}").main(rest)
+    assert end.value.code == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", MAIN)
+def test_help_fits_on_a_screen(command, capsys):
+    lines = said_by(f"{command} --help", capsys).splitlines()
+    assert len(lines) <= SCREEN
+    assert max(map(len, lines)) <= 100
+
+
+@pytest.mark.parametrize("command", MAIN)
+def test_all_help_has_every_option_and_the_first_screen_says_where_it_is(command, capsys):
+    whole, first = said_by(f"{command} --help-all", capsys), said_by(f"{command} -h", capsys)
+    assert max(map(len, whole.splitlines())) <= 100
+    if first != whole:
+        assert first.splitlines()[-1].endswith(f"more options: whiptool {command} --help-all")
+
+
+def test_what_is_used_most_comes_first_in_groups(capsys):
+    lines = said_by("optimize --help", capsys).splitlines()
+    places = [next(i for i, line in enumerate(lines) if line.strip().startswith(x)) for x in
+              ("--method", "target:", "--target", "--hit-radius", "model:", "--model", "-o, --out")]  # fmt: skip
+    assert places == sorted(places)
+    assert "--null-damping" not in "\n".join(lines)
+
+
+def test_types_and_defaults_are_told_as_people_read_them():
+    said = " ".join(help_text(OptimizeOptions, prog="x", description="", whole=True).split())
+    for part in (
+        "--target X ... Target position",
+        "usually 1.3 0 0. [default: 1.3 0]",
+        "--max-trials N No more trials than these. [default: 600]",
+        "--space joint|hand|pose What",
+        "--video, --no-video Render the strike as a video. [default: --video]",
+        "--torque-limit X Largest joint torque [N m].",
+    ):
+        assert part in said
+    assert "None" not in said
+    assert all(flag(f.name) in said for f in fields(OptimizeOptions))

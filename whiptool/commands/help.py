@@ -1,0 +1,152 @@
+"""What `--help` prints: the options used most, in groups, on one screen; `--help-all` prints all, with all they say."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, dataclass, fields
+from pathlib import Path
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from whiptool.options import OptionGroup, flag
+
+HELP, HELP_ALL = ("-h", "--help"), "--help-all"
+SCREEN = 40  # [lines]; a command with more in all has its most used options on the first screen
+_WIDTH, _COLUMN = 100, 30  # [characters]
+_METAVARS = {float: "X", int: "N", str: "NAME", Path: "PATH"}
+
+
+@dataclass(frozen=True)
+class _Told:
+    """An option as it is told."""
+
+    group: str  # heading of its group
+    name: str  # of the field
+    left: str  # how it is given
+    meaning: str  # its documentation in one line, with its default
+
+
+def help_text(options: type[OptionGroup], *, prog: str, description: str, whole: bool) -> str:
+    """Return what is printed for `--help` or, as a whole, for `--help-all`.
+
+    Args:
+        options: Of the command; those that its groups name in `first` stand on the first screen.
+        prog: The command, such as `whiptool optimize`.
+        description: What it does.
+        whole: Whether all options are told.
+    """
+    told, first = list(_told(options)), options.named("first")
+    positional = [one.left for one in told if not one.left.startswith("-")]
+    head = [" ".join(["usage:", prog, *positional, "[options]"]), *textwrap.wrap(description, _WIDTH)]
+    every = [*head, *_in_groups(told, short=False)]
+    if whole or len(every) <= SCREEN or not first:
+        return "\n".join(every)
+    some = [one for one in told if one.name in first]
+    more = f"{len(told) - len(some)} more options: {prog} {HELP_ALL}"
+    return "\n".join([*head, *_in_groups(some, short=True), more])
+
+
+def _in_groups(told: list[_Told], *, short: bool) -> Iterator[str]:
+    """Yield the lines of some options, groups in the order of their first options, that of the result last."""
+    for group in sorted(dict.fromkeys(one.group for one in told), key=lambda group: group == "result"):
+        if not short:
+            yield ""
+        yield f"{group}:"
+        for one in told:
+            if one.group == group:
+                yield from _lines(one, short=short)
+
+
+def _lines(one: _Told, *, short: bool) -> Iterator[str]:
+    """Yield the lines of an option: how it is given, and what it means; in short the first sentence of that."""
+    meaning = one.meaning
+    if short:
+        default = re.search(r" \[default: [^]]*\]$", meaning)
+        sentence = re.split(r"(?<=[a-z)\]])[.;] ", meaning, maxsplit=1)[0].rstrip(".")
+        value = default[0] if default and default[0] not in sentence else ""
+        meaning = textwrap.shorten(sentence, _WIDTH - _COLUMN - len(value), placeholder=" ...") + value
+    lines = textwrap.wrap(meaning, _WIDTH - _COLUMN) or [""]
+    if len(one.left) > _COLUMN - 4:
+        yield from textwrap.wrap(
+            one.left if len(one.left) < _WIDTH - 2 else one.left.replace(",", ", "),
+            _WIDTH,
+            initial_indent="  ",
+            subsequent_indent="      ",
+        )
+    else:
+        yield f"  {one.left:{_COLUMN - 2}s}{lines.pop(0)}".rstrip()
+    for line in lines:
+        yield " " * _COLUMN + line
+
+
+def _told(options: type[OptionGroup]) -> Iterator[_Told]:
+    """Yield a command's options, its own and then those of its groups."""
+    hints, own = get_type_hints(options, include_extras=True), _documented(options)
+    for f in sorted(fields(options), key=lambda f: f.name not in own):
+        group = next(x for x in options.__mro__ if f.name in inspect.get_annotations(x))
+        heading = "options" if group is options else getattr(group, "heading", "options")
+        yield _Told(heading, f.name, _given(f, hints[f.name]), _meaning(f, _documented(group).get(f.name, "")))
+
+
+def _documented(group: type) -> dict[str, str]:
+    """Return the documentation of the fields that a class itself has, which stands behind each."""
+    try:
+        body = ast.parse(textwrap.dedent(inspect.getsource(group))).body[0]
+    except (OSError, TypeError):  # there is no source
+        return {}
+    assert isinstance(body, ast.ClassDef)
+    found = {}
+    for field, behind in zip(body.body, [*body.body[1:], None], strict=True):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+            said = behind.value if isinstance(behind, ast.Expr) else None
+            text = said.value if isinstance(said, ast.Constant) else ""
+            found[field.target.id] = " ".join(str(text).split())
+    return found
+
+
+def _meaning(f: Field, documented: str) -> str:
+    """Return an option's documentation with its default, unless that is none or stands there already."""
+    default = f.default
+    if default is True:
+        return f"{documented} [default: {flag(f.name)}]"
+    if default in (MISSING, None, (), "", False) or "default" in documented.lower():
+        return documented
+    values = default if isinstance(default, tuple) else (default,)
+    return f"{documented} [default: {' '.join(map(_value, values))}]"
+
+
+def _value(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _given(f: Field, kind: Any) -> str:
+    """Return how an option is given: `--target X ...`, `--no-video`, or a positional argument."""
+    if "Positional" in str(f.type):
+        return _metavar(kind, f.name.upper())
+    name = flag(f.name)
+    if kind is bool:
+        return f"{name}, --no-{name.removeprefix('--')}" if f.default is True else name
+    short = "-o, " if f.name == "out" else ""
+    return f"{short}{name} {_metavar(kind, f.name.upper())}"
+
+
+def _metavar(kind: Any, name: str) -> str:
+    """Return what stands for the value of an option."""
+    if get_origin(kind) is Annotated:
+        given = next((x.metavar for x in get_args(kind)[1:] if getattr(x, "metavar", None)), None)
+        return given or _metavar(get_args(kind)[0], name)
+    if get_origin(kind) is Literal:
+        return "|".join(map(str, get_args(kind)))
+    if get_origin(kind) is tuple:
+        parts = get_args(kind)
+        if Ellipsis in parts:
+            return f"{_metavar(parts[0], name)} ..."
+        return " ".join(_metavar(part, name) for part in parts)
+    some = [part for part in get_args(kind) if part is not NoneType]
+    if some:
+        return "|".join(_metavar(part, name) for part in some)
+    return _METAVARS.get(kind, "VALUE")
