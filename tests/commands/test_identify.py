@@ -168,7 +168,7 @@ def test_films_give_the_whip_back_and_say_how_well(filmed):
     assert set(result) == KEYS
     print({n: (p["value"], p["interval"]) for n, p in values(result).items()}, result["rmse"], result["held_out_rmse"])
     assert_recovered(result)
-    assert {p["class"] for p in result["parameters"]} <= {"pinned", "weak", "traded"}
+    assert {p["class"] for p in result["parameters"]} <= {"well determined", "weak", "traded"}
     assert result["status"] == "converged"
     assert result["rmse"] < 1e-3
     assert result["held_out_rmse"] < 1e-3
@@ -260,7 +260,7 @@ def test_csv_gives_the_whip_back_and_text_for_people(files, capsys, tmp_path):
     assert identify.main([*words, "--out", str(tmp_path / "run")]) == 0
     said = capsys.readouterr().out
     assert len(said.splitlines()) <= 9
-    for part in ("whip.k", "N m/rad", "pinned", "held out", "identified.toml"):
+    for part in ("whip.k", "N m/rad", "well determined", "held out", "identified.toml"):
         assert part in said
     result = json.loads((tmp_path / "run" / "result.json").read_text())
     assert_recovered(result)

@@ -47,7 +47,7 @@ def test_a_real_double_pendulum_from_the_command_line(tmp_path, capsys):
     assert result["held_out_rmse"] < 10e-3
     assert len(result["flat_directions"]) == 3
     found = {p["name"]: p for p in result["parameters"]}
-    assert found["link.length[0]"]["class"] == "pinned"
+    assert found["link.length[0]"]["class"] == "well determined"
     assert found["link.length[0]"]["value"] == pytest.approx(0.1732, abs=2e-3)
     assert found["link.com[1]"]["class"] == "flat"
     assert not result["starts"][0]["failed"]

@@ -53,7 +53,7 @@ def kinds(uncertainty: Uncertainty) -> dict[str, str]:
     return {p.name: p.kind for p in classify(uncertainty, [1.0] * len(uncertainty.z))}
 
 
-@pytest.mark.parametrize(("errors", "kind"), [(2.9, "pinned"), (3.1, "withdrawn")])
+@pytest.mark.parametrize(("errors", "kind"), [(2.9, "well determined"), (3.1, "withdrawn")])
 def test_a_class_is_withdrawn_where_the_model_does_not_explain_the_readings(errors, kind):
     """Readings that are off by so many times what they state, evenly: the linear fit of one number, by hand."""
     r = errors * np.resize([1.0, -1.0], 400)
@@ -98,7 +98,7 @@ def test_classes_are_the_same_along_an_unseen_direction():
         assert [words.split(", ")[0] for words in flat_directions(U)] == ["changed together"] * int(U.flat.sum())
     assert found[0] == found[1] == found[2]
     assert {name for name, kind in found[0].items() if kind == "flat"} == {"link.mass[1]", *SPREAD}
-    assert found[0]["link.length[0]"] == "pinned"
+    assert found[0]["link.length[0]"] == "well determined"
 
 
 @pytest.mark.heavy
@@ -106,11 +106,11 @@ def test_a_mass_beside_the_inertia_is_needed_to_see_the_centre_of_mass():
     """With the masses known (from a balance), the same swings pin both centres of mass."""
     for inertia in (4e-4, 1e-6):
         found = kinds(assessed(spread_otherwise(inertia), ["link.length[0]", "link.com[1]", "link.com[0]"], TRUE))
-        assert set(found.values()) == {"pinned"}
+        assert set(found.values()) == {"well determined"}
 
 
 @pytest.mark.heavy
-def test_a_friction_that_may_be_none_is_not_pinned():
+def test_a_friction_that_may_be_none_is_not_well_determined():
     """Five micro-newton metres with an interval across zero, though usual ones are a thousand times as large."""
     rubbing = TRUE.changed({"link.dry_friction[0]": 2e-3, "link.dry_friction[1]": 5e-6})
     free = ["link.dry_friction[0]", "link.dry_friction[1]", "link.com[1]"]
@@ -119,11 +119,11 @@ def test_a_friction_that_may_be_none_is_not_pinned():
     assert second.interval is not None
     assert second.interval[0] < 0 < second.interval[1]
     assert second.error < 1e-4
-    assert [first.kind, second.kind, com.kind] == ["pinned", "weak", "pinned"]
+    assert [first.kind, second.kind, com.kind] == ["well determined", "weak", "well determined"]
 
 
-def test_what_has_an_arbitrary_zero_is_pinned_by_its_usual_size():
-    for name, kind in (("delay", "pinned"), ("whip.drag", "weak")):
+def test_what_has_an_arbitrary_zero_is_well_determined_by_its_usual_size():
+    for name, kind in (("delay", "well determined"), ("whip.drag", "weak")):
         v = variable(name, 0.0)
         error = 0.05  # of its usual size, five times the number itself
         block = Block(np.array([1.0, -1.0, 1.0, -1.0]), np.full((4, 1), 0.5 / error), np.zeros((4, 0)))

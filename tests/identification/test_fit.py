@@ -113,7 +113,7 @@ def test_k_b_m_come_back_and_held_out_strikes_are_predicted():
     found = fit(films, PLANT, FREE, held_out=unseen, options=Options(starts=2))
     for name, true in TRUE.items():
         p = found[name]
-        assert p.kind == "pinned"
+        assert p.kind == "well determined"
         assert p.interval is not None
         assert p.interval[0] < true < p.interval[1]
         assert abs(np.log(p.value / true)) < 0.2
@@ -206,7 +206,7 @@ def test_a_prior_speaks_where_the_recordings_are_silent():
     found = fit([film_], PLANT, FREE, options=Options(drive="joints", prior=prior))
     assert found["whip.m"].value == pytest.approx(0.012, rel=0.02)
     assert found["whip.m"].error == pytest.approx(0.02 * 0.012, rel=0.2)  # [kg], as the value is
-    assert {p.kind for p in found.parameters} <= {"pinned", "weak"}
+    assert {p.kind for p in found.parameters} <= {"well determined", "weak"}
     assert not found.uncertainty.flat.any()
 
 
@@ -254,7 +254,7 @@ def test_what_is_not_there_ends_at_its_bound_and_what_trades_is_named():
     blind = fit(films, PLANT, ["whip.k", "gravity", "whip.friction_velocity"])
     assert blind["whip.friction_velocity"].kind == "flat"  # without dry friction it does nothing
     assert blind["whip.friction_velocity"].interval is None
-    assert blind["gravity"].kind == "pinned"
+    assert blind["gravity"].kind == "well determined"
 
 
 @pytest.mark.heavy

@@ -251,3 +251,21 @@ def test_damping_follows_nielsen_and_scales_never_shrink():
     assert found.evaluations == len(asked)
     assert [damping for _, damping, _ in found.history] == pytest.approx(dampings, rel=1e-12)
     assert [step for *_, step in found.history] == pytest.approx(steps, rel=1e-9)
+
+
+def test_own_unknowns_in_a_flat_valley_do_not_keep_shared_ones_from_settling():
+    """A recording's own unknowns creep along a curved valley; what all share is the mean of the readings."""
+    readings = np.random.default_rng(0).normal(2.0, 1.0, 40)
+
+    def evaluate(z: np.ndarray, own: list[np.ndarray], derivatives: bool) -> list[Block]:
+        u, v, w = own[0]
+        r = np.r_[z[0] - readings, 1e3 * (v - u**2), 1e3 * (w - v**2), 1 - u]
+        A, B = np.r_[np.ones(40), np.zeros(3)][:, None], np.zeros((43, 3))
+        B[40:] = [[-2e3 * u, 1e3, 0], [0, -2e3 * v, 1e3], [-1, 0, 0]]
+        return [Block(r, A, B)]
+
+    start, bounds = [np.array([-1.0, 1.0, 1.0])], {"lower": np.array([-9.0]), "upper": np.array([9.0])}
+    found = solve(evaluate, np.zeros(1), start, **bounds)
+    assert found.status is Status.SETTLED
+    assert found.z[0] == pytest.approx(readings.mean())
+    assert found.own[0][0] < 0.9  # far from 1, where the valley is lowest

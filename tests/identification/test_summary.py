@@ -54,7 +54,7 @@ def seen(variables: list[Variable], z: list[float], rows: list[list[float]], uni
     )
 
 
-def parameter(name: str, value: float, kind: str = "pinned", **told) -> Parameter:
+def parameter(name: str, value: float, kind: str = "well determined", **told) -> Parameter:
     usual = {"start": 1.0, "error": 0.05, "interval": None, "alone": 0.01, "partner": None, "correlation": 0.0}
     return Parameter(name, value, kind=kind, **{**usual, **told})
 
@@ -79,7 +79,7 @@ def test_parameters_in_lines():
     ]
     lines = summary.parameter_lines(fitted(U, parameters))
     assert [" ".join(line.split()) for line in lines[:5]] == [
-        "whip.k 0.12346 N m/rad 0.1 to 0.2 pinned",
+        "whip.k 0.12346 N m/rad 0.1 to 0.2 well determined",
         "scale 1 none traded with whip.k (-0.988)",
         "delay 0 s none weak with scale (+0.500)",
         "whip.m 2 kg none flat",
@@ -301,9 +301,9 @@ def test_a_fit_as_plain_data():
     assert json.loads(json.dumps(table, allow_nan=False)) == table
     assert table["parameters"] == [
         {
-            "name": "whip.k", "value": 6.0, "unit": "N m/rad", "start": 4.0, "class": "pinned", "standard_error": 0.05,
-            "interval": [5.0, None], "standard_error_if_all_others_were_known": 0.01, "partner": "whip.m",
-            "correlation": 0.9,
+            "name": "whip.k", "value": 6.0, "unit": "N m/rad", "start": 4.0, "class": "well determined",
+            "standard_error": 0.05, "interval": [5.0, None], "standard_error_if_all_others_were_known": 0.01,
+            "partner": "whip.m", "correlation": 0.9,
         },
         {
             "name": "whip.m", "value": 2.0, "unit": "kg", "start": 1.0, "class": "flat", "standard_error": None,
@@ -317,7 +317,8 @@ def test_a_fit_as_plain_data():
         }
     ]  # fmt: skip
     said = {
-        "status": "steps", "message": Status.STEPS.value, "drive": "command", "intervals_from": "covariance",
+        "status": "steps", "converged": False, "message": Status.STEPS.value, "drive": "command",
+        "intervals_from": "covariance",
         "condition_number": None, "residual_variance": 1.21, "residual_correlation": None, "nuisance": {"delay": 0.01},
         "rmse": pytest.approx(np.sqrt(np.mean(OFF[np.arange(12) != 4] ** 2))), "fit_time": 1.5,
         "held_out_rmse": pytest.approx(0.5 / math.sqrt(3)), "flat_directions": summary.flat_directions(U),
@@ -368,7 +369,7 @@ def ended(values: list[float], chi: float = 1.0) -> Fit:
 
 def test_a_fit_names_what_ended_at_a_bound_and_a_misfit_that_is_too_large():
     good, bad = ended([0.25, 2.0, 0.003]), ended([1e-3, 1e3, 0.0], chi=3.1)
-    end = Status.STEPS.value
+    end = f"NOT CONVERGED: {Status.STEPS.value}"
     assert repr(good) == f"Fit(whip.k = 0.25 N m/rad, whip.m = 2 kg, whip.drag = 0.003 N s^2/m^2; {end}; 1 recording)"
     assert repr(bad) == (
         "Fit(whip.k = 0.001 N m/rad (its lower bound), whip.m = 1000 kg (its upper bound), "

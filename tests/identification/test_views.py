@@ -156,7 +156,7 @@ def test_one_camera_with_depth_tells_how_far_away_the_whip_is(rolled):
         rng = np.random.default_rng(seed)
         film = film_in_space(LEFT, rolled.t, rolled.tip[:, None], rng=rng, deep=True, strike=STRIKES[0])
         found = fit(film, guess, ["k", *UNSEEN], options=how)
-        assert {p.kind for p in found.parameters} <= {"pinned", "traded"}
+        assert {p.kind for p in found.parameters} <= {"well determined", "traded"}
         intervals = {p.name: p.interval for p in found.parameters}
         assert intervals["shift_y"][1] - intervals["shift_y"][0] < 0.03  # the axis is mostly along y
         held += [low <= true[name] <= high for name, (low, high) in intervals.items()]

@@ -314,7 +314,7 @@ def test_the_tutorial_says_what_its_fits_find(tutorial):
         return {p["class"] for p in json.loads((tutorial.folder / name / "result.json").read_text())["parameters"]}
 
     assert classes("fitted") == {"traded"}
-    assert classes("weighed") == {"pinned"}
+    assert classes("weighed") == {"well determined"}
 
 
 @pytest.mark.slow

@@ -85,7 +85,7 @@ def identified(
         assert {p["class"] for p in summary["parameters"]} <= {"withdrawn", "flat", "at bound"}
         assert all(p["interval"] is None for p in summary["parameters"])
         assert summary["ratios"] == []
-        assert "pinned" not in report
+        assert "well determined" not in report
         return "withdrawn", summary
     inside = [
         p["interval"] is None or p["interval"][0] <= TRUE[p["name"]] <= p["interval"][1] for p in summary["parameters"]

@@ -78,7 +78,7 @@ def test_a_whip_is_identified_from_files_alone_and_predicts_another_strike(lab, 
     for found in summary["parameters"]:
         low, high = found["interval"]
         assert low <= TRUE[found["name"]] <= high, found
-        assert found["class"] == "pinned"
+        assert found["class"] == "well determined"
         assert high - low < 0.05 * found["value"]
     assert summary["rmse"] == pytest.approx(robot_lab.MARKER, rel=0.1)
     assert summary["held_out_rmse"] < 1.3 * robot_lab.MARKER

@@ -284,7 +284,6 @@ class _Run:
     def report(self, folder: RunFolder) -> int:
         """Write the fit and tell it, then draw the report."""
         from whiptool.identification.plant import Plant
-        from whiptool.identification.solver import Status
         from whiptool.models.files import write_model
 
         plant, path = self.found.plant, folder.path
@@ -292,8 +291,11 @@ class _Run:
         write_model(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
         summary = self._summary(plant, path)
         folder.write_result(summary)
-        if self.found.status is not Status.CONVERGED:
-            self._say(f"not converged: {self.found.status.value}; more --starts or a nearer --model may help")
+        if not self.found.converged:
+            self._say(
+                f"not converged: {self.found.status.value}: values and intervals may be off; more --starts or a nearer "
+                "--model may help"
+            )
         if self.found.failed:
             number, starts = len(self.found.failed), len(self.found.runs)
             tried = counted(starts, "start")

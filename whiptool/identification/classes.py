@@ -11,7 +11,7 @@ from scipy.special import stdtrit  # quantiles of Student's t; scipy.stats would
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.variables import Variable
 
-PINNED = 0.1  # standard error, relative, up to which a number counts as pinned
+DETERMINED = 0.1  # standard error, relative, up to which a number counts as well determined
 MISFIT = 3.0  # residuals over what the recordings state, from which a fit explains nothing
 TRADED = 0.9  # correlation from which two numbers trade off
 _UNSEEN = 0.1  # relative change along an unseen direction from which a number is unseen itself
@@ -23,9 +23,9 @@ class Parameter:
 
     Args:
         name, value, start: In its own unit.
-        kind: `pinned`: known to 10 % or better (a delay, rotation or shift, whose zero is arbitrary, to a tenth of its
-            usual size); `weak`: not; `traded`: with all others known it would be pinned, but its error goes with that
-            of `partner`; `flat`: the recordings do not see it; `at bound`: its bound stopped it;
+        kind: `well determined`: known to 10 % or better (a delay, rotation or shift, whose zero is arbitrary, to a
+            tenth of its usual size); `weak`: not; `traded`: with all others known it would be well determined, but its
+            error goes with that of `partner`; `flat`: the recordings do not see it; `at bound`: its bound stopped it;
             `withdrawn`: the model does not explain the readings, or their times are wrong, and no standard error holds.
             Every class assumes that the model's form is right.
         error: Standard error of the value, in its unit; NaN if flat or withdrawn.
@@ -106,9 +106,9 @@ def _kind(inside: bool, *, unseen: bool, error: float, alone: float, correlation
         return "flat"
     if not inside:
         return "at bound"
-    if error <= PINNED:
-        return "pinned"
-    return "traded" if correlation >= TRADED and alone <= PINNED else "weak"
+    if error <= DETERMINED:
+        return "well determined"
+    return "traded" if correlation >= TRADED and alone <= DETERMINED else "weak"
 
 
 def _alone(U: Uncertainty) -> np.ndarray:

@@ -251,9 +251,19 @@ class SwingDrive(Drive):
         self.motion: Motion = make(recording, plant, h, {"knots": knots, "at_rest": not unknown})
         self.unknowns = {"lag" if kind == "robot" else "motion": self.motion.start}
         if kind == "passive":
-            self.unknowns["start"] = released(recording, plant, _hand(recording))
+            self.unknowns["start"] = np.linalg.solve(self.of_start, released(recording, plant, _hand(recording)))
         elif unknown:
             self.unknowns["start"] = np.zeros(2 * self.structure.coordinates)
+
+    @property
+    def of_start(self) -> np.ndarray:
+        """How the unknown first state, x, makes angles and velocities of joints, `of_start @ x`, (2 n, 2 n).
+
+        In the plane x holds the links' directions and their rates. A change of one joint turns all that hangs behind
+        it, so that joints compensate each other in a narrow curved valley of the cost; a link alone moves little.
+        """
+        n = self.structure.coordinates
+        return np.eye(2 * n) if self.structure.dimension == 3 else np.kron(np.eye(2), np.eye(n) - np.eye(n, k=-1))
 
     def _measured_joints(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
         if recording.joints_t is None or recording.joints_q is None:
@@ -363,7 +373,7 @@ class SwingDrive(Drive):
         both = np.repeat(q, m + k, axis=0), np.repeat(hanging[None], m + k, axis=0)
         dx0[: m + k, :n] = start_derivative(held, S, *both, changes)[:, a:]
         if len(unknowns) > k:
-            x0, dx0[m + k :] = x0 + unknowns[k:], np.eye(2 * n)
+            x0, dx0[m + k :] = x0 + self.of_start @ unknowns[k:], self.of_start.T
         dplace = np.zeros((len(dp), *moved.place.shape))
         dplace[m : m + k] = moved.d_place
         d_inputs, first = moved.d_inputs, m

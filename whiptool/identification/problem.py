@@ -246,6 +246,7 @@ class Problem:
         for name, x in drive.unknowns.items():
             if name == "start":
                 W = np.diag(1 / np.repeat(_START, len(x) // 2))
+                W = W @ drive.of_start if isinstance(drive, SwingDrive) else W
                 mean = np.zeros(len(x))
             else:
                 motion = cast(SwingDrive, drive).motion  # only it has other unknowns

@@ -32,7 +32,7 @@ from whiptool.viz.style import verbatim
 from whiptool.words import rounded
 
 _MEANING = {
-    "pinned": "known to 10 % or better",
+    "well determined": "known to 10 % or better",
     "weak": "seen, but known worse than to 10 %",
     "traded": "would be known if its partner were: only their combination is",
     "flat": "not seen by these recordings; its value is where the fit left it, and no interval is given",

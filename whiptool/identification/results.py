@@ -208,7 +208,8 @@ class Fit(NoArray, instead="its parameters"):
         unexplained = "" if self.explains else f", not explained: misfit {self.misfit:.1f}"
         if self.clock_fault is not None:
             unexplained = f", withdrawn: the times of {self.recordings[self.clock_fault.recording].source} are off"
-        return f"Fit({numbers}; {self.status.value}; {count}{unexplained})"
+        ended = self.status.value if self.converged else f"NOT CONVERGED: {self.status.value}"
+        return f"Fit({numbers}; {ended}; {count}{unexplained})"
 
     @property
     def model(self) -> Model:
@@ -247,3 +248,8 @@ class Fit(NoArray, instead="its parameters"):
     def status(self) -> Status:
         """How the best run ended."""
         return self.runs[0].solution.status
+
+    @property
+    def converged(self) -> bool:
+        """Whether the best run found a minimum in the free numbers; else values and intervals may be off."""
+        return self.status in (Status.CONVERGED, Status.SETTLED)

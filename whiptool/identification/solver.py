@@ -15,6 +15,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 MAX_ITERATIONS = 60
+_SETTLING = 10  # steps over which shared unknowns have to stay, where recordings have unknowns of their own
+_STILL = 10.0  # times the tolerance: square of the standard errors by which they may move meanwhile, usually 0.01
+_FLAT = 5e4  # times the tolerance: by which the cost may fall per mean squared residual, usually one standard error
 TOLERANCE = 1e-5  # foreseen fall of the cost per mean squared residual: a step of 0.004 standard errors
 
 
@@ -41,6 +44,7 @@ class Status(Enum):
     """How a solution ended."""
 
     CONVERGED = "the cost falls no more"
+    SETTLED = "the free numbers have settled; what is each recording's own still moves in a flat valley"
     STEPS = "the largest number of iterations was reached"
     STUCK = "no step lowers the cost"
     DIVERGED = "the model cannot be evaluated at the start"
@@ -156,19 +160,23 @@ def solve(
         lower, upper: Bounds of z, (G,).
         loss: What is minimised.
         max_iterations: At most.
-        tolerance: It ends where the cost would fall by no more than this, per mean squared residual.
+        tolerance: It ends where the cost would fall by no more than this, per mean squared residual; or where shared
+            unknowns stay while each recording's own still move along a flat valley of the cost (`Status.SETTLED`).
     """
     search = _Search(evaluate, loss, (lower, upper), tolerance, [len(x) for x in own])
     here = search.point(np.clip(z, lower, upper), [np.array(x, float) for x in own], derivatives=True)
     if not np.isfinite(here.cost):
         return Solution(here.z, here.own, np.inf, Status.DIVERGED, evaluations=search.evaluations)
-    history = [(here.cost, search.damping, 0.0)]
+    history, steps = [(here.cost, search.damping, 0.0)], [here.z]
     for _ in range(max_iterations):
         there = search.improved(here)
         if isinstance(there, Status):
             return Solution(here.z, here.own, here.cost, there, history, search.evaluations)
         history.append((there.cost, search.damping, float(np.linalg.norm(there.z - here.z))))
         here = there if there.derivatives else search.point(there.z, there.own, derivatives=True)
+        steps.append(here.z)
+        if _have_settled(steps, [cost for cost, *_ in history], here, tolerance):
+            return Solution(here.z, here.own, here.cost, Status.SETTLED, history, search.evaluations)
     return Solution(here.z, here.own, here.cost, Status.STEPS, history, search.evaluations)
 
 
@@ -182,6 +190,28 @@ class _Point:
     cost: float
     weights: list[np.ndarray]
     derivatives: bool
+
+
+def _have_settled(steps: Sequence[np.ndarray], costs: Sequence[float], here: _Point, tolerance: float) -> bool:
+    """Whether shared unknowns have stayed where they are while the recordings' own moved along a flat valley.
+
+    Args:
+        steps: Shared unknowns after each accepted step.
+        costs: Likewise.
+        here: The last of them.
+        tolerance: See `solve`.
+    """
+    moved = np.ptp(steps[-_SETTLING - 1 :], axis=0)
+    if len(steps) <= _SETTLING or not moved.any() or not any(len(x) for x in here.own):
+        return False
+    of_residuals = 2 * here.cost / sum(len(b.r) for b in here.blocks)
+    if costs[-_SETTLING - 1] - costs[-1] > _FLAT * tolerance * of_residuals:
+        return False
+    weighted = [weigh(b, w) for b, w in zip(here.blocks, here.weights, strict=True)]
+    G = len(here.z)
+    R = np.vstack([reduce(block)[1] for block in weighted])[:, :G]
+    variances = np.diag(np.linalg.pinv(R.T @ R)) * of_residuals
+    return bool((moved**2 <= _STILL * tolerance * variances).all())
 
 
 class _Search:

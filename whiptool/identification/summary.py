@@ -256,6 +256,7 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
     pairs += [(r, f, True) for r, f in zip(held_out, fit.held_out, strict=True)]
     return {
         "status": fit.status.name.lower(),
+        "converged": fit.converged,
         "message": fit.status.value,
         "misfit": fit.misfit,
         "warning": warning(fit),
