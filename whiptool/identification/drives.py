@@ -262,6 +262,7 @@ class SwingDrive(Drive):
         In the plane x holds the links' directions and their rates. A change of one joint turns all that hangs behind
         it, so that joints compensate each other in a narrow curved valley of the cost; a link alone moves little.
         """
+        assert isinstance(self.structure, SwingStructure)
         n = self.structure.coordinates
         return np.eye(2 * n) if self.structure.dimension == 3 else np.kron(np.eye(2), np.eye(n) - np.eye(n, k=-1))
 
