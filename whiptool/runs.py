@@ -120,6 +120,12 @@ class RunFolder:
         """Return the configuration as it was resolved when the run began."""
         return read_config(self.path)
 
+    def go_on_with(self, options: Mapping) -> None:
+        """Write the run's options as they are given now, and remove the result that it ended with under others."""
+        if options != self.config["options"]:
+            write_whole(self.path / CONFIG, tomli_w.dumps({**self.config, "options": dict(options)}))
+            (self.path / RESULT).unlink(missing_ok=True)
+
     def write_result(self, result: Mapping) -> None:
         """Write the result at once, so that no half of it is ever seen."""
         write_whole(self.path / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")

@@ -15,23 +15,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checkpoints import same
 from full_disk import full_disk
 
-torch = pytest.importorskip("torch")
-
-from whiptool import whole_files  # noqa: E402
-from whiptool.arrival_rule import sample_goals  # noqa: E402
-from whiptool.commands import train  # noqa: E402
-from whiptool.commands.train import load_policy  # noqa: E402
-from whiptool.errors import InputError  # noqa: E402
-from whiptool.models import preset  # noqa: E402
-from whiptool.objective import Objective  # noqa: E402
-from whiptool.rl import event_log  # noqa: E402
-from whiptool.rl.policy import trials_to_hit  # noqa: E402
-from whiptool.rl.training import load_checkpoint  # noqa: E402
-from whiptool.rollout import CompiledRollout  # noqa: E402
-from whiptool.target import Target  # noqa: E402
-from whiptool.zone import sample  # noqa: E402
+from whiptool import whole_files
+from whiptool.arrival_rule import sample_goals
+from whiptool.commands import train
+from whiptool.commands.train import load_policy
+from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.objective import Objective
+from whiptool.rl import episode_table, event_log
+from whiptool.rl.policy import trials_to_hit
+from whiptool.rl.training import load_checkpoint
+from whiptool.rollout import CompiledRollout
+from whiptool.target import Target
+from whiptool.zone import sample
 
 pytestmark = pytest.mark.slow
 
@@ -42,17 +41,6 @@ SHORT = ["--episodes", "12", "--random-episodes", "2", "--trials", "16", "--test
 def few_trials_to_hit(monkeypatch: pytest.MonkeyPatch) -> None:
     """A policy that learned as little as these seldom hits, and would strike 600 times at each target."""
     monkeypatch.setattr(train, "TRIALS_TO_HIT", 20)
-
-
-def same(a: object, b: object) -> bool:
-    """Whether two checkpoints are bit-identical."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
-    if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
-        return len(a) == len(b) and all(map(same, a, b))
-    if isinstance(a, torch.Tensor) and isinstance(b, torch.Tensor):
-        return torch.equal(a, b)
-    return a == b
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
@@ -71,7 +59,16 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert table[1]["critic"] == ""
     assert float(table[2]["critic"]) > 0  # nothing is learned in the random episodes
     assert list((tmp_path / "run/tensorboard").iterdir())
+    assert (tmp_path / "run" / train.CURVE).read_bytes()[:4] == b"\x89PNG"
+    scored = {int(row["number"]): (float(row["held_out_hit"]), -float(row["held_out_cost"])) for row in table[4::5]}
+    best = max(scored, key=scored.__getitem__)
+    told = {"episode": best, "share_hit": scored[best][0], "mean_cost": -scored[best][1]}
+    assert summary["best"] == told
+    assert all(row["held_out_hit"] == "" for row in table if int(row["number"]) not in scored)
     policy = load_policy(tmp_path / "run")
+    assert same(policy.learner.actor.state_dict(), load_checkpoint(tmp_path / "run" / train.BEST)["actor"])
+    last = load_policy(tmp_path / "run" / train.CHECKPOINT)
+    assert same(last.learner.state_dict(), load_checkpoint(tmp_path / "run" / train.CHECKPOINT)["learner"])
     options = train.TrainOptions()
     targets = sample(policy.task.zone, 40, np.random.default_rng(0))
     strikes = np.array([policy.strike(target).vector for target in targets])
@@ -144,6 +141,27 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
     assert results[0]["trials_to_hit"] == results[1]["trials_to_hit"]
 
 
+def test_a_run_that_is_trained_longer_is_a_run_of_that_length(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also one that is made shorter than it was begun, as far as it has not gone beyond."""
+    whole, longer = tmp_path / "whole", tmp_path / "longer"
+    fewer = [*SHORT[2:], "--seed", "3"]
+    assert train.main(["--episodes", "11", *fewer, "--out", str(whole)]) == 0
+    assert train.main(["--episodes", "6", *fewer, "--out", str(longer)]) == 0
+    capsys.readouterr()
+    assert train.main(["--resume", str(longer), "--episodes", "5"]) == 2
+    assert "--episodes: got 5; allowed: 6 or more, as many as the run has made" in capsys.readouterr().err
+    assert train.main(["--resume", str(longer), "--episodes", "11"]) == 0
+    for file in (train.CHECKPOINT, train.BEST):
+        assert same(load_checkpoint(whole / file), load_checkpoint(longer / file))
+    for file in (train.EPISODES, train.CURVE, "config.toml"):
+        assert (whole / file).read_bytes() == (longer / file).read_bytes()
+    results = [json.loads((folder / "result.json").read_text()) for folder in (whole, longer)]
+    assert results[0] == results[1] | {"wall_time": results[0]["wall_time"]}
+    assert load_policy(longer).strike((1.25, 0.05)) == load_policy(whole).strike((1.25, 0.05))
+
+
 def test_a_full_disk_leaves_the_last_checkpoint(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -182,7 +200,7 @@ def test_a_full_disk_leaves_whole_lines_and_events(
         append_whole(path, content)
 
     with room, monkeypatch.context() as patch:
-        for module in (train, event_log):
+        for module in (episode_table, event_log):
             patch.setattr(module, "append_whole", on_a_full_disk)
         assert train.main([*SHORT, "--out", str(run)]) == 1
     error = capsys.readouterr().err.strip().splitlines()[-1]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import sys
 import time
@@ -33,7 +31,6 @@ from whiptool.options import (
     whole,
 )
 from whiptool.rollout.interface import Rollout
-from whiptool.whole_files import append_whole, write_whole
 from whiptool.words import counted, method_name
 
 if TYPE_CHECKING:
@@ -44,7 +41,7 @@ if TYPE_CHECKING:
     from whiptool.rollout import CompiledRollout
     from whiptool.zone import Zone
 
-CHECKPOINT, EPISODES = "checkpoint.pt", "episodes.csv"
+CHECKPOINT, BEST, EPISODES, CURVE = "checkpoint.pt", "best.pt", "episodes.csv", "learning.png"
 TRIALS_TO_HIT = 600  # that a trained policy has at each target
 _HYPERPARAMETERS = (
     "learning_rate",
@@ -77,7 +74,7 @@ class TrainOptions(
 ):
     """Train a policy that strikes at any target of a zone; the zone's centre is --target."""
 
-    changeable: ClassVar[tuple[str, ...]] = ("checkpoint_every",)
+    changeable: ClassVar[tuple[str, ...]] = ("checkpoint_every", "episodes")
     first: ClassVar[tuple[str, ...]] = (
         "method",
         "region",
@@ -176,18 +173,24 @@ def _main(args: Sequence[str] | None) -> int:
 
 
 def load_policy(run_folder: str | Path) -> Policy:
-    """Return the policy that `python -m whiptool.train` left in its run folder, as of its last checkpoint.
+    """Return the policy that `python -m whiptool.train` left in its run folder.
+
+    Args:
+        run_folder: The folder, for the best policy, the last one of a training that kept none; or one of the files in
+            it: `best.pt`, or `checkpoint.pt` for the policy of its last checkpoint.
 
     Raises:
-        InputError: PyTorch is not installed, or the folder is of another command, or holds no whole checkpoint.
+        InputError: PyTorch is not installed, or the folder is of another command, or holds no whole file of a policy.
     """
     expect(str, PathLike, run_folder=run_folder)
     optional("torch", "a policy")
     from whiptool.rl.policy import Policy
 
-    options = cli.options_of_run(TrainOptions, Path(run_folder), command="train")
-    training = build_training(options)
-    training.load(Path(run_folder) / CHECKPOINT)
+    given = Path(run_folder)
+    folder = given.parent if given.is_file() else given
+    kept = folder / BEST if (folder / BEST).is_file() else folder / CHECKPOINT
+    training = build_training(cli.options_of_run(TrainOptions, folder, command="train"))
+    training.load(given if given.is_file() else kept)
     return Policy(training.learner, training.task)
 
 
@@ -221,7 +224,8 @@ def train(
         task: Others of `whiptool.rl.task.StrikeTask`, by name, such as `hit_radius` and `arrival`.
 
     Returns:
-        The policy: `policy.strike(target)`, or `policy.predict(observation)`.
+        The policy that hit most held-out goals, the last one of a training too short to try any:
+        `policy.strike(target)`, or `policy.predict(observation)`.
 
     Raises:
         InputError: PyTorch is not installed, there is no such learner, or a number breaks its rule.
@@ -231,7 +235,7 @@ def train(
     torch = optional("torch", "training")
     from tqdm import tqdm
 
-    from whiptool.rl.policy import Policy
+    from whiptool.rl.held_out import held_out_goals
     from whiptool.rl.settings import Plan, settings_for
     from whiptool.rl.task import StrikeTask
     from whiptool.rl.training import Training, make_learner
@@ -243,24 +247,26 @@ def train(
     plan = Plan(episodes, trials, episodes // 10 if random_episodes is None else random_episodes, hindsight)
     struck, generator = StrikeTask(rollout, zone, **task), torch.Generator().manual_seed(seed)
     learner = make_learner(method, settings_for(method, **settings or {}), struck, generator)
-    training = Training(learner, struck, plan)
+    training = Training(learner, struck, plan, held_out_goals(struck, seed))
     with one_torch_thread(), tqdm(total=episodes, unit=" episodes", desc=method, disable=not progress) as bar:
 
         def on_episode(episode: Episode) -> None:
             bar.update()
 
         training.run(on_episode)
-    return Policy(learner, struck)
+    return training.policy()
 
 
 def build_training(options: TrainOptions) -> Training:
     """Return the training that options ask for, not begun."""
     torch = optional("torch", "whiptool train")
+    from whiptool.rl.held_out import held_out_goals
     from whiptool.rl.training import Plan, Training, make_learner
 
     task, generator = build_task(options), torch.Generator().manual_seed(options.seed)
     learner = make_learner(options.method, settings_of(options), task, generator)
-    return Training(learner, task, Plan(options.episodes, options.trials, options.random_episodes, options.hindsight))
+    plan = Plan(options.episodes, options.trials, options.random_episodes, options.hindsight)
+    return Training(learner, task, plan, held_out_goals(task, options.seed))
 
 
 def build_task(options: TrainOptions) -> StrikeTask:
@@ -294,6 +300,9 @@ class _Run:
 
     def __init__(self, options: TrainOptions) -> None:
         torch = optional("torch", "whiptool train")
+        from whiptool.rl.episode_table import EpisodeTable
+        from whiptool.rl.training import LOSSES
+
         torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
 
         self.options = options
@@ -301,17 +310,29 @@ class _Run:
         self.training, self.tests = build_training(options), build_task(options)
         options.warn_if_coarse(model, controller, options.build_target(model).position, options.t_stay)
         settings = settings_of(options)
-        config = cli.configuration(options, "train", model, controller, settings=cli.as_plain(settings))
-        self.folder = cli.open_folder(options, options.method, config)
-        self.checkpoint, self.table = self.folder.path / CHECKPOINT, self.folder.path / EPISODES
-        if options.resume is not None and self.checkpoint.exists():
-            self.training.load(self.checkpoint)
-        self._cut_table()
+        self.config = cli.configuration(options, "train", model, controller, settings=cli.as_plain(settings))
+        self.folder = cli.open_folder(options, options.method, self.config)
+        self.checkpoint, self.best = self.folder.path / CHECKPOINT, self.folder.path / BEST
+        self.table = EpisodeTable(self.folder.path / EPISODES, LOSSES[options.method])
 
-    def _cut_table(self) -> None:
-        """Leave those episodes in the table that the checkpoint holds; what came after it will be made again."""
-        lines = self.table.read_text(encoding="utf-8").splitlines(keepends=True) if self.table.exists() else []
-        write_whole(self.table, "".join(lines[: 1 + self.training.done if self.training.done else 0]))
+    def _begin(self) -> None:
+        """Take up the checkpoint of a run that is resumed; what came after it will be made again.
+
+        Raises:
+            InputError: It holds more episodes than are asked for now.
+        """
+        if self.checkpoint.exists():
+            self.training.load(self.checkpoint)
+        made = self.training.done
+        if self.options.episodes < made:
+            allowed = f"{made} or more, as many as the run has made"
+            raise InputError("--episodes", self.options.episodes, allowed, "start a new run")
+        self.folder.go_on_with(self.config["options"])
+        self.table.cut(made)
+        if self.training.best is None:
+            self.best.unlink(missing_ok=True)
+        else:
+            self.training.save_best(self.best)
 
     def train(self) -> int:
         """Train with a progress bar, log every episode, and strike at test targets at the end."""
@@ -320,6 +341,7 @@ class _Run:
         from whiptool.rl.learner import Diverged
 
         training, options = self.training, self.options
+        self._begin()
         start = time.monotonic()
         board = EventLog(self.folder.path / "tensorboard", first_step=training.done + 1)
         with Progress(
@@ -333,10 +355,10 @@ class _Run:
         ) as bar:
 
             def on_episode(episode) -> None:
-                self._log(episode)
-                losses = {f"loss/{name}": value for name, value in episode.losses.items()}
-                whole = {"mean_reward": episode.mean_reward, "share_hit": episode.share_hit}
-                board.add(whole | losses, episode.number)
+                self.table.add(episode)
+                board.add(episode.scalars(), episode.number)
+                if episode.best:
+                    training.save_best(self.best)
                 if episode.number % options.checkpoint_every == 0:
                     training.save(self.checkpoint)
                 bar.set_postfix_str(f"reward {episode.mean_reward:.1f}, hits {episode.share_hit:.0%}", refresh=False)
@@ -353,36 +375,35 @@ class _Run:
         self._report(time.monotonic() - start)
         return 0
 
-    def _log(self, episode) -> None:
-        """One line, which is in the file when this returns; every line has the same columns."""
-        from whiptool.rl.training import LOSSES
-
-        row = {k: v for k, v in asdict(episode).items() if k != "losses"}
-        row |= {name: episode.losses.get(name, "") for name in LOSSES[self.options.method]}
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(row), lineterminator="\n")
-        if self.table.stat().st_size == 0:
-            writer.writeheader()
-        writer.writerow(row)
-        append_whole(self.table, text.getvalue())
-
     def _report(self, seconds: float) -> None:
-        """Eq. 21 under every convention, as a file and for people."""
+        """Eq. 21 of the best policy under every convention, as a file and for people; the curve as a picture."""
         import numpy as np
 
         from whiptool.arrival_rule import sample_goals
         from whiptool.progress import Progress
+        from whiptool.rl.held_out import GOALS
         from whiptool.rl.policy import CONVENTIONS, trials_to_hit
         from whiptool.runs import code_version
+        from whiptool.viz.plots_learning import save_learning
 
+        best, learner = self.training.best, self.training.policy().learner
+        save_learning(
+            self.folder.path / CURVE,
+            self.table.columns(),
+            random_episodes=self.options.random_episodes,
+            best=None if best is None else best.episode,
+            title=f"{self.options.method.upper()}, observation {self.options.observation}",
+            trials=self.options.trials,
+        )
         zone, rule, rng = self.tests.zone, self.tests.arrival, np.random.default_rng(self.options.seed)
         goals = sample_goals(zone, rule, self.tests.hit_radius, self.options.tests, rng)
-        print(f"striking at {counted(self.options.tests, 'target')} with the trained policy ...", file=sys.stderr)
+        which = "last policy" if best is None else f"best policy, of episode {best.episode}"
+        print(f"striking at {counted(self.options.tests, 'target')} with the {which} ...", file=sys.stderr)
         result: dict[str, Any] = {}
         for convention in CONVENTIONS:
             with Progress(total=self.options.tests, desc=convention, unit=" targets", leave=False) as bar:
                 trials, hit = trials_to_hit(
-                    self.training.learner,
+                    learner,
                     self.tests,
                     goals,
                     cap=TRIALS_TO_HIT,
@@ -406,6 +427,7 @@ class _Run:
             ("zone_area" if zone.dimension == 2 else "zone_volume"): zone.size,
             "hit_radius": self.options.hit_radius,
             "arrival": rule.table(),
+            "best": None if best is None else {"episode": best.episode, **asdict(best.score)},
             "trials_to_hit": result,
             "seed": self.options.seed,
             "version": code_version(),
@@ -415,6 +437,9 @@ class _Run:
             print(json.dumps(summary, allow_nan=False))
             return
         print(f"{self.options.method}: {counted(plan.episodes * plan.trials, 'strike')} in {seconds:.1f} s of training")
+        if best is not None:
+            share = f"{best.score.share_hit:.0%} of {counted(GOALS, 'held-out goal')} hit by its first strikes"
+            print(f"  best policy    of episode {best.episode}: {share}")
         asked = "" if rule.only_points else f", {rule}"
         print(f"  trials to the first hit of {counted(self.options.tests, 'target')}{asked}, at most {TRIALS_TO_HIT}")
         for convention, r in result.items():
@@ -422,4 +447,5 @@ class _Run:
                 f"  {convention:12s} mean {r['mean_trials']:.3f}   median {r['median_trials']:g}   "
                 f"largest {r['largest']}   hit {r['share_hit']:.1%}   ({CONVENTIONS[convention]})"
             )
-        print(f"  run folder     {self.folder.path} ({CHECKPOINT}, {EPISODES}, tensorboard)")
+        files = [*([] if best is None else [BEST]), CHECKPOINT, EPISODES, CURVE, "tensorboard"]
+        print(f"  run folder     {self.folder.path} ({', '.join(files)})")

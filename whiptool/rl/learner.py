@@ -29,6 +29,8 @@ class Learner(ABC):
         generator: Everything random is drawn from it.
     """
 
+    actor: Any  # the network that acts
+
     def __init__(
         self, settings: Settings, *, n_obs: int, n_act: int, discount: float, generator: torch.Generator
     ) -> None:
@@ -77,8 +79,6 @@ class Learner(ABC):
 
 class OffPolicyLearner(Learner):
     """What SAC, TD3 and DDPG share: a replay buffer, critics with slow targets, one update per strike."""
-
-    actor: Any
 
     def __init__(self, settings: OffPolicy, *, capacity: int = 100_000, n_critics: int, **sizes) -> None:
         super().__init__(settings, **sizes)

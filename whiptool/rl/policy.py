@@ -80,9 +80,13 @@ class Policy:
         if not zone.contains(np.array(place)):
             raise InputError("target", place, f"one of the policy's zone, {zone}", "train with a wider --zone-radius")
         goal = self.task.arrival.goal_of(target)
-        seen = torch.as_tensor(self.task.normalise(self.task.first_look(goal)), dtype=torch.float32)
-        action = self.learner.act(seen, deterministic=True).numpy().astype(float)
-        return Strike.from_vector(self.task.to_strikes(action)[0])
+        return Strike.from_vector(first_strikes(self.learner, self.task, goal)[0])
+
+
+def first_strikes(learner: Learner, task: StrikeTask, goals: Goals) -> np.ndarray:
+    """Return the strikes that a policy makes first at goals (B): its mean actions, seen from rest; (B, n)."""
+    seen = torch.as_tensor(task.normalise(task.first_look(goals)), dtype=torch.float32)
+    return task.to_strikes(learner.act(seen, deterministic=True).numpy().astype(float))
 
 
 def trials_to_hit(

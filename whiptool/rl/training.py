@@ -1,12 +1,17 @@
-"""Algorithm 1: train a learner, episode by episode, so that a killed run goes on as if nothing had happened."""
+"""Algorithm 1: train a learner, episode by episode, so that a killed run goes on as if nothing had happened.
+
+Now and then the policy strikes once at each of some held-out goals; the best policy of a training is kept.
+"""
 
 from __future__ import annotations
 
+import copy
 import io
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,9 +19,12 @@ from torch import Tensor
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, whole_file
+from whiptool.goals import Goals
 from whiptool.rl import hindsight
 from whiptool.rl.ddpg import DDPG
+from whiptool.rl.held_out import EVERY, Best, Score, score
 from whiptool.rl.learner import Learner, OffPolicyLearner
+from whiptool.rl.policy import Policy
 from whiptool.rl.ppo import PPO
 from whiptool.rl.replay import Transitions
 from whiptool.rl.sac import SAC
@@ -45,6 +53,8 @@ class Episode:
         share_hit: Of its trials.
         diverged: Strikes that did, so far.
         losses: By name; empty while nothing is learned.
+        held_out: What the policy came to at held-out goals; None in most episodes.
+        best: Whether that is the best so far.
     """
 
     number: int
@@ -53,6 +63,15 @@ class Episode:
     share_hit: float
     diverged: int
     losses: dict[str, float]
+    held_out: Score | None = None
+    best: bool = False
+
+    def scalars(self) -> dict[str, float]:
+        """Return what TensorBoard shows of it, by name."""
+        whole = {"mean_reward": self.mean_reward, "share_hit": self.share_hit}
+        held_out = {} if self.held_out is None else asdict(self.held_out)
+        parts = {"loss": self.losses, "held_out": held_out}
+        return whole | {f"{part}/{name}": x for part, values in parts.items() for name, x in values.items()}
 
 
 def make_learner(method: str, settings: Settings, task: StrikeTask, generator: torch.Generator) -> Learner:
@@ -79,20 +98,22 @@ class Training:
         learner: From `make_learner`; everything random is drawn from its generator.
         task: What it learns.
         plan: For how long.
+        held_out: Goals by which the best policy is kept; None: none is.
 
     Raises:
         InputError: Hindsight is asked of a learner without replay, or under an observation without the target.
     """
 
-    def __init__(self, learner: Learner, task: StrikeTask, plan: Plan) -> None:
+    def __init__(self, learner: Learner, task: StrikeTask, plan: Plan, held_out: Goals | None = None) -> None:
         if plan.hindsight and (not isinstance(learner, OffPolicyLearner) or task.observation != "goal"):
             raise InputError(
                 "hindsight",
                 plan.hindsight,
                 "0, unless the learner has a replay buffer (sac, td3, ddpg) and the observation is goal",
             )
-        self.learner, self.task, self.plan = learner, task, plan
+        self.learner, self.task, self.plan, self.held_out = learner, task, plan, held_out
         self.done = 0
+        self.best: Best | None = None
         self.obs = task.reset(task.draw(self._uniform(plan.trials, task.n_uniform)))
 
     def run(
@@ -140,6 +161,7 @@ class Training:
         fresh = task.draw(self._uniform(lanes, task.n_uniform))
         self.obs = task.renew(step.obs, over, fresh.rows(over))
         self.done += 1
+        held_out = self._score()
         return Episode(
             number=self.done,
             strikes=self.done * lanes,
@@ -147,7 +169,24 @@ class Training:
             share_hit=float(step.hit.mean()),
             diverged=task.n_diverged,
             losses=losses,
+            held_out=held_out,
+            best=held_out is not None and self.best is not None and self.best.episode == self.done,
         )
+
+    def _score(self) -> Score | None:
+        """Strike at the held-out goals where it is time to, and keep the policy if it is the best."""
+        if self.held_out is None or self.done <= self.plan.random_episodes or self.done % EVERY:
+            return None
+        found = score(self.learner, self.task, self.held_out)
+        if found.better_than(None if self.best is None else self.best.score):
+            self.best = Best(self.done, found, copy.deepcopy(self.learner.actor.state_dict()))
+        return found
+
+    def policy(self) -> Policy:
+        """Return the best policy, the last one where none was kept; the learner itself has its network then."""
+        if self.best is not None:
+            self.learner.actor.load_state_dict(self.best.actor)
+        return Policy(self.learner, self.task)
 
     def _relabel(self, actions: np.ndarray, obs: np.ndarray) -> None:
         """Show the learner the same strikes at other goals (see `hindsight`)."""
@@ -180,11 +219,12 @@ class Training:
         return torch.as_tensor(array, dtype=torch.float32)
 
     def _identity(self) -> dict:
-        """What has to be equal in a checkpoint and in the training that resumes from it."""
+        """What has to be equal in a file and in the training that takes it up: not for how many episodes it is."""
         settings = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self.learner.settings).items()}
         sizes = [self.learner.n_obs, self.learner.n_act]
         name = type(self.learner).__name__
-        same = {"plan": asdict(self.plan), "learner_kind": name, "settings": settings, "sizes": sizes}
+        plan = {name: value for name, value in asdict(self.plan).items() if name != "episodes"}
+        same = {"plan": plan, "learner_kind": name, "settings": settings, "sizes": sizes}
         asked = self.task.arrival.table()
         return same if asked is None else {**same, "arrival": asked}  # of points, as checkpoints have always been
 
@@ -210,21 +250,37 @@ class Training:
             "counts": torch.as_tensor(task.counts),
             "strikes": [task.n_strikes, task.n_diverged],
         }
-        buffer = io.BytesIO()  # PyTorch's own error for a full disk is none of the operating system's
-        torch.save(state, buffer)
-        write_whole(path, buffer.getvalue())
+        if self.best is not None:
+            state["best"] = self.best.table()
+        _write(path, state)
+
+    def save_best(self, path: Path | str) -> None:
+        """Write the best policy as a whole file.
+
+        Raises:
+            OSError: It cannot be written; the one before it stays.
+        """
+        assert self.best is not None
+        _write(path, {**self._identity(), **self.best.table()})
 
     def load(self, path: Path | str) -> None:
-        """Go on from a checkpoint.
+        """Go on from a checkpoint; of the file of a best policy, take up that policy alone.
 
         Raises:
             InputError: It is damaged, or of another plan.
         """
         path = Path(path)
         state = load_checkpoint(path)
+        if isinstance(state.get("plan"), dict):
+            state["plan"].pop("episodes", None)  # older files have it
         for part, value in self._identity().items():
             if state.get(part) != value:
                 raise InputError(str(path), f"{part} {state.get(part)}", f"a checkpoint of {part} {value}")
+        if "learner" not in state:
+            with parsing(path, "policy"):
+                self.best = Best.of_table(state)
+                self.learner.actor.load_state_dict(self.best.actor)
+            return
         with parsing(path, "checkpoint"):  # of other shapes or without a part
             self.learner.load_state_dict(state["learner"])
             self.done, self.obs = int(state["done"]), state["obs"].numpy()
@@ -232,6 +288,14 @@ class Training:
             self.task.goals = replace(self.task.goals, positions=rows.pop("targets"), **rows)
             self.task.counts = state["counts"].numpy()
             self.task.n_strikes, self.task.n_diverged = map(int, state["strikes"])
+            self.best = Best.of_table(state["best"]) if "best" in state else None
+
+
+def _write(path: Path | str, state: dict[str, Any]) -> None:
+    """Write tensors and numbers as a whole file."""
+    buffer = io.BytesIO()  # PyTorch's own error for a full disk is none of the operating system's
+    torch.save(state, buffer)
+    write_whole(path, buffer.getvalue())
 
 
 def load_checkpoint(path: Path) -> dict:

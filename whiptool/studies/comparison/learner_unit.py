@@ -11,8 +11,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
 from whiptool.extras import optional
 from whiptool.given_files import read_json
 from whiptool.studies.comparison.units import Scene
@@ -62,15 +60,14 @@ class LearnerUnit:
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train, from the last checkpoint if there is one, and strike."""
-        from whiptool.rl.policy import CONVENTIONS
+        from whiptool.rl.policy import CONVENTIONS, first_strikes
         from whiptool.studies.comparison.policy_trials import trials_within
 
         scene = self.scene
         with one_torch_thread():
             training, history, note = self.trained(folder, threads)
             task, goals = self._task(scene.radii[0], threads), scene.goals()
-            seen = _tensor(task.normalise(task.reset(goals)))
-            strikes = task.to_strikes(training.learner.act(seen, deterministic=True).numpy().astype(float))
+            strikes = first_strikes(training.learner, task, goals)
             first_misses = task.judge(strikes, goals).distance
             outcomes = []
             for convention in CONVENTIONS:
@@ -202,9 +199,3 @@ def one_torch_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-def _tensor(array: np.ndarray):
-    import torch
-
-    return torch.as_tensor(array, dtype=torch.float32)

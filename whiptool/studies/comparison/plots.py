@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 
 from whiptool.studies.comparison.series import NAMES, Series
 from whiptool.viz.plots import COLORS, STYLE
+from whiptool.viz.plots_learning import mark_random, running_mean
 from whiptool.whole_files import replacing
 
 OBSERVATION_COLORS = {"tip": COLORS["vermilion"], "relative": COLORS["orange"], "goal": COLORS["blue"]}
@@ -117,28 +118,10 @@ def plot_rewards(
         smooth = np.array([running_mean(row, window) for row in values])
         ax.fill_between(episode, smooth.min(axis=0), smooth.max(axis=0), color=color, alpha=0.18, linewidth=0)
         ax.plot(episode, smooth.mean(axis=0), color=color, linewidth=2, label=NAMES[method])
-    if random_episodes:
-        ax.axvline(random_episodes + 0.5, color="0.55", linestyle=":", linewidth=1.2)
-        ax.annotate(
-            "random before",
-            (random_episodes + 0.5, 0.02),
-            xycoords=ax.get_xaxis_transform(),
-            xytext=(4, 0),
-            textcoords="offset points",
-            color="0.35",
-            fontsize=9,
-        )
+    mark_random(ax, random_episodes)
     ax.set(xlabel="episode", ylabel="mean reward", title=title)
     ax.margins(x=0)
     return ax
-
-
-def running_mean(values: np.ndarray, window: int) -> np.ndarray:
-    """Mean of each value and those up to `window` - 1 before it, (E,)."""
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    last = np.arange(1, len(values) + 1)
-    first = np.maximum(last - window, 0)
-    return (total[last] - total[first]) / (last - first)
 
 
 def comparison_figures(series: Sequence[Series]) -> dict[str, Figure]:

@@ -1,0 +1,68 @@
+"""How good a policy is at goals that it is not trained at, by which a training keeps the best of its policies."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from whiptool.arrival_rule import sample_goals
+from whiptool.goals import Goals
+from whiptool.rl.learner import Learner
+from whiptool.rl.policy import first_strikes
+from whiptool.rl.task import StrikeTask
+
+EVERY, GOALS = 5, 100  # episodes between two scores; goals of each
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a policy's first strikes came to, one at each held-out goal.
+
+    Args:
+        share_hit: Of the goals, 0 to 1.
+        mean_cost: Of the strikes [m], see `Goals.cost`; of points alone it is the miss distance.
+    """
+
+    share_hit: float
+    mean_cost: float
+
+    def better_than(self, other: Score | None) -> bool:
+        """Whether more goals are hit, or as many at a smaller cost."""
+        return other is None or (self.share_hit, -self.mean_cost) > (other.share_hit, -other.mean_cost)
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best policy of a training so far.
+
+    Args:
+        episode: After which it was.
+        score: At the held-out goals.
+        actor: The state of its network.
+    """
+
+    episode: int
+    score: Score
+    actor: dict[str, Any]
+
+    def table(self) -> dict[str, Any]:
+        """Return it as files hold it."""
+        return {"episode": self.episode, "score": asdict(self.score), "actor": self.actor}
+
+    @classmethod
+    def of_table(cls, table: dict[str, Any]) -> Best:
+        """Return what `table` gave."""
+        return cls(int(table["episode"]), Score(**table["score"]), table["actor"])
+
+
+def held_out_goals(task: StrikeTask, seed: int) -> Goals:
+    """Return goals of a task's zone, other than those that the same seed draws for tests."""
+    return sample_goals(task.zone, task.arrival, task.hit_radius, GOALS, np.random.default_rng([seed, 1]))
+
+
+def score(learner: Learner, task: StrikeTask, goals: Goals) -> Score:
+    """Return what the policy's mean actions come to at goals; nothing random is drawn, and the task stays as it is."""
+    judged = task.judge(first_strikes(learner, task, goals), goals)
+    return Score(float(judged.hit.mean()), float(judged.cost.mean()))
