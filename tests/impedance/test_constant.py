@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.impedance import CONSTANT_PRESETS, ConstantImpedance, constant_preset
+from whiptool.impedance import CONSTANT_PRESETS, ConstantImpedance, Controller, constant_preset
 from whiptool.impedance.arm import Arm
-from whiptool.models import PRESETS, preset
+from whiptool.impedance.files import controller_from_table, controller_to_table
+from whiptool.models import PRESETS, Strike, preset
+from whiptool.rollout import CompiledRollout
 
 every_preset = pytest.mark.parametrize("name", CONSTANT_PRESETS)
 
@@ -152,3 +154,31 @@ def test_gains_of_robots_are_of_3_hz_or_more_and_well_damped(name):
     K, B = np.diag(law.K), np.diag(law.B)
     assert (np.sqrt(K / heaviest) / (2 * np.pi) > 2.9).all()
     assert (B / (2 * np.sqrt(K * heaviest)) > 0.9).all()
+
+
+def test_one_number_is_a_gain_of_every_joint_of_any_arm():
+    """As the matrices that it stands for, in both simulators, and its derivative is that of the whole diagonal."""
+    model, strike = preset("lemon2024"), Strike((-1.3, 0.5), (1.6, 1.2), 0.4)
+    number = Controller(ConstantImpedance(30, 3))
+    matrix = Controller(ConstantImpedance(((30, 0), (0, 30)), ((3, 0), (0, 3))))
+    one, all_ = (CompiledRollout(model, x, timestep=1e-3, engine="interpreter") for x in (number, matrix))
+    target = (1.2, 0.1)
+    assert one.approach(strike, target).distance[0] == pytest.approx(
+        all_.approach(strike, target).distance[0], abs=1e-12
+    )
+    slope = one.gradient(strike, target, names=["law.K"])[1][0, 0]
+    diagonal = all_.gradient(strike, target, names=["law.K[0]", "law.K[3]"])[1][0].sum()
+    assert slope == pytest.approx(diagonal, rel=1e-9)
+    for e in (np.zeros(2), np.zeros((5, 4))):
+        assert number.law.gains(e, e)[0].shape == (*e.shape, e.shape[-1])
+    number.check_fits(preset("ur5e").arm)
+    assert controller_from_table(controller_to_table(number)) == number
+    changed = number.law.changed({"K": np.array([31.0]), "B": np.array([3.0])})
+    assert changed == ConstantImpedance(31, 3)
+
+
+def test_a_row_of_numbers_is_a_diagonal_and_no_number_may_push():
+    assert ConstantImpedance([1, 2], [3, 4]) == ConstantImpedance(((1, 0), (0, 2)), ((3, 0), (0, 4)))
+    for K in (-1.0, [1.0, -1.0]):
+        with pytest.raises(InputError, match="K: got .*; allowed: a matrix that acts against any error"):
+            ConstantImpedance(K, 1.0)

@@ -24,13 +24,25 @@ STRIKE = wt.Strike((-1.36, 0.47), (1.73, 1.41), 0.95)
 TARGET = wt.Target((1.25, 0.2))
 
 
+def weights(path: wt.Trajectory) -> np.ndarray:
+    """Torques that hold arm and whip up, the whip's mass at the hand (Eq. 3), from the arms of the weights, (T, 2)."""
+    (one, two), m = MODEL.arm.links, MODEL.whip.mass
+    upper = np.sin(path.q[:, 0])
+    fore = np.sin(path.q[:, 0] + path.q[:, 1])
+    elbow = 9.81 * (two.mass * two.com + m * two.length) * fore
+    shoulder = elbow + 9.81 * (one.mass * one.com + (two.mass + m) * one.length) * upper
+    return np.stack([shoulder, elbow], axis=1)
+
+
 class Here(dict):
     """What is in reach of a snippet: made when it is first asked for."""
 
     made: dict[str, object] = {}  # noqa: RUF012
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(wt=wt, np=np, json=json, model=MODEL, strike=STRIKE, target=TARGET, folder=folder)
+        super().__init__(
+            wt=wt, np=np, json=json, weights=weights, model=MODEL, strike=STRIKE, target=TARGET, folder=folder
+        )
 
     def __missing__(self, name: str) -> object:
         if name == "objective":  # counts its trials: another one for each snippet
@@ -95,6 +107,14 @@ FIGURES = [
         "abs(it.rmse - 0.005) + abs(it.delay) < 1e-12",
     ),
 ]
+LAWS = [
+    ("wt.ConstantImpedance(100, 10)", "it.gains(np.zeros(3), np.zeros(3))[0].tolist() == (100 * np.eye(3)).tolist()"),
+    ("wt.ConstantImpedance([100, 50], [10, 5])", "it.K == ((100, 0), (0, 50)) and it.B == ((10, 0), (0, 5))"),
+    (
+        "wt.CompiledRollout(model, wt.Controller(wt.ConstantImpedance(30, 3)), timestep=1e-3).trajectory(strike)",
+        "np.allclose(it.tau - 30 * it.tracking_error - 3 * (it.v_d - it.v[:, :2]), weights(it), atol=1e-9)",
+    ),
+]
 LEARNING = [
     (
         "wt.compare(rollout, ['direct-l'], targets=2, max_trials=5)",
@@ -103,7 +123,7 @@ LEARNING = [
 ]
 
 
-@pytest.mark.parametrize(("snippet", "holds"), [*DATA, *SEARCHES, *PATHS, *FIGURES, *LEARNING])
+@pytest.mark.parametrize(("snippet", "holds"), [*DATA, *SEARCHES, *PATHS, *FIGURES, *LAWS, *LEARNING])
 def test_what_is_guessed_works(snippet, holds, tmp_path):
     here = Here(tmp_path)
     here["it"] = eval(snippet, here)

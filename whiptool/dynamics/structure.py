@@ -12,7 +12,6 @@ import numpy as np
 from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.columns import Columns
 from whiptool.impedance.controller import Controller
-from whiptool.impedance.law import LAWS
 from whiptool.impedance.position import PositionControl
 from whiptool.models.hand_space import hand_layout
 from whiptool.models.joint_space import joint_layout
@@ -85,6 +84,7 @@ class Structure:
     n_arm: int
     n_whip: int
     law: str
+    gains: tuple[tuple[str, int], ...]  # names and lengths of the law's numbers
     optional: tuple[str, ...] = ()  # of PER_NODE, drag_ratio, hinge_mass
     feedforward: bool = False
     limits: int = 0  # of the torque: none, one for all joints, or one each
@@ -113,6 +113,7 @@ class Structure:
             n_arm=model.arm.n,
             n_whip=whip.N,
             law=controller.law.kind,
+            gains=tuple((name, len(x)) for name, x in controller.law.parameters().items()),
             optional=used,
             feedforward=controller.feedforward,
             limits=0 if controller.torque_limit is None else int(np.size(controller.torque_limit)),
@@ -168,7 +169,7 @@ class Structure:
         if "dry_friction" in self.optional:
             blocks["whip.friction_velocity"] = 1
         blocks["gravity"] = 1
-        blocks |= {f"law.{name}": size for name, size in LAWS[self.law].sizes(self.hand or a).items()}
+        blocks |= {f"law.{name}": size for name, size in self.gains}
         if self.hand and not self.prescribed:
             blocks["null_damping"] = 1
         if self.limits:

@@ -19,16 +19,22 @@ Matrix = tuple[tuple[float, ...], ...]
 _ROUNDING = 1e-9  # of eigenvalues, in parts of the largest gain
 
 
-def _matrix(name: str, value: object) -> Matrix:
-    array = array_of(name, value, "a square matrix of finite numbers")
-    if array.ndim != 2 or not array.size or array.shape[0] != array.shape[1] or not np.isfinite(array).all():
-        raise InputError(name, value, "a square matrix of finite numbers")
+def _gain(name: str, value: object) -> Matrix | float:
+    """Return a gain that was given as a square matrix, as its diagonal, or as one number for all joints."""
+    rule = "a square matrix of finite numbers, its diagonal, or one number for all joints"
+    array = array_of(name, value, rule)
+    if array.ndim == 0:
+        return float(array)
+    if array.ndim == 1:
+        array = np.diag(array)
+    if array.ndim != 2 or not array.size or array.shape[0] != array.shape[1]:
+        raise InputError(name, value, rule)
     return tuple(tuple(float(x) for x in row) for row in array)
 
 
-def _check_acts_against(name: str, matrix: Matrix) -> None:
+def _check_acts_against(name: str, matrix: Matrix | float) -> None:
     """Refuse a gain that pushes a joint farther from its path, or drives it on."""
-    gain = np.array(matrix)
+    gain = np.atleast_2d(matrix)
     if np.linalg.eigvalsh(gain + gain.T)[0] < -_ROUNDING * np.abs(gain).max():
         rule = "a matrix that acts against any error: its symmetric part has no eigenvalue below 0"
         raise InputError(name, matrix, rule)
@@ -39,31 +45,33 @@ def _check_acts_against(name: str, matrix: Matrix) -> None:
 class ConstantImpedance(NoArray, instead="its K or B"):
     """`tau = K e + B de`, with the paper's matrices (Eq. 22, from Nah et al. 2020) by default.
 
+    `ConstantImpedance(100, 10)` gives every joint of any arm the same stiffness and damping.
+
     Args:
-        K: Stiffness [N m/rad], (n, n).
-        B: Damping [N m s/rad], (n, n).
+        K: Stiffness [N m/rad], (n, n), or its diagonal, (n,), or one number for all joints of any arm.
+        B: Damping [N m s/rad], likewise.
 
     Raises:
-        InputError: One is no square matrix of finite numbers, or not of as many joints as the other, or its symmetric
-            part has an eigenvalue below 0: it would push the arm away from its path.
+        InputError: One is none of these, or not of as many joints as the other, or its symmetric part has an eigenvalue
+            below 0: it would push the arm away from its path.
     """
 
-    K: Matrix = ((29.5, 14.3), (14.3, 39.3))
-    B: Matrix = ((2.95, 1.43), (1.43, 3.93))
+    K: Matrix | float = ((29.5, 14.3), (14.3, 39.3))
+    B: Matrix | float = ((2.95, 1.43), (1.43, 3.93))
 
     kind: ClassVar[str] = "constant"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "K", _matrix("K", self.K))
-        object.__setattr__(self, "B", _matrix("B", self.B))
-        if len(self.K) != len(self.B):
+        object.__setattr__(self, "K", _gain("K", self.K))
+        object.__setattr__(self, "B", _gain("B", self.B))
+        if isinstance(self.K, tuple) and isinstance(self.B, tuple) and len(self.K) != len(self.B):
             raise InputError("B", self.B, f"{len(self.K)} rows, as many as K")
         _check_acts_against("K", self.K)
         _check_acts_against("B", self.B)
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K and B for tracking errors `e` [rad] and `de` [rad/s] of shape (..., n): each (..., n, n)."""
-        K, B = self._arrays
+        K, B = (x if x.ndim else x * np.eye(np.shape(e)[-1]) for x in self._arrays)
         if np.ndim(e) == 1:  # what a rollout asks for at every stage of every step
             return K, B
         shape = (*np.shape(e), np.shape(e)[-1])
@@ -76,17 +84,15 @@ class ConstantImpedance(NoArray, instead="its K or B"):
             array.flags.writeable = False
         return arrays
 
-    @staticmethod
-    def sizes(n: int) -> dict[str, int]:
+    def sizes(self, n: int) -> dict[str, int]:
         """Names and lengths of `parameters()` for an arm of n joints."""
-        return {"K": n * n, "B": n * n}
+        return {name: n * n if isinstance(x, tuple) else 1 for name, x in (("K", self.K), ("B", self.B))}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> ConstantImpedance:
         """The same law with other numbers, as `parameters` gives them; a fit may pass through any finite ones."""
-        n = len(self.K)
         law = object.__new__(ConstantImpedance)
         for name in ("K", "B"):
-            object.__setattr__(law, name, _matrix(name, np.reshape(numbers[name], (n, n))))
+            object.__setattr__(law, name, _gain(name, np.reshape(numbers[name], np.shape(getattr(self, name)))))
         return law
 
     def parameters(self) -> dict[str, np.ndarray]:
@@ -97,7 +103,8 @@ class ConstantImpedance(NoArray, instead="its K or B"):
     def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
         """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors."""
         n = e.numel()
-        K, B = (ca.reshape(p[name], n, n).T for name in ("K", "B"))  # parameters are row by row
+        gains = (p["K"], p["B"])
+        K, B = (x * ca.SX.eye(n) if x.numel() == 1 else ca.reshape(x, n, n).T for x in gains)  # row by row
         return K @ e + B @ de
 
 

@@ -31,8 +31,7 @@ class Law(Protocol):
         """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors: for the compiled rollout."""
         ...
 
-    @staticmethod
-    def sizes(n: int) -> dict[str, int]:
+    def sizes(self, n: int) -> dict[str, int]:
         """Names and lengths of `parameters()` for an arm of n joints."""
         ...
 

@@ -110,7 +110,7 @@ class SpaceOptions(SimulatedControllerOptions):
         return ConstantImpedance(K, _with_blocks(usual.B, d, self.damping, self.turn_damping))
 
 
-def _with_blocks(usual: Matrix, d: int, of_place: float | None, of_turn: float | None) -> Matrix:
+def _with_blocks(usual: Matrix | float, d: int, of_place: float | None, of_turn: float | None) -> Matrix:
     """Return gains, those of place or turns alike in all directions and on their own where they are given."""
     gains = np.array(usual)
     for block, others, given in ((slice(d), slice(d, None), of_place), (slice(d, None), slice(d), of_turn)):
