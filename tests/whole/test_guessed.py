@@ -6,7 +6,6 @@ reach; beside it stands what holds of its value, `it`.
 
 from __future__ import annotations
 
-import json
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -40,9 +39,7 @@ class Here(dict):
     made: dict[str, object] = {}  # noqa: RUF012
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(
-            wt=wt, np=np, json=json, weights=weights, model=MODEL, strike=STRIKE, target=TARGET, folder=folder
-        )
+        super().__init__(wt=wt, np=np, weights=weights, model=MODEL, strike=STRIKE, target=TARGET, folder=folder)
 
     def __missing__(self, name: str) -> object:
         if name == "objective":  # counts its trials: another one for each snippet
