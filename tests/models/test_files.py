@@ -16,6 +16,8 @@ from whiptool.models import (
 )
 from whiptool.models.files import model_from_table, model_to_table
 
+ROUND = {"length": 1.0, "youngs_modulus": 2e5, "diameter": 0.0127, "density": 700.0, "bending_damping": 2.6e-5}
+
 
 @given(models())
 @settings(max_examples=50, deadline=None, derandomize=True)
@@ -40,6 +42,13 @@ def test_mistakes_in_files_are_named(tmp_path):
         ({"arm": 3}, "arm: got 3; allowed: a table"),
         ({"whip": {"N": 4, "profile": {"length": -1}}}, r"whip\.profile\."),
         ({"whip": {"N": 4, "l": 1, "profile": {}}}, r"whip\.l"),
+        ({"whip": {"N": 4, "profile": {"length": 1, "density": 700}}}, r"whip\.profile\.youngs_modulus: got None"),
+        ({"whip": {"N": 4, "profile": ROUND | {"density": -1}}}, r"whip\.profile\.density"),
+        (
+            {"whip": {"N": 4, "profile": ROUND | {"linear_density": 1}}},
+            r"whip\.profile\.linear_density",
+        ),
+        ({"whip": {"N": 4, "clamp": 1.5, "profile": ROUND}}, r"whip\.clamp: got 1\.5; allowed: true or false"),
     ):
         with pytest.raises(InputError, match=name):
             model_from_table({**good, **change})
@@ -68,3 +77,16 @@ def test_a_profile_in_a_file_is_lumped(tmp_path):
     assert (whip.N, whip.length) == (6, pytest.approx(0.9))
     density = 0.2 * (0.3 - 1) / np.log(0.3) * 0.9  # integral of the geometric taper
     assert whip.mass == pytest.approx(density)
+
+
+def test_a_rope_by_its_material_is_that_of_the_presets():
+    """Whose stiffness is written with the radius, E pi r^4 / 4; clamped it bends at the hand by half a link's share."""
+    EI = 2e5 * np.pi * 0.00635**4 / 4
+    arm = model_to_table(preset("ur5e"))["arm"]
+    whip = {"N": 20, "joints": "rod", "profile": {**ROUND, "bending_damping": 0.1 * EI}}
+    rope = model_from_table({"whip": whip, "arm": arm}).whip
+    for name in ("l", "m", "k", "b"):
+        np.testing.assert_allclose(rope.per_node(name), preset("ur5e").whip.per_node(name), rtol=1e-12)
+    clamped = model_from_table({"whip": {**whip, "clamp": True}, "arm": arm}).whip
+    np.testing.assert_allclose(clamped.per_node("k"), EI * 20 * np.r_[2, np.ones(19)], rtol=1e-12)
+    assert model_from_table({"whip": {**whip, "clamp": False}, "arm": arm}).whip == rope

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from whiptool.dynamics.modes import hanging_modes
+from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
@@ -20,6 +21,7 @@ from whiptool.models.presets import preset
 from whiptool.models.profile import WhipProfile
 from whiptool.models.strike import default_bounds
 from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.trajectory import joint_points
 
 LEMON = preset("lemon2024")
 # Table 2 as a continuum: rho l = m, EI / l = k, eta / l = b
@@ -275,3 +277,26 @@ def test_hats_beat_naive_lumping(profile: WhipProfile):
     assert median(hats[24], hats[36]) < median(hats[12], hats[36]) / 3
     assert median(hats[12], hats[36]) < median(plain[12], plain[36]) / 3
     assert median(plain[36], hats[36]) < median(plain[12], hats[36])  # naive lumping tends to the same whip
+
+
+def test_a_round_whip_has_the_mass_and_stiffness_of_its_section():
+    """By integrals over the section: of area, and of the square of the distance from the axis it bends about."""
+    d = 0.0127
+    profile = WhipProfile.round(youngs_modulus=2e5, diameter=d, density=700.0, length=1.0, bending_damping=2.6e-5)
+    area = quad(lambda y: 2 * np.sqrt(d**2 / 4 - y**2), -d / 2, d / 2, epsabs=0)[0]
+    second = quad(lambda y: 2 * y**2 * np.sqrt(d**2 / 4 - y**2), -d / 2, d / 2, epsabs=0)[0]
+    assert profile.linear_density == pytest.approx(700 * area, rel=1e-9)
+    assert profile.bending_stiffness == pytest.approx(2e5 * second, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["lemon2024", "nah2023"])
+def test_a_clamped_whip_sags_as_a_cantilever_does(name):
+    """Under its own weight, rho g L^4 / (8 EI); a free hinge would let it hang."""
+    arm = preset(name).arm
+    stiff = WhipProfile(length=0.8, linear_density=0.1, bending_stiffness=5.0, bending_damping=0.01)
+    whip = stiff.lump(20, joints="hinge" if name == "lemon2024" else "rod", clamped=True)
+    model = Model(whip, arm)
+    level = np.r_[np.pi / 2, np.zeros(arm.n - 1)]  # the arm stretched forward
+    points = joint_points(model, start_posture(model, level[None]))[0, -21:]
+    sag = points[0, -1] - points[-1, -1]
+    assert sag == pytest.approx(0.1 * 9.81 * 0.8**4 / (8 * 5.0), rel=0.01)

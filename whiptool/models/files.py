@@ -20,6 +20,9 @@ from whiptool.models.tables import build_from, read_toml
 from whiptool.models.whip import ABSENT, WhipParameters
 from whiptool.whole_files import write_whole
 
+_BESIDE_PROFILE = {"joints": "joints", "node_inertia": "node_inertia", "clamp": "clamped"}  # keys, and arguments
+ROUND = ("youngs_modulus", "diameter", "density")  # of a round whip, which give its mass and stiffness
+
 
 def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     """A model from nested mappings, as TOML gives them; `whip.profile` and `whip.N` describe a profile to lump.
@@ -37,12 +40,14 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     whip = table.get("whip", {})
     if isinstance(whip, Mapping) and "profile" in whip:
         for key in whip:
-            if key not in ("profile", "N", "joints", "node_inertia"):
-                raise InputError(f"whip.{key}", whip[key], "only profile and N, where a profile is given")
-        profile = build_from(WhipProfile, whip["profile"], "whip.profile.")
+            if key not in ("profile", "N", *_BESIDE_PROFILE):
+                rule = f"where a profile is given, only profile, N, {', '.join(_BESIDE_PROFILE)}"
+                raise InputError(f"whip.{key}", whip[key], rule)
+        profile = _profile(whip["profile"])
         try:
-            joints = {key: whip[key] for key in ("joints", "node_inertia") if key in whip}
-            table["whip"] = profile.lump(whip.get("N"), **joints)
+            expect(bool, clamp=whip.get("clamp", False))
+            beside = {name: whip[key] for key, name in _BESIDE_PROFILE.items() if key in whip}
+            table["whip"] = profile.lump(whip.get("N"), **beside)
         except InputError as error:
             raise error.within("whip.") from None
     elif "whip" in table:
@@ -50,6 +55,30 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     if "arm" in table:
         table["arm"] = arm_from_table(table["arm"], folder)
     return build_from(Model, table, "")
+
+
+def _profile(table: object) -> WhipProfile:
+    """A profile from a table, which may give a round whip's material and diameter.
+
+    Raises:
+        InputError: A key is unknown or missing, or a value breaks its rule; the key is named.
+    """
+    place = "whip.profile."
+    if not (isinstance(table, Mapping) and set(ROUND) & set(table)):
+        return build_from(WhipProfile, table, place)
+    for key in ROUND:
+        if key not in table:
+            raise InputError(place + key, None, f"a value; a round whip has all of {', '.join(ROUND)}")
+    for key in ("linear_density", "bending_stiffness"):
+        if key in table:
+            raise InputError(place + key, table[key], f"nothing beside {', '.join(ROUND)}, which it follows from")
+    material = {key: table[key] for key in ROUND}
+    try:
+        section = WhipProfile.round(**material, length=1.0, bending_damping=0.0)
+    except InputError as error:
+        raise error.within(place) from None
+    ready = {"linear_density": section.linear_density, "bending_stiffness": section.bending_stiffness}
+    return build_from(WhipProfile, {key: x for key, x in table.items() if key not in ROUND}, place, **ready)
 
 
 def model_to_table(model: Model) -> dict:

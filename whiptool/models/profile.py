@@ -76,6 +76,25 @@ class WhipProfile(NoArray, instead="its numbers"):
         for name in _WAVES:
             object.__setattr__(self, name, numbers(name, getattr(self, name), WAVES))
 
+    @classmethod
+    def round(cls, *, youngs_modulus: float, diameter: float, density: float, **others: Any) -> WhipProfile:
+        """Return the profile of a round whip of one material.
+
+        Args:
+            youngs_modulus: E [Pa]; of a rope far below that of its fibres.
+            diameter: At the handle [m].
+            density: Mass per volume [kg/m^3].
+            others: The further arguments of a profile: length, bending_damping, tapers, ...
+
+        Raises:
+            InputError: A value is not finite or out of range.
+        """
+        E = number("youngs_modulus", youngs_modulus, low=0, strict=True)
+        d = number("diameter", diameter, low=0, strict=True)
+        rho = number("density", density, low=0, strict=True)
+        EI, linear_density = E * math.pi * d**4 / 64, rho * math.pi * d**2 / 4
+        return cls(linear_density=linear_density, bending_stiffness=EI, **others)
+
     @property
     def numbers(self) -> dict[str, float]:
         """Every number by its name: those of the waves are `density_waves[0]` and so on."""
@@ -109,13 +128,17 @@ class WhipProfile(NoArray, instead="its numbers"):
             raise InputError("quantity", quantity, ", ".join(_GRADED))
         return graded(self.numbers, quantity, array_of("place", place, "finite numbers"))
 
-    def lump(self, N: int, *, joints: Joints = "hinge", node_inertia: float = 0.0) -> WhipParameters:
+    def lump(
+        self, N: int, *, joints: Joints = "hinge", node_inertia: float = 0.0, clamped: bool = False
+    ) -> WhipParameters:
         """The whip as N nodes, its mass, drag and compliance shared out by hat functions.
 
         Args:
             N: Nodes.
             joints: Their joints, see `WhipParameters`.
             node_inertia: Moment of inertia of each node [kg m^2].
+            clamped: The whip is clamped in the hand, as a rod, a racket or a handle is, and bends there as it does
+                further on; otherwise joint 1 is a free hinge.
 
         Raises:
             InputError: A number is out of range, or a whip in space is to be curved at rest.
@@ -123,12 +146,12 @@ class WhipProfile(NoArray, instead="its numbers"):
         A hat is 1 at its node and falls to 0 at the neighbours, so total mass and static moment are kept. The half
         hat at the handle is the whip's `hinge_mass`. Joint j bends by what its hat sees of the curvature,
         `theta_j = int hat_j kappa ds`; with `M = EI kappa + eta dkappa/dt`, slow bending gives
-        `1/k_j = int hat_j / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free.
+        `1/k_j = int hat_j / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free unless it is clamped.
         """
         N = whole("N", N)
         if self.rest_curvature and joints != "hinge":
             raise InputError("rest_curvature", self.rest_curvature, "0 in space, where a bend has a direction, too")
-        blocks = lump(self.numbers, N)
+        blocks = lump(self.numbers, N, clamped=clamped)
         per_node = {name: tuple(column[:, 0].tolist()) for name, column in blocks.items()}
         return WhipParameters(
             N=N,
