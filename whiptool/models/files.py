@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from os import PathLike, fspath
 from pathlib import Path
+from typing import Any
 
 import tomli_w
 
@@ -47,7 +48,8 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
         try:
             expect(bool, clamp=whip.get("clamp", False))
             beside = {name: whip[key] for key, name in _BESIDE_PROFILE.items() if key in whip}
-            table["whip"] = profile.lump(whip.get("N"), **beside)
+            nodes: Any = whip.get("N")  # `lump` refuses what is no whole number
+            table["whip"] = profile.lump(nodes, **beside)
         except InputError as error:
             raise error.within("whip.") from None
     elif "whip" in table:
