@@ -233,6 +233,25 @@ def parse_resumable(
     return again
 
 
+def parse_after_run(
+    options: type[T], *, command: str, description: str, args: Sequence[str] | None, of_run: Callable[[Path], T]
+) -> T:
+    """As `parse`, for a command that takes a run folder `RUN`, whose options hold unless they are given anew.
+
+    Args:
+        options: Their class, with a positional field `run`.
+        command, description, args: As in `parse_resumable`.
+        of_run: Gives the options of a run.
+
+    Raises:
+        InputError: Also of `of_run`.
+    """
+    prog = f"whiptool {command}"
+    parsed: Any = _parsed(options, prog=prog, description=description, args=args)
+    default = None if parsed.run is None else of_run(parsed.run)
+    return parse(options, prog=prog, description=description, args=args, default=default)
+
+
 def options_of_run(options: type[T], run_folder: Path, *, command: str) -> T:
     """Return the options that a command left in its run folder.
 

@@ -7,9 +7,10 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+import tyro
 
 from whiptool.commands import cli
 from whiptool.commands.pictures import StrikePictures
@@ -27,6 +28,8 @@ from whiptool.options import (
 )
 from whiptool.whole_files import write_whole
 
+PLAYED = ("optimize", "simulate")  # commands whose runs hold a strike
+
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions(
@@ -40,14 +43,12 @@ class SimulateOptions(
 ):
     """Play one strike and save its trajectory, figures and video."""
 
-    of_this_call: ClassVar[tuple[str, ...]] = ("trajectory", "export", "video")
-    first: ClassVar[tuple[str, ...]] = (
-        "strike",
-        "export",
-        "video",
-    )
+    of_this_call: ClassVar[tuple[str, ...]] = ("run", "trajectory", "export", "video")
+    first: ClassVar[tuple[str, ...]] = ("run", "strike", "export", "video")
     in_space: ClassVar[bool] = True
 
+    run: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="[RUN]")]] = None
+    """Run folder of optimize or simulate, whose strike is played again, with its options unless they are given anew."""
     strike: tuple[float, ...] | None = None
     """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space x_i y_i x_f y_f [m]
     and D, in space x_i y_i z_i x_f y_f z_f."""
@@ -73,13 +74,17 @@ class SimulateOptions(
             not_used = {f.name for of in (LimitOptions, SimulatorOptions, SpaceOptions) for f in fields(of)}
             refuse_idle(self, dict.fromkeys(sorted(not_used | {"t_stay"}), "nothing beside --trajectory"))
         elif self.export is None:
-            raise InputError("--strike", NOTHING, "numbers q_si q_ei q_sf q_ef D, --trajectory or --export FILE.xml")
+            rule = "numbers q_si q_ei q_sf q_ef D, the folder of a run, --trajectory or --export FILE.xml"
+            raise InputError("--strike", NOTHING, rule)
         else:
-            used = ("model", "arm", "arm_tip", "base", "target", "export")
+            used = {f.name for f in fields(ModelOptions)} | {"target", "export"}
             refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
 
 
-_EXAMPLE = "Play one strike. Example: python -m whiptool.simulate --strike -1.2 0.9 1.2 0.3 0.7"
+_EXAMPLE = (
+    "Play one strike. Example: python -m whiptool.simulate --strike -1.2 0.9 1.2 0.3 0.7; "
+    "python -m whiptool.simulate runs/directl-20260102-030405"
+)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -88,16 +93,65 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse(SimulateOptions, prog="whiptool simulate", description=_EXAMPLE, args=args)
+    options = cli.parse_after_run(
+        SimulateOptions, command="simulate", description=_EXAMPLE, args=args, of_run=strike_of
+    )
     with cli.options_named(options):
         cli.check_out(options)
         model = options.build_model()
+        if options.run is not None:
+            _check_same(options, model)
         strike = None if options.strike is None else _strike(options, model)
         if options.export is not None:
             _export(options, model)
         if strike is not None:
             return _play(options, model, strike)
         return 0 if options.trajectory is None else _follow(options, model)
+
+
+def strike_of(run_folder: Path) -> SimulateOptions:
+    """Return the options that play the best strike of a run again.
+
+    Raises:
+        InputError: It is no run of optimize or simulate, or it has no strike.
+    """
+    from whiptool.given_files import read_json
+    from whiptool.runs import RESULT, read_config
+
+    config = read_config(run_folder)
+    command, kept = config.get("command"), config.get("options")
+    if command not in PLAYED or not isinstance(kept, dict):
+        rule = f"a run of {' or '.join(PLAYED)}"
+        raise InputError("RUN", str(run_folder), rule, f"it is of `whiptool {command}`" if command else "")
+    result = read_json(run_folder / RESULT) if (run_folder / RESULT).is_file() else {}
+    strike = result.get("strike")
+    if not isinstance(strike, dict):
+        fix = f"go on with `whiptool {command} --resume {run_folder}`" if command == "optimize" else ""
+        raise InputError("RUN", str(run_folder), "a run that ended with a strike", fix)
+    passing = SimulateOptions.named("of_this_call")
+    mine = {f.name for f in fields(SimulateOptions) if f.name not in passing}
+    table = {name: value for name, value in kept.items() if name in mine}
+    return cli.stored_options(SimulateOptions, {**table, "strike": list(strike.values())}, run_folder)
+
+
+def _check_same(options: SimulateOptions, model) -> None:
+    """Refuse a model or controller that is other than in the run, though its options are the run's.
+
+    Raises:
+        InputError: A file that they name, or what a preset says, has changed since.
+    """
+    from whiptool.impedance.files import controller_to_table
+    from whiptool.models.files import model_to_table
+    from whiptool.runs import read_config
+
+    assert options.run is not None
+    begun, config = strike_of(options.run), read_config(options.run)
+    now = {"model": model_to_table(model), "controller": controller_to_table(options.build_controller())}
+    for part, group in (("model", ModelOptions), ("controller", SpaceOptions)):
+        as_begun = all(getattr(options, f.name) == getattr(begun, f.name) for f in fields(group))
+        if as_begun and config.get(part) != now[part]:
+            fix = f"the {part} is not what it was when the run was made: give --{part}"
+            raise InputError("RUN", str(options.run), f"a run of the same {part}", fix)
 
 
 def _strike(options: SimulateOptions, model):
