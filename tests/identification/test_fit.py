@@ -52,6 +52,22 @@ def test_what_another_controller_struck_is_refused_at_once():
             fit(fitted, PLANT, ["k"], held_out=held_out)
 
 
+def test_a_recording_in_space_is_taken_into_the_plane_or_its_axes_are_named():
+    """z up was read as y up: the fit was withdrawn after minutes, and nobody was told why."""
+    flat = film(LEMON, STRIKES[0], np.random.default_rng(0))
+    across = np.full_like(flat.points[..., :1], 0.3)
+    y_up = dataclasses.replace(flat, points=np.concatenate([flat.points, across], axis=2), source="cage.csv")
+    z_up = dataclasses.replace(y_up, points=y_up.points[..., [0, 2, 1]])
+    with pytest.raises(InputError, match=r"90 deg from the vertical.* does y point up"):
+        fit(z_up, PLANT, ["k"])
+    with pytest.raises(InputError, match="does y point up"):
+        fit(flat, PLANT, ["k"], held_out=[z_up])
+    options = Options(max_iterations=2)
+    turned = fit(dataclasses.replace(z_up, up="z"), PLANT, ["k"], options=options)  # its file says what points up
+    for one in (turned, fit(y_up, PLANT, ["k"], options=options)):
+        assert one["k"].value == pytest.approx(fit(flat, PLANT, ["k"], options=options)["k"].value, rel=1e-6)
+
+
 def test_readings_of_a_path():
     """Between samples, before the start, and averaged over an exposure: against the path's own formula."""
     grid, at = np.arange(0, 1.001, 1e-3), np.array([-0.02, 0.1234, 0.777])

@@ -120,7 +120,7 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
 
 _STRIKE = (
     "Run a strike on a rig and leave its recording. "
-    "Example: python -m whiptool.rig strike --strike -0.622 0.221 0.705 2.122 1.176 --target 1.2 0.1 --port twin"
+    "Example: python -m whiptool.rig strike --strike -1.57 0 0.857 2.334 1.5 --target 1.2 0.1 --port twin"
 )
 _LEARN = "Search for a hit on the rig itself. Example: python -m whiptool.rig learn --port twin --camera points"
 

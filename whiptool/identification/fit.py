@@ -22,6 +22,7 @@ from whiptool.identification.time_base import DOUBT, ClockFault
 from whiptool.identification.variables import variables_of
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
+from whiptool.recording.strike_plane import check_one_plane, fit_plane
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
 
@@ -65,6 +66,7 @@ def fit(
         plant = Plant(plant, common_controller([x for x in recordings if isinstance(x, StrikeRecording)]))
     elif not hasattr(plant, "values"):
         raise InputError("plant", type(plant).__name__, "a Plant or a Model")
+    recordings, held_out = _in_strike_plane(plant, recordings, held_out)
     known = {**plant.values(), **NEUTRAL}
     free = [full_name(name, plant) for name in free]
     if options.check and options.drive == "command" and isinstance(plant, Plant) and plant.controller is not None:
@@ -112,6 +114,27 @@ def fit(
         clock_fault=clock_fault,
         remarks=tuple(remarks),
     )
+
+
+def _in_strike_plane(
+    plant: Identifiable, recordings: Sequence[Recording], held_out: Sequence[Recording]
+) -> tuple[Sequence[Recording], Sequence[Recording]]:
+    """Return recordings in space projected on the one plane that they lie in, for a model in the plane.
+
+    Raises:
+        InputError: They lie in no such plane, as where another axis than y points up.
+    """
+    if not isinstance(plant, Plant) or plant.model.dimension == 3:
+        return recordings, held_out
+    every = [*recordings, *held_out]
+    spatial = [r for r in every if isinstance(r, StrikeRecording) and r.view is None and r.points.shape[2] == 3]
+    upright = {id(r): r.for_model(plant.model) for r in spatial}
+    plane = fit_plane(list(upright.values()))
+    if plane is None:
+        return recordings, held_out
+    check_one_plane(list(upright.values()), plane)
+    flat = [plane.project(upright[id(r)]) if id(r) in upright else r for r in every]
+    return flat[: len(recordings)], flat[len(recordings) :]
 
 
 def _refined(problem: Problem, solution: Solution) -> Solution:
