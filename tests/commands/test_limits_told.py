@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 
 from whiptool.commands import optimize, simulate
-from whiptool.commands.limits_told import limits_table, with_cure
+from whiptool.commands.limits_told import limits_table, refuse_unheld, with_cure
+from whiptool.impedance import Controller
 from whiptool.limits import AllLimits
 from whiptool.models import JointLimits, Strike, preset
 from whiptool.models.arm_limits import ArmLimits
+from whiptool.models.files import write_model
 from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models.motor_limits import XM430
+from whiptool.models.strike import StrikeBounds
 from whiptool.rollout.trajectory import Trajectory
 
 STRIKE = ["--strike", "-1.2", "0.9", "1.2", "0.3", "0.7"]
@@ -109,3 +113,25 @@ def test_shapes_that_are_taken_to_touch_are_told_with_their_cure():
     assert with_cure(words) == f"{words}; if they never meet: arm.never_touch in a model file, or --ignore-collisions"
     for others in (None, "at 0.1 s the torque of j1 is +9.00; its limit is 5.00"):
         assert with_cure(others) == others
+
+
+def test_limits_within_which_no_start_can_be_held_are_refused_at_once(capsys):
+    """Held level, a point mass m at the tip of two links asks the shoulder for (m (l1 + l2) + ...) g."""
+    heavy = preset("lemon2024").with_parameters({"whip.m": 0.1})
+    write_model(heavy, Path("heavy.toml"))
+    level = ["--lower", "1.4", "-0.1", "0.2", "0.1", "0.5", "--upper", "1.7", "0.1", "1.5", "1.0", "1.0"]
+    words = ["--model", "heavy.toml", "--limits", "xm430", *level, "--no-video", "--out", "held"]
+    assert optimize.main(words) == 2
+    assert not Path("held").exists()
+    said = capsys.readouterr().err
+    arm, weight = heavy.arm, 9.81
+    moments = [arm.per_link(name) for name in ("mass", "com", "length")]
+    (m1, m2), (c1, c2), (l1, l2) = (x.tolist() for x in moments)
+    level_torque = weight * (m1 * c1 + m2 * (l1 + c2) + heavy.whip.mass * (l1 + l2))
+    asked = float(said.split("shoulder ")[1].split(" N m")[0])
+    assert 4.1 < 0.93 * level_torque < asked < level_torque
+    assert "start postures: got 'none that can be held: " in said
+    down = ["--lower", "-0.1", "-0.1", "0.2", "0.1", "0.5", "--upper", "1.7", "0.1", "1.5", "1.0", "1.0"]
+    limits = AllLimits(XM430)
+    bounds = StrikeBounds(*(tuple(map(float, x)) for x in (down[1:6], down[7:])))
+    refuse_unheld(heavy, Controller(), limits, bounds)  # hanging, it needs no torque

@@ -90,6 +90,16 @@ def test_motors_keep_a_margin():
     )
 
 
+@pytest.mark.parametrize(("end", "instant"), [("start", 0), ("end", -1)])
+def test_a_posture_that_the_motors_cannot_hold_is_named(end, instant):
+    """No longer D helps where gravity alone asks for too much."""
+    assert verdict(path(tau=(instant, 1, 1.89))) is None
+    told = verdict(path(tau=(instant, 1, 1.95)), usage=0.975)
+    assert told is not None
+    assert f"cannot hold the {end} posture, which takes" in told
+    assert f"{MODEL.arm.joints[1]} 1.95 N m; {end} elsewhere" in told
+
+
 def test_an_unstable_loop_is_refused_before_anything_else():
     assert verdict(path(), chatter=CHATTER) is None
     for bad in (

@@ -6,9 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from whiptool.errors import InputError
+
 if TYPE_CHECKING:
+    from whiptool.impedance import Controller
     from whiptool.limits import AllLimits
-    from whiptool.models import Strike
+    from whiptool.models import Model, Strike
+    from whiptool.models.strike import StrikeBounds
     from whiptool.rollout.trajectory import Trajectory
 
 
@@ -44,6 +48,48 @@ def limit_lines(limits: AllLimits, table: dict) -> list[str]:
         elif table.get(each.judges) is not None:
             lines.append(f"  {each.judges:14s} {1e3 * table[each.judges]:.0f} mm at least; {each.words}")
     return lines + ([f"  beyond         {with_cure(table['beyond'])}"] if table.get("beyond") else [])
+
+
+_POSTURES = 2000  # that are tried, beside the straight arm
+_SURELY = 0.02  # beyond the limits, in parts of them: a posture between those tried may ask for a little less
+
+
+def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bounds: StrikeBounds) -> None:
+    """Refuse a box of strikes of which the arm can hold no start within the limits: each of them would be refused.
+
+    Raises:
+        InputError: Gravity alone asks for more than the motors or joints give, wherever in the box a strike starts.
+    """
+    import numpy as np
+
+    from whiptool.impedance.arm import Arm
+    from whiptool.rollout.trajectory import Approach
+
+    a, arm = model.arm.n, Arm(model)
+    if not limits or controller.prescribed or controller.hand is not None or model.arm.weightless:
+        return
+    low, high = (x[:a] for x in bounds.box)
+    q = np.vstack([np.random.default_rng(0).uniform(low, high, (_POSTURES, a)), np.clip(np.zeros(a), low, high)])
+    tau = np.abs(controller.clipped(np.array([arm.gravity_compensation(x, controller.compensated) for x in q])))
+    still, nowhere = np.zeros_like(tau), np.zeros((len(q), model.dimension))
+    at_rest = Approach(
+        distance=still[:, 0],
+        time=still[:, 0],
+        velocity=nowhere,
+        tip=nowhere,
+        max_joint_speed=still,
+        max_torque=tau,
+        diverged=np.zeros(len(q), bool),
+        positions=np.stack([q, q], axis=1),
+    )
+    beyond = np.max([each.violation_of_peaks(at_rest) for each in limits.members], axis=0)
+    least = int(beyond.argmin())
+    if beyond[least] <= _SURELY:
+        return
+    torques = ", ".join(f"{joint} {x:.2f} N m" for joint, x in zip(model.arm.joints, tau[least], strict=True))
+    rule = " and ".join(each.words for each in limits.members)
+    fix = "start elsewhere (--lower, --upper), or take a lighter whip or arm, or stronger motors"
+    raise InputError("start postures", f"none that can be held: the easiest takes {torques}", f"within {rule}", fix)
 
 
 def with_cure(words: str | None) -> str | None:

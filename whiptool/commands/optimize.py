@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from tyro.conf import arg
 
 from whiptool.commands import cli
-from whiptool.commands.limits_told import limit_lines, limits_table, with_cure
+from whiptool.commands.limits_told import limit_lines, limits_table, refuse_unheld, with_cure
 from whiptool.commands.pictures import StrikePictures
 from whiptool.errors import InputError
 from whiptool.options import (
@@ -145,6 +145,7 @@ class _Run:
             limits=self.given,
             criteria=options.build_criteria(bounds),
         )
+        refuse_unheld(self.model, self.controller, self.objective.limits, self.objective.bounds)
         self.version = code_version()
         box = {name: list(values) for name, values in asdict(bounds).items()}
         config = cli.configuration(options, "optimize", self.model, self.controller, bounds=box)

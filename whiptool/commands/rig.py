@@ -310,11 +310,15 @@ def _learn(words: list[str]) -> int:
 
 def _learn_strikes(options: LearnOptions) -> int:
     """Search on the rig, and say what came of it."""
+    from whiptool.commands.limits_told import refuse_unheld
+    from whiptool.limits import AllLimits
+    from whiptool.models.motor_limits import XM430
     from whiptool.rig.stops import Interlock
 
     model, controller = options.build_model(), options.build_controller()
     bounds = options.build_bounds(model)
     options.build_target().check_reach(model)
+    refuse_unheld(model, controller, AllLimits(XM430.keeping_free(loop_options(options).margin)), bounds)
     interlock = Interlock()
     tell_when_interrupted(lambda: interlock.torque)
     rig = _make_rig(options, model, controller, interlock)

@@ -24,6 +24,7 @@ from whiptool.rollout.trajectory import Trajectory, complete_trajectory
 
 # A torque that alternates every period has 4, a smooth one nearly 0; quantised velocities alone make up to about 0.3
 CHATTER = 0.6
+STILL = 0.1  # [rad/s], below which an arm holds a posture
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,12 @@ def _verdict(
     a, cure = arm.n, "cap K and B, raise the rate, or take a slower strike"
     if path.diverged or chatter > CHATTER:
         return f"the controller is unstable at {options.rate:g} Hz (its torque alternates from cycle to cycle); {cure}"
+    for end, i in (("start", 0), ("end", -1)):
+        v, tau = path.v[i, :a], path.tau[i]
+        if np.abs(v).max() < STILL and limits.usage(v, tau).max() > 1.0 - options.margin:
+            asked = ", ".join(f"{joint} {abs(x):.2f} N m" for joint, x in zip(arm.joints, tau, strict=True))
+            cure = f"{end} elsewhere, or take a lighter whip or arm"
+            return f"the {limits.name} cannot hold the {end} posture, which takes {asked}; {cure}"
     if usage > 1.0 - options.margin:
         kept, worst = f"{options.margin:.0%} kept free", limits.explain(path, arm.joints)
         return f"it asks more than the motors give, with {kept}: {worst}; lengthen D or shorten the movement"
