@@ -39,7 +39,9 @@ class Here(dict):
     made: dict[str, object] = {}  # noqa: RUF012
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(wt=wt, np=np, weights=weights, model=MODEL, strike=STRIKE, target=TARGET, folder=folder)
+        super().__init__(
+            wt=wt, np=np, near=pytest.approx, weights=weights, model=MODEL, strike=STRIKE, target=TARGET, folder=folder
+        )
 
     def __missing__(self, name: str) -> object:
         if name == "objective":  # counts its trials: another one for each snippet
@@ -67,6 +69,36 @@ DATA = [
     ("np.asarray(strike)", "it.tolist() == list(strike)"),
     ("wt.presets()", "'lemon2024' in it and all(wt.load_model(name).name == name for name in it)"),
     ("wt.load_model('lemon2024')", "it == wt.preset('lemon2024')"),
+]
+MODELS = [
+    (
+        "model.with_whip(length=1.0)",
+        "it.whip.length == near(1) and it.whip.mass == near(0.012 / 0.072)",
+    ),
+    ("model.with_whip(nodes=24)", "it.whip.k == near(2 * 0.242) and it.whip.mass == near(0.144)"),
+    (
+        "model.with_whip(length=1.2, nodes=20, taper=0.5)",
+        "it.whip.N == 20 and it.whip.mass == near(0.2 * 0.75 / np.log(4))"  # the integral of 4^-s
+        " and it.whip.k[2] / it.whip.k[1] == near(0.5 ** (4 / 20))",
+    ),
+    (
+        "model.with_whip(taper=0.5).with_whip(nodes=20)",
+        "np.allclose(it.whip.m, model.with_whip(nodes=20, taper=0.5).whip.m)",
+    ),
+    (
+        "wt.load_model('ur5e').with_whip(length=0.8, nodes=10)",
+        "it.whip.joints == 'rod' and it.whip.length == near(0.8)",
+    ),
+    ("model.arm.lengths", "it.tolist() == [0.31, 0.34]"),
+    (
+        "model.with_arm(lengths=[0.3, 0.4])",
+        "it.arm.lengths == near([0.3, 0.4]) and it.arm.links[1].com == near(0.2)",
+    ),
+    (
+        "wt.load_model('nah2023').with_arm(lengths=[0, 0, 0.588, 0.291])",
+        "it.arm.lengths == near([0, 0, 0.588, 0.291]) and it.arm.links[2].com[2] == near(-0.258)"
+        " and it.arm.links[3].com == wt.load_model('nah2023').arm.links[3].com",
+    ),
 ]
 SEARCHES = [
     ("wt.search(rollout, target)", "it.hit and it.method == 'directl' and it.outcome.miss_distance < 0.06"),
@@ -120,7 +152,7 @@ LEARNING = [
 ]
 
 
-@pytest.mark.parametrize(("snippet", "holds"), [*DATA, *SEARCHES, *PATHS, *FIGURES, *LAWS, *LEARNING])
+@pytest.mark.parametrize(("snippet", "holds"), [*DATA, *MODELS, *SEARCHES, *PATHS, *FIGURES, *LAWS, *LEARNING])
 def test_what_is_guessed_works(snippet, holds, tmp_path):
     here = Here(tmp_path)
     here["it"] = eval(snippet, here)
@@ -163,6 +195,9 @@ def test_a_function_stays_one_when_the_command_of_its_name_is_imported():
         ("wt.Target(1.0)", "target: got (1.0,); allowed: two finite coordinates x y in m, or three in space"),
         ("wt.search(objective, 'cma')", "method: got 'cma'; allowed: directl, gradient, cmaes"),
         ("wt.search(objective, max_trials=3)", "search: got 'max_trials'; allowed: nothing but method, seed and first"),
+        ("model.with_whip(nodes=0)", "nodes: got 0; allowed: a whole number from 1 to 200"),
+        ("model.with_arm(lengths=[1])", "lengths: got [1]; allowed: 2 finite numbers"),
+        ("wt.load_model('ur5e').with_arm(lengths=range(6))", "lengths: got "),
         ("wt.search(model, target)", "objective: got Model; allowed: Objective or Rollout"),
     ],
 )

@@ -17,7 +17,7 @@ from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_from_table, controller_to_table
 from whiptool.models.parameters import Model, number
-from whiptool.models.profile import WhipProfile, lumped_from
+from whiptool.models.profile import WhipProfile, even_profile, lumped_from
 from whiptool.models.tables import read_toml
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
@@ -96,20 +96,7 @@ def profile_of(model: Model, name: str) -> WhipProfile:
             return WhipProfile(**profile)
     if (lumped := lumped_from(model.whip)) is not None:
         return lumped
-    whip: dict[str, float] = {}
-    for key in ("l", "m", "k", "b", "rest_angle", "drag"):
-        value = getattr(model.whip, key)
-        if isinstance(value, tuple):
-            raise InputError(f"whip.{key}", "a value per node", "one number for all", "or a [whip.profile]")
-        whip[key] = value
-    return WhipProfile(
-        length=model.whip.length,
-        linear_density=whip["m"] / whip["l"],
-        bending_stiffness=whip["k"] * whip["l"],
-        bending_damping=whip["b"] * whip["l"],
-        rest_curvature=whip["rest_angle"] / whip["l"],
-        drag=whip["drag"] / whip["l"],
-    )
+    return even_profile(model.whip)
 
 
 def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior | None:

@@ -12,6 +12,7 @@ from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import number, numbers, whole
 from whiptool.models.planar_arm import ArmLink, ArmParameters
+from whiptool.models.resized import resized
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.whip import ABSENT, PerNode, WhipParameters
 
@@ -117,6 +118,33 @@ class Model(NoArray, instead="its parameters()"):
             arm=self.arm.with_parameters(arm),
             gravity=gravity,
         )
+
+    def with_whip(self, *, length: float | None = None, nodes: int | None = None, taper: float | None = None) -> Model:
+        """Return a copy whose whip is of the same material, with another length, number of nodes or taper.
+
+        Args:
+            length: Of the stretched whip [m].
+            nodes: Their number.
+            taper: Thickness of the tip over that of the handle; see `whiptool.models.resized.resized`.
+
+        Raises:
+            InputError: A number is out of range, or the whip differs from node to node as no profile does.
+        """
+        return dataclasses.replace(self, whip=resized(self.whip, length=length, nodes=nodes, taper=taper))
+
+    def with_arm(self, *, lengths: Sequence[float]) -> Model:
+        """Return a copy whose arm has links of other lengths.
+
+        Each keeps its mass; its centre of mass and its inertia follow the length, as those of a stretched body.
+
+        Args:
+            lengths: From each joint to the next, and from the last to the hand [m], as `arm.lengths` has them.
+
+        Raises:
+            InputError: There are not as many as links, a number is out of range, or the arm's collision shapes, which
+                would no longer fit, are known.
+        """
+        return dataclasses.replace(self, arm=self.arm.with_lengths(lengths))
 
 
 def _change(changes: dict[str, float | list[float]], name: str, value: float, whip: WhipParameters) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.joint_names import checked_joints, subscripts
-from whiptool.models.numbers import number
+from whiptool.models.numbers import number, numbers
 
 
 @dataclass(frozen=True)
@@ -100,9 +100,23 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
         return np.array([getattr(link, name) for link in self.links], float)  # (n,)
 
     @property
+    def lengths(self) -> np.ndarray:
+        """Length of every link [m], (n,)."""
+        return self.per_link("length")
+
+    @property
     def length(self) -> float:
         """Length of the stretched arm [m]."""
-        return float(self.per_link("length").sum())
+        return float(self.lengths.sum())
+
+    def with_lengths(self, lengths: Sequence[float]) -> ArmParameters:
+        """Return a copy with links of other lengths (n,) [m]; see `Model.with_arm`."""
+        changes: dict[str, float] = {}
+        for i, x in enumerate(numbers("lengths", lengths, self.n)):
+            growth = number(f"lengths[{i}]", x, low=0, strict=True) / self.lengths[i]
+            com, inertia = (self.per_link(name)[i] for name in ("com", "inertia"))
+            changes |= {f"length[{i}]": x, f"com[{i}]": growth * com, f"inertia[{i}]": growth**2 * inertia}
+        return self.with_parameters(changes)
 
     def parameters(self) -> dict[str, float]:
         """Every number under its name: `mass[0]`, `length[0]`, ..."""

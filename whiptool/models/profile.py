@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -168,19 +168,57 @@ class WhipProfile(NoArray, instead="its numbers"):
 
 
 def lumped_from(whip: WhipParameters) -> WhipProfile | None:
-    """Return the uniform profile, without drag and straight, that a whip is lumped from; None if from no such one."""
-    if whip.N < 3 or whip.per_node("drag").any() or whip.rest_angles.any():
+    """Return the profile, without bead and waves, that a whip is lumped from; None if from no such one.
+
+    Where hats are whole, neighbours of a geometric taper differ by a factor, which is the taper's N-th root.
+    """
+    k, b, m, drag = (whip.per_node(name) for name in ("k", "b", "m", "drag"))
+    if whip.N < 3 or not k[1:].all() or whip.per_node("rest_angle_x").any():
         return None
-    l, middle = whip.length / whip.N, 1  # the first joint between two whole links
-    k, b = (float(whip.per_node(name)[middle]) for name in ("k", "b"))
-    if not k > 0:
+    l = whip.length / whip.N
+    factors = (m[1] / m[0], k[2] / k[1], b[2] / b[1] if b[1] else 1.0)
+    of_density, of_stiffness, of_damping = (float(x) ** whip.N for x in factors)
+    try:
+        unit = WhipProfile(whip.length, 1.0, 1.0, 1.0, of_density, of_stiffness, of_damping)
+        of_unit = unit.lump(whip.N)
+        EI, density = k[1] / of_unit.per_node("k")[1], m[0] / of_unit.per_node("m")[0]
+        profile = replace(
+            unit,
+            linear_density=density,
+            bending_stiffness=EI,
+            bending_damping=b[1] / of_unit.per_node("b")[1],
+            rest_curvature=whip.per_node("rest_angle")[1] / l,
+            drag=drag[0] / l,
+            tip_mass=max(0.0, m[-1] - density * of_unit.per_node("m")[-1]),
+        )
+        again = profile.lump(whip.N, joints=whip.joints)
+    except InputError:  # no profile has such numbers
         return None
-    profile = WhipProfile(
-        length=whip.length, linear_density=whip.mass / whip.length, bending_stiffness=k * l, bending_damping=b * l
-    )
-    again = profile.lump(whip.N)
-    same = all(np.allclose(again.per_node(x), whip.per_node(x), rtol=1e-9, atol=0) for x in ("l", "m", "k", "b"))
+    names = ("l", "m", "k", "b", "rest_angle", "drag")
+    same = all(np.allclose(again.per_node(x), whip.per_node(x), rtol=1e-9, atol=0) for x in names)
     return profile if same and math.isclose(again.hinge_mass, whip.hinge_mass, rel_tol=1e-9) else None
+
+
+def even_profile(whip: WhipParameters) -> WhipProfile:
+    """Return the uniform profile of a whip that has one number for all nodes.
+
+    Raises:
+        InputError: It has a value per node.
+    """
+    even: dict[str, float] = {}
+    for key in ("l", "m", "k", "b", "rest_angle", "drag"):
+        value = getattr(whip, key)
+        if isinstance(value, tuple):
+            raise InputError(f"whip.{key}", "a value per node", "one number for all", "or a [whip.profile]")
+        even[key] = value
+    return WhipProfile(
+        length=whip.length,
+        linear_density=even["m"] / even["l"],
+        bending_stiffness=even["k"] * even["l"],
+        bending_damping=even["b"] * even["l"],
+        rest_curvature=even["rest_angle"] / even["l"],
+        drag=even["drag"] / even["l"],
+    )
 
 
 def graded(

@@ -289,6 +289,41 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
         steps = [*(link.position for link in self.links), self.hand_position]
         return sum(math.hypot(*step) for step in steps) + sum(strokes)
 
+    @property
+    def lengths(self) -> np.ndarray:
+        """Distance from every joint to the next, and from the last to the hand [m], (n,)."""
+        return np.linalg.norm(self._steps, axis=1)
+
+    @property
+    def _steps(self) -> np.ndarray:
+        """Where the next joint is in every link's frame, and at last the hand [m], (n, 3)."""
+        return np.array([*(link.position for link in self.links[1:]), self.hand_position])
+
+    def with_lengths(self, lengths: Sequence[float]) -> SpatialArm:
+        """Return a copy with other distances between its joints (n,) [m], their directions as they are.
+
+        See `Model.with_arm`.
+
+        Raises:
+            InputError: A number is out of range, two joints at one point are to be apart, or a link has capsules.
+        """
+        given = np.array([number("lengths", x, low=0) for x in numbers("lengths", lengths, self.n)])
+        now = self.lengths
+        if any(link.capsules for link in self.links):
+            rule = "nothing, for an arm whose collision shapes are known: they are of its own links"
+            raise InputError("lengths", given.tolist(), rule)
+        if ((now == 0) & (given > 0)).any():
+            raise InputError("lengths", given.tolist(), f"0 where two joints are at one point: now {now.tolist()}")
+        growth = np.divide(given, now, out=np.ones(self.n), where=now > 0)
+        ends = [*(f"position[{i}]" for i in range(1, self.n)), "hand_position"]  # of the links
+        changes: dict[str, float] = {}
+        for end, step in zip(ends, growth[:, None] * self._steps, strict=True):
+            changes |= {f"{end}.{x}": value for x, value in zip(XYZ, step, strict=True)}
+        for i, (link, g) in enumerate(zip(self.links, growth, strict=True)):
+            changes |= {f"com[{i}].{x}": g * value for x, value in zip(XYZ, link.com, strict=True)}
+            changes |= {f"inertia[{i}].{x}": g**2 * value for x, value in zip(MOMENTS, link.inertia, strict=True)}
+        return self.with_parameters({name: float(x) for name, x in changes.items()})
+
     def parameters(self) -> dict[str, float]:
         """Every number that can be changed alone: `mass[0]`, `com[0].x`, `inertia[0].xx`, `hand_position.z`.
 
