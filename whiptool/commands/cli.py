@@ -205,7 +205,7 @@ def parse_resumable(
         prog: How the command is called; default: `whiptool COMMAND`.
 
     Raises:
-        InputError: The folder is of another command, or an option given beside `--resume` differs from the stored one.
+        InputError: The folder is of another command, or an option given with `--resume` differs from the stored one.
     """
     prog, words = prog or f"whiptool {command}", list(sys.argv[1:] if args is None else args)
     parsed: Any = _parsed(options, prog=prog, description=description, args=words)
@@ -472,7 +472,7 @@ COMMANDS = {
     "train": "train a policy over a zone of targets",
     "compare": "trials to hit, method by method",
     "reproduce": "the paper's figures and tables as one report",
-    "human": "people's whip throws beside strikes that are planned",
+    "human": "people's whip throws compared with planned strikes",
     "map": "the strike for any goal of a region, without a search",
     "simulate": "play one strike, or export the model",
     "view": "look at a run: viewer, video, interactive page",
@@ -509,7 +509,7 @@ def drawing() -> None:
 
 
 def degrees(radians: float) -> str:
-    """An angle for people: rad, and degrees beside it."""
+    """An angle for people: in rad, with degrees in parentheses."""
     return f"{radians:+.4f} rad ({radians * 57.29577951308232:+.1f} deg)"
 
 

@@ -164,7 +164,7 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     in_space: ClassVar[bool] = True
 
     methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
-    """Methods of whiptool.optimize; random always stands beside them. sac, td3, ddpg, ppo are trained once per seed."""
+    """Methods of whiptool.optimize; random is always added. sac, td3, ddpg, ppo are trained once per seed."""
     observation: tuple[Observation, ...] = ("goal",)
     """What learners see; they are trained anew for each that is named."""
     zone: Literal["disc", "fast"] = "disc"

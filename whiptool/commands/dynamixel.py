@@ -132,7 +132,7 @@ def _told(bus: DynamixelBus, id: int) -> str:
 
 
 def _refuse_taken(bus: DynamixelBus, o: ServoOptions) -> None:
-    """Refuse an id that another servo on the line answers to: two of one id cannot be told apart any more.
+    """Refuse an id that another servo on the line answers to: two of one id cannot be distinguished any more.
 
     Raises:
         InputError: It is taken.

@@ -1,4 +1,4 @@
-"""People's whip throws beside strikes that are planned: `python -m whiptool.human FOLDER --out RUN`."""
+"""People's whip throws compared with planned strikes: `python -m whiptool.human FOLDER --out RUN`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ QUICK: dict[str, Any] = {"resamples": 4, "seeds": 1, "trials": 60, "whips": 0, "
 
 @dataclass(frozen=True, kw_only=True)
 class HumanOptions(ResumableOptions):
-    """People's whip throws beside strikes that are planned, as one HTML file."""
+    """People's whip throws compared with planned strikes, as one HTML file."""
 
     changeable: ClassVar[tuple[str, ...]] = ("workers",)
 
@@ -60,7 +60,7 @@ class HumanOptions(ResumableOptions):
 
 
 _EXAMPLE = (
-    "People's whip throws (Krotov et al. 2022) beside strikes that are planned. "
+    "People's whip throws (Krotov et al. 2022) compared with planned strikes. "
     "Example: python -m whiptool.human whip_humans --quick"
 )
 

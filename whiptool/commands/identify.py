@@ -194,7 +194,7 @@ class _Run:
         if nodes and not self.held_out:
             raise InputError("--nodes", nodes, "a recording held out, whose error chooses N", "give --held-out 1")
         if nodes and self.how.prior is not None and any(n.startswith("whip.") for n in self.how.prior.names):
-            raise InputError("--prior", self.how.prior.names, "no numbers per node beside --nodes", "give --profile")
+            raise InputError("--prior", self.how.prior.names, "no numbers per node with --nodes", "give --profile")
         self.plants = {N: self.plant.with_nodes(N) for N in nodes} or {self.model.whip.N: self.plant}
         for plant in self.plants.values():
             variables_of({**plant.values(), **NEUTRAL}, self.free, {})  # starts of all are in order
@@ -268,7 +268,7 @@ class _Run:
 
     @property
     def warning(self) -> str | None:
-        """What to know before anything is believed, if the model does not explain the recordings."""
+        """What to know before relying on any number, if the model does not explain the recordings."""
         from whiptool.identification.summary import warning
         from whiptool.identification.time_base import CLOCK
 

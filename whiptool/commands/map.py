@@ -251,7 +251,7 @@ def _strike(args: Sequence[str]) -> int:
 
 
 def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strike: Strike) -> None:
-    """Play the strike and tell it, replay it in MuJoCo, then draw; programs are told when it was replayed."""
+    """Play the strike and print the result, replay it in MuJoCo, then draw; JSON is printed after the replay."""
     from whiptool.commands.limits_told import with_cure
     from whiptool.commands.optimize import (
         arrival_table,

@@ -82,7 +82,7 @@ class OptimizeOptions(
         super().check()
         find_method(self.method)
         if self.method == "gradient" and self.simulator == "reference":
-            raise InputError("--method", self.method, "one without derivatives, beside --simulator reference")
+            raise InputError("--method", self.method, "one without derivatives, with --simulator reference")
         if self.pareto is not None:
             refuse_idle(self, {"method": "nothing beside --pareto, which is a search of its own"})
             if self.simulator == "reference":
@@ -212,7 +212,7 @@ class _Run:
         return f"all of the first {len(objective.trials)} strikes were refused: {why}{closest}; {cure}"
 
     def report(self, result) -> int:
-        """Tell the result, replay it on the reference, then draw; programs are told when it was replayed."""
+        """Print the result, replay it on the reference, then draw; JSON is printed after the replay."""
         from whiptool.optimizers import Status
 
         status = 130 if result.status is Status.INTERRUPTED else 0
@@ -428,7 +428,7 @@ def _number_text(name: str, value: float, slides: Sequence[str]) -> str:
 
 
 def torques_known(arm) -> bool:
-    """Whether an arm's torques can be told: the inertia of all that moves is known."""
+    """Whether an arm's torques are known: the inertia of all that moves is known."""
     return not arm.weightless
 
 
@@ -478,7 +478,7 @@ def outcome_lines(outcome, target, arm) -> list[str]:
 
 
 def arrival_table(outcome, target) -> dict | None:
-    """How the tip arrived, beside what the target asks, for JSON [rad, m/s]; None: it asks for a point only."""
+    """How the tip arrived, and what the target asks, for JSON [rad, m/s]; None: it asks for a point only."""
     if target.goals.only_points:
         return None
     return {

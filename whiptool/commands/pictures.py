@@ -1,4 +1,4 @@
-"""What a command draws of a strike after it has told the result: figures, an interactive page and a video."""
+"""What a command draws of a strike after it has printed the result: figures, an interactive page and a video."""
 
 from __future__ import annotations
 

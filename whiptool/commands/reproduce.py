@@ -38,7 +38,7 @@ _OF_ANY_PAPER = {"what", "workers", "cluster", "quick", "out", "resume", "json"}
 
 @dataclass(frozen=True, kw_only=True)
 class ReproduceOptions(ComparisonOptions):
-    """The paper's figures and tables beside ours, in one HTML file."""
+    """The paper's figures and tables compared with ours, in one HTML file."""
 
     first: ClassVar[tuple[str, ...]] = ("what", "space", "quick")
     may_be_empty: ClassVar[tuple[str, ...]] = ("further_zones",)
@@ -46,7 +46,7 @@ class ReproduceOptions(ComparisonOptions):
     what: tyro.conf.Positional[Part] = "all"
     """Which of them: table4 goes with Fig. 8, hard is 1 cm everywhere, sim2real Figs. 9 and 10, adapt unknown whips
     (hours of its own), nah2023 another paper, of an arm in space (minutes), aim a UR5e that strikes points at arrival
-    angles (an hour or two), spaces joint space beside hand space (an hour), and all is all but these four."""
+    angles (an hour or two), spaces joint space compared with hand space (an hour), and all is all but these four."""
     whips: int = 100
     """Unknown whips of each family, in adapt."""
     whip_targets: int = 3
@@ -61,7 +61,7 @@ class ReproduceOptions(ComparisonOptions):
     """Fig. 6 again where one strike does not do: targets from discs of these radii [m] around --target, and fast:
     wherever the tip of random strikes is fast (3 m/s)."""
     further_methods: Methods = ("directl", "ga", "sac", "td3", "ddpg", "ppo")
-    """What is compared there; random always stands beside them."""
+    """What is compared there; random is always added."""
     further_observation: tuple[Observation, ...] = ("goal",)
     """What learners see there."""
 
@@ -112,7 +112,7 @@ class ReproduceOptions(ComparisonOptions):
 
 
 _EXAMPLE = (
-    "The paper's figures and tables, its numbers beside those measured here, in one HTML file; `all` takes hours, and "
+    "The paper's figures and tables, its numbers next to those measured here, in one HTML file; `all` takes hours, and "
     "can be killed and resumed. Example: python -m whiptool.reproduce all --quick"
 )
 

@@ -118,7 +118,7 @@ def check_beginnings(predictor: Predictor, plant: Identifiable) -> list[str]:
 
 
 class _Beginning:
-    """One recording's readings beside those that are foreseen."""
+    """One recording's readings and those that are predicted."""
 
     def __init__(self, predictor: Predictor, plant: Plant, i: int, recording: StrikeRecording, foreseen: np.ndarray):
         d = plant.model.dimension

@@ -161,7 +161,7 @@ def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> Clo
 def predict(
     recordings: Sequence[Recording], plant: Identifiable, nuisance: Mapping[str, float], options: Options
 ) -> list[RecordingFit]:
-    """Recordings that were not fitted beside what the plant predicts of them.
+    """Recordings that were not fitted, and what the plant predicts of them.
 
     What drives the whip is known: the command, the measured joints, the tracked handle. Where a recording has unknowns
     of its own (a first state, a robot's lag, nuisance), the first half of its frames fits them, and the second half is

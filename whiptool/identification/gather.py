@@ -57,7 +57,7 @@ def tracked(
         tip: Looks of the tip's marker; default: those of the virtual camera.
 
     Returns:
-        The recording, and whether it says of itself that it is synthetic.
+        The recording, and whether it states that it is synthetic.
 
     Raises:
         InputError: The images show no tip, or their strike plane is not calibrated.

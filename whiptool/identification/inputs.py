@@ -1,4 +1,4 @@
-"""What a command line or a recording says of a fit, as the objects that the fit takes."""
+"""What a command line or a recording states about a fit, as the objects that the fit takes."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from whiptool.errors import InputError
 from whiptool.identification.plant import Quantities
 from whiptool.models.parameters import ArmLink, number
 
-_EACH = ("dry_friction", "drag")  # per link, beside what a link itself holds
+_EACH = ("dry_friction", "drag")  # per link, in addition to what a link itself holds
 _SHORT = 0.015  # [s] through which an angle is a parabola
 _LINK = ("mass", "length", "com", "inertia", "friction")
 

@@ -11,7 +11,7 @@ perhaps `velocity` like `angle`. `NAME.csv` has one row of column names and one 
     every = 12                      # take every so many samples
 
 A pendulum's file holds one table `[[links]]` per link with `mass`, `length`, and perhaps `com`, `inertia`, `friction`
-(viscous), `dry_friction`, `drag`; beside them `gravity` and `friction_velocity`.
+(viscous), `dry_friction`, `drag`; in addition `gravity` and `friction_velocity`.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class Prediction:
             asked for.
         size: How far a place moves at least that moves a reading by one [m/pixel], of depth [m^2], (K,); 1 where places
             are read.
-        by_time: Derivative by the time that stands beside each reading, (K,).
+        by_time: Derivative by the time of each reading, (K,).
     """
 
     value: np.ndarray

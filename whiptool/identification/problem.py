@@ -324,7 +324,7 @@ class Problem:
         return wider
 
     def compare(self, solution: Solution, known: Sequence[np.ndarray] | None = None) -> list[RecordingFit]:
-        """Every recording beside its prediction; readings that were known are not among the residuals."""
+        """Every recording and its prediction; readings that were known are not among the residuals."""
         plant, nuisance = self.split(solution.z)
         P, found = self.predictor, []
         predictions = P(plant, nuisance, solution.own, derivatives=False)

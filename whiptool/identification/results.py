@@ -27,7 +27,7 @@ _FAR = 0.999  # level of the region around the best end that another start's end
 
 @dataclass(frozen=True)
 class RecordingFit:
-    """One recording beside its prediction.
+    """One recording and its prediction.
 
     Args:
         source: Where it came from.
@@ -122,7 +122,7 @@ class Run:
 
 
 def judge_starts(runs: Sequence[Run], readings: int) -> list[Run]:
-    """The starts, the best first, each told how far above the best it ended, and whether it failed.
+    """The starts, the best first, each with how far above the best it ended, and whether it failed.
 
     By the likelihood ratio: with the residuals' variance as at the best end, twice the difference of the costs is
     chi-squared with as many degrees of freedom as there are unknowns, if both ends belong to one minimum.
@@ -147,7 +147,7 @@ def misfit_of(recordings: Sequence[RecordingFit]) -> float:
 
 
 def is_explained(uncertainty: Uncertainty, recordings: Sequence[RecordingFit], clock_fault: ClockFault | None) -> bool:
-    """Whether a model explains the readings and no time base is faulty: else nothing that a fit says of itself holds.
+    """Whether a model explains the readings and no time base is faulty: else none of the fit's intervals holds.
 
     The readings' misfit is at most `MISFIT`, with those that Huber's loss weighs down and without.
     """

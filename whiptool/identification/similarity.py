@@ -16,7 +16,7 @@ _RATE = 1000.0  # [1/s] of the comparison of delays
 
 @dataclass(frozen=True)
 class Similarity:
-    """A simulated tip path beside a measured one.
+    """A simulated tip path compared with a measured one.
 
     Args:
         rho: Eq. 23 for each coordinate, divided by the number of samples (the paper prints the sum): 1 if they are

@@ -1,4 +1,4 @@
-"""Faults of a recording's time base, told from what a fit leaves over along the velocities of the markers.
+"""Faults of a recording's time base, found in what a fit leaves over along the velocities of the markers.
 
 A stamp that is off by d leaves a residual of the velocity times d. A clock that is late leaves the velocity, one that
 runs fast the velocity times the time, and a frame that was lost or stamped twice the velocity from then on. Each of
@@ -29,7 +29,7 @@ LEAST = 0.1  # frames: less is no fault of stamps
 DOUBT = 0.05  # from which a fit with clocks of their own is worth its time
 CLOCK = ("delay", "clock_rate")  # of a recording's own unknowns
 _INSTANTS = 200  # of a recording, at most, at which a jump is tried
-_SEEN = 1e-3  # of a fault's square, that the fitted unknowns leave: less cannot be told from them
+_SEEN = 1e-3  # of a fault's square, that the fitted unknowns leave: less cannot be distinguished from them
 DELAY, RATE = CLOCK
 JUMP = "jump"
 

@@ -19,7 +19,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
 
     Args:
         t: Of the frames (T,) [s].
-        logs: Times of what was logged beside them, by what it is called where its start is given (`joints`, `hand`).
+        logs: Times of what was logged in addition, by what it is called where its start is given (`joints`, `hand`).
         command: Start and end of the strike, if it is known [s].
 
     Raises:

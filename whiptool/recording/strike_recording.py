@@ -206,7 +206,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @property
     def _logs(self) -> dict[str, np.ndarray]:
-        """Times of what was logged beside the frames."""
+        """Times of what was logged in addition to the frames."""
         return {name: t for name, t in (("joints", self.joints_t), ("hand", self.hand_t)) if t is not None}
 
     @property

@@ -53,7 +53,7 @@ class Filming:
                 if not self._striking:
                     while self._frames and self._frames[0][0] < now - self._keep_before:
                         self._frames.pop(0)
-        except BaseException as error:  # told to whoever ends the filming
+        except BaseException as error:  # raised again where the filming ends
             self._error = error
             self._first.set()
 

@@ -31,7 +31,7 @@ class StopSignals:
 
     Attributes:
         received: Name of the first signal that came; None: none did.
-        answered: Whether a stop is told already; further signals of the block add nothing to it.
+        answered: Whether a stop has been reported already; further signals of the block add nothing to it.
     """
 
     def __init__(self) -> None:

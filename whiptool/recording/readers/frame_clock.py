@@ -12,7 +12,7 @@ from whiptool.recording.readers.sidecar import STAMPS, Sidecar
 from whiptool.recording.readers.table import read_columns, time_column
 
 ROUNDED = 0.6e-3  # [s] by which stamps in whole milliseconds miss an even clock
-UNROUNDED = 4e-3  # [s] between frames from which that can be told
+UNROUNDED = 4e-3  # [s] between frames from which that can be detected
 SLOWED = 1.5  # times slower than `fps` from which a film plays in slow motion
 SAME = 1e-3  # part by which two rates may differ without a word
 

@@ -1,7 +1,7 @@
 """Images from ROS 2 bags in SQLite (`.db3`): RealSense's own recordings, and `ros2 bag record`.
 
 A bag is one `.db3` file or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` beside the file or `whiptool.toml`
-in the folder; beside the keys of `whiptool.recording.readers.video` it may name the `topic`. Times are, in this
+in the folder; in addition to the keys of `whiptool.recording.readers.video` it may name the `topic`. Times are, in this
 order, the camera's own (RealSense writes them to a metadata topic), the images' stamps, or the bag's: the first of
 which nearly all increase. An image with a bad stamp is left out. `start` is by that clock, and without it the first
 image is at 0. A key `timestamps` overrides them.

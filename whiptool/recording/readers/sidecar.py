@@ -82,7 +82,7 @@ class Sidecar:
         Args:
             path: The recording.
             options: Those of its reader.
-            keys: What the format knows beside the common keys.
+            keys: What the format knows in addition to the common keys.
             file: The sidecar, if it is not `NAME.toml`.
 
         Raises:
@@ -160,7 +160,7 @@ class Sidecar:
         """What the common keys say of a recording, as arguments of `StrikeRecording`; times without `start`.
 
         Args:
-            notes: What else is to be told of how it was read.
+            notes: What else to report of how it was read.
             log: Joints that the recording holds itself, where no file of them is named.
 
         Raises:
@@ -295,7 +295,7 @@ class Sidecar:
         matrix, known = self.array("homography", 3, 3), self.table.get("known_points")
         given = [key for key in ("homography", "known_points", "scale") if key in self.table]
         if len(given) > 1:
-            raise InputError(self.place + given[1], f"beside {given[0]}", "only one of " + ", ".join(given))
+            raise InputError(self.place + given[1], f"together with {given[0]}", "only one of " + ", ".join(given))
         try:
             if matrix is not None:
                 return plane.checked_homography(matrix)
@@ -306,7 +306,7 @@ class Sidecar:
                 return plane.homography_from_points(pair.array("pixels", None, 2), pair.array("metres", None, 2))
             if "scale" in self.table:
                 if (origin := self.array("origin", 2)) is None:
-                    raise InputError("origin", None, "the shoulder's pixel [u, v], beside scale")
+                    raise InputError("origin", None, "the shoulder's pixel [u, v], with scale")
                 return plane.homography_from_scale(self.number("scale", 0.0), origin)
         except InputError as error:
             raise (error if error.name.startswith(self.place) else error.within(self.place)) from None

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
 STATUS = 0x55
-LONGEST = 1024  # largest length field that is believed [bytes]; nothing on this bus is longer
+LONGEST = 1024  # largest length field that is accepted [bytes]; nothing on this bus is longer
 
 
 def _table() -> tuple[int, ...]:

@@ -55,7 +55,7 @@ def _speed(fd: int) -> int:
 
 
 class Server:
-    """Serves one emulated rig on a pseudo-terminal until told to stop; `port` is the device to open.
+    """Serves one emulated rig on a pseudo-terminal until it is stopped; `port` is the device to open.
 
     Args:
         options: What is emulated.

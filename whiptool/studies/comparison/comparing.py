@@ -33,7 +33,7 @@ def compare(
 ) -> list[Series]:
     """Compare methods by the trials that they need until they hit random targets of a zone (Fig. 6).
 
-    `random` always stands beside them. Learners are trained first, for as long as `training` says.
+    `random` is always added. Learners are trained first, for as long as `training` says.
 
     Args:
         rollout: What strikes.

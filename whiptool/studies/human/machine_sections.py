@@ -1,4 +1,4 @@
-"""What the report says of machines: how much noise their strikes bear, and how they learn beside people."""
+"""The report's sections on machines: how much noise their strikes bear, and how they learn compared with people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the report says of people: their figures beside those printed, style and block, correlations."""
+"""The report's sections on people: their figures next to those printed, style and block, correlations."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from whiptool.target import Target
 
 DRAWS = 200
 SIZES = np.geomspace(0.01, 1.3, 16)  # [rad, s] of noise that are tried
-EXECUTIONS = 60  # of which costs are told
+EXECUTIONS = 60  # of which costs are reported
 SMALL = 0.01  # [rad, s] at which sensitivities are taken
 _RESAMPLES = 1000
 _SCALES = np.linspace(0, 1, 11)  # of the scatter, Cohen and Sternad's N-cost
