@@ -11,6 +11,7 @@ from command_line import called
 from processes import HANG
 
 from whiptool.commands.pictures import StrikePictures
+from whiptool.progress import Progress
 
 RANDOM = ("--method", "random", "--seed", 1, "--preset", "printed", "--timestep", 0.002)
 STRIKE = ("--strike", -1.2, 0.9, 1.2, 0.3, 0.4, "--preset", "printed", "--timestep", 0.002)
@@ -36,6 +37,18 @@ def test_a_result_is_told_before_it_is_drawn(command, as_json, no_pictures, tmp_
         assert "closest" in done.stdout
         assert "run folder" not in done.stdout
         assert (tmp_path / "run" / "trajectory.npz").is_file()
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_progress_is_told_unless_a_command_is_to_be_quiet(quiet, tmp_path):
+    warned = ("--timestep", 0.004, "--preset", "table4", "--t-stay", 0.05, "--max-trials", 30, "--no-stop-at-hit")
+    words = ("--method", "random", "--seed", 1, *warned, "--no-video", *(["--quiet"] if quiet else []))
+    done = called("optimize", *words, cwd=tmp_path)
+    assert "closest" in done.stdout
+    assert ("drawing ..." in done.stderr) == (not quiet)
+    assert ("trials/s" in done.stderr) == (not quiet)
+    assert "whiptool: " in done.stderr  # a warning is told all the same
+    assert not Progress.quiet
 
 
 USED = """

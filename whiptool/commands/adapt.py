@@ -20,6 +20,7 @@ from whiptool.commands import cli
 from whiptool.commands.interruptions import tell_when_interrupted
 from whiptool.errors import InputError
 from whiptool.options import OptionGroup
+from whiptool.progress import note
 from whiptool.rig.options import ask_to_release
 from whiptool.whole_files import write_whole
 
@@ -157,7 +158,7 @@ def _tell(steps: list[Step], step: Step, prior: Belief) -> None:
     from whiptool.adaptation.report import lines
 
     before = next((s.learned.belief for s in reversed(steps) if s.learned), None)
-    print("\n".join(lines(step, prior, before)), file=sys.stderr)
+    note("\n".join(lines(step, prior, before)))
     steps.append(step)
 
 

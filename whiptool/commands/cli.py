@@ -21,6 +21,7 @@ from whiptool.errors import NOTHING, InputError, WhiptoolError
 from whiptool.extras import require
 from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
 from whiptool.options.budget import OLD_OBSERVATIONS
+from whiptool.progress import Progress, note
 from whiptool.version import __version__
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] 
         SystemExit: `--help` or `--help-all` was printed.
     """
     parsed = _parsed(options, prog=prog, description=description, args=args, default=default)
+    Progress.quiet = getattr(parsed, "quiet", False)
     require(prog.removeprefix("whiptool "), parsed.needs())
     with options_named(parsed):
         parsed.check()
@@ -433,6 +435,7 @@ def run(command: Callable[[], int]) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # letters that the terminal's encoding lacks are no reason to stop
             stream.reconfigure(errors="backslashreplace")
+    Progress.quiet = False
     with Interruptions() as interruptions:
         try:
             return command()
@@ -452,6 +455,8 @@ def run(command: Callable[[], int]) -> int:
             interruptions.end()
             print(with_state(_line(interruption, "interrupted")), file=sys.stderr)
             return INTERRUPTED
+        finally:
+            Progress.quiet = False  # of this command alone
 
 
 def _say(error: BaseException) -> None:
@@ -505,7 +510,7 @@ def _unknown(command: str) -> int:
 
 def drawing() -> None:
     """Say on stderr that the result is told, and that what takes longer follows."""
-    print("drawing ...", file=sys.stderr, flush=True)
+    note("drawing ...")
 
 
 def degrees(radians: float) -> str:

@@ -10,6 +10,7 @@ from whiptool.commands import cli
 from whiptool.commands.identify_options import IDENTIFIED, REPORT, IdentifyOptions
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.progress import note
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -52,7 +53,7 @@ def identify_pendulum(options: IdentifyOptions) -> int:
         parameters = (
             f"{counted(len(free), 'parameter')} to {counted(len(train), 'swing')}, {counted(options.starts, 'start')}"
         )
-        print(f"whiptool: fitting {parameters}", file=sys.stderr)
+        note(f"whiptool: fitting {parameters}")
         found = fit(train, guess, free, held_out=unseen, options=how)
         return _report(options, found, train, unseen, folder)
 

@@ -32,6 +32,7 @@ from whiptool.options import (
     refuse_idle,
     spell_methods,
 )
+from whiptool.progress import Progress, note
 from whiptool.words import counted
 
 if TYPE_CHECKING:
@@ -166,7 +167,6 @@ class _Run:
     def search(self):
         """Search with a progress bar, every new trial written as it happens."""
         from whiptool.optimizers import find_method, run_search
-        from whiptool.progress import Progress
 
         if self.options.pareto is None:
             run = find_method(self.options.method)
@@ -533,4 +533,4 @@ def export_trajectory(options: TrajectoryOptions, commanded: JointTrajectory | N
         return
     files = options.write_trajectory(commanded)
     follows = "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
-    print(f"wrote {' and '.join(map(str, files))}{follows}", file=sys.stderr)
+    note(f"wrote {' and '.join(map(str, files))}{follows}")

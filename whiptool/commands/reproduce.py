@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -18,6 +17,7 @@ from whiptool.commands import cli
 from whiptool.commands.compare import QUICK, ComparisonOptions, open_folder
 from whiptool.errors import InputError
 from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, spell_methods, whole
+from whiptool.progress import note
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -159,7 +159,7 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
     )
     sections, start = [], time.monotonic()
     for name in ALL if options.what == "all" else [options.what]:
-        print(f"whiptool: {name}", file=sys.stderr)
+        note(f"whiptool: {name}")
         found = PARTS[name](context)
         sections += without_verdicts(found, _NO_VERDICT) if options.quick else found
         title, subtitle, facts = _head(options, comparison)

@@ -25,6 +25,7 @@ from whiptool.options import (
     refuse_idle,
     spell_methods,
 )
+from whiptool.progress import note
 from whiptool.rig.options import ArmOptions, ask_to_release, hardware_rig, loop_options
 from whiptool.words import counted
 
@@ -367,7 +368,7 @@ def _search(
             log.append(trial)
         refused = rollout.refused.get(trial.number)
         said = f" was refused: {refused}" if refused else f": {_measured(trial.outcome)}"
-        print(f"strike {trial.number}{said}", file=sys.stderr)
+        note(f"strike {trial.number}{said}")
 
     objective.record(recorded, on_trial)
     try:

@@ -30,6 +30,7 @@ from whiptool.options import (
     refuse_idle,
     whole,
 )
+from whiptool.progress import Progress, note
 from whiptool.rollout.interface import Rollout
 from whiptool.words import counted, method_name
 
@@ -233,7 +234,6 @@ def train(
     """
     expect(Rollout, rollout=rollout)
     torch = optional("torch", "training")
-    from tqdm import tqdm
 
     from whiptool.rl.held_out import held_out_goals
     from whiptool.rl.settings import Plan, settings_for
@@ -248,7 +248,7 @@ def train(
     struck, generator = StrikeTask(rollout, zone, **task), torch.Generator().manual_seed(seed)
     learner = make_learner(method, settings_for(method, **settings or {}), struck, generator)
     training = Training(learner, struck, plan, held_out_goals(struck, seed))
-    with one_torch_thread(), tqdm(total=episodes, unit=" episodes", desc=method, disable=not progress) as bar:
+    with one_torch_thread(), Progress(total=episodes, unit=" episodes", desc=method, disable=not progress) as bar:
 
         def on_episode(episode: Episode) -> None:
             bar.update()
@@ -336,7 +336,6 @@ class _Run:
 
     def train(self) -> int:
         """Train with a progress bar, log every episode, and strike at test targets at the end."""
-        from whiptool.progress import Progress
         from whiptool.rl.event_log import EventLog
         from whiptool.rl.learner import Diverged
 
@@ -380,7 +379,6 @@ class _Run:
         import numpy as np
 
         from whiptool.arrival_rule import sample_goals
-        from whiptool.progress import Progress
         from whiptool.rl.held_out import GOALS
         from whiptool.rl.policy import CONVENTIONS, trials_to_hit
         from whiptool.runs import code_version
@@ -398,7 +396,7 @@ class _Run:
         zone, rule, rng = self.tests.zone, self.tests.arrival, np.random.default_rng(self.options.seed)
         goals = sample_goals(zone, rule, self.tests.hit_radius, self.options.tests, rng)
         which = "last policy" if best is None else f"best policy, of episode {best.episode}"
-        print(f"striking at {counted(self.options.tests, 'target')} with the {which} ...", file=sys.stderr)
+        note(f"striking at {counted(self.options.tests, 'target')} with the {which} ...")
         result: dict[str, Any] = {}
         for convention in CONVENTIONS:
             with Progress(total=self.options.tests, desc=convention, unit=" targets", leave=False) as bar:

@@ -71,12 +71,14 @@ class SeedOptions(OptionGroup):
 class JsonOptions(OptionGroup):
     """How the result is told."""
 
-    of_this_call: ClassVar[tuple[str, ...]] = ("json",)
+    of_this_call: ClassVar[tuple[str, ...]] = ("json", "quiet")
     heading: ClassVar[str] = "result"
-    first: ClassVar[tuple[str, ...]] = ("json",)
+    first: ClassVar[tuple[str, ...]] = ("json", "quiet")
 
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
+    quiet: bool = False
+    """Show no progress on stderr; warnings and errors are told all the same."""
 
 
 @dataclass(frozen=True, kw_only=True)
