@@ -11,10 +11,11 @@ from pendulum_swing import swing
 from scipy.optimize import least_squares
 from scipy.stats import binom
 
+from whiptool.dynamics.lumping import PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.identification.fit import Options, choose_nodes, fit
 from whiptool.identification.pendulum import Pendulum
-from whiptool.identification.plant import PROFILE, Plant, lumping
+from whiptool.identification.plant import Plant
 from whiptool.identification.sampling import Readings
 from whiptool.identification.solver import Block, Loss, Status, solve
 from whiptool.identification.variables import Prior

@@ -9,9 +9,10 @@ import pytest
 from scipy.integrate import quad
 from spatial_arms import of_universal_nodes
 
+from whiptool.dynamics.lumping import LUMPED, PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
-from whiptool.identification.plant import LUMPED, PROFILE, Plant, lumping, slopes
+from whiptool.identification.plant import Plant, slopes
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import WhipParameters

@@ -9,10 +9,11 @@ import pytest
 from films import film
 from pendulum_swing import swing
 
+from whiptool.dynamics.lumping import PROFILE
 from whiptool.errors import InputError
 from whiptool.identification.fit import Options, predict
 from whiptool.identification.pendulum import Pendulum
-from whiptool.identification.plant import PROFILE, Plant
+from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.impedance import Controller
 from whiptool.models import preset

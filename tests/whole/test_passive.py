@@ -11,9 +11,10 @@ import pytest
 from swings import Whip
 
 from whiptool.commands import identify
+from whiptool.dynamics.lumping import lumping
 from whiptool.errors import InputError
 from whiptool.identification.fit import Options, predict
-from whiptool.identification.plant import Plant, lumping, slopes
+from whiptool.identification.plant import Plant, slopes
 from whiptool.identification.predict import Predictor
 from whiptool.models import preset, write_model
 from whiptool.models.profile import WhipProfile

@@ -59,8 +59,8 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
     Raises:
         InputError: The plant knows none such, or several; it says which option helps, if one does.
     """
+    from whiptool.dynamics.lumping import LUMPED
     from whiptool.identification.inputs import full_name
-    from whiptool.identification.plant import LUMPED
 
     found = []
     for name in names:

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.dynamics.lumping import LUMPED
 from whiptool.errors import InputError
 from whiptool.identification.placement import NEUTRAL
-from whiptool.identification.plant import LUMPED, Identifiable, Plant
+from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_from_table, controller_to_table

@@ -5,22 +5,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Protocol
 
-import casadi as ca
 import numpy as np
 
+from whiptool.dynamics.lumping import LUMPED, lumping, profile_slopes
 from whiptool.dynamics.structure import arm_numbers
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import ArmParameters, Model
-from whiptool.models.profile import WhipProfile, lump
+from whiptool.models.profile import WhipProfile
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.whip import WhipParameters
 
-PROFILE = tuple(WhipProfile(1.0, 1.0, 1.0, 0.0).numbers)
-LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a profile gives
 _BESIDE_PROFILE = ("dry_friction", "friction_velocity", "drag_ratio", "cubic_stiffness")  # of the whip, not its profile
 # the hinge's numbers over those of a joint between two links, where half a link bends at the hinge
 _CLAMPED = {"k": 2.0, "b": 2.0, "cubic_stiffness": 8.0, "rest_angle": 0.5, "dry_friction": 1.0}
@@ -219,7 +216,7 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
     base, known = plant.quantities(), plant.values()
     profile = plant.profile if isinstance(plant, Plant) else None
     clamped = isinstance(plant, Plant) and plant.clamp is not None
-    by_profile = {} if profile is None else _profile_slopes(profile, base["whip.m"].size, clamped)
+    by_profile = {} if profile is None else profile_slopes(profile, base["whip.m"].size, clamped)
     found = []
     for name in names:
         if name not in known:
@@ -230,22 +227,3 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
         moved = plant.changed({name: known[name] + 1}).quantities()
         found.append({block: np.round(moved[block] - x, 12) for block, x in base.items()})
     return found
-
-
-def _profile_slopes(profile: WhipProfile, N: int, clamped: bool) -> dict[str, Quantities]:
-    jacobians = [J.full() for J in lumping(N, clamped)[1](np.array([*profile.numbers.values()]))]
-    return {
-        f"profile.{name}": {f"whip.{block}": J[:, i] for block, J in zip(LUMPED, jacobians, strict=True)}
-        for i, name in enumerate(PROFILE)
-    }
-
-
-@lru_cache(maxsize=8)
-def lumping(N: int, clamped: bool = False) -> tuple[ca.Function, ca.Function]:
-    """Return a profile's nodes as a function of its numbers (in the order of its fields), and their Jacobians: the
-    blocks of `LUMPED`, with the hinge's share of the bending where the whip is clamped."""
-    z = ca.SX.sym("profile", len(PROFILE))
-    blocks = lump(dict(zip(PROFILE, ca.vertsplit(z), strict=True)), N, clamped=clamped, constant=ca.DM)
-    of_profile = [ca.SX(blocks[name]) for name in LUMPED]
-    jacobians = [ca.jacobian(block, z) for block in of_profile]
-    return ca.Function("lump", [z], of_profile), ca.Function("slopes", [z], jacobians)

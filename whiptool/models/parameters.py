@@ -12,7 +12,7 @@ from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import number, numbers, whole
 from whiptool.models.planar_arm import ArmLink, ArmParameters
-from whiptool.models.resized import resized
+from whiptool.models.resized import of_other_profile, resized
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.whip import ABSENT, PerNode, WhipParameters
 
@@ -94,19 +94,29 @@ class Model(NoArray, instead="its parameters()"):
     def with_parameters(self, changes: Mapping[str, float]) -> Model:
         """A copy with some of `parameters()` changed.
 
+        Of a whip with values per node, `whip.k` is their mean, and changes all of them in proportion. Of one that is
+        lumped from a profile, `profile.length` and the like, see `WhipProfile.numbers`, lump it anew.
+
         Raises:
-            InputError: A name is not one of `parameters()`, or a value breaks its rule.
+            InputError: A name is not one of `parameters()` or these, or a value breaks its rule.
         """
         expect(Mapping, changes=changes)
+        of_profile = {name.removeprefix("profile."): x for name, x in changes.items() if name.startswith("profile.")}
+        if of_profile:
+            rest = {name: x for name, x in changes.items() if not name.startswith("profile.")}
+            return dataclasses.replace(self, whip=of_other_profile(self.whip, of_profile)).with_parameters(rest)
         known = self.parameters()
         whip: dict[str, Any] = {}
         arm: dict[str, float] = {}
         gravity = self.gravity
         for name, value in changes.items():
-            if name not in known:
-                raise InputError("parameter", name, "one of " + ", ".join(known))
             group, _, quantity = name.partition(".")
-            if group == "whip":
+            in_common = group == "whip" and quantity in self.whip.uneven
+            if name not in known and not in_common:
+                raise InputError("parameter", name, "one of " + ", ".join(known))
+            if in_common:
+                whip[quantity] = self.whip.in_proportion(quantity, number(name, value))
+            elif group == "whip":
                 _change(whip, quantity, value, self.whip)
             elif group == "arm":
                 arm[quantity] = value

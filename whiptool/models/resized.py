@@ -61,6 +61,20 @@ def resized(
     return replace(lumped, drag_ratio=whip.drag_ratio, **scaled)
 
 
+def of_other_profile(whip: WhipParameters, changes: Mapping[str, float]) -> WhipParameters:
+    """Return a whip lumped anew, from its profile with some of its numbers changed; what no profile has stays.
+
+    Raises:
+        InputError: The whip is not lumped from a profile, or it has no such number, or a value breaks its rule.
+    """
+    profile = lumped_from(whip)
+    if profile is None:
+        rule = "numbers of a whip that is lumped from a profile without bead and waves"
+        raise InputError("parameter", ", ".join(f"profile.{name}" for name in changes), rule)
+    kept = {name: getattr(whip, name) for name in ("drag_ratio", *_BESIDE_PROFILE)}
+    return replace(profile.changed(changes).lump(whip.N, joints=whip.joints), **kept)
+
+
 def _times(value: PerNode, factor: float) -> Any:
     return tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
 

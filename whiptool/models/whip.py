@@ -132,6 +132,26 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         """Quantity `name` of every joint: of a node in space twice, shape (N,) or (2 N,)."""
         return np.repeat(self.per_node(name), self.joints_per_node)
 
+    def common(self, name: str) -> float:
+        """Mean of quantity `name` over the nodes, of joints over all but the first, as one number stands for them."""
+        return float(self.per_node(name)[1 if name in self._JOINT else 0 :].mean())
+
+    def in_proportion(self, name: str, mean: float) -> tuple[float, ...]:
+        """Return values of quantity `name` whose mean, see `common`, is another one.
+
+        Raises:
+            InputError: They are all zero.
+        """
+        now = self.common(name)
+        if now == 0:
+            raise InputError(f"whip.{name}", mean, "a value per node, where all are 0 now", f"such as whip.{name}[1]")
+        return tuple(mean / now * x for x in self.per_node(name).tolist())
+
+    @property
+    def uneven(self) -> tuple[str, ...]:
+        """Names of the quantities that have a value per node."""
+        return tuple(name for name in self._LOW if isinstance(getattr(self, name), tuple))
+
     @property
     def rest_angles(self) -> np.ndarray:
         """Angle of every joint at which its spring is slack [rad], shape (N,), or (2 N,) of nodes in space."""

@@ -1,0 +1,69 @@
+"""How the parameter vector of a rollout changes with each named number of strike, model and controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from whiptool.dynamics.lumping import PROFILE, profile_slopes
+from whiptool.dynamics.structure import Structure, arm_column
+from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
+from whiptool.models.parameters import Model
+from whiptool.models.profile import lumped_from
+
+_FREE = "name it in `free` if its term is zero in this model"
+
+
+def parameter_directions(
+    structure: Structure, model: Model, controller: Controller, names: Sequence[str], of_strike: Mapping[str, int]
+) -> np.ndarray:
+    """Return the derivatives of the parameter vector by named numbers, (m, P).
+
+    It is linear in all of them but those of a profile. `whip.k` of a whip with values per node is their mean, which
+    changes all of them in proportion; see `Model.with_parameters`.
+
+    Args:
+        structure, model, controller: Of the rollout.
+        names: m numbers.
+        of_strike: Column of each number of strikes; -1: none, as it is not the same for all strikes.
+
+    Raises:
+        InputError: A name is unknown, or its term is not part of the structure.
+    """
+    of_model = model.parameters() | {f"whip.{name}": model.whip.common(name) for name in model.whip.uneven}
+    of_controller, rows = controller.parameters(), np.zeros((len(names), structure.n_parameters))
+    none = np.zeros((1, sum(structure.strike_layout.values())))
+    base = structure.pack(model, controller, none)[0]
+    for row, name in zip(rows, names, strict=True):
+        if name in of_strike:
+            row[of_strike[name]] = of_strike[name] >= 0
+        elif name in of_controller:
+            block, _, index = name.rstrip("]").partition("[")
+            row[structure.columns(block).start + int(index or 0)] = 1
+        elif name.removeprefix("profile.") in PROFILE and name.startswith("profile."):
+            _along_profile(row, structure, model, name)
+        elif name in of_model and Structure.of(model, controller, free=[name]) in structure:
+            if structure.arm is not None and name.startswith("arm."):
+                quantity, column = arm_column(name)
+                row[structure.columns(f"arm.{quantity}").start + column] = 1
+                continue
+            moved = model.with_parameters({name: of_model[name] + 1})
+            row[:] = np.round(structure.pack(moved, controller, none)[0] - base, 12)
+        else:
+            known = [*of_strike, *(x for x in of_model if x.split("[")[0] in structure.layout), *of_controller]
+            raise InputError("parameter", name, "one of " + ", ".join(known), _FREE if name in of_model else "")
+    return rows
+
+
+def _along_profile(row: np.ndarray, structure: Structure, model: Model, name: str) -> None:
+    """Put the derivatives by a number of the whip's profile into a row (P,)."""
+    profile = lumped_from(model.whip)
+    if profile is None:
+        raise InputError("parameter", name, "numbers of a whip that is lumped from a profile without bead and waves")
+    for block, slopes in profile_slopes(profile, model.whip.N)[name].items():
+        if block in structure.layout:
+            row[structure.columns(block)] = slopes
+        elif slopes.any():
+            raise InputError("parameter", name, "one whose terms are part of this rollout", f"name {block} in `free`")
