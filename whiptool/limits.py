@@ -25,6 +25,10 @@ class Smooth(Protocol):
         """Return the functions (m,) and their derivatives (m, 2 a + 1) at a strike, (2 a + 1,)."""
         ...
 
+    def kept(self, strikes: np.ndarray, /) -> np.ndarray:
+        """Return whether strikes (B, 2 a + 1) keep it, (B,)."""
+        ...
+
 
 class Limits(Protocol):
     """What a strike has to keep: `MotorLimits`, the `ArmLimits` of joints, `Clearance`.

@@ -17,6 +17,7 @@ from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.limits import AllLimits, Limits, Smooth, limits_given
 from whiptool.models.arrays import NoArray
+from whiptool.models.clearance import Clearance
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.numbers import array_of
 from whiptool.models.parameters import number, whole
@@ -436,6 +437,14 @@ class Objective:
                 outcomes[i] = self._outcome(near, int(i), beyond, by, judged[i])
             lowest = min(lowest, outcomes[i].cost)
         return outcomes
+
+    def clear(self, strike: np.ndarray) -> bool:
+        """Whether nothing touches what it must not in a strike (2 n + 1,), by the limits' `Clearance`; no trial."""
+        judges = [limits for limits in self.limits.members if isinstance(limits, Clearance)]
+        if not judges:
+            return True
+        made = self.space.beyond(strike[None])[0] <= 0
+        return bool(made) and all(limits.violation(self._trajectory(strike)) <= 0 for limits in judges)
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
         return self.rollout.trajectory(self.space.strike(strike), t_stay=self.t_stay)

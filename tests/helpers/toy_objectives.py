@@ -14,6 +14,8 @@ class Enough(Exception):
 
 
 class Outcome:
+    refused: str | None = None
+
     def __init__(self, miss: float) -> None:
         self.miss_distance = self.cost = miss
 
@@ -51,6 +53,9 @@ class Bowl:
     bounds = BOUNDS
     smooth = ()
     criteria = ()
+
+    def clear(self, strike: np.ndarray) -> bool:
+        return True
 
     def __init__(self, floor: float = 0.0, most: int = 10**6) -> None:
         self.floor, self.most, self.batches, self.refined = floor, most, [], []

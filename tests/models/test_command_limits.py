@@ -76,3 +76,12 @@ def test_in_words():
     assert LIMITS.explain(strike, "abc") == said.format("rad/s^2")
     sliding = CommandLimits(LIMITS.joints, slides=(1,))
     assert sliding.explain(strike, "abc") == said.format("m/s^2")
+
+
+def test_what_is_kept_is_where_no_function_is_above_zero():
+    some = strikes(60)
+    some[:, 3:6] = some[:, :3] + 0.15 * (some[:, 3:6] - some[:, :3])
+    expected = [(LIMITS.constraints(strike)[0] <= 0).all() for strike in some]
+    assert 0 < sum(expected) < 60
+    np.testing.assert_array_equal(LIMITS.kept(some), expected)
+    assert LIMITS.kept(LIMITS.shortened(strikes(60))).all()

@@ -12,7 +12,14 @@ from scipy.spatial.transform import Rotation
 from spatial_arms import ARMS, random_model
 
 from whiptool.models import Model, WhipParameters, preset
-from whiptool.models.kinematics import arm_frames, chain_motion, hanging_angles, rotation_about, universal_angles
+from whiptool.models.kinematics import (
+    arm_frames,
+    arm_poses,
+    chain_motion,
+    hanging_angles,
+    rotation_about,
+    universal_angles,
+)
 
 PRESETS_IN_SPACE = ("nah2023", "ur5e", "panda")
 MODELS = [random_model(rng=np.random.default_rng(i), **arm) for i, arm in enumerate(ARMS.values())]
@@ -137,3 +144,13 @@ def test_a_whip_hangs_straight_down_wherever_the_hand_is(name):
     down = np.zeros((50, model.whip.N, 3))
     down[..., 2] = -model.whip.per_node("l")
     np.testing.assert_allclose(np.diff(points[:, a:], axis=1), down, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", PRESETS_IN_SPACE)
+def test_poses_are_those_of_frames(name):
+    arm = preset(name).arm
+    q = np.random.default_rng(0).uniform(-2, 2, (5, arm.n))
+    origins, rotations = arm_poses(arm, q)
+    for i, frame in enumerate(arm_frames(arm, q)):
+        np.testing.assert_allclose(origins[:, i], frame.origin, atol=1e-14)
+        np.testing.assert_allclose(rotations[:, i], frame.rotation, atol=1e-14)

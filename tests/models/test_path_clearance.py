@@ -25,3 +25,13 @@ def test_values_are_the_scene_s_and_slopes_their_differences(name):
         differences = [(path.constraints(vector + e)[0] - path.constraints(vector - e)[0]) / 2e-6 for e in steps]
         np.testing.assert_allclose(slopes, np.transpose(differences), atol=1e-6)
         assert not slopes[:, -1].any()
+
+
+def test_what_is_kept_is_where_no_value_is_above_zero():
+    model = preset("ur5e")
+    path = PathClearance(model, floor=0.0)
+    strikes = default_bounds(model.arm).sample(np.random.default_rng(4), 40)
+    expected = [(path.constraints(strike)[0] <= 0).all() for strike in strikes]
+    assert 0 < sum(expected) < 40
+    np.testing.assert_array_equal(path.kept(strikes), expected)
+    assert path.kept(strikes[:0]).shape == (0,)

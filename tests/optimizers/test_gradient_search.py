@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ import scipy.optimize
 from toy_objectives import BOUNDS, MINIMUM, Bowl, Enough
 
 from whiptool.models import JointLimits
+from whiptool.models.clearance import Clearance
 from whiptool.models.command_limits import CommandLimits
-from whiptool.optimizers.gradient_search import BATCH, REFINED, STEPS, gradient_search, refine
+from whiptool.optimizers.gradient_search import BATCH, COLLISIONS, REFINED, STEPS, gradient_search, refine
+from whiptool.optimizers.smooth_limits import random_strikes
 
 
 def test_a_round_is_64_strikes_of_which_8_are_refined():
@@ -102,3 +105,47 @@ def test_a_refinement_keeps_the_commanded_speeds(fastest):
     best = strikes[bowl.miss(strikes).argmin()]
     np.testing.assert_allclose(best, expected.x, atol=2e-3)
     assert (bowl.miss(best) > 1e-3) == (fastest == 0.1)
+
+
+def test_strikes_in_which_something_touches_are_not_refined():
+    class Half(Bowl):
+        def clear(self, strike):
+            return bool(strike[0] < 0.5)
+
+    bowl = Half(floor=0.01, most=3000)
+    with pytest.raises(Enough):
+        gradient_search(bowl, seed=5)
+    starts = [x for x in bowl.refined if any(np.array_equal(x, y) for y in bowl.batches[0])]
+    assert starts
+    assert all(start[0] < 0.5 for start in starts)
+
+
+def test_a_refinement_into_a_collision_is_given_up():
+    """Nearer than 0.2 to the minimum all strikes would collide."""
+
+    class Wall(Bowl):
+        penalty = 10.0
+
+        def gradient(self, strike):
+            outcome, slope = super().gradient(strike)
+            if outcome.cost < 0.2:
+                outcome.miss_distance = outcome.cost = self.penalty
+                outcome.refused = Clearance.judges
+                return outcome, 0 * slope
+            return outcome, slope
+
+    bowl = Wall()
+    assert not refine(bowl, np.array([0.9, -0.8, 5.5, 0.4, 0.5]))
+    assert sum(bowl.miss(x) < 0.2 for x in bowl.refined) == COLLISIONS
+
+
+def test_random_strikes_keep_what_can_be_kept_beforehand():
+    """A joint that moves slowly is in most random strikes told to move too fast; where none can, any are taken."""
+    bowl, rng = Bowl(), np.random.default_rng(0)
+    bowl.smooth = (CommandLimits((JointLimits(), JointLimits(velocity=0.1)), share=1.0),)
+    strikes = random_strikes(bowl, rng, BATCH)
+    assert strikes.shape == (BATCH, 5)
+    assert bowl.smooth[0].kept(strikes).all()
+    assert not bowl.smooth[0].kept(BOUNDS.sample(rng, BATCH)).all()
+    bowl.smooth = (SimpleNamespace(kept=lambda strikes: np.zeros(len(strikes), bool)),)
+    assert random_strikes(bowl, rng, 4).shape == (4, 5)

@@ -17,6 +17,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 
 if TYPE_CHECKING:
+    from whiptool.models.hanging_whip import HangingWhip
     from whiptool.models.path_clearance import PathClearance
     from whiptool.models.scene import NearestPair, Scene
 
@@ -104,17 +105,19 @@ class Clearance:
         return Scene(self.model, self.floor, ("close", "apart"))
 
     @property
-    def smooth(self) -> tuple[PathClearance, ...]:
-        """What a search can keep beforehand: the clearance of an arm in space along its commanded path."""
+    def smooth(self) -> tuple[HangingWhip | PathClearance, ...]:
+        """What a search can keep beforehand, of an arm in space: where its whip hangs, and its own commanded path."""
         return self._smooth
 
     @cached_property
-    def _smooth(self) -> tuple[PathClearance, ...]:
+    def _smooth(self) -> tuple[HangingWhip | PathClearance, ...]:
         if not isinstance(self.model.arm, SpatialArm):
             return ()
+        from whiptool.models.hanging_whip import HangingWhip
         from whiptool.models.path_clearance import PathClearance
 
-        return (PathClearance(self.model, self.floor, self.least),)
+        path = PathClearance(self.model, self.floor, self.least)
+        return (path,) if self.floor is None else (HangingWhip(self.model, self.floor, self.least), path)
 
     def nearest(self, trajectory: motor_limits.Motion, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
         """Return where bodies come nearest over a strike, and when [s]; close links only where they overlap.

@@ -86,6 +86,12 @@ class CommandLimits:
             side[:, -1] = -slope
         return np.concatenate([move - allowed, -move - allowed]), rows.reshape(-1, len(strike))
 
+    def kept(self, strikes: np.ndarray) -> np.ndarray:
+        """Return whether strikes (B, 2 a + 1) are within what searches command, (B,)."""
+        a = len(self.joints)
+        moves = np.abs(strikes[:, a : 2 * a] - strikes[:, :a])
+        return np.all(moves <= self.farthest(strikes[:, -1]) + ROUNDING, axis=1)
+
     def usage(self, strikes: np.ndarray) -> np.ndarray:
         """Return how much strikes use of the limits of acceleration and jerk: 1 is at one, more is beyond.
 

@@ -48,7 +48,7 @@ class PathClearance:
         a, m = self._arm.n, len(self._links)
         if not m:
             return np.zeros(0), np.zeros((0, 2 * a + 1))
-        q = strike[:a] + FRACTIONS[:, None] * (strike[a : 2 * a] - strike[:a])
+        q = self._path(strike)
         contacts = [x for x in self._scene.contacts(q, self._groups, [np.inf] * m) if x is not None]
         at = np.array([contact.instant for contact in contacts])
         normals = np.stack([contact.normal for contact in contacts])
@@ -57,6 +57,17 @@ class PathClearance:
         share = FRACTIONS[at, None]
         values = self._least - np.array([contact.distance for contact in contacts])
         return values, np.hstack([(1 - share) * by_q, share * by_q, np.zeros((m, 1))])
+
+    def kept(self, strikes: np.ndarray) -> np.ndarray:
+        """Return whether the arm keeps the distances in strikes (B, 2 a + 1), (B,)."""
+        found = [self._scene.contacts(self._path(strike), self._groups, self._least.tolist()) for strike in strikes]
+        near = [[np.inf if x is None else x.distance for x in contacts] for contacts in found]
+        return np.all(np.reshape(near, (len(strikes), len(self._least))) >= self._least, axis=1)
+
+    def _path(self, strike: np.ndarray) -> np.ndarray:
+        """Return positions of the joints on the commanded path, (T, a)."""
+        a = self._arm.n
+        return strike[:a] + FRACTIONS[:, None] * (strike[a : 2 * a] - strike[:a])
 
     def _slopes(self, q: np.ndarray, points: np.ndarray, toward: np.ndarray) -> np.ndarray:
         """Return how fast points of two links approach each other, by each joint's position, (m, a).

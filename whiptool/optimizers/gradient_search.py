@@ -7,30 +7,33 @@ import itertools
 import nlopt
 import numpy as np
 
+from whiptool.models.clearance import Clearance
 from whiptool.objective import Objective
 from whiptool.optimizers.constrained import descend
-from whiptool.optimizers.smooth_limits import keep_limits, may_start
+from whiptool.optimizers.smooth_limits import keep_limits, random_strikes
 
 BATCH = 64  # random strikes a round
 REFINED = 8  # of them are refined
 STEPS = 60  # gradient evaluations a refinement at most
+COLLISIONS = 5  # strikes that would collide after which a refinement is given up
 
 
 def gradient_search(objective: Objective, *, seed: int) -> None:
     """Rounds of random strikes and refinement until the objective stops it.
 
-    Half the squared cost is minimised by SLSQP inside the bounds: it is smooth where the miss distance itself has a
-    kink, at zero. Every rollout is a trial, those of the refinement included; a trial with its gradient is one. Where
-    hits are judged by a criterion, that is minimised instead, a hit being a constraint.
+    Random strikes keep those limits that can be kept beforehand, and those are refined in which nothing touches what it
+    must not. Half the squared cost is minimised by SLSQP inside the bounds: it is smooth where the miss distance itself
+    has a kink, at zero. Every rollout is a trial, those of the refinement included; a trial with its gradient is one.
+    Where hits are judged by a criterion, that is minimised instead, a hit being a constraint.
 
     Raises:
         SearchStopped: The objective ended the search.
     """
     rng = np.random.default_rng(seed)
     while True:
-        strikes = objective.admissible(objective.bounds.sample(rng, BATCH))
+        strikes = random_strikes(objective, rng, BATCH)
         costs = [outcome.cost for outcome in objective.batch(strikes)]
-        starts = (x for x in strikes[np.argsort(costs, kind="stable")] if may_start(objective, x))
+        starts = (x for x in strikes[np.argsort(costs, kind="stable")] if objective.clear(x))
         for start in itertools.islice(starts, REFINED):
             if objective.criteria:
                 descend(objective, start, objective.criteria[0])
@@ -50,6 +53,7 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
     optimizer.set_stopval(tolerance**2 / 2)
     keep_limits(optimizer, objective)
     ended: list[BaseException] = []
+    collisions = itertools.count(1)
 
     def half_square(u: np.ndarray, gradient: np.ndarray) -> float:
         try:
@@ -57,6 +61,8 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
         except BaseException as error:
             ended.append(error)
             raise nlopt.ForcedStop from None
+        if outcome.refused == Clearance.judges and next(collisions) >= COLLISIONS:
+            raise nlopt.ForcedStop
         if gradient.size:
             gradient[:] = outcome.cost * slope * scale
         return outcome.cost**2 / 2
@@ -65,7 +71,7 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
     try:
         optimizer.optimize(np.clip((start - lower) / scale, 0, 1))
     except nlopt.ForcedStop:
-        raise ended[0] from None
+        pass  # it was given up, or the search ended
     except (nlopt.RoundoffLimited, nlopt.runtime_error, RuntimeError):
         pass  # a kink: the next start will do
     if ended:
