@@ -60,14 +60,14 @@ def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bound
     Raises:
         InputError: Gravity alone asks for more than the motors or joints give, wherever in the box a strike starts.
     """
+    if not limits or controller.prescribed or controller.hand is not None or model.arm.weightless:
+        return
     import numpy as np
 
     from whiptool.impedance.arm import Arm
     from whiptool.rollout.trajectory import Approach
 
     a, arm = model.arm.n, Arm(model)
-    if not limits or controller.prescribed or controller.hand is not None or model.arm.weightless:
-        return
     low, high = (x[:a] for x in bounds.box)
     q = np.vstack([np.random.default_rng(0).uniform(low, high, (_POSTURES, a)), np.clip(np.zeros(a), low, high)])
     tau = np.abs(controller.clipped(np.array([arm.gravity_compensation(x, controller.compensated) for x in q])))
