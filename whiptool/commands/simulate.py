@@ -28,7 +28,7 @@ from whiptool.options import (
 )
 from whiptool.whole_files import write_whole
 
-PLAYED = ("optimize", "simulate")  # commands whose runs hold a strike
+PLAYED, RESUMED = ("optimize", "simulate"), ("optimize", "train")  # commands whose runs hold a strike, and go on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,8 @@ class SimulateOptions(
     in_space: ClassVar[bool] = True
 
     run: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="[RUN]")]] = None
-    """Run folder of optimize or simulate, whose strike is played again, with its options unless they are given anew."""
+    """Run folder of optimize or simulate, whose strike is played again, or of train, or a file of a policy in it, whose
+    policy's strike at --target is played; with its options unless they are given anew."""
     strike: tuple[float, ...] | None = None
     """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space x_i y_i x_f y_f [m]
     and D, in space x_i y_i z_i x_f y_f z_f."""
@@ -67,7 +68,9 @@ class SimulateOptions(
         super().check()
         if self.export is not None:
             check_place("--export", self.export)
-        if self.strike is not None:
+        if self.of_policy():
+            refuse_idle(self, dict.fromkeys(("strike", "trajectory", "space"), "nothing beside a policy"))
+        elif self.strike is not None:
             Strike.from_vector(self.strike)
             refuse_idle(self, {"trajectory": "nothing beside --strike"})
         elif self.trajectory is not None:
@@ -79,6 +82,12 @@ class SimulateOptions(
         else:
             used = {f.name for f in fields(ModelOptions)} | {"target", "export"}
             refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
+
+    def of_policy(self) -> bool:
+        """Whether the strike is that of a policy."""
+        from whiptool.commands.policy_runs import is_policy
+
+        return self.run is not None and is_policy(self.run)
 
 
 _EXAMPLE = (
@@ -101,7 +110,7 @@ def _main(args: Sequence[str] | None) -> int:
         model = options.build_model()
         if options.run is not None:
             _check_same(options, model)
-        strike = None if options.strike is None else _strike(options, model)
+        strike = _strike(options, model)
         if options.export is not None:
             _export(options, model)
         if strike is not None:
@@ -110,23 +119,26 @@ def _main(args: Sequence[str] | None) -> int:
 
 
 def strike_of(run_folder: Path) -> SimulateOptions:
-    """Return the options that play the best strike of a run again.
+    """Return the options that play the best strike of a run again, or strikes of a policy.
 
     Raises:
-        InputError: It is no run of optimize or simulate, or it has no strike.
+        InputError: It is no run of optimize, simulate or train, or it has no strike.
     """
+    from whiptool.commands.policy_runs import is_policy, usual_for
     from whiptool.given_files import read_json
     from whiptool.runs import RESULT, read_config
 
+    if is_policy(run_folder):
+        return usual_for(SimulateOptions, run_folder)
     config = read_config(run_folder)
     command, kept = config.get("command"), config.get("options")
-    if command not in PLAYED or not isinstance(kept, dict):
-        rule = f"a run of {' or '.join(PLAYED)}"
+    if command not in (*PLAYED, "train") or not isinstance(kept, dict):
+        rule = f"a run of {', '.join(PLAYED)} or train"
         raise InputError("RUN", str(run_folder), rule, f"it is of `whiptool {command}`" if command else "")
     result = read_json(run_folder / RESULT) if (run_folder / RESULT).is_file() else {}
     strike = result.get("strike")
     if not isinstance(strike, dict):
-        fix = f"go on with `whiptool {command} --resume {run_folder}`" if command == "optimize" else ""
+        fix = f"go on with `whiptool {command} --resume {run_folder}`" if command in RESUMED else ""
         raise InputError("RUN", str(run_folder), "a run that ended with a strike", fix)
     passing = SimulateOptions.named("of_this_call")
     mine = {f.name for f in fields(SimulateOptions) if f.name not in passing}
@@ -140,12 +152,13 @@ def _check_same(options: SimulateOptions, model) -> None:
     Raises:
         InputError: A file that they name, or what a preset says, has changed since.
     """
+    from whiptool.commands.policy_runs import folder_of
     from whiptool.impedance.files import controller_to_table
     from whiptool.models.files import model_to_table
     from whiptool.runs import read_config
 
     assert options.run is not None
-    begun, config = strike_of(options.run), read_config(options.run)
+    begun, config = strike_of(options.run), read_config(folder_of(options.run))
     now = {"model": model_to_table(model), "controller": controller_to_table(options.build_controller())}
     for part, group in (("model", ModelOptions), ("controller", SpaceOptions)):
         as_begun = all(getattr(options, f.name) == getattr(begun, f.name) for f in fields(group))
@@ -155,7 +168,14 @@ def _check_same(options: SimulateOptions, model) -> None:
 
 
 def _strike(options: SimulateOptions, model):
-    assert options.strike is not None
+    """Return the strike that is asked for; None: none is."""
+    if options.of_policy():
+        from whiptool.commands.train import load_policy
+
+        assert options.run is not None
+        return load_policy(options.run).strike(options.build_target(model))
+    if options.strike is None:
+        return None
     space = options.build_controller().strike_space(model.arm)
     if len(options.strike) != space.width:
         whose = f"an arm of {model.arm.n} joints" if space.kind == "joint" else f"the hand: {' '.join(space.names)}"

@@ -36,7 +36,8 @@ class ViewOptions(JsonOptions):
     """Look at a run."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
-    """Run folder: of optimize or simulate (a strike), of identify, adapt, reproduce or rig strike (a report)."""
+    """Run folder: of optimize or simulate (a strike), of train (its policy's strike at one of its targets; or a file
+    of a policy in it), of identify, adapt, reproduce or rig strike (a report)."""
     page: bool = False
     """Write the interactive page anew and open it in the browser, in place of MuJoCo's viewer."""
 
@@ -84,23 +85,45 @@ def _main(args: Sequence[str] | None) -> int:
 
 def _look(options: ViewOptions) -> dict[str, Any]:
     """Show the run; what was shown where, and the files that hold it."""
+    from whiptool.commands.policy_runs import folder_of, is_policy
+
     folder = options.run
+    if is_policy(folder):
+        return _look_at_strike(options, folder_of(folder), _policy_strike(folder), anew=True)
     if not folder.is_dir():
         raise InputError("RUN", str(folder), "the folder of a run", "" if folder.exists() else "it does not exist")
-    shown: dict[str, Any] = {"run": str(folder), "shown": None, "report": None, "page": None, "video": None}
     if not (folder / TRAJECTORY).is_file():
         if not (folder / REPORT).is_file():
             raise _nothing_to_see(folder)
-        return shown | {"report": str(folder / REPORT), "shown": _open(folder / REPORT)}
-    strike = read_strike(folder)
+        return _shown(folder) | {"report": str(folder / REPORT), "shown": _open(folder / REPORT)}
+    return _look_at_strike(options, folder, read_strike(folder))
+
+
+def _shown(folder: Path) -> dict[str, Any]:
+    """What is shown of a run before anything is."""
+    return {"run": str(folder), "shown": None, "report": None, "page": None, "video": None}
+
+
+def _policy_strike(policy: Path) -> StrikeRun:
+    from whiptool.commands.policy_runs import shown_strike
+
+    strike = StrikeRun(*shown_strike(policy))
+    at = ", ".join(f"{x:.3g}" for x in strike.target.position)
+    print(f"whiptool: the policy's first strike at ({at}) m, one of its held-out goals", file=sys.stderr)
+    return strike
+
+
+def _look_at_strike(options: ViewOptions, folder: Path, strike: StrikeRun, *, anew: bool = False) -> dict[str, Any]:
+    """Show a strike; its files are written where they are missing, or anew."""
+    shown = _shown(folder)
     if has_display() and not options.page and play(strike):
         return shown | {"shown": "viewer"}
-    if options.page or not (folder / PAGE).is_file():
+    if anew or options.page or not (folder / PAGE).is_file():
         _write_page(folder, strike)
     shown["page"] = str(folder / PAGE)
     if options.page:
         return shown | {"shown": _open(folder / PAGE)}
-    if not (folder / VIDEO).is_file():
+    if anew or not (folder / VIDEO).is_file():
         _write_video(folder, strike)
     return shown | {"video": str(folder / VIDEO)}
 

@@ -1,0 +1,68 @@
+"""Runs of `train` for the commands that play strikes: what their policies strike with, and at what."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from whiptool.commands import cli
+from whiptool.commands.train import BEST, CHECKPOINT, TrainOptions, load_policy
+from whiptool.options import OptionGroup
+from whiptool.runs import CONFIG, read_config
+
+if TYPE_CHECKING:
+    from whiptool.models import Model
+    from whiptool.rollout import Trajectory
+    from whiptool.target import Target
+
+T = TypeVar("T", bound=OptionGroup)
+
+
+def folder_of(policy: Path) -> Path:
+    """Return the run folder of a policy, which may be one of the files in it."""
+    return policy.parent if policy.is_file() else policy
+
+
+def is_policy(path: Path) -> bool:
+    """Whether there is the run of a training that has come to its first policy."""
+    folder = folder_of(path)
+    holds = any((folder / name).is_file() for name in (BEST, CHECKPOINT))
+    return holds and (folder / CONFIG).is_file() and read_config(folder).get("command") == "train"
+
+
+def usual_for(kind: type[T], policy: Path) -> T:
+    """Return the options of another command as the training of a policy had them, wherever both have one.
+
+    A direction and a cone belong together; of a range of arrival angles none is the usual one.
+
+    Raises:
+        InputError: It is no policy.
+    """
+    trained = cli.options_of_run(TrainOptions, folder_of(policy), command="train")
+    passing = TrainOptions.named("of_this_call")
+    theirs = {f.name for f in fields(trained)} - passing - {"arrival_angle", "cone"}
+    mine: dict[str, Any] = {f.name: getattr(trained, f.name) for f in fields(kind) if f.name in theirs}
+    angles = trained.arrival_angle or ()
+    if len(angles) == 1:
+        mine["arrival_angle"] = angles[0]
+    if len(angles) == 1 or trained.direction is not None:
+        mine["cone"] = trained.cone
+    return kind(**mine)
+
+
+def shown_strike(policy: Path) -> tuple[Trajectory, Model, Target, str]:
+    """Return the strike that a policy makes first at the first of its training's held-out goals.
+
+    Returns:
+        Its trajectory, its model, the target, and its controller in words.
+    """
+    from whiptool.rl.held_out import held_out_goals
+    from whiptool.target import Target
+
+    trained = cli.options_of_run(TrainOptions, folder_of(policy), command="train")
+    loaded = load_policy(policy)
+    task = loaded.task
+    target = Target.of(held_out_goals(task, trained.seed), 0)
+    trajectory = task.rollout.trajectory(loaded.strike(target), t_stay=task.t_stay)
+    return trajectory, task.rollout.model, target, trained.controller_label()
