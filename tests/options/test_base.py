@@ -37,7 +37,7 @@ def test_a_command_has_what_all_its_groups_name():
     assert Command.named("of_this_call") == {"quiet", "json", "out", "resume"}
     assert Command.named("changeable") == {"workers"}
     assert Command.named("may_be_empty") == set()
-    assert OutputOptions.named("of_this_call") == {"json", "out"}
+    assert OutputOptions.named("of_this_call") == {"json", "quiet", "out"}
     assert SeedOptions.named("of_this_call") == set()
 
 

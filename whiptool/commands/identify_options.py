@@ -29,6 +29,11 @@ OF_WHIPS = (
     "mend_labels",
     "tip",
     "cameras",
+    "whip_length",
+    "taper",
+    "youngs_modulus",
+    "diameter",
+    "density",
 )  # options that speak of whips and cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
 
@@ -69,7 +74,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Recordings to predict and not to fit: how many, from the end, or their paths; default: of three or more, one."""
     per_recording: tuple[Own, ...] = ()
     """What each recording has its own value of."""
-    nodes: tuple[int, ...] = ()
+    nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]
     """Numbers of nodes to try; the one with the smallest held-out error is taken."""
     profile: bool = False
     """Fit the whip as a profile: length, linear_density, bending_stiffness, bending_damping, drag, tapers."""
@@ -91,6 +96,11 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """TOML file of the cameras in space, for recordings in pixels and for films; default: the file that each names."""
     tip: str | None = None
     """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
+
+    @property
+    def number_of_nodes(self) -> None:
+        """None: `--nodes` are those that the fit tries."""
+        return
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -32,6 +32,7 @@ from whiptool.options.scene import LONGEST_STAY, MODELS, GoalOptions, ModelOptio
 from whiptool.options.simulator import Integrator, Simulator, SimulatorOptions, StepOptions
 from whiptool.options.space import Space, SpaceOptions
 from whiptool.options.trajectory import TrajectoryOptions
+from whiptool.options.whip import WhipOptions
 from whiptool.options.zone_goals import ZoneGoalOptions
 
 __all__ = [
@@ -68,6 +69,7 @@ __all__ = [
     "TargetOptions",
     "TrainingOptions",
     "TrajectoryOptions",
+    "WhipOptions",
     "ZoneGoalOptions",
     "ZoneOptions",
     "check_place",

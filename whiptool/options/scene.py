@@ -13,6 +13,7 @@ from tyro.conf import arg
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY
 from whiptool.options.base import OptionGroup, refuse_idle
+from whiptool.options.whip import WhipOptions
 
 if TYPE_CHECKING:
     from whiptool.arrival_rule import ArrivalRule
@@ -146,7 +147,7 @@ class ZoneOptions(TargetOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelOptions(OptionGroup):
+class ModelOptions(WhipOptions):
     """Which whip and arm."""
 
     heading: ClassVar[str] = "model"
@@ -200,7 +201,7 @@ class ModelOptions(OptionGroup):
         if model.dimension == 3 and not self.in_space:
             option, given = ("--model", self.model) if self.arm is None else ("--arm", self.arm)
             raise InputError(option, given, "a model in the plane, for this command")
-        return self._mounted(model)
+        return self._mounted(self.changed_whip(model))
 
     def _mounted(self, model: Model) -> Model:
         """The model with its base as `--base` says."""
