@@ -27,7 +27,7 @@ NAH = ["--model", "nah2023", "--controller", "constant", "--timestep", "0.001"]
 def test_a_killed_search_in_space_resumes_to_the_same_trials(tmp_path):
     """SIGKILL in mid-search of a robot with limits, half a line torn off, then --resume."""
     options = [*UR5E, "--target", "1.2", "0.3", "0.5", "--timestep", "0.001", "--no-stop-at-hit", "--no-video"]
-    options += ["--method", "ga", "--max-trials", "150", "--seed", "3"]
+    options += ["--method", "ga", "--max-trials", "150", "--seed", "3", "--floor", "none"]
     done = called("optimize", *options, "--json", "--out", "whole", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     command = [sys.executable, "-m", "whiptool.optimize", *options, "--out", "killed"]
