@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
@@ -23,7 +24,7 @@ BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
     [
         ("mean-first", [True, False, False, False], [1, 3, 4], [True, True, False]),
         ("samples", [False, False, False, False], [4, 2, 4], [False, True, False]),
-        ("mean", [True, True, True, True], [1, 4, 4], [True, False, False]),
+        ("mean", [True, True], [1, 4, 4], [True, False, False]),
     ],
 )
 def test_trials_until_the_first_hit(convention, means, trials, hit):
@@ -45,11 +46,47 @@ def test_trials_until_the_first_hit(convention, means, trials, hit):
     assert [deterministic for deterministic, _ in learner.asked] == means
     np.testing.assert_allclose(learner.asked[0][1], task.normalise(task.first_look(targets)), rtol=1e-6)
     left = [len(obs) for _, obs in learner.asked]
-    assert left == {"mean-first": [3, 2, 2, 1], "samples": [3, 3, 2, 2], "mean": [3, 2, 2, 2]}[convention]
+    assert left == {"mean-first": [3, 2, 2, 1], "samples": [3, 3, 2, 2], "mean": [3, 2]}[convention]
     assert ended == [*(3 - n for n in left[1:]), 3]
     last = learner.asked[-1][1]
     centre = np.array([0.8, 0.2])
     np.testing.assert_allclose(last[-1, 4:], targets[2] - centre, rtol=1e-5)  # it sees the target that is left
+
+
+def test_a_policy_that_repeats_itself_is_rolled_out_once():
+    """The mean is always straight ahead: at two targets beside it one strike each is rolled out, of 600."""
+    rollout = StraightFlight()
+    task = StrikeTask(rollout, Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)
+    targets, ended = np.array([[1.0, 0.0], [1.0, 0.3], [0.9, 0.4]]), []
+    found = trials_to_hit(Scripted(task, []), task, targets, cap=600, convention="mean", on_trial=ended.append)
+    assert (found[0].tolist(), found[1].tolist()) == ([1, 600, 600], [True, False, False])
+    assert (rollout.rolled, ended) == ([3], [1, 3])
+
+
+def test_a_policy_that_goes_round_in_a_circle_is_rolled_out_once_around():
+    """Its mean is 0.3, 0.4, 0.5 rad by turns at the first target; at the second it hits with the third."""
+
+    class Circling(Scripted):
+        def act(self, obs, *, deterministic=False):
+            self.asked.append((deterministic, obs.numpy().copy()))
+            actions = np.zeros((len(obs), 5))
+            actions[:, 0] = (0.3, 0.4, 0.5)[(len(self.asked) - 1) % 3]
+            return torch.as_tensor(actions)
+
+    rollout = StraightFlight()
+    task = StrikeTask(rollout, Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.02)
+    targets, struck = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)]]), []
+    found = trials_to_hit(
+        Circling(task, []),
+        task,
+        targets,
+        cap=50,
+        convention="mean",
+        on_strikes=lambda lanes, _: struck.append([*lanes]),
+    )
+    assert (found[0].tolist(), found[1].tolist()) == ([50, 3], [False, True])
+    assert rollout.rolled == [2, 2, 2]
+    assert struck == [[0, 1]] * 3
 
 
 def test_it_ends_when_everything_is_hit():

@@ -12,7 +12,7 @@ from whiptool.goals import Goals
 from whiptool.models.numbers import array_of
 from whiptool.models.strike import Strike
 from whiptool.rl.learner import Learner
-from whiptool.rl.task import StrikeTask
+from whiptool.rl.task import Judged, StrikeTask
 from whiptool.target import Target, as_target
 
 CONVENTIONS = {
@@ -97,8 +97,12 @@ def trials_to_hit(
     cap: int,
     convention: str = "mean-first",
     on_trial: Callable[[int], object] = lambda ended: None,
+    on_strikes: Callable[[np.ndarray, Judged], object] = lambda lanes, judged: None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Strike at each target, seeing after every miss what the observation shows, until it is hit.
+
+    A policy whose mean actions come back to one that it has made at a target goes round in a circle from there: it
+    never hits, and is not rolled out again.
 
     Args:
         learner: Trained on the task's observation; its weights stay as they are, its generator is drawn from.
@@ -107,6 +111,8 @@ def trials_to_hit(
         cap: Strikes at most at each target.
         convention: One of `CONVENTIONS`.
         on_trial: Called after every trial with the number of targets that need no further one.
+        on_strikes: Called after every trial with the targets that were struck at, their numbers (b,), and what the
+            strikes came to.
 
     Returns:
         Trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).
@@ -118,12 +124,22 @@ def trials_to_hit(
         raise InputError("convention", convention, ", ".join(CONVENTIONS))
     obs = task.reset(targets)
     trials, hit = np.full(len(obs), cap), np.zeros(len(obs), bool)
-    left = np.arange(len(obs))
+    left, made = np.arange(len(obs)), [set() for _ in obs]
     for number in range(1, cap + 1):
         deterministic = convention == "mean" or (convention == "mean-first" and number == 1)
         seen = torch.as_tensor(task.normalise(obs), dtype=torch.float32)
         actions = learner.act(seen, deterministic=deterministic).numpy().astype(float)
+        if convention == "mean":
+            new = np.array([action.tobytes() not in made[i] for i, action in zip(left, actions, strict=True)])
+            left, actions = left[new], actions[new]
+            for i, action in zip(left, actions, strict=True):
+                made[i].add(action.tobytes())
+            task.keep(new)
+            if not len(left):
+                on_trial(len(hit))
+                break
         step = task.step(actions)
+        on_strikes(left, step.judged)
         trials[left[step.hit]], hit[left[step.hit]] = number, True
         left, obs = left[~step.hit], step.obs[~step.hit]
         on_trial(len(hit) - len(left) if number < cap else len(hit))

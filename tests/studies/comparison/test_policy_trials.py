@@ -8,15 +8,16 @@ from scripted import Scripted
 
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.models.strike import StrikeBounds
-from whiptool.studies.comparison.policy_trials import RecordedTask, misses_of, trials_within
+from whiptool.rl.task import StrikeTask
+from whiptool.studies.comparison.policy_trials import misses_of, trials_within
 from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 TARGETS = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin(0.9)]])
 
 
-def recorded(radius: float) -> RecordedTask:
-    return RecordedTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=radius)
+def recorded(radius: float) -> StrikeTask:
+    return StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=radius)
 
 
 def test_trials_of_a_policy_at_several_radii():
@@ -45,7 +46,7 @@ def test_trials_at_several_radii_where_a_direction_is_asked_for():
     angles, wanted = [-0.3, 0.45, 0.8, 0.89], np.array([0.0, 0.8, 0.9])
     radii = (0.4, 0.2, 0.06)
     rule, zone = ArrivalRule(angle=(-1.0, 1.0), cone=0.2), Disc((0.8, 0.2), 1.0)
-    task = RecordedTask(StraightFlight(), zone, bounds=BOUNDS, arrival=rule, hit_radius=0.06)
+    task = StrikeTask(StraightFlight(), zone, bounds=BOUNDS, arrival=rule, hit_radius=0.06)
     goals = rule.goals_at(TARGETS, 0.4, wanted)
     found = trials_within(Scripted(task, angles), task, goals, radii, cap=4, convention="samples")
     for radius, (trials, hit) in found.items():

@@ -98,10 +98,10 @@ class LearnerUnit:
         }
 
     def _task(self, radius: float, threads: int | None):
-        from whiptool.studies.comparison.policy_trials import RecordedTask
+        from whiptool.rl.task import StrikeTask
 
         scene = self.scene
-        return RecordedTask(
+        return StrikeTask(
             scene.rollout(threads),
             scene.zone,
             arrival=scene.arrival,

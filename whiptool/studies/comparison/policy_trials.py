@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,23 +12,9 @@ from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.task import Judged, StrikeTask
 
 
-class RecordedTask(StrikeTask):
-    """A task that keeps what the strikes of every step came to."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.judgements: list[Judged] = []
-
-    def judge(self, strikes: np.ndarray, goals: Goals) -> Judged:
-        """As of any task."""
-        judged = super().judge(strikes, goals)
-        self.judgements.append(judged)
-        return judged
-
-
 def trials_within(
     learner: Learner,
-    task: RecordedTask,
+    task: StrikeTask,
     targets: np.ndarray | Goals,
     radii: tuple[float, ...],
     *,
@@ -47,30 +32,30 @@ def trials_within(
         For each radius trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).
     """
     goals = replace(task.as_goals(targets), hit_radius=task.hit_radius)
-    task.judgements.clear()
-    trials_to_hit(learner, task, goals, cap=cap, convention=convention)
     count = len(goals.positions)
     found = {radius: (np.full(count, cap), np.zeros(count, bool)) for radius in radii}
-    left = np.arange(count)
-    for number, judged in enumerate(task.judgements, start=1):
+    made = np.zeros(count, int)  # strikes at each
+
+    def on_strikes(lanes: np.ndarray, judged: Judged) -> None:
+        made[lanes] += 1
         for radius, (trials, hit) in found.items():
-            within = replace(goals.rows(left), hit_radius=radius)
-            new = left[within.hit_by(judged.approach) & ~hit[left]]
-            trials[new], hit[new] = number, True
-        left = left[~judged.hit]
+            within = replace(goals.rows(lanes), hit_radius=radius)
+            new = lanes[within.hit_by(judged.approach) & ~hit[lanes]]
+            trials[new], hit[new] = made[new], True
+
+    trials_to_hit(learner, task, goals, cap=cap, convention=convention, on_strikes=on_strikes)
     return found
 
 
 def misses_of(
-    learner: Learner, task: RecordedTask, targets: np.ndarray, *, cap: int, convention: str
+    learner: Learner, task: StrikeTask, targets: np.ndarray, *, cap: int, convention: str
 ) -> list[list[float]]:
     """Miss distances of each target's strikes [m], up to the first within the task's hit radius; arguments as above."""
-    task.judgements.clear()
-    trials_to_hit(learner, task, targets, cap=cap, convention=convention)
     misses: list[list[float]] = [[] for _ in targets]
-    left = np.arange(len(targets))
-    for judged in task.judgements:
-        for i, miss in zip(left, judged.distance.tolist(), strict=True):
+
+    def on_strikes(lanes: np.ndarray, judged: Judged) -> None:
+        for i, miss in zip(lanes, judged.distance.tolist(), strict=True):
             misses[i].append(miss)
-        left = left[~judged.hit]
+
+    trials_to_hit(learner, task, targets, cap=cap, convention=convention, on_strikes=on_strikes)
     return misses

@@ -305,8 +305,9 @@ class PolicyUnit:
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train a policy on the whip, and strike with it."""
+        from whiptool.rl.task import StrikeTask
         from whiptool.studies.comparison.learner_unit import MAIN_CONVENTION, one_torch_thread
-        from whiptool.studies.comparison.policy_trials import RecordedTask, misses_of
+        from whiptool.studies.comparison.policy_trials import misses_of
 
         s = self.study
         unit = LearnerUnit(
@@ -324,7 +325,7 @@ class PolicyUnit:
             for family, seed, targets in self.whips:
                 twin = s.twin(family, seed)
                 rollout = CompiledRollout(twin.model, twin.controller, threads=threads)
-                task = RecordedTask(
+                task = StrikeTask(
                     rollout, s.scene.zone, observation="relative", hit_radius=FINEST, t_stay=s.scene.t_stay
                 )
                 learner.generator.manual_seed(seed)
