@@ -16,7 +16,7 @@ from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.limits import AllLimits, Limits, Smooth, limits_given
-from whiptool.models.arrays import NoArray
+from whiptool.models.arrays import ArrayLike, NoArray
 from whiptool.models.clearance import Clearance
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.numbers import array_of
@@ -53,8 +53,8 @@ class Arrival:
 
 
 @dataclass(frozen=True)
-class Outcome(NoArray, instead="its miss_distance or tip"):
-    """What one strike came to.
+class Outcome(ArrayLike):
+    """What one strike came to; as a number, its `cost`, so that `scipy.optimize.minimize(objective, strike)` works.
 
     Args:
         miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged, or if the objective's
@@ -91,6 +91,12 @@ class Outcome(NoArray, instead="its miss_distance or tip"):
     merit: float | None = None
     refused: str | None = None
     unseen: bool = False
+
+    def _as_array(self) -> np.ndarray:
+        return np.array(self.cost)
+
+    def __float__(self) -> float:
+        return self.cost
 
     @property
     def lost(self) -> bool:

@@ -34,9 +34,10 @@ def test_a_tapered_profile_is_known_by_its_nodes(N):
     assert lumped_from(beaded) is None
 
 
-def test_a_whip_of_a_profile_is_lumped_anew_from_it():
+@pytest.mark.parametrize("clamped", [False, True])
+def test_a_whip_of_a_profile_is_lumped_anew_from_it(clamped):
     longer = replace(TAPERED, length=1.5)
-    made, expected = resized(TAPERED.lump(12), length=1.5, nodes=7), longer.lump(7)
+    made, expected = (resized(TAPERED.lump(12, clamped=clamped), length=1.5, nodes=7), longer.lump(7, clamped=clamped))
     for name in ("l", "m", "k", "b", "rest_angle", "drag"):
         np.testing.assert_allclose(made.per_node(name), expected.per_node(name), rtol=1e-9)
 

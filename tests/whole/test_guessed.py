@@ -13,6 +13,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import whiptool as wt
 from whiptool.errors import InputError
@@ -42,6 +43,8 @@ class Here(dict):
         super().__init__(
             wt=wt, np=np, near=pytest.approx, weights=weights, model=MODEL, strike=STRIKE, target=TARGET, folder=folder
         )
+
+        self["minimize"] = minimize
 
     def __missing__(self, name: str) -> object:
         if name == "objective":  # counts its trials: another one for each snippet
@@ -114,6 +117,9 @@ SEARCHES = [
 PATHS = [
     ("path.tip_speed", "np.allclose(it**2, (path.tip_velocity**2).sum(axis=1)) and it.shape == path.t.shape"),
     ("path.tracking_error", "np.array_equal(it, path.q_d - path.q[:, :2])"),
+    ("rollout.simulate([-1.36, .47, 1.73, 1.41, .95])", "np.array_equal(it.q, path.q)"),
+    ("path.times", "it is path.t and path.torques is path.tau and path.positions is path.q"),
+    ("path.duration", "it == near(0.95 + 0.3)"),
     ("path.miss(target)", "it == path.distance(target).min() or 0 <= path.distance(target).min() - it < 1e-3"),
     ("path.to_dataframe()", "np.array_equal(it['q[3]'], path.q[:, 3]) and np.array_equal(it['tip.y'], path.tip[:, 1])"),
     ("path.to_dataframe()", "np.array_equal(it['K[0][1]'], path.K[:, 0, 1]) and len(it) == len(path.t)"),
@@ -136,6 +142,13 @@ FIGURES = [
         "abs(it.rmse - 0.005) + abs(it.delay) < 1e-12",
     ),
 ]
+OUTCOMES = [
+    ("objective(strike)", "float(it) == it.miss_distance == objective.trials[0].outcome.cost"),
+    (
+        "minimize(wt.Objective(rollout, target), strike, method='Nelder-Mead', options={'maxfev': 8})",
+        "it.fun <= float(objective(strike)) and it.x.shape == (5,)",
+    ),
+]
 LAWS = [
     ("wt.ConstantImpedance(100, 10)", "it.gains(np.zeros(3), np.zeros(3))[0].tolist() == (100 * np.eye(3)).tolist()"),
     ("wt.ConstantImpedance([100, 50], [10, 5])", "it.K == ((100, 0), (0, 50)) and it.B == ((10, 0), (0, 5))"),
@@ -152,7 +165,9 @@ LEARNING = [
 ]
 
 
-@pytest.mark.parametrize(("snippet", "holds"), [*DATA, *MODELS, *SEARCHES, *PATHS, *FIGURES, *LAWS, *LEARNING])
+@pytest.mark.parametrize(
+    ("snippet", "holds"), [*DATA, *MODELS, *SEARCHES, *PATHS, *FIGURES, *OUTCOMES, *LAWS, *LEARNING]
+)
 def test_what_is_guessed_works(snippet, holds, tmp_path):
     here = Here(tmp_path)
     here["it"] = eval(snippet, here)

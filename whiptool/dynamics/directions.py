@@ -59,10 +59,10 @@ def parameter_directions(
 
 def _along_profile(row: np.ndarray, structure: Structure, model: Model, name: str) -> None:
     """Put the derivatives by a number of the whip's profile into a row (P,)."""
-    profile = lumped_from(model.whip)
+    profile = lumped_from(model.whip, clamped=model.whip.clamped)
     if profile is None:
         raise InputError("parameter", name, "numbers of a whip that is lumped from a profile without bead and waves")
-    for block, slopes in profile_slopes(profile, model.whip.N)[name].items():
+    for block, slopes in profile_slopes(profile, model.whip.N, model.whip.clamped)[name].items():
         if block in structure.layout:
             row[structure.columns(block)] = slopes
         elif slopes.any():

@@ -167,7 +167,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         )
 
 
-def lumped_from(whip: WhipParameters) -> WhipProfile | None:
+def lumped_from(whip: WhipParameters, *, clamped: bool = False) -> WhipProfile | None:
     """Return the profile, without bead and waves, that a whip is lumped from; None if from no such one.
 
     Where hats are whole, neighbours of a geometric taper differ by a factor, which is the taper's N-th root.
@@ -180,7 +180,7 @@ def lumped_from(whip: WhipParameters) -> WhipProfile | None:
     of_density, of_stiffness, of_damping = (float(x) ** whip.N for x in factors)
     try:
         unit = WhipProfile(whip.length, 1.0, 1.0, 1.0, of_density, of_stiffness, of_damping)
-        of_unit = unit.lump(whip.N)
+        of_unit = unit.lump(whip.N, clamped=clamped)
         EI, density = k[1] / of_unit.per_node("k")[1], m[0] / of_unit.per_node("m")[0]
         profile = replace(
             unit,
@@ -191,7 +191,7 @@ def lumped_from(whip: WhipParameters) -> WhipProfile | None:
             drag=drag[0] / l,
             tip_mass=max(0.0, m[-1] - density * of_unit.per_node("m")[-1]),
         )
-        again = profile.lump(whip.N, joints=whip.joints)
+        again = profile.lump(whip.N, joints=whip.joints, clamped=clamped)
     except InputError:  # no profile has such numbers
         return None
     names = ("l", "m", "k", "b", "rest_angle", "drag")

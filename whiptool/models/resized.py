@@ -47,7 +47,7 @@ def resized(
     N = whip.N if nodes is None else whole("nodes", nodes, high=200)
     L = whip.length if length is None else number("length", length, low=0, strict=True)
     growth = (L / N) / (whip.length / whip.N)
-    profile = lumped_from(whip)
+    profile = lumped_from(whip, clamped=whip.clamped)
     if profile is None and taper is not None:
         profile = even_profile(whip)
     names = _POWERS if profile is None else _BESIDE_PROFILE
@@ -57,7 +57,7 @@ def resized(
     scaled = {name: _times(getattr(whip, name), growth ** _POWERS[name]) for name in names}
     if profile is None:
         return replace(whip, N=N, **scaled)
-    lumped = profile.changed({"length": L, **_tapers(taper)}).lump(N, joints=whip.joints)
+    lumped = profile.changed({"length": L, **_tapers(taper)}).lump(N, joints=whip.joints, clamped=whip.clamped)
     return replace(lumped, drag_ratio=whip.drag_ratio, **scaled)
 
 
@@ -67,12 +67,12 @@ def of_other_profile(whip: WhipParameters, changes: Mapping[str, float]) -> Whip
     Raises:
         InputError: The whip is not lumped from a profile, or it has no such number, or a value breaks its rule.
     """
-    profile = lumped_from(whip)
+    profile = lumped_from(whip, clamped=whip.clamped)
     if profile is None:
         rule = "numbers of a whip that is lumped from a profile without bead and waves"
         raise InputError("parameter", ", ".join(f"profile.{name}" for name in changes), rule)
     kept = {name: getattr(whip, name) for name in ("drag_ratio", *_BESIDE_PROFILE)}
-    return replace(profile.changed(changes).lump(whip.N, joints=whip.joints), **kept)
+    return replace(profile.changed(changes).lump(whip.N, joints=whip.joints, clamped=whip.clamped), **kept)
 
 
 def _times(value: PerNode, factor: float) -> Any:

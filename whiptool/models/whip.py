@@ -132,6 +132,11 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         """Quantity `name` of every joint: of a node in space twice, shape (N,) or (2 N,)."""
         return np.repeat(self.per_node(name), self.joints_per_node)
 
+    @property
+    def clamped(self) -> bool:
+        """Whether its first joint, the hinge at the hand, has a spring."""
+        return bool(self.per_node("k")[0])
+
     def common(self, name: str) -> float:
         """Mean of quantity `name` over the nodes, of joints over all but the first, as one number stands for them."""
         return float(self.per_node(name)[1 if name in self._JOINT else 0 :].mean())

@@ -82,6 +82,10 @@ class Rollout(ABC):
             InputError: The strike is of another arm, or needs too many steps.
         """
 
+    def simulate(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
+        """Return the same as `trajectory`, under the name of the command."""
+        return self.trajectory(strike, t_stay=t_stay)
+
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
         """Return the whole of many strikes, one after the other."""
         for vector in self.vectors(strikes):

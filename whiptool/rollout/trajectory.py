@@ -105,6 +105,12 @@ _SHAPES = {"t": "T", "q": "Tn", "v": "Tn", "q_d": "Ta", "v_d": "Ta", "tau": "Ta"
 _SHAPES |= {"tip": "Td", "tip_velocity": "Td", "diverged": ""}  # of a trajectory's file
 
 
+SPELLED = {  # names of a trajectory's symbols, in words
+    "times": "t", "positions": "q", "velocities": "v", "desired_positions": "q_d", "desired_velocities": "v_d",
+    "torques": "tau", "stiffness": "K", "damping": "B",
+}  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Trajectory(NoArray, instead="its t, q, tau or tip"):
     """One strike over T instants, for an arm of a joints and a chain of n.
@@ -118,6 +124,8 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         K, B: Stiffness [N m/rad] and damping [N m s/rad] of the controller, (T, a, a).
         tip, tip_velocity: [m], [m/s], (T, 2), in space (T, 3).
         diverged: Whether it ends early because it diverged.
+
+    The symbols have names in words, too: `times`, `positions`, `velocities`, `torques` and the like, see `SPELLED`.
     """
 
     t: np.ndarray
@@ -136,6 +144,19 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         fastest = self.tip_speed.max()
         ended = "diverged" if self.diverged else "ended"
         return f"Trajectory({len(self.t)} instants, {ended} at {self.t[-1]:.3f} s, tip at most {fastest:.1f} m/s)"
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name not in SPELLED:
+            raise AttributeError(f"Trajectory has no attribute {name!r}", name=name, obj=self)
+        return getattr(self, SPELLED[name])
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *SPELLED]
+
+    @property
+    def duration(self) -> float:
+        """Of all instants [s]: of the movement, and of what is watched after it."""
+        return float(self.t[-1] - self.t[0])
 
     @property
     def tip_speed(self) -> np.ndarray:
