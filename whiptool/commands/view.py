@@ -11,7 +11,7 @@ import webbrowser
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import tyro
 
@@ -45,6 +45,8 @@ class ViewOptions(JsonOptions):
 @dataclass(frozen=True, kw_only=True)
 class _Controlled(ControllerOptions, ModelOptions):
     """A controller, which may be that of the model's arm."""
+
+    in_space: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
