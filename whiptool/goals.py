@@ -135,8 +135,11 @@ class Goals(NoArray, instead="its positions"):
         return near & self.arrives(velocity)
 
     def hit_by(self, near: Approach) -> np.ndarray:
-        """Return which of the strikes with these closest approaches hit, (B,): see `hit`; none that diverged does."""
-        return ~near.diverged & self.hit(near.distance, near.velocity, near.error)
+        """Return which of the strikes with these closest approaches hit, (B,): see `hit`.
+
+        None that diverged does, and none whose point is hit by less than the estimated error of integration.
+        """
+        return ~near.diverged & self.hit(near.farthest, near.velocity, near.error)
 
     def residuals(self, tip: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return what is left between strikes and goals [m], (B, r); their norm is the cost that searches minimise.

@@ -469,7 +469,7 @@ class Objective:
     def _hits(self, near: Approach, i: int) -> bool:
         one = slice(i, i + 1)
         error = None if near.error is None else near.error[one]
-        return bool(self.goals.hit(near.distance[one], near.velocity[one], error)[0])
+        return bool(self.goals.hit(near.farthest[one], near.velocity[one], error)[0])
 
     def _outcome(
         self, near: Approach, i: int, beyond: float, by: str, values: Sequence[float] | np.ndarray = ()

@@ -227,19 +227,21 @@ class ClosedLoop(System):
     # -----------------------------------------------------------------------------------------------------------------
     # What drives the whip
 
-    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
         """Return where the arm's hand is, its links' ends, and how it moves."""
         arm, posture, gravity = self.arm, self.arm.posture(q), self.parameters["gravity"]
+        share = ca.SX(1) if share is None else share
         if self.prescribed:
             motion = arm.led(q, v, u, gravity)
-            first = motion.acceleration + ca.mtimes(motion.jacobian, before - u)
+            drift = motion.acceleration - ca.mtimes(motion.jacobian, u)
+            first = share * drift + ca.mtimes(motion.jacobian, before)
             first = ca.SX.zeros(6) if self.explicit else first
         else:
             motion = arm.motion(q, v, gravity, [] if self.held else self._compensated[0])
             if self.structure.hand and not self.held:
                 at = self._hand_of(posture)
                 motion = motion._replace(place=at.place, turned=at.turned)
-            first = motion.drift + ca.mtimes(motion.jacobian, before)
+            first = share * motion.drift + ca.mtimes(motion.jacobian, before)
         moves = ca.mtimes(motion.jacobian, v)
         turned = posture.hand_turned if len(self.hinges) == 1 else posture.hand_turned.settled
         frame = SpatialFrame(turned, moves[:3], moves[3:], posture.hand)

@@ -20,6 +20,22 @@ import casadi as ca
 from whiptool.dynamics.chain import Chain
 
 GAMMA = 1 - 1 / math.sqrt(2)  # L-stable
+# ROS34PW2: Rang, Angermann (2005), BIT 45, 761-787; of third order for any A, and beside it one of second
+W_GAMMA = 0.435866521508459
+W_A = (
+    (0.0, 0.0, 0.0, 0.0),
+    (0.871733043016918, 0.0, 0.0, 0.0),
+    (0.844570600153694, -0.112990642363484, 0.0, 0.0),
+    (0.0, 0.0, 1.0, 0.0),
+)
+W_STIFF = (  # gamma_ij, of which the diagonal is W_GAMMA
+    (0.0, 0.0, 0.0, 0.0),
+    (-0.871733043016918, 0.0, 0.0, 0.0),
+    (-0.903380570130441, 0.0541806723883951, 0.0, 0.0),
+    (0.242123807060953, -1.22325058390451, 0.545260255335102, 0.0),
+)
+W_B = (0.242123807060953, -1.22325058390451, 1.54526025533510, 0.435866521508459)
+W_SECOND = (0.378109031458194, -0.0960422922124232, 0.5, 0.217933260754229)  # the weights of second order
 RUNGE_KUTTA = ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6))  # where a stage is taken, and its weight
 
 

@@ -125,7 +125,7 @@ class Swing(System):
     def _base(self, u: ca.SX) -> Base:
         return Base(*ca.vertsplit(u)) if self.n_inputs else Base()
 
-    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
         """Return the base's frame; places are counted from the base."""
         base, still = self._base(u), SpatialFrame.at_rest()
         frame = still._replace(
@@ -150,7 +150,7 @@ class SpatialSwing(Swing):
     acceleration and acceleration of the point that joint 1 hangs from, three numbers each, in the world's axes.
     """
 
-    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
         """Return the hand's frame; places are counted from the hand.
 
         In the second stage of a step the angular acceleration is that at the step's end for both stages: the

@@ -109,10 +109,11 @@ class System(ABC):
     link_columns: dict[str, tuple[int, int]]
 
     @abstractmethod
-    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX) -> Hand:
+    def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
         """Return where the whip begins, for the drive's joints (a, 1) and the input.
 
-        `before` is what the drive's joints accelerated with in the first stage (a, 1), in the second.
+        In later stages `before` is a weighted sum of what the drive's joints accelerated with in those before (a, 1),
+        and `share` the sum of the weights; default: 1.
         """
 
     @abstractmethod
@@ -388,7 +389,7 @@ class System(ABC):
         a, K = self.n_drive, self.link_size
         sizes = {"q": K, "v": K, "before": K, "armature": len(self.hinges) or 1, "twist": 0 if self.hinges else 2}
         sizes |= {"k1": K, "k2": K, "w": len(self.link_columns)}
-        sizes |= {"qa": a, "va": a, "before_a": a, "u": self.n_inputs, "t": 1, "h": 1}
+        sizes |= {"qa": a, "va": a, "before_a": a, "u": self.n_inputs, "t": 1, "h": 1, "share": 1}
         torque = ca.SX.sym("torque", *((K, 1) if self.hinges else (4, 3)))
         return {name: ca.SX.sym(name, size) for name, size in sizes.items()} | {"torque": torque}
 
@@ -436,7 +437,7 @@ class System(ABC):
         """What a compiled engine is made of, by name; each takes and gives columns."""
         s, c = self._symbols, self.columns
         q, v, w, h, before = (s[name] for name in ("q", "v", "w", "h", "before"))
-        hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"])
+        hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"], s["share"])
         end, moves, *first_torque = self.move_link(c.frame.record, q, v, w, h, None)
         end_again, _, *again = self.move_link(c.frame.record, q, v, w, h, before)
         # all that the second stage needs of a frame
@@ -453,7 +454,7 @@ class System(ABC):
         hand_ends = ca.vec(hand.ends[:, self._places].T)
         table = {
             "hand": (
-                [s["qa"], s["va"], self.p, s["u"], s["before_a"]],
+                [s["qa"], s["va"], self.p, s["u"], s["before_a"], s["share"]],
                 [c.frame.column(hand.frame), hand_ends, hand.angles, c.motion.column(hand.motion)],
             ),
             "outward": ([frame, q, v, w, h], [c.frame.column(end), c.moving.column(moves), *first_torque]),
@@ -471,12 +472,12 @@ class System(ABC):
             "predict": ([x, y, k1, h], [*predicted(x, y, k1, h)]),
             "advance": ([x, y, k1, k2, h], [*advanced(x, y, k1, k2, h)]),
             "predict_link": ([q, v, s["k1"], h], [*self.predict_link(q, v, s["k1"], h)]),
+            "follow_link": ([q, v, s["k1"], s["k2"], h], [*self.follow_link(q, v, s["k1"], s["k2"], h)]),
             "advance_link": ([q, v, s["k1"], s["k2"], h], [*self.advance_link(q, v, s["k1"], s["k2"], h)]),
         }
         if self.prescribed:
             table["lead"] = [s["t"], self.p], [*self.lead(s["t"])]
         if self.explicit:
-            table["follow_link"] = [q, v, s["k1"], s["k2"], h], [*self.follow_link(q, v, s["k1"], s["k2"], h)]
             for name in ("outward_again", "predict", "advance", "predict_link", "advance_link"):
                 del table[name]
         found = {name: ca.Function(name, *sides, {"cse": True}) for name, sides in table.items()}

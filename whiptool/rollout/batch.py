@@ -10,6 +10,8 @@ import numpy as np
 from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.system import System
 
+_STEP_OF_TOLERANCE = 0.05  # [s per square root of a metre]
+
 
 @dataclass
 class Batch:
@@ -26,6 +28,11 @@ class Batch:
         u_row, du_row: First row of each strike's in them, (B,); a negative du_row: its inputs do not change.
         rate, samples: The tip's path is wanted at `samples` times, `rate` times a second.
         with_rows: Trajectories are wanted at every step.
+        tolerance: Error of a step that a strike takes [m], (B,); each then chooses its steps, and `h`, `h_last` and
+            `steps` are the instants at which it is observed; None: these are the steps.
+        knot: When the reference of a strike ends [s], (B,).
+        weight: How far each coordinate moves the tip [m], (n,).
+        period: For which a torque is held [s]; 0: it is not.
         columns, stride: Of what is observed (see `System.step`), to keep every `stride` steps,
             (C,).
     """
@@ -50,15 +57,43 @@ class Batch:
     with_rows: bool = False
     columns: np.ndarray | None = None
     stride: int = 1
+    tolerance: np.ndarray | None = None
+    knot: np.ndarray | None = None
+    weight: np.ndarray | None = None
+    period: float = 0.0
 
     PER_STRIKE: ClassVar = (
         "p", "x0", "target", "h", "h_last", "steps", "dp", "dx0", "dh", "dh_last", "u_row", "du_row",
+        "tolerance", "knot",
     )  # fmt: skip
 
     def take(self, order: np.ndarray) -> Batch:
         """The strikes in another order."""
         arrays = {name: getattr(self, name) for name in self.PER_STRIKE}
         return replace(self, **{k: None if x is None else np.ascontiguousarray(x[order]) for k, x in arrays.items()})
+
+    def in_equal_steps(self) -> Batch:
+        """Return the batch for an engine that does not choose steps: as short, all alike, as the tolerances ask for.
+
+        The errors of such steps, and of the segments between them, are of second order at least: steps are as the
+        tolerances' square roots. Instants that were asked for stay the steps.
+        """
+        if self.tolerance is None or self.with_rows or self.columns is not None:
+            return self
+        end, longest = (self.steps - 1) * self.h + self.h_last, _STEP_OF_TOLERANCE * np.sqrt(self.tolerance)
+        longest = np.minimum(longest, self.h * 2)
+        if self.period:
+            hold = int(np.ceil(self.period / longest.min()))
+            h = np.full(len(end), self.period / hold)
+        else:
+            hold, h = 1, end / np.ceil(end / longest)
+        steps = np.ceil(end / h - 1e-9).astype(np.int64)
+        equal = replace(self, h=h, h_last=end - (steps - 1) * h, steps=steps, hold=hold, tolerance=None)
+        if self.dh is not None and self.dh_last is not None:
+            later = (self.steps - 1) * self.dh + self.dh_last
+            equal.dh = np.zeros_like(later) if self.period else later / steps
+            equal.dh_last = later - (steps - 1) * equal.dh
+        return equal
 
     @property
     def forward(self) -> bool:

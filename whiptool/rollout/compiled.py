@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -29,10 +30,14 @@ from whiptool.rollout.interface import (
     joined,
     target_points,
 )
+from whiptool.rollout.resolution import TOLERANCE, Resolved, resolve
 from whiptool.rollout.slopes import SLOPES, ApproachSlopes
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 
-TIMESTEP = 2.5e-4  # [s]; benchmarks/accuracy.py shows why
+TIMESTEP = 2.5e-4  # [s] between the instants of a trajectory whose steps are chosen by their errors
+FINEST, COARSEST = 1e-9, 0.1  # [m], tolerances
+_EXPLICIT = 5e-4  # [s]; where Runge and Kutta's method is stable at it, its steps are the cheaper ones
+_OF_A_PATH = 1e-2  # tolerance of a step's error along a path, in units of that of the distance
 _AT_ONCE = 8192  # strikes packed at once: bounds the memory
 _TRAJECTORIES_AT_ONCE = 64
 
@@ -57,16 +62,24 @@ class CompiledRollout(Rollout):
     Args:
         model: Whip, arm, gravity.
         controller: Law and options; default: `default_controller`.
-        timestep: Largest step of the integrator [s]. Under position control it is the classical Runge-Kutta method,
-            of fourth order, at steps at which that is stable, else as under every other controller ROS2.
+        tolerance: Largest error of integration that a distance may have [m]: each strike is stepped as finely as that
+            needs. Default: 1e-4, where no `timestep` is given.
+        timestep: Largest step [s] of an integrator that takes equal steps and does not estimate its error.
         engine: `simd`, `scalar` or `interpreter`; default: the environment variable WHIPTOOL_ENGINE, or the best that
             works here.
         free: Names of parameters along which derivatives will be taken although their terms are zero in this model.
         threads: Default: one per core.
         sag: How far from postures `q_i` (B, a) the arm stands when strikes begin [rad], (B, a) or (a,); None: there.
 
+    Under position control the integrator is the classical Runge-Kutta method, of fourth order, where that is stable;
+    otherwise a Rosenbrock-W method, of third order, or at equal steps of second (ROS2).
+
+    Attributes:
+        timestep: The largest step [s], or of a rollout of a tolerance the interval between a trajectory's instants.
+
     Raises:
-        InputError: An argument is out of range, or the law does not fit the arm.
+        InputError: An argument is out of range, both `tolerance` and `timestep` are given, or the law does not fit the
+            arm.
     """
 
     def __init__(
@@ -74,7 +87,8 @@ class CompiledRollout(Rollout):
         model: Model,
         controller: Controller | None = None,
         *,
-        timestep: float = TIMESTEP,
+        tolerance: float | None = None,
+        timestep: float | None = None,
         engine: str | None = None,
         free: Sequence[str] = (),
         threads: int | None = None,
@@ -86,10 +100,17 @@ class CompiledRollout(Rollout):
         if engine is not None and engine not in RUNGS:
             raise InputError("engine", engine, ", ".join(RUNGS))
         self.model, self.controller = model, controller
-        self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
+        if tolerance is not None and timestep is not None:
+            raise InputError("tolerance and timestep", (tolerance, timestep), "one of the two")
+        if timestep is None:
+            self.tolerance = number("tolerance", tolerance or TOLERANCE, low=FINEST, high=COARSEST)
+        else:
+            self.tolerance = None
+        self.timestep = number("timestep", timestep or TIMESTEP, low=SMALLEST_STEP, high=LARGEST_STEP)
         self.free = texts("free", free)
         self._sag = sag
-        explicit = controller.prescribed and self.timestep <= explicit_timestep(model)
+        needed = self.timestep if self.tolerance is None else _EXPLICIT
+        explicit = controller.prescribed and needed <= explicit_timestep(model)
         self.structure = Structure.of(model, controller, free=free, explicit=explicit)
         controller.check_fits(model.arm)
         self._rung, self._threads = engine or wanted_rung(), None if threads is None else whole("threads", threads)
@@ -131,17 +152,41 @@ class CompiledRollout(Rollout):
             if given and not (isinstance(given, (list, tuple)) and len(given) == B):
                 raise InputError(name, given, f"a list of {B}, one for each strike, or none")
         targets = target_points(target, B, self.model.dimension)
-        engine, out = self._engine(forward=False), np.empty((B, outcome_columns(a, self.model.dimension).width))
+        out, error = np.empty((B, outcome_columns(a, self.model.dimension).width)), np.empty(B)
         bar = Progress(total=B, unit=" strikes", disable=not progress, leave=False)
         for first in range(0, B, _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             batch = self._batch(
                 strikes[part], targets[part], t_stay, models and models[part], controllers and controllers[part]
             )
-            out[part] = engine(batch, threads=self._threads).out
+            found = self._resolved(batch)
+            out[part], error[part] = found.out, found.error
             bar.update(len(batch.p))
         bar.close()
-        return _approach(out, a, self.model.dimension)
+        return self._approach(out, error)
+
+    def _resolved(self, batch: Batch) -> Resolved:
+        """Roll strikes out as finely as the tolerance asks for, or at the steps that were given."""
+        engine, count = self._engine(forward=False), len(batch.p)
+        if self.tolerance is None:
+            return Resolved(engine(batch, threads=self._threads).out, np.zeros(count), np.zeros(count))
+
+        def roll(which: np.ndarray, tolerances: np.ndarray) -> np.ndarray:
+            some = batch.take(which)
+            some.tolerance = tolerances
+            return engine(some, threads=self._threads).out
+
+        return resolve(roll, count, self.tolerance, outcome_columns(self.model.arm.n, self.model.dimension))
+
+    def _approach(self, out: np.ndarray, error: np.ndarray | None = None) -> Approach:
+        """The engine's outcome of each strike, by name, and the estimated error of its distance."""
+        columns = outcome_columns(self.model.arm.n, self.model.dimension)
+        single = {name: out[:, columns[name]][:, 0] for name in ("distance", "time")}
+        several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque", "effort")}
+        positions = np.stack([out[:, columns[name]] for name in ("lowest", "highest")], axis=1)
+        diverged = out[:, columns["diverged"]][:, 0] != 0
+        estimate = None if self.tolerance is None else error
+        return Approach(**single, **several, diverged=diverged, positions=positions, integration_error=estimate)
 
     def nearest_node(
         self, strikes: Strikes, target: Points, *, nodes: Sequence[int], t_stay: float | np.ndarray = T_STAY
@@ -171,7 +216,7 @@ class CompiledRollout(Rollout):
             batch = self._batch(strikes[part], targets[part], stay[part])
             batch.columns = columns
             rolled = self._engine(forward=False)(batch, threads=self._threads)
-            tips = _approach(rolled.out, a, d)
+            tips = self._approach(rolled.out)
             for i, (path, h) in enumerate(zip(rolled.observed()[0], batch.h, strict=True)):
                 paths = path.reshape(len(path), len(nodes), d).transpose(1, 0, 2)
                 found.append(tips.of_paths(i, paths, batch.target[i], h))
@@ -219,13 +264,15 @@ class CompiledRollout(Rollout):
         B, m = len(strikes), len(names)
         targets = target_points(target, B, self.model.dimension)
         columns = outcome_columns(self.model.arm.n, self.model.dimension)
-        out = np.empty((B, m, columns.width))
+        out, error = np.empty((B, m, columns.width)), np.empty(B)
         at_once = max(1, _AT_ONCE // m)
         for first in range(0, B, at_once):
             part = slice(first, first + at_once)
-            batch = self._forward_batch(strikes[part], targets[part], t_stay, names)
+            found = self._resolved(self._batch(strikes[part], targets[part], t_stay))
+            error[part] = found.error
+            batch = self._forward_batch(strikes[part], targets[part], t_stay, names, found.tolerance)
             out[part] = self._engine(forward=True)(batch, threads=self._threads).out.reshape(-1, m, out.shape[2])
-        return _approach(out[:, 0], self.model.arm.n, self.model.dimension), out, columns
+        return self._approach(out[:, 0], error), out, columns
 
     def tip_path(
         self,
@@ -263,7 +310,7 @@ class CompiledRollout(Rollout):
             The closest approaches to the base; positions (B, S, d) [m], as those of `tip_path`.
         """
         _, paths, _, out = self._tip_path(strikes, t_stay, rate)
-        return _approach(out, self.model.arm.n, self.model.dimension), paths
+        return self._approach(out), paths
 
     def _tip_path(
         self,
@@ -425,7 +472,21 @@ class CompiledRollout(Rollout):
                 self._check_within(model, controller)
                 p[which] = self.structure.pack(model, controller, numbers[which])
                 x0[which, :n] = start_posture(model, self._starts(numbers[which]))
-        return Batch(p, x0, np.ascontiguousarray(targets), h, h_last, steps, hold)
+        batch = Batch(p, x0, np.ascontiguousarray(targets), h, h_last, steps, hold)
+        if self.tolerance is not None:
+            batch.tolerance = np.full(B, _OF_A_PATH * self.tolerance)
+            batch.knot, batch.weight = strikes[:, -1].copy(), self._weight
+            batch.period = period or 0.0
+        return batch
+
+    @cached_property
+    def _weight(self) -> np.ndarray:
+        """How far each coordinate moves the tip [m], (n,)."""
+        lengths, a = self.model.whip.per_node("l"), self.model.arm.n
+        beyond = np.cumsum(lengths[::-1])[::-1]  # of the whip, from each joint on
+        size = (self.structure.n - a) // len(lengths)
+        of_whip = lengths if self.model.whip.joints == "rod" else beyond
+        return np.concatenate([np.full(a, beyond[0]), np.repeat(of_whip, size)])
 
     def _starts(self, numbers: np.ndarray) -> np.ndarray:
         """Where the arm stands when strikes of such numbers begin, (B, a) [rad]."""
@@ -444,10 +505,21 @@ class CompiledRollout(Rollout):
                 "make the rollout with the richest of them",
             )
 
-    def _forward_batch(self, strikes: np.ndarray, targets: np.ndarray, t_stay: float, names: Sequence[str]) -> Batch:
-        """Every strike once per direction: strike 0 along all of them, then strike 1, ..."""
+    def _forward_batch(
+        self,
+        strikes: np.ndarray,
+        targets: np.ndarray,
+        t_stay: float,
+        names: Sequence[str],
+        tolerance: np.ndarray | None = None,
+    ) -> Batch:
+        """Every strike once per direction: strike 0 along all of them, then strike 1, ...; `tolerance` of their steps'
+        errors (B,), default: that of paths."""
         m, n = len(names), self.structure.n
-        batch = self._batch(strikes, targets, t_stay).take(np.repeat(np.arange(len(strikes)), m))
+        batch = self._batch(strikes, targets, t_stay)
+        if self.tolerance is not None and tolerance is not None:
+            batch.tolerance = tolerance
+        batch = batch.take(np.repeat(np.arange(len(strikes)), m))
         batch.dp = np.tile(self.directions(names), (len(strikes), 1))
         if not isinstance(self.space, JointSpace):
             self._add_slopes(strikes, names, batch.dp.reshape(len(strikes), m, -1))
@@ -477,12 +549,3 @@ def _stays(t_stay: float | np.ndarray, count: int) -> np.ndarray:
     if stays.shape not in ((), (count,)) or (stays < 0).any():
         raise InputError("t_stay", t_stay, rule)
     return np.broadcast_to(stays, count)
-
-
-def _approach(out: np.ndarray, a: int, dimension: int) -> Approach:
-    """The engine's outcome of each strike, by name."""
-    columns = outcome_columns(a, dimension)
-    single = {name: out[:, columns[name]][:, 0] for name in ("distance", "time")}
-    several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque", "effort")}
-    positions = np.stack([out[:, columns[name]] for name in ("lowest", "highest")], axis=1)
-    return Approach(**single, **several, diverged=out[:, columns["diverged"]][:, 0] != 0, positions=positions)

@@ -24,6 +24,9 @@ namespace {
 
 constexpr int NQ = N_DRIVE + LINK_SIZE * N_LINKS, NX = 2 * NQ;
 constexpr int TIP = 2 * DIMENSION;                            // a place, and its velocity behind it
+constexpr double FIRST = 1e-3, LONGEST = 0.02, SHORTEST = 1e-7;  // steps that lanes choose [s]
+constexpr double SPAN = 0.02;                                 // for which a speed's error counts as a place's [s]
+constexpr int64_t MOST_STEPS = 1000000;
 
 // Numbers of all lanes, and how they change along the lane's direction.
 template <int N>
@@ -95,6 +98,13 @@ void copy(const Numbers<N>& from, int j, Numbers<N>& to) {
 #endif
 }
 
+Numbers<1> constant(double value) {
+  Numbers<1> number;
+  clear(number);
+  number.x[0] = value;
+  return number;
+}
+
 // One stage of the integrator: accelerations of all joints, by one pass out, one in and one out over the links.
 struct Stage {
   Numbers<DIMENSION * N_DRIVE> ends;
@@ -107,12 +117,13 @@ struct Stage {
   // LED: the drive is where it was already, by an earlier stage at the same instant.
   template <bool FIRST, bool LED = false>
   void take(const Numbers<NX>& x, const Numbers<1>& t, const Numbers<1>& h, const Numbers<NP>& p,
-            const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before) {
+            const Numbers<LINK>* w, const Numbers<N_INPUTS>& u, const Numbers<NQ>& before, const Numbers<1>& share) {
     Numbers<MOVING> moving[N_LINKS];
     Numbers<JOINT> joint[N_LINKS];
     Numbers<TORQUE> torque[N_LINKS];
     Numbers<ARMATURE> armature[N_LINKS];
-    if constexpr (!LED) call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0)}, {frame[0], ends, angles, drive_moving});
+    if constexpr (!LED) 
+      call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0), share}, {frame[0], ends, angles, drive_moving});
     for (int i = 0; i < N_LINKS; ++i) {
       const int j = N_DRIVE + LINK_SIZE * i;
       if constexpr (FIRST || EXPLICIT)
@@ -207,6 +218,97 @@ struct ClosestApproach {
     (void)dfrom, (void)dto;
 #endif
   }
+
+  // Of these lanes: the cubic through two tips and their velocities, from time t on for h; d.. are their derivatives.
+  void curve(mask lanes, const real* from, const real* to, real t, real h, const real* target, const real* dfrom,
+             const real* dto, real dh) {
+    real to_start = 0, reach = 0, reach1 = 0, reach2 = 0;  // the curve is in the hull of its Bezier points
+    for (int c = 0; c < DIMENSION; ++c) {
+      const real third = h / 3, chord = to[c] - from[c], e = from[c] - target[c];
+      const real one = third * from[DIMENSION + c], two = chord - third * to[DIMENSION + c];
+      to_start += e * e, reach += chord * chord, reach1 += one * one, reach2 += two * two;
+    }
+    const real least = sqrt(to_start) - sqrt(fmax(reach, fmax(reach1, reach2)));
+    if (!any_of(lanes && (least < sqrt(squared)))) return;
+    real s = 0, best = to_start;
+    constexpr int PARTS = 8;
+    for (int k = 1; k <= PARTS; ++k) {
+      const real at = k / static_cast<double>(PARTS), d2 = distance2(from, to, h, target, at);
+      const mask nearer = d2 < best;
+      best = select(nearer, d2, best), s = select(nearer, at, s);
+    }
+    const real low = fmax(s - 1. / PARTS, real(0)), high = fmin(s + 1. / PARTS, real(1));
+    for (int k = 0; k < 6; ++k) {  // Newton's steps to where the distance's slope is zero
+      real first, second;
+      slopes(from, to, h, target, s, first, second);
+      s = fmin(fmax(s - first / select(second > 0, second, real(1)), low), high);
+    }
+    const real d2 = distance2(from, to, h, target, s);
+    const mask nearer = lanes && (d2 < squared);
+    if (!any_of(nearer)) return;
+    squared = select(nearer, d2, squared);
+    time = select(nearer, t + s * h, time);
+    const real r = 1 - s;
+    real place[DIMENSION], along[DIMENSION], bend[DIMENSION];
+    point(from, to, h, s, place, along, bend);
+    for (int c = 0; c < DIMENSION; ++c) {
+      tip[c] = select(nearer, place[c], tip[c]);
+      tip[DIMENSION + c] = select(nearer, along[c] / h, tip[DIMENSION + c]);
+    }
+#if FORWARD  // where along the curve drops out: there the distance is smallest
+    const real distance = sqrt(d2);
+    real dplace[DIMENSION], dalong[DIMENSION], dbend[DIMENSION], change = 0, dfirst = 0, first, second;
+    point(dfrom, dto, h, s, dplace, dalong, dbend);
+    slopes(from, to, h, target, s, first, second);
+    for (int c = 0; c < DIMENSION; ++c) {
+      const real v0 = from[DIMENSION + c], v1 = to[DIMENSION + c];
+      dplace[c] += dh * r * s * (r * v0 - s * v1);
+      dalong[c] += dh * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1);
+      change += (place[c] - target[c]) * dplace[c];
+      dfirst += dplace[c] * along[c] + (place[c] - target[c]) * dalong[c];
+    }
+    slope = select(nearer, change / select(distance > 0, distance, real(1)), slope);
+    const mask between = s > 0 && s < 1;  // the nearest point moves along the curve
+    const real ds = select(between && (second > 0), -dfirst / select(second > 0, second, real(1)), real(0));
+    for (int c = 0; c < DIMENSION; ++c) {
+      dtip[c] = select(nearer, dplace[c] + ds * along[c], dtip[c]);
+      const real dspeed = (dalong[c] + ds * bend[c] - along[c] / h * dh) / h;
+      dtip[DIMENSION + c] = select(nearer, dspeed, dtip[DIMENSION + c]);
+    }
+#else
+    (void)dfrom, (void)dto, (void)dh, (void)r, (void)bend;
+#endif
+  }
+
+  // Place on the cubic at the share s of its time, and its first and second derivatives by s.
+  static INLINED void point(const real* from, const real* to, real h, real s, real* place, real* along, real* bend) {
+    const real r = 1 - s;
+    for (int c = 0; c < DIMENSION; ++c) {
+      const real chord = to[c] - from[c], v0 = h * from[DIMENSION + c], v1 = h * to[DIMENSION + c];
+      place[c] = from[c] + s * s * (3 - 2 * s) * chord + r * s * (r * v0 - s * v1);
+      along[c] = 6 * r * s * chord + r * (r - 2 * s) * v0 - s * (2 * r - s) * v1;
+      bend[c] = (6 - 12 * s) * chord + (6 * s - 4) * v0 + (6 * s - 2) * v1;
+    }
+  }
+
+  static INLINED real distance2(const real* from, const real* to, real h, const real* target, real s) {
+    real place[DIMENSION], along[DIMENSION], bend[DIMENSION], d2 = 0;
+    point(from, to, h, s, place, along, bend);
+    for (int c = 0; c < DIMENSION; ++c) d2 += (place[c] - target[c]) * (place[c] - target[c]);
+    return d2;
+  }
+
+  // First and second derivatives by s of half the squared distance.
+  static INLINED void slopes(const real* from, const real* to, real h, const real* target, real s, real& first,
+                             real& second) {
+    real place[DIMENSION], along[DIMENSION], bend[DIMENSION];
+    point(from, to, h, s, place, along, bend);
+    first = 0, second = 0;
+    for (int c = 0; c < DIMENSION; ++c) {
+      const real e = place[c] - target[c];
+      first += e * along[c], second += along[c] * along[c] + e * bend[c];
+    }
+  }
 };
 
 struct Strikes {  // what the caller gives and gets; arrays of rows, one per lane unless said otherwise
@@ -226,6 +328,10 @@ struct Strikes {  // what the caller gives and gets; arrays of rows, one per lan
   const int64_t* columns;  // of what is observed, to keep
   int64_t n_columns, stride;
   const int64_t* y_row;  // first row of each lane's samples, `stride` steps apart
+  const double* tolerance;  // of a step's error, one per lane [m], or null: steps are given
+  const double* knot;       // when a lane's reference ends, which no step passes over [s]
+  const double* weight;     // how far each coordinate (NQ) moves the tip [m]
+  double period;            // for which a torque is held [s]
 };
 
 real gather(const double* base, int64_t stride, int64_t first, int64_t count, int64_t column) {
@@ -266,7 +372,11 @@ struct Roll {
 #if FORWARD
   real dh, dh_last, delapsed, dstrongest[N_DRIVE + !N_DRIVE] = {};
 #endif
-  int64_t longest = 0, done[LANES];
+  int64_t longest = 0, done[LANES];  // of each lane, the last instant that was asked for
+  real tolerance, knot, end, length, held;  // of a lane that chooses its steps: `held` counts periods of a held torque
+#if FORWARD
+  real dend;
+#endif
   ClosestApproach closest;
   mask alive, diverged;  // lanes that still move; lanes that broke off
 
@@ -306,7 +416,7 @@ struct Roll {
     for (int j = 0; j < N; ++j) to.x[j] = gather(from, N, first, count, j);
   }
 
-  bool moves(int l) const { return lane(select(alive, real(1), real(0)), l) != 0; }
+  static bool holds(mask lanes, int l) { return lane(select(lanes, real(1), real(0)), l) != 0; }
 
   void set_time(int64_t i) {
     const real k = static_cast<double>(i);
@@ -340,50 +450,56 @@ struct Roll {
 #endif
   }
 
-  void note(int64_t i, const Stage& stage) {
-    if (i > 0) {
+  // What lanes that came to a new instant by a step show there; `begun`: not their first instant.
+  void note(mask lanes, bool begun, const Stage& stage) {
+    if (begun) {
 #if FORWARD
-      const real *dfrom = before.d, *dto = tip.d;
+      const real *dfrom = before.d, *dto = tip.d, dspan = delapsed;
 #else
-      const real *dfrom = nullptr, *dto = nullptr;
+      const real *dfrom = nullptr, *dto = nullptr, dspan = 0;
 #endif
-      closest.segment(alive, before.x, tip.x, now.x[0] - elapsed, elapsed, target, dfrom, dto);
+      if (io.tolerance)
+        closest.curve(lanes, before.x, tip.x, now.x[0] - elapsed, elapsed, target, dfrom, dto, dspan);
+      else
+        closest.segment(lanes, before.x, tip.x, now.x[0] - elapsed, elapsed, target, dfrom, dto);
     }
     for (int j = 0; j < N_DRIVE; ++j) {
       const real speed = abs(x.x[NQ + j]), torque = abs(stage.tau.x[j]);
-      const mask stronger = alive && torque > strongest[j];
-      fastest[j] = select(alive && speed > fastest[j], speed, fastest[j]);
+      const mask stronger = lanes && torque > strongest[j];
+      fastest[j] = select(lanes && speed > fastest[j], speed, fastest[j]);
       strongest[j] = select(stronger, torque, strongest[j]);
 #if FORWARD
       dstrongest[j] = select(stronger, select(stage.tau.x[j] < 0, -stage.tau.d[j], stage.tau.d[j]), dstrongest[j]);
 #endif
-      lowest[j] = select(alive && x.x[j] < lowest[j], x.x[j], lowest[j]);
-      highest[j] = select(alive && x.x[j] > highest[j], x.x[j], highest[j]);
+      lowest[j] = select(lanes && x.x[j] < lowest[j], x.x[j], lowest[j]);
+      highest[j] = select(lanes && x.x[j] > highest[j], x.x[j], highest[j]);
     }
-    add_effort(i, stage.tau);
-    const bool sampled = io.y && i % io.stride == 0;
+    add_effort(lanes, begun, stage.tau);
+    for (int l = 0; l < LANES && l < count; ++l)
+      if (io.path && holds(lanes, l)) write_path(begun, l);
+  }
+
+  // The instants of these lanes that the caller asked for.
+  void write(mask lanes, const Stage& stage) {
     for (int l = 0; l < LANES && l < count; ++l) {
-      if (!moves(l)) continue;
-      if (io.rows) write_row(i, l, stage);
-      if (io.path) write_path(i, l);
-      if (sampled) write_observed(i, l, stage);
+      if (!holds(lanes, l)) continue;
+      if (io.rows) write_row(done[l], l, stage);
+      if (io.y && done[l] % io.stride == 0) write_observed(done[l], l, stage);
     }
-    for (int l = 0; l < LANES; ++l)
-      if (moves(l)) done[l] = i;
   }
 
   // Trapezoids between this instant and the one before.
-  void add_effort(int64_t i, const Numbers<N_DRIVE>& tau) {
-    const real half = i > 0 ? real(elapsed / 2) : real(0);
+  void add_effort(mask lanes, bool begun, const Numbers<N_DRIVE>& tau) {
+    const real half = begun ? real(elapsed / 2) : real(0);
     for (int j = 0; j < N_DRIVE; ++j) {
       const real now2 = tau.x[j] * tau.x[j], sum = squared.x[j] + now2;
-      effort.x[j] = select(alive, effort.x[j] + half * sum, effort.x[j]);
-      squared.x[j] = now2;
+      effort.x[j] = select(lanes, effort.x[j] + half * sum, effort.x[j]);
+      squared.x[j] = select(lanes, now2, squared.x[j]);
 #if FORWARD
-      const real dhalf = i > 0 ? real(delapsed / 2) : real(0), dnow2 = 2 * tau.x[j] * tau.d[j];
+      const real dhalf = begun ? real(delapsed / 2) : real(0), dnow2 = 2 * tau.x[j] * tau.d[j];
       const real change = dhalf * sum + half * (squared.d[j] + dnow2);
-      effort.d[j] = select(alive, effort.d[j] + change, effort.d[j]);
-      squared.d[j] = dnow2;
+      effort.d[j] = select(lanes, effort.d[j] + change, effort.d[j]);
+      squared.d[j] = select(lanes, dnow2, squared.d[j]);
 #endif
     }
   }
@@ -407,20 +523,20 @@ struct Roll {
     }
   }
 
-  void write_path(int64_t i, int l) const {
-    const double t = lane(now.x[0], l), span = lane(elapsed, l), start = i > 0 ? t - span : t;
-    int64_t sample = i > 0 ? static_cast<int64_t>(std::floor(start * io.rate + 1e-9)) + 1 : 0;
+  void write_path(bool begun, int l) const {
+    const double t = lane(now.x[0], l), span = lane(elapsed, l), start = begun ? t - span : t;
+    int64_t sample = begun ? static_cast<int64_t>(std::floor(start * io.rate + 1e-9)) + 1 : 0;
     for (; sample < io.samples && sample <= t * io.rate + 1e-9; ++sample) {
-      const double s = i > 0 ? (sample / io.rate - start) / span : 0;
+      const double s = begun ? (sample / io.rate - start) / span : 0;
       double* point = io.path + ((first + l) * io.samples + sample) * (FORWARD ? TIP : DIMENSION);
-      const Numbers<TIP>& from = i > 0 ? before : tip;
+      const Numbers<TIP>& from = begun ? before : tip;
       for (int c = 0; c < DIMENSION; ++c) {
         const double p0 = lane(from.x[c], l), v0 = lane(from.x[DIMENSION + c], l);
         const double p1 = lane(tip.x[c], l), v1 = lane(tip.x[DIMENSION + c], l);
         point[c] = hermite(p0, v0, p1, v1, span, s);
 #if FORWARD  // at a fixed time: the step that holds it moves with the strike's duration
-        const double dstart = i > 0 ? lane(now.d[0] - delapsed, l) : lane(now.d[0], l), dspan = lane(delapsed, l);
-        const double ds = i > 0 ? -(dstart + s * dspan) / span : 0, r = 1 - s;
+        const double dstart = begun ? lane(now.d[0] - delapsed, l) : lane(now.d[0], l), dspan = lane(delapsed, l);
+        const double ds = begun ? -(dstart + s * dspan) / span : 0, r = 1 - s;
         const double q0 = lane(from.d[c], l), w0 = lane(from.d[DIMENSION + c], l);
         point[DIMENSION + c] = hermite(q0, w0, lane(tip.d[c], l), lane(tip.d[DIMENSION + c], l), span, s) +
                        ds * (6 * r * s * (p1 - p0) + span * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1)) +
@@ -488,8 +604,9 @@ struct Roll {
     }
   }
 
-  // The state a step later, by the classical Runge-Kutta method; `later` ends as the stage at the step's end.
-  void runge_kutta(const Stage& one, Stage& later, Numbers<NX>& next) {
+  // The state a step later, by the classical Runge-Kutta method; `later` ends as the stage at the step's end,
+  // and `last` as the state there.
+  void runge_kutta(const Stage& one, Stage& later, Numbers<NX>& next, Numbers<NX>& last) {
     constexpr double AT[] = {0.5, 0.5, 1}, WEIGHT[] = {1 / 3., 1 / 3., 1 / 6.};
     Numbers<NX> mean, ahead = x;
     Numbers<NQ> k = one.qdd, none;
@@ -509,15 +626,16 @@ struct Roll {
       for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
         call<follow_link>({In(x, j), In(x, NQ + j), In(ahead, NQ + j), In(k, j), part}, {Out(to, j), Out(to, NQ + j)});
       if (s == 1)  // at the instant of the stage before
-        later.take<false, true>(to, t, part, p, w, u_end, none);
+        later.take<false, true>(to, t, part, p, w, u_end, none, constant(0));
       else
-        later.take<false>(to, t, part, p, w, u_end, none);
+        later.take<false>(to, t, part, p, w, u_end, none, constant(0));
       ahead = to, k = later.qdd;
       share(mean, WEIGHT[s], ahead, k);
     }
     for (int j = 0; j < N_DRIVE; ++j) copy(ahead, j, next), copy(ahead, NQ + j, next);
     for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
       call<follow_link>({In(x, j), In(x, NQ + j), In(mean, j), In(mean, NQ + j), dt}, {Out(next, j), Out(next, NQ + j)});
+    last = ahead;
   }
 #else
   // The state a step later, by the Rosenbrock-W method.
@@ -537,7 +655,7 @@ struct Roll {
 #endif
     for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
       call<predict_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), dt}, {Out(ahead, j), Out(ahead, NQ + j)});
-    two.take<false>(ahead, later, dt, p, w, u_end, one.qdd);
+    two.take<false>(ahead, later, dt, p, w, u_end, one.qdd, constant(1));
     for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
       call<advance_link>({In(x, j), In(x, NQ + j), In(one.qdd, j), In(two.qdd, j), dt},
                          {Out(next, j), Out(next, NQ + j)});
@@ -550,7 +668,8 @@ struct Roll {
   }
 #endif
 
-  void run() {
+  // Steps that the caller gives, of all lanes together.
+  void run_steps() {
     Stage one;
 #if EXPLICIT
     Stage later;
@@ -563,17 +682,21 @@ struct Roll {
 #if EXPLICIT
       if (i > 0) {  // the last step's end
         one.lead_as(later);
-        one.take<true, true>(x, now, dt, p, w, u, none);
+        one.take<true, true>(x, now, dt, p, w, u, none, constant(0));
       } else
 #endif
-        one.take<true>(x, now, dt, p, w, u, none);
+        one.take<true>(x, now, dt, p, w, u, none, constant(0));
       one.tip(tip);
-      note(i, one);
+      note(alive, i > 0, one);
+      for (int l = 0; l < LANES; ++l)
+        if (holds(alive, l)) done[l] = i;
+      write(alive, one);
       alive = alive && !(real(static_cast<double>(i)) == steps);
       if (!any_of(alive)) break;
       Numbers<NX> next;
 #if EXPLICIT
-      runge_kutta(one, later, next);
+      Numbers<NX> last;
+      runge_kutta(one, later, next, last);
 #else
       rosenbrock(one, next);
 #endif
@@ -582,6 +705,276 @@ struct Roll {
 #endif
       move_to(next);
     }
+  }
+
+  // Time of the next instant that no step passes over: the reference's or the strike's end, a new torque to hold, an
+  // instant that the caller asked for.
+  Numbers<1> next_event() const {
+    Numbers<1> event;
+    event.x[0] = select(now.x[0] < knot, fmin(knot, end), end);
+#if FORWARD
+    event.d[0] = dend;  // the reference's end moves as the strike's
+#endif
+    for (int l = 0; l < LANES; ++l) {
+      if (HELD) sooner(event, l, (lane(held, l) + 1) * io.period, 0);
+#if FORWARD
+      if (gridded()) sooner(event, l, (done[l] + 1) * lane(h, l), (done[l] + 1) * lane(dh, l));
+#else
+      if (gridded()) sooner(event, l, (done[l] + 1) * lane(h, l), 0);
+#endif
+    }
+    return event;
+  }
+
+  static void sooner(Numbers<1>& event, int l, double t, double dt) {
+    if (!(t < lane(event.x[0], l) * (1 - 1e-12))) return;
+    set_lane(event.x[0], l, t);
+#if FORWARD
+    set_lane(event.d[0], l, dt);
+#else
+    (void)dt;
+#endif
+  }
+
+  bool gridded() const { return io.rows || io.y; }
+
+  // Sets the step, to the event where it is not farther than `length`, half the way where it is not twice as far.
+  // Returns when it ends.
+  Numbers<1> choose_step() {
+    Numbers<1> event = next_event(), then;
+    const real left = event.x[0] - now.x[0];
+    const mask lands = length >= left * (1 - 1e-9), halves = 2 * length > left;
+    const real share = select(lands, real(1), select(halves, real(0.5), real(0)));
+    dt.x[0] = select(lands || halves, share * left, length);
+    then.x[0] = select(lands, event.x[0], now.x[0] + dt.x[0]);
+#if FORWARD
+    dt.d[0] = share * (event.d[0] - now.d[0]);
+    then.d[0] = select(lands, event.d[0], now.d[0] + dt.d[0]);
+#endif
+    return then;
+  }
+
+#if HELD
+  // Lanes whose period is over get a new torque.
+  void set_torques() {
+    real period = 0;
+    for (int l = 0; l < LANES; ++l) set_lane(period, l, std::floor(lane(now.x[0], l) / io.period + 1e-9));
+    const mask over = period > held;
+    if (!any_of(over)) return;
+    Numbers<N_INPUTS> torque;
+    call<control>({x, now, p}, {torque});
+    for (int j = 0; j < N_INPUTS; ++j) take_over(over, torque, j, u, j);
+    held = select(over, period, held), u_end = u;
+  }
+#endif
+
+  template <int N, int M>
+  static void take_over(mask lanes, const Numbers<N>& from, int i, Numbers<M>& to, int j) {
+    to.x[j] = select(lanes, from.x[i], to.x[j]);
+#if FORWARD
+    to.d[j] = select(lanes, from.d[i], to.d[j]);
+#endif
+  }
+
+  // Lanes are at a new instant, or at their first.
+  void arrive(mask lanes, bool begun, const Stage& stage) {
+    Numbers<TIP> there;
+    stage.tip(there);
+    for (int j = 0; j < TIP; ++j) take_over(lanes, there, j, tip, j);
+    note(lanes, begun, stage);
+    mask wanted = lanes;
+    for (int l = 0; begun && l < LANES; ++l) {
+      const double t = lane(now.x[0], l);
+      const bool asked = !gridded() || t == (done[l] + 1) * lane(h, l) || t >= lane(end, l);
+      if (asked && holds(lanes, l))
+        ++done[l];
+      else
+        wanted = wanted && !only(l);
+    }
+    write(wanted, stage);
+    alive = alive && !(lanes && now.x[0] >= end);
+  }
+
+  static mask only(int l) {
+    real one = 0;
+    set_lane(one, l, 1);
+    return one > 0;
+  }
+
+  // Which lanes' steps are good enough, by the squares of their errors [m^2]; sets the length of the next ones.
+  mask judge(const Numbers<NX>& next, real squared_error) {
+    real speed2 = 0, growth = 0;
+    for (int j = NQ; j < NX; ++j) speed2 += next.x[j] * next.x[j];
+    const real error = sqrt(squared_error) / tolerance;
+    const mask calm = speed2 < FASTEST * FASTEST, good = alive && calm && error <= 1;  // not of NaN
+    for (int l = 0; l < LANES; ++l) {
+      const double e = lane(error, l), wanted = 0.9 * std::pow(e, -1.0 / ERROR_ORDER);
+      set_lane(growth, l, holds(calm, l) && wanted > 0.2 ? std::fmin(wanted, 4) : 0.2);
+    }
+    const real following = fmin(dt.x[0] * growth, real(LONGEST));
+    length = select(good && dt.x[0] < length, fmax(length, following), following);  // a step may be cut short
+    const mask lost = alive && !good && length < SHORTEST;
+    diverged = diverged || lost, alive = alive && !lost;
+    return good;
+  }
+
+  void step_to(mask good, const Numbers<NX>& next, const Numbers<1>& then) {
+    elapsed = select(good, dt.x[0], elapsed);
+#if FORWARD
+    delapsed = select(good, dt.d[0], delapsed);
+#endif
+    take_over(good, then, 0, now, 0);
+    for (int j = 0; j < NX; ++j) take_over(good, next, j, x, j);
+    for (int j = 0; j < TIP; ++j) take_over(good, tip, j, before, j);
+  }
+
+  // The square of an error of one coordinate and its speed, as places [m].
+  real square(int j, real position, real speed) const {
+    return io.weight[j] * io.weight[j] * (position * position + SPAN * SPAN * speed * speed);
+  }
+
+#if EXPLICIT
+  // How far the classical method is from the one of third order that has the next step's first stage in place of the
+  // last; Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, Sect. II.4.
+  real squared_error(const Numbers<NX>& last, const Numbers<NQ>& k, const Numbers<NX>& next, const Numbers<NQ>& following) {
+    real sum = 0;
+    for (int j = N_DRIVE; j < NQ; ++j)
+      sum += square(j, dt.x[0] / 6 * (last.x[NQ + j] - next.x[NQ + j]), dt.x[0] / 6 * (k.x[j] - following.x[j]));
+    return sum;
+  }
+#else
+  // The state a step later by a Rosenbrock-W method of third order, and the squared distance from one of second order.
+  real rosenbrock_third(const Stage& one, const Numbers<1>& damped, Numbers<NX>& next) {
+    Stage stage;
+    Numbers<NQ> k[STAGES], v[STAGES];
+    k[0] = one.qdd;
+    for (int j = 0; j < NQ; ++j) copy_speed(x, j, v[0]);
+    for (int s = 1; s < STAGES; ++s) {
+      Numbers<NQ> speed, change, back;
+      Numbers<NX> at;
+      Numbers<1> t = now, share = constant(0);
+      combine(v, s, W_A[s], speed), combine(k, s, W_A[s], change), combine(k, s, W_BACK[s], back);
+      for (int i = 0; i < s; ++i) t.x[0] += W_A[s][i] * dt.x[0], share.x[0] += W_BACK[s][i];
+#if FORWARD
+      for (int i = 0; i < s; ++i) t.d[0] += W_A[s][i] * dt.d[0];
+#endif
+      follow(t, speed, change, at);
+      stage.take<false>(at, t, damped, p, w, u_end, back, share);
+      k[s] = stage.qdd;
+      for (int j = 0; j < NQ; ++j) copy_speed(at, j, v[s]);
+    }
+    Numbers<NQ> speed, change, speed_error, change_error;
+    combine(v, STAGES, W_B, speed), combine(k, STAGES, W_B, change);
+    combine(v, STAGES, W_ERROR, speed_error), combine(k, STAGES, W_ERROR, change_error);
+    Numbers<1> then = now;
+    then.x[0] += dt.x[0];
+#if FORWARD
+    then.d[0] += dt.d[0];
+#endif
+    follow(then, speed, change, next);
+    real sum = 0;
+    for (int j = PRESCRIBED ? N_DRIVE : 0; j < NQ; ++j)
+      sum += square(j, dt.x[0] * speed_error.x[j], dt.x[0] * change_error.x[j]);
+    return sum;
+  }
+
+  static void copy_speed(const Numbers<NX>& from, int j, Numbers<NQ>& to) {
+    to.x[j] = from.x[NQ + j];
+#if FORWARD
+    to.d[j] = from.d[NQ + j];
+#endif
+  }
+
+  static void combine(const Numbers<NQ>* of, int count, const double* weights, Numbers<NQ>& sum) {
+    clear(sum);
+    for (int i = 0; i < count; ++i) {
+      if (weights[i] == 0) continue;
+      for (int j = 0; j < NQ; ++j) {
+        sum.x[j] += weights[i] * of[i].x[j];
+#if FORWARD
+        sum.d[j] += weights[i] * of[i].d[j];
+#endif
+      }
+    }
+  }
+
+  // The state (NX) at time t, at such mean speeds and accelerations of the step.
+  void follow(const Numbers<1>& t, const Numbers<NQ>& speed, const Numbers<NQ>& change, Numbers<NX>& to) {
+#if PRESCRIBED
+    call<lead>({t, p}, {Out(to, 0), Out(to, NQ), u_end});
+#else
+    for (int j = 0; j < N_DRIVE; ++j) {
+      to.x[j] = x.x[j] + dt.x[0] * speed.x[j], to.x[NQ + j] = x.x[NQ + j] + dt.x[0] * change.x[j];
+#if FORWARD
+      to.d[j] = x.d[j] + dt.x[0] * speed.d[j] + dt.d[0] * speed.x[j];
+      to.d[NQ + j] = x.d[NQ + j] + dt.x[0] * change.d[j] + dt.d[0] * change.x[j];
+#endif
+    }
+#endif
+    for (int j = N_DRIVE; j < NQ; j += LINK_SIZE)
+      call<follow_link>({In(x, j), In(x, NQ + j), In(speed, j), In(change, j), dt}, {Out(to, j), Out(to, NQ + j)});
+  }
+#endif
+
+  // Steps as long as their errors allow, of each lane its own.
+  void run_adapted() {
+    Stage one;
+    Numbers<NQ> none;
+    clear(none), clear(now), clear(dt);
+    tolerance = gather(io.tolerance, 1, first, count, 0), knot = gather(io.knot, 1, first, count, 0);
+    end = (steps - 1) * h + h_last, length = fmin(real(FIRST), end), held = -1, elapsed = 0;
+#if FORWARD
+    dend = (steps - 1) * dh + dh_last, delapsed = 0;
+#endif
+#if EXPLICIT
+    Stage later;
+    set_inputs(0);
+    one.take<true>(x, now, dt, p, w, u, none, constant(0));
+    arrive(alive, false, one);
+#else
+    mask fresh = alive;
+#endif
+    for (int64_t i = 0; i < MOST_STEPS && any_of(alive); ++i) {
+      Numbers<NX> next;
+#if EXPLICIT
+      const Numbers<1> then = choose_step();
+      const Numbers<NQ> k = one.qdd;
+      Numbers<NX> last;
+      runge_kutta(one, later, next, last);
+      one.lead_as(later);
+      one.take<true, true>(next, then, dt, p, w, u_end, none, constant(0));
+      const mask good = judge(next, squared_error(last, later.qdd, next, one.qdd));
+      step_to(good, next, then);
+      arrive(good, true, one);
+      for (int j = 0; j < NQ; ++j) take_over(!good, k, j, one.qdd, j);
+#else
+#if HELD
+      set_torques();
+#elif PRESCRIBED
+      set_inputs(0);
+#endif
+      const Numbers<1> then = choose_step();
+      Numbers<1> damped = dt;
+      damped.x[0] *= W_WIDER;
+#if FORWARD
+      damped.d[0] *= W_WIDER;
+#endif
+      one.take<true>(x, now, damped, p, w, u, none, constant(0));
+      arrive(alive && fresh, i > 0, one);
+      if (!any_of(alive)) break;
+      const real error2 = rosenbrock_third(one, damped, next);
+      fresh = judge(next, error2);
+      step_to(fresh, next, then);
+#endif
+    }
+    diverged = diverged || alive;
+  }
+
+  void run() {
+    if (io.tolerance)
+      run_adapted();
+    else
+      run_steps();
     write_outcome();
   }
 };

@@ -35,6 +35,7 @@ class InterpretedEngine:
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
         """Roll the batch out; `threads` is for engines that have them."""
         assert batch.forward == self.forward
+        batch = batch.in_equal_steps()
         rolled = empty_results(batch, self.system)
         order = np.argsort(-batch.steps, kind="stable")
         for first in range(0, len(order), _AT_ONCE):

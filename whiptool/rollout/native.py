@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from whiptool.dynamics.columns import outcome_columns, row_columns
+from whiptool.dynamics.integrator import GAMMA, W_A, W_B, W_GAMMA, W_SECOND, W_STIFF
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.dynamics.system import System, along
 from whiptool.rollout.batch import Batch, Rolled, empty_results
@@ -53,7 +54,21 @@ def _constants(system: System) -> str:
     firsts, strides = zip(*system.link_columns.values(), strict=True)
     for name, values in (("LINK_FIRST", firsts), ("LINK_STRIDE", strides)):
         lines.append(f"constexpr int {name}[] = {{{', '.join(map(str, values))}}};")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *_method()]) + "\n"
+
+
+def _method() -> list[str]:
+    """The numbers of the Rosenbrock-W method of third order as C++ constants, in the form of `integrator`'s docstring."""
+    back = [[-g / (2 * W_GAMMA) for g in row] for row in W_STIFF]
+    error = [b - c for b, c in zip(W_B, W_SECOND, strict=True)]
+    found = [f"constexpr int STAGES = {len(W_B)}, ERROR_ORDER = EXPLICIT ? 4 : 3;"]
+    found.append(f"constexpr double W_WIDER = {W_GAMMA / GAMMA!r};")
+    for name, rows in (("W_A", W_A), ("W_BACK", back)):
+        text = ", ".join("{" + ", ".join(map(repr, row)) + "}" for row in rows)
+        found.append(f"constexpr double {name}[STAGES][STAGES] = {{{text}}};")
+    for name, values in (("W_B", W_B), ("W_ERROR", error)):
+        found.append(f"constexpr double {name}[STAGES] = {{{', '.join(map(repr, values))}}};")
+    return found
 
 
 _FUNCTIONS = ("whiptool_lanes", "whiptool_roll")  # of the library
@@ -70,7 +85,8 @@ class _Strikes(ctypes.Structure):  # driver.cpp: struct Strikes
         *((name, ctypes.c_void_p) for name in ("y", "dy", "columns")),
         ("n_columns", ctypes.c_int64),
         ("stride", ctypes.c_int64),
-        ("y_row", ctypes.c_void_p),
+        *((name, ctypes.c_void_p) for name in ("y_row", "tolerance", "knot", "weight")),
+        ("period", ctypes.c_double),
     ]
 
 
@@ -100,17 +116,17 @@ class NativeEngine:
 
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
         """Roll the batch out, on all cores unless told otherwise."""
-        order = np.argsort(-batch.steps, kind="stable")  # lanes that end together; the longest first
+        order = np.lexsort((-batch.steps, batch.tolerance)) if batch.tolerance is not None else np.argsort(-batch.steps, kind="stable")
         ordered = batch.take(order)
         rolled = empty_results(batch, self.system)
         out, path = np.empty_like(rolled.out), None if rolled.path is None else rolled.path.copy()
-        buffers = {name: getattr(ordered, name) for name in (*Batch.PER_STRIKE, "u", "du", "columns")}
+        buffers = {name: getattr(ordered, name) for name in (*Batch.PER_STRIKE, "u", "du", "columns", "weight")}
         buffers |= {"out": out, "rows": rolled.rows, "path": path, "y": rolled.y, "dy": rolled.dy}
         for name in ("first_row", "y_row"):  # results of lanes that stand elsewhere now
             rows = getattr(rolled, name)
             buffers[name] = None if rows is None else np.ascontiguousarray(rows[order])
         addresses = {name: _address(array) for name, array in buffers.items()}
-        numbers = {name: getattr(batch, name) for name in ("hold", "samples", "rate", "stride")}
+        numbers = {name: getattr(batch, name) for name in ("hold", "samples", "rate", "stride", "period")}
         strikes = _Strikes(**addresses, **numbers, n_columns=0 if batch.columns is None else len(batch.columns))
         run_in_parts(self._roll, strikes, buffers, count=len(order), lanes=self.lanes, threads=threads or cores())
         rolled.out[order] = out

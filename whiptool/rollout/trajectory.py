@@ -47,6 +47,8 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
             (B, a); None: not known.
         lost: Why a rig has no closest approach of a strike, `refused` or `unseen`, and empty where it has one, (B,) of
             text; None: the strikes were simulated.
+        integration_error: Estimated error of the distance by the integrator's steps [m], (B,); infinite where the
+            tolerance was not met, as of a strike that diverged. None: not estimated.
     """
 
     distance: np.ndarray
@@ -60,6 +62,7 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
     positions: np.ndarray | None = None
     effort: np.ndarray | None = None
     lost: np.ndarray | None = None
+    integration_error: np.ndarray | None = None
 
     def __repr__(self) -> str:
         if len(self.distance) == 1:
@@ -94,6 +97,11 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
             (start + share * step)[None],
             **rest,
         )
+
+    @property
+    def farthest(self) -> np.ndarray:
+        """Distance that the tip has at most, by the estimated error of integration [m], (B,); see `Goals.hit`."""
+        return self.distance if self.integration_error is None else self.distance + self.integration_error
 
     @property
     def speed(self) -> np.ndarray:

@@ -1,0 +1,86 @@
+"""How finely each strike of a batch is stepped: until rollouts of two tolerances agree.
+
+The error of a step is held below a tolerance, which bounds what a step adds and not what the strike makes of it: a whip
+that is about to crack multiplies small differences. So each strike is rolled out twice, at tolerances a factor RATIO
+apart. Their distances differ by the error of the coarser one; that of the finer one is some RATIO times smaller, which
+is the estimate. A strike whose estimate is too large is rolled out at the next finer tolerance. Steps of both rollouts
+have bounded errors, so that two rollouts which are both wrong do not agree as two fixed steps may.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.dynamics.columns import Columns
+
+TOLERANCE = 1e-4  # [m]
+RATIO = 10.0  # of successive tolerances
+COARSEST = 0.7  # the first tolerance of a step's error, in units of that of the distance
+RUNGS = 7  # tolerances that are tried at most
+CERTAINTY = 3.0  # the estimate is so many times the finer rollout's error, if errors are proportional to tolerances
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """Outcomes of B strikes, each stepped as finely as it needs.
+
+    Args:
+        out: In the engine's columns, (B, columns).
+        error: Estimated error of the distances [m], (B,); infinite where no tolerance was fine enough.
+        tolerance: Of the steps' errors that was taken [m], (B,).
+    """
+
+    out: np.ndarray
+    error: np.ndarray
+    tolerance: np.ndarray
+
+
+def resolve(
+    roll: Callable[[np.ndarray, np.ndarray], np.ndarray], count: int, tolerance: float, columns: Columns
+) -> Resolved:
+    """Roll strikes out until the estimated errors of their distances are at most a tolerance.
+
+    Args:
+        roll: Outcomes (n, columns) of the strikes of such numbers (n,) at such tolerances of a step's error (n,).
+        count: Number of strikes.
+        tolerance: [m]
+        columns: Of the outcomes.
+    """
+    every, coarsest = np.arange(count), COARSEST * tolerance
+    both = roll(np.tile(every, 2), np.repeat([coarsest, coarsest / RATIO], count))
+    coarse, out = both[:count], both[count:]
+    error, taken = _estimate(coarse, out, columns), np.full(count, coarsest / RATIO)
+    for _ in range(RUNGS - 2):
+        left = np.flatnonzero(~(error <= tolerance))
+        left = left[~_both_diverged(coarse[left], out[left], columns)]
+        if len(left) == 0:
+            break
+        finer = taken[left] / RATIO
+        coarse[left], out[left] = out[left], roll(left, finer)
+        error[left], taken[left] = _estimate(coarse[left], out[left], columns), finer
+    error[~(error <= tolerance)] = np.inf
+    return Resolved(out, error, taken)
+
+
+def _both_diverged(coarse: np.ndarray, fine: np.ndarray, columns: Columns) -> np.ndarray:
+    """Return which strikes diverge at both tolerances, (n,): the model does, and not its integration."""
+    diverged = columns["diverged"].start
+    return (coarse[:, diverged] != 0) & (fine[:, diverged] != 0)
+
+
+def _estimate(coarse: np.ndarray, fine: np.ndarray, columns: Columns) -> np.ndarray:
+    """Return the estimated errors of the finer rollouts' distances [m], (n,); infinite where one of the two diverged.
+
+    The difference of the tips across the tip's velocity counts beside that of the distances, which may agree by chance.
+    """
+    apart, velocity = fine[:, columns["tip"]] - coarse[:, columns["tip"]], fine[:, columns["velocity"]]
+    speed2 = (velocity**2).sum(axis=1, keepdims=True)
+    along = (apart * velocity).sum(axis=1, keepdims=True) / np.where(speed2 > 0, speed2, 1.0)
+    across = np.linalg.norm(apart - along * velocity, axis=1)
+    distance = columns["distance"].start
+    difference = np.maximum(np.abs(fine[:, distance] - coarse[:, distance]), across)
+    diverged = (coarse[:, columns["diverged"].start] != 0) | (fine[:, columns["diverged"].start] != 0)
+    return np.where(diverged | np.isnan(difference), np.inf, CERTAINTY / RATIO * difference)
