@@ -15,7 +15,7 @@ from scipy.special import jn_zeros, roots_laguerre
 from spatial_arms import of_universal_nodes
 
 from whiptool.dynamics.chain import bias_forces, chain_of, forward_dynamics, passive_torque, potential_energy
-from whiptool.dynamics.modes import explicit_timestep, hanging_modes, linearise, steady_timestep
+from whiptool.dynamics.modes import explicit_timestep, hanging_modes, linearise
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller, PositionControl
@@ -26,9 +26,8 @@ from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
 from whiptool.models.spatial_arm import in_space
 from whiptool.models.strike import default_bounds
-from whiptool.rollout.compiled import TIMESTEP, CompiledRollout
+from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.reference import ReferenceRollout
 
 ARM = preset("lemon2024").arm
 G = 9.81
@@ -255,52 +254,18 @@ def test_linearise_checks_its_states(name: str, arguments: tuple):
         linearise(preset("lemon2024"), *arguments)
 
 
-@pytest.mark.parametrize(("k", "b"), [(100.0, 1e-3), (500.0, 0.1), (20.0, 1e-3), (20.0, 1e-5), (20.0, 0.0)])
-def test_stiff_whips_get_a_step_that_lets_nothing_grow(k: float, b: float):
-    """Half of it gives the same misses. Where the usual step makes every strike diverge, it is not the one given."""
-    lemon, controller = preset("lemon2024"), Controller()
-    model = dataclasses.replace(lemon, whip=dataclasses.replace(lemon.whip, k=k, b=b))
-    strikes, target = default_bounds(ARM).sample(np.random.default_rng(0), 20), np.array([1.2, 0.1])
-    h = steady_timestep(model, TIMESTEP)
-    usual, given, finer = (
-        CompiledRollout(model, controller, timestep=step).approach(strikes, target, t_stay=0.3)
-        for step in (TIMESTEP, h, h / 2)
-    )
-    assert not given.diverged.any()
-    np.testing.assert_allclose(given.distance, finer.distance, atol=1e-4)
-    assert h < TIMESTEP
-    assert usual.diverged.all() or np.abs(usual.distance - finer.distance).max() < 1e-3
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("k", "law", "least"), [(500.0, OIAC(), 1e-5), (500.0, PositionControl(), 1.7e-4)])
-def test_an_undamped_stiff_whip_needs_no_tiny_step(k: float, law: Law, least: float):
-    """A step of its fastest swing, not of growth from rounding errors; as fine steps and MuJoCo have it."""
-    lemon, controller = preset("lemon2024"), Controller(law)
-    model = dataclasses.replace(lemon, whip=dataclasses.replace(lemon.whip, k=k, b=0.0))
-    h = steady_timestep(model, TIMESTEP, prescribed=controller.prescribed)
-    assert least < h < TIMESTEP
+@pytest.mark.parametrize("law", [OIAC(), PositionControl()])
+@pytest.mark.parametrize(("k", "b"), [(500.0, 0.1), (20.0, 0.0)])
+def test_stiff_whips_get_steps_that_let_nothing_grow(k: float, b: float, law: Law):
+    """Of whatever damping, as equal steps have it that are far finer than the fastest mode."""
+    model = dataclasses.replace(preset("lemon2024"), whip=dataclasses.replace(preset("lemon2024").whip, k=k, b=b))
     strikes, target = default_bounds(ARM).sample(np.random.default_rng(0), 8), np.array([1.2, 0.1])
-    given, fine = (
-        CompiledRollout(model, controller, timestep=step).approach(strikes, target, t_stay=0.1) for step in (h, 5e-6)
+    near, fine = (
+        CompiledRollout(model, Controller(law), timestep=step).approach(strikes, target, t_stay=0.1)
+        for step in (None, 5e-6)
     )
-    assert not given.diverged.any()
-    np.testing.assert_allclose(given.distance, fine.distance, atol=1e-5)
-    shortest = strikes[:, -1].argmin()
-    reference = ReferenceRollout(model, controller).approach(strikes[shortest], target, t_stay=0.1)
-    assert given.distance[shortest] == pytest.approx(reference.distance[0], abs=1e-4)
-
-
-def test_published_whips_keep_the_usual_step():
-    assert all(steady_timestep(model, TIMESTEP) == TIMESTEP for model in PRESETS.values())
-
-
-def test_a_step_is_as_steady_in_space_as_in_the_plane():
-    whip = dataclasses.replace(preset("lemon2024").whip, k=20.0, b=1e-3, node_inertia=1e-6)
-    planar = Model(whip, ARM)
-    space = Model(dataclasses.replace(whip, joints="universal", rest_angle_x=1e-9), in_space(ARM))
-    assert steady_timestep(space, TIMESTEP) == pytest.approx(steady_timestep(planar, TIMESTEP), rel=1e-9)
-    assert steady_timestep(space, TIMESTEP) < TIMESTEP
+    assert np.isfinite(near.integration_error).all()
+    np.testing.assert_allclose(near.distance, fine.distance, atol=1e-4)
 
 
 def test_an_explicit_step_is_a_share_of_the_fastest_decay():

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from whiptool.dynamics.modes import hanging_modes
 from whiptool.errors import InputError
-from whiptool.impedance import Controller, PositionControl, oiac_preset
+from whiptool.impedance import Controller, oiac_preset
 from whiptool.models import Strike, preset
 from whiptool.options import SimulatorOptions, StepOptions
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.reference import ReferenceRollout
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
-STIFF = replace(MODEL, whip=replace(MODEL.whip, k=2000.0, b=0.0))
 
 
 @pytest.mark.parametrize("timestep", [None, 1e-6, 0.01])
@@ -32,12 +28,18 @@ def test_other_steps_are_refused(timestep):
     assert caught.value.allowed == "a finite number >= 1e-06 and <= 0.01"
 
 
-def test_the_step_is_as_asked_for_or_less_for_stiff_whips():
-    assert StepOptions().step_for(MODEL, CONTROLLER) == 0.00025
-    fastest = np.abs(hanging_modes(STIFF).eigenvalues.imag).max()
-    assert StepOptions().step_for(STIFF, CONTROLLER) < 0.5 / fastest < 0.00025
-    assert StepOptions().step_for(STIFF, Controller(PositionControl())) == pytest.approx(2 / fastest)
-    assert StepOptions(timestep=0.001).step_for(STIFF, CONTROLLER) == 0.001
+def test_a_tolerance_stands_alone():
+    assert StepOptions(tolerance=1e-5).build_compiled(MODEL, CONTROLLER).tolerance == 1e-5
+    assert StepOptions().build_compiled(MODEL, CONTROLLER).tolerance == 1e-4
+    assert StepOptions(timestep=0.001).build_compiled(MODEL, CONTROLLER).tolerance is None
+    for options in (
+        StepOptions(tolerance=1e-5, timestep=1e-3),
+        SimulatorOptions(tolerance=1e-5, simulator="reference"),
+    ):
+        with pytest.raises(InputError, match=r"^--tolerance: got 1e-05; allowed: nothing, where --"):
+            options.check()
+    with pytest.raises(InputError, match=r"^--tolerance: got 0; allowed: a finite number >= 1e-09"):
+        StepOptions(tolerance=0).check()
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicit", "implicitfast"])
@@ -81,7 +83,7 @@ def test_a_coarse_step_is_said_to_be_and_a_fine_one_not(capsys):
     StepOptions(timestep=0.01).warn_if_coarse(MODEL, CONTROLLER, (1.2, 0.1), 0.3)
     said = capsys.readouterr()
     assert said.err.startswith("whiptool: --timestep 0.01 is too coarse: ")
-    assert said.err.endswith(" of random strikes miss by other distances at 0.125 ms\n")
+    assert said.err.endswith(" of random strikes miss by other distances where steps have small errors\n")
     assert said.out == ""
     for fine in (None, 5e-4):
         StepOptions(timestep=fine).warn_if_coarse(MODEL, CONTROLLER, (1.2, 0.1), 0.3)

@@ -76,7 +76,7 @@ def test_batches_do_not_depend_on_their_size():
 def test_divergence_is_reported_and_alone():
     """A spring far too stiff for the step; test_engine.py has the lanes beside a diverging one."""
     wild = Controller(ConstantImpedance(K=((1e7, 0), (0, 1e7)), B=((0, 0), (0, 0))))
-    near = CompiledRollout(LEMON, wild).approach(STRIKES[:3], TARGET, t_stay=0.3)
+    near = CompiledRollout(LEMON, wild, timestep=2.5e-4).approach(STRIKES[:3], TARGET, t_stay=0.3)
     assert near.diverged.all()
     path = CompiledRollout(LEMON, wild).trajectory(Strike.from_vector(STRIKES[0]), t_stay=0.3)
     assert path.diverged

@@ -16,7 +16,9 @@ STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(5), 40)
 @pytest.mark.parametrize("controller", CONTROLLERS.values(), ids=CONTROLLERS)
 @pytest.mark.parametrize("model", [LEMON, everything()], ids=["lemon2024", "everything"])
 def test_interpreter_and_compiled_code_agree(model, controller):
-    native, slow = (CompiledRollout(model, controller, engine=name) for name in ("scalar", "interpreter"))
+    native, slow = (
+        CompiledRollout(model, controller, timestep=2.5e-4, engine=name) for name in ("scalar", "interpreter")
+    )
     assert (native.engine, slow.engine) == ("scalar", "interpreter")
     a, b = (r.approach(STRIKES[:4], TARGET, t_stay=0.3) for r in (native, slow))
     for name in COMPUTED:

@@ -22,7 +22,7 @@ STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(5), 40)
     ids=CONTROLLERS,
 )
 def test_trajectory_and_outcome_tell_the_same(controller):
-    rollout = CompiledRollout(LEMON, controller)
+    rollout = CompiledRollout(LEMON, controller, timestep=2.5e-4)
     near = rollout.approach(STRIKES[:5], TARGET, t_stay=0.3)
     for i, (vector, path) in enumerate(zip(STRIKES, rollout.trajectories(STRIKES[:5], t_stay=0.3), strict=False)):
         single = rollout.trajectory(Strike.from_vector(vector), t_stay=0.3)

@@ -141,7 +141,8 @@ class ComparisonOptions(
             radii=(self.hit_radius, *self.tighter),
             cap=self.max_trials,
             t_stay=self.t_stay,
-            timestep=self.step_for(model, controller),
+            tolerance=self.tolerance,
+            timestep=self.timestep,
         )
         return Comparison(
             scene=scene,

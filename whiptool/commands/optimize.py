@@ -307,7 +307,7 @@ class _Run:
             what = "diverges" if seen.miss_distance is None else f"misses by {seen.miss_distance:.4f} m"
             print(
                 f"whiptool: not confirmed: the strike {what} in MuJoCo at {1e3 * seen.timestep:.2g} ms, more than "
-                f"{1e3 * AGREEMENT:g} mm from {expected:.4f} m; try a smaller --timestep",
+                f"{1e3 * AGREEMENT:g} mm from {expected:.4f} m; try a smaller --tolerance",
                 file=sys.stderr,
             )
         if seen.miss_distance is None or seen.velocity is None:
@@ -321,22 +321,15 @@ class _Run:
         }
 
     def _refine(self, result, trajectory) -> str | None:
-        """What a finer step says otherwise of the winning strike's peaks; said on stderr, too."""
+        """What the integration of the winning strike may have got wrong; printed on stderr, too."""
         import numpy as np
 
         from whiptool.rollout.refinement import refine
 
         if result.outcome.lost:
             return None
-        warning = refine(
-            self.model,
-            self.controller,
-            result.strike,
-            trajectory,
-            timestep=self.rollout.timestep,
-            t_stay=self.options.t_stay,
-            target=np.array(self.target.position),
-        ).warning
+        target = np.array(self.target.position)
+        warning = refine(self.rollout, result.strike, trajectory, t_stay=self.options.t_stay, target=target)
         if warning is not None:
             print(f"whiptool: {warning}", file=sys.stderr)
         return warning
@@ -462,7 +455,7 @@ def outcome_lines(outcome, target, arm) -> list[str]:
     from whiptool.target import missed_words
 
     if outcome.diverged:
-        cure = "move less far or in more time, or, with a stiff or hardly damped whip, take a smaller --timestep"
+        cure = "move less far or in more time, or leave --timestep out"
         return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
     said = "hit" if outcome.hit else "missed"

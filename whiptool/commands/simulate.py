@@ -228,9 +228,7 @@ def _play(options: SimulateOptions, model, strike) -> int:
     options.refuse_beyond(used.get("beyond"))
     outcome = _judged(rollout, trajectory, target)
     place = np.array(target.position)
-    warning = refine(
-        model, controller, strike, trajectory, timestep=rollout.timestep, t_stay=options.t_stay, target=place
-    ).warning
+    warning = refine(rollout, strike, trajectory, t_stay=options.t_stay, target=place)
     if warning is not None:
         print(f"whiptool: {warning}", file=sys.stderr)
     summary: dict[str, Any] = {
@@ -253,13 +251,14 @@ def _play(options: SimulateOptions, model, strike) -> int:
         **used,
         "simulator": options.simulator,
         "engine": rollout.engine,
-        "timestep": rollout.timestep,
+        "timestep": rollout.timestep if rollout.tolerance is None else None,
+        "tolerance": rollout.tolerance,
         "warning": warning,
         "controller": controller_to_table(controller),
         "model": model.name,
         "version": code_version(),
     }
-    label, engine = options.controller_label(), f"{rollout.engine} at {1e3 * rollout.timestep:g} ms"
+    label, engine = options.controller_label(), f"{rollout.engine} {rollout.accuracy}"
     lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"], model.arm)]
     lines += [*outcome_lines(outcome, target, model.arm), *limit_lines(limits, used)]
     with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model, controller)) as folder:

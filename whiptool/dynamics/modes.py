@@ -187,41 +187,7 @@ class Modes:
     eigenvalues: np.ndarray
 
 
-_GROWTH = 2.0  # [1/s]: e^4 in a strike of 2 s, of modes that hold little more than rounding errors
 _RUNGE_KUTTA = 2.0  # largest eigenvalue times step that is taken
-
-
-def steady_timestep(model: Model, largest: float, *, prescribed: bool = False) -> float:
-    """A step [s] at which the compiled rollout's integrator lets no mode of the hanging whip grow to matter.
-
-    The integrator takes damping implicitly and springs explicitly: like Heun's method it multiplies the swing of a mode
-    of frequency w and damping ratio z by about `1 + (w h)^4 / 8 - z w h` in a step h. Half of the step that damping
-    allows is taken, for the whip does not hang in a strike, and no step in which a mode turns by more than half a
-    radian. Without damping every mode grows at any step; the fastest, which a strike does not move and which hold
-    rounding errors, may do so at `_GROWTH`, the slower ones then grow by the fourth power less. Modes that hardly swing
-    (a damping ratio above 1/2) limit nothing.
-
-    Args:
-        model: Whip, arm and gravity.
-        largest: No more than this [s].
-        prescribed: The joints are exactly on the reference: steps are then those of the classical Runge-Kutta method up
-            to `explicit_timestep`, where that is larger.
-    """
-    whip = model.whip
-    stiffest, lightest = whip.per_node("k").max(), (whip.per_node("m") * whip.per_node("l") ** 2).min()
-    if largest * np.sqrt(16 * stiffest / lightest) < 0.5:  # no chain of such joints is faster
-        return largest
-    explicit = min(largest, explicit_timestep(model)) if prescribed else 0.0
-    if model.dimension == 3:  # a hanging whip swings in two directions as one in the plane does
-        whip = replace(whip, joints="hinge", rest_angle_x=0.0)
-        model = Model(whip, ArmParameters((ArmLink(mass=1.0, length=1.0),)), gravity=model.gravity)
-    eigenvalues = hanging_modes(model).eigenvalues
-    swinging = eigenvalues[eigenvalues.imag > 0]  # one of each pair
-    w = np.abs(swinging)
-    z = -swinging.real / w
-    w, z = w[z < 0.5], z[z < 0.5]
-    steps = np.cbrt(z + 8 * _GROWTH / w) / w
-    return float(max(explicit, min([largest, *np.minimum(steps, 0.5 / w)])))
 
 
 def explicit_timestep(model: Model) -> float:

@@ -25,31 +25,28 @@ class StepOptions(OptionGroup):
     """How finely the compiled simulator steps."""
 
     heading: ClassVar[str] = "simulation"
-    first: ClassVar[tuple[str, ...]] = ("timestep",)
+    first: ClassVar[tuple[str, ...]] = ("tolerance",)
 
+    tolerance: float | None = None
+    """Largest error of a distance by integration [m]; default: 0.0001. Steps are as short as that needs."""
     timestep: float | None = None
-    """Integration step [s]; default: 0.00025, less for stiff whips."""
+    """Equal steps of integration [s], whose error is not estimated, instead."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP
+        from whiptool.dynamics.stepping import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP
         from whiptool.models.parameters import number
 
         super().check()
         if self.timestep is not None:
             number("--timestep", self.timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
-
-    def step_for(self, model: Model, controller: Controller) -> float:
-        """The compiled simulator's step [s]."""
-        from whiptool.dynamics.modes import steady_timestep
-        from whiptool.rollout.compiled import TIMESTEP
-
-        if self.timestep is not None:
-            return self.timestep
-        return steady_timestep(model, TIMESTEP, prescribed=controller.prescribed)
+        if self.tolerance is not None:
+            number("--tolerance", self.tolerance, low=FINEST, high=COARSEST)
+            if self.timestep is not None:
+                raise InputError("--tolerance", self.tolerance, "nothing, where --timestep is given")
 
     def warn_if_coarse(self, model: Model, controller: Controller, target: tuple[float, ...], t_stay: float) -> None:
-        """Say so on stderr where the step that was asked for lets random strikes miss otherwise than a finer one."""
+        """Say so on stderr where random strikes miss by other distances at the step that was asked for."""
         import numpy as np
 
         from whiptool.models.strike import default_bounds
@@ -57,7 +54,7 @@ class StepOptions(OptionGroup):
 
         if self.timestep is None:
             return
-        share, finer = share_too_coarse(
+        share = share_too_coarse(
             model,
             controller,
             default_bounds(model.arm),
@@ -66,14 +63,14 @@ class StepOptions(OptionGroup):
             target=np.array(target),
         )
         if share > MANY_COARSE:
-            said = f"{share:.0%} of random strikes miss by other distances at {1e3 * finer:.3g} ms"
+            said = f"{share:.0%} of random strikes miss by other distances where steps have small errors"
             print(f"whiptool: --timestep {self.timestep:g} is too coarse: {said}", file=sys.stderr)
 
     def build_compiled(self, model: Model, controller: Controller) -> CompiledRollout:
         """Return the compiled simulator of a model and controller."""
         from whiptool.rollout.compiled import CompiledRollout
 
-        return CompiledRollout(model, controller, timestep=self.step_for(model, controller))
+        return CompiledRollout(model, controller, tolerance=self.tolerance, timestep=self.timestep)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,13 +80,15 @@ class SimulatorOptions(StepOptions):
     simulator: Simulator = "compiled"
     """CasADi's or MuJoCo's."""
     timestep: float | None = None
-    """Integration step [s]; default: 0.00025 compiled, less for stiff whips; at most 0.0001 reference."""
+    """Equal steps of integration [s]; default: compiled, those that --tolerance needs; at most 0.0001 reference."""
     integrator: Integrator | None = None
     """Of the reference; default: RK4 unless the whip is too stiff for it."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
+        if self.tolerance is not None and self.simulator == "reference":
+            raise InputError("--tolerance", self.tolerance, "nothing, where --simulator reference is given")
         if self.integrator is not None and self.simulator != "reference":
             raise InputError("--integrator", self.integrator, "nothing, unless --simulator reference is given")
 

@@ -11,7 +11,7 @@ import numpy as np
 from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
 from whiptool.dynamics.modes import explicit_timestep
 from whiptool.dynamics.posture import start_derivative, start_posture
-from whiptool.dynamics.stepping import LARGEST_STEP, SMALLEST_STEP, time_grid
+from whiptool.dynamics.stepping import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.dynamics.structure import Structure, arm_column
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
@@ -35,7 +35,6 @@ from whiptool.rollout.slopes import SLOPES, ApproachSlopes
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 
 TIMESTEP = 2.5e-4  # [s] between the instants of a trajectory whose steps are chosen by their errors
-FINEST, COARSEST = 1e-9, 0.1  # [m], tolerances
 _EXPLICIT = 5e-4  # [s]; where Runge and Kutta's method is stable at it, its steps are the cheaper ones
 _OF_A_PATH = 1e-2  # tolerance of a step's error along a path, in units of that of the distance
 _AT_ONCE = 8192  # strikes packed at once: bounds the memory
@@ -103,10 +102,14 @@ class CompiledRollout(Rollout):
         if tolerance is not None and timestep is not None:
             raise InputError("tolerance and timestep", (tolerance, timestep), "one of the two")
         if timestep is None:
-            self.tolerance = number("tolerance", tolerance or TOLERANCE, low=FINEST, high=COARSEST)
+            self.tolerance = number(
+                "tolerance", TOLERANCE if tolerance is None else tolerance, low=FINEST, high=COARSEST
+            )
         else:
             self.tolerance = None
-        self.timestep = number("timestep", timestep or TIMESTEP, low=SMALLEST_STEP, high=LARGEST_STEP)
+        self.timestep = number(
+            "timestep", TIMESTEP if timestep is None else timestep, low=SMALLEST_STEP, high=LARGEST_STEP
+        )
         self.free = texts("free", free)
         self._sag = sag
         needed = self.timestep if self.tolerance is None else _EXPLICIT
@@ -182,7 +185,9 @@ class CompiledRollout(Rollout):
         """The engine's outcome of each strike, by name, and the estimated error of its distance."""
         columns = outcome_columns(self.model.arm.n, self.model.dimension)
         single = {name: out[:, columns[name]][:, 0] for name in ("distance", "time")}
-        several = {name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque", "effort")}
+        several = {
+            name: out[:, columns[name]] for name in ("velocity", "tip", "max_joint_speed", "max_torque", "effort")
+        }
         positions = np.stack([out[:, columns[name]] for name in ("lowest", "highest")], axis=1)
         diverged = out[:, columns["diverged"]][:, 0] != 0
         estimate = None if self.tolerance is None else error

@@ -748,7 +748,8 @@ struct Roll {
     dt.x[0] = select(lands || halves, share * left, length);
     then.x[0] = select(lands, event.x[0], now.x[0] + dt.x[0]);
 #if FORWARD
-    dt.d[0] = share * (event.d[0] - now.d[0]);
+    // all steps up to the event stretch alike, as it moves
+    dt.d[0] = dt.x[0] / select(left > 0, left, real(1)) * (event.d[0] - now.d[0]);
     then.d[0] = select(lands, event.d[0], now.d[0] + dt.d[0]);
 #endif
     return then;

@@ -27,13 +27,20 @@ class Rollout(ABC):
         model: Whip, arm and gravity.
         engine: What computes, or strikes: a name.
         timestep: Of the integrator [s].
+        tolerance: Largest error of a distance by integration [m], where steps are chosen by their errors; else None.
         one_by_one: Whether each strike costs more than time, so that none is asked for that may not be needed.
     """
 
     model: Model
     engine: str
     timestep: float
+    tolerance: float | None = None
     one_by_one: ClassVar[bool] = False
+
+    @property
+    def accuracy(self) -> str:
+        """How finely it integrates, in words."""
+        return f"at {1e3 * self.timestep:g} ms" if self.tolerance is None else f"to {1e3 * self.tolerance:g} mm"
 
     @property
     def space(self) -> StrikeSpace:

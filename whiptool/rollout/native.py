@@ -58,7 +58,7 @@ def _constants(system: System) -> str:
 
 
 def _method() -> list[str]:
-    """The numbers of the Rosenbrock-W method of third order as C++ constants, in the form of `integrator`'s docstring."""
+    """The numbers of the Rosenbrock-W method of third order as C++ constants, in the form that `integrator` states."""
     back = [[-g / (2 * W_GAMMA) for g in row] for row in W_STIFF]
     error = [b - c for b, c in zip(W_B, W_SECOND, strict=True)]
     found = [f"constexpr int STAGES = {len(W_B)}, ERROR_ORDER = EXPLICIT ? 4 : 3;"]
@@ -116,7 +116,8 @@ class NativeEngine:
 
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
         """Roll the batch out, on all cores unless told otherwise."""
-        order = np.lexsort((-batch.steps, batch.tolerance)) if batch.tolerance is not None else np.argsort(-batch.steps, kind="stable")
+        keys = (-batch.steps,) if batch.tolerance is None else (-batch.steps, batch.tolerance)
+        order = np.lexsort(keys)  # lanes that take as many steps; the longest first
         ordered = batch.take(order)
         rolled = empty_results(batch, self.system)
         out, path = np.empty_like(rolled.out), None if rolled.path is None else rolled.path.copy()

@@ -18,7 +18,6 @@ from whiptool.impedance import Controller
 from whiptool.models import Model
 from whiptool.models.strike import T_STAY, default_bounds
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.compiled import TIMESTEP
 from whiptool.target import Target
 from whiptool.zone import Disc, Zone
 
@@ -40,7 +39,7 @@ class Scene:
         radii: Hit radii [m]; with the first one learners are trained.
         cap: Trials at most at each target.
         t_stay: [s]
-        timestep: [s]
+        tolerance, timestep: Of the compiled rollout.
     """
 
     model: Model
@@ -52,7 +51,8 @@ class Scene:
     radii: tuple[float, ...] = (0.06, 0.03, 0.01)
     cap: int = 600
     t_stay: float = T_STAY
-    timestep: float = TIMESTEP
+    tolerance: float | None = None
+    timestep: float | None = None
 
     def points(self) -> np.ndarray:
         """Where the targets are, (targets, d) [m]."""
@@ -65,7 +65,8 @@ class Scene:
 
     def rollout(self, threads: int | None = None) -> CompiledRollout:
         """Return the simulator that all methods share."""
-        return CompiledRollout(self.model, self.controller, timestep=self.timestep, threads=threads)
+        accuracy = {"tolerance": self.tolerance, "timestep": self.timestep}
+        return CompiledRollout(self.model, self.controller, **accuracy, threads=threads)
 
 
 class Unit(Protocol):

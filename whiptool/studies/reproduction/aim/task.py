@@ -35,7 +35,7 @@ class AimTask:
     Args:
         name: Of it, fit for a file.
         model, controller: Whip, arm, and law.
-        timestep: [s]
+        timestep: [s]; None: steps are chosen by their errors.
         region: Of the goals.
         limited: Whether strikes have to keep the arm's limits.
         clear: Whether arm, whip and floor have to keep clear of each other.
@@ -51,7 +51,7 @@ class AimTask:
     name: str
     model: Model
     controller: Controller
-    timestep: float
+    timestep: float | None
     region: GoalRegion
     limited: bool
     drawn: int
