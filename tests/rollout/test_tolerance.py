@@ -25,7 +25,7 @@ ROBOT = preset("ur5e")
 ROPE = dataclasses.replace(ROBOT, whip=dataclasses.replace(ROBOT.whip, joints="rod", node_inertia=0.0))
 CASES = {
     "plane": (LEMON, OIAC, (1.2, 0.1)),
-    "held": (LEMON, Controller(control_period=1e-3), (1.2, 0.1)),
+    "held": (LEMON, Controller(control_period=2e-4), (1.2, 0.1)),
     "rods": (ROPE, Controller(PositionControl()), (1.2, 0.3, 0.5)),
     "person": (preset("nah2023"), Controller(constant_preset("nah2023")), (1.995, 0.0, 0.0)),
     "rods under impedance": (ROPE, Controller(constant_preset("ur5e")), (1.2, 0.3, 0.5)),

@@ -11,6 +11,7 @@ from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds
 from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.interface import Rollout
 from whiptool.rollout.reference import ReferenceRollout
 from whiptool.rollout.trajectory import Trajectory
 
@@ -20,7 +21,7 @@ SMALL_PEAK = 0.1  # [N m], [rad/s]; peaks below are compared as if they were thi
 
 
 def refine(
-    rollout: CompiledRollout | ReferenceRollout,
+    rollout: Rollout,
     strike: AnyStrike,
     path: Trajectory,
     *,
@@ -43,6 +44,7 @@ def refine(
         unmet = not near.diverged[0] and near.integration_error is not None and np.isinf(near.integration_error[0])
         what = f"the miss distance is not known to {1e3 * rollout.tolerance:g} mm, however small the steps are"
         return f"{what}: it depends too strongly on the strike" if unmet else None
+    assert isinstance(rollout, CompiledRollout | ReferenceRollout)
     model, controller = rollout.model, rollout.controller
     again = CompiledRollout(model, controller).trajectory(strike, t_stay=t_stay)
     if path.diverged or again.diverged:
