@@ -132,6 +132,7 @@ SHARED = """
 --keep-free nan | --keep-free
 --floor nan | --floor
 --floor inf | --floor
+--floor high | a number [m], or none
 --clearance -0.01 | --clearance
 --clearance nan | --clearance
 --limits none --keep-free 0.1 | nothing beside --limits none

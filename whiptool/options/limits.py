@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from tyro.conf import arg
 
 from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup, refuse_idle
@@ -30,7 +32,7 @@ class LimitOptions(OptionGroup):
     tells."""
     keep_free: float = 0.0
     """Share of those limits that is kept free, such as 0.1."""
-    floor: float | Literal["none"] | None = None
+    floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
     """Height of the floor [m], above the base (shoulder), below it negative; none: there is none. Default: 0 of a robot
     that stands on its base, else none."""
     clearance: float = 0.0
@@ -49,8 +51,8 @@ class LimitOptions(OptionGroup):
         except InputError as error:
             raise error.renamed("--keep-free") from None
         number("--clearance", self.clearance, low=0)
-        if isinstance(self.floor, float):
-            number("--floor", self.floor)
+        if self.floor is not None and self.floor != "none":
+            self._height(self.floor)
         if self.limits == "none":
             idle = ("keep_free", "floor", "clearance", "ignore_collisions")
             refuse_idle(self, dict.fromkeys(idle, "nothing beside --limits none"))
@@ -93,6 +95,15 @@ class LimitOptions(OptionGroup):
     def _floor(self, model: Model) -> float | None:
         from whiptool.models.mount import default_floor
 
-        if isinstance(self.floor, float):
-            return self.floor
-        return default_floor(model.arm) if self.floor is None else None
+        if self.floor is None:
+            return default_floor(model.arm)
+        return None if self.floor == "none" else self._height(self.floor)
+
+    @staticmethod
+    def _height(given: str) -> float:
+        from whiptool.models.numbers import number
+
+        try:
+            return number("--floor", float(given))
+        except ValueError:
+            raise InputError("--floor", given, "a number [m], or none") from None
