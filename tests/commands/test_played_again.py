@@ -49,8 +49,8 @@ def test_folders_without_a_strike_are_refused(run, tmp_path):
     text = (run / "config.toml").read_text()
     (other / "config.toml").write_text(text)
     assert_one_line(called("simulate", other, cwd=tmp_path), "RUN", "ended with a strike", "optimize --resume")
-    (other / "config.toml").write_text(text.replace('command = "optimize"', 'command = "train"'))
-    assert_one_line(called("simulate", other, cwd=tmp_path), "RUN", "optimize or simulate", "whiptool train")
+    (other / "config.toml").write_text(text.replace('command = "optimize"', 'command = "identify"'))
+    assert_one_line(called("simulate", other, cwd=tmp_path), "RUN", "optimize", "whiptool identify")
     for name in ("result.json",):
         (other / name).write_bytes((run / name).read_bytes())
     (other / "config.toml").write_text(text.replace("gravity = 9.81", "gravity = 1.62"))
