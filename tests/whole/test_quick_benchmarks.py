@@ -38,3 +38,15 @@ def test_benchmarks_run(words):
     else:
         assert result["violations"] == 0
         assert result["strikes"] >= 20
+
+
+@pytest.mark.slow
+def test_the_defaults_keep_their_tolerance():
+    """Nothing beyond ten tolerances, and nothing that diverged, is unmarked."""
+    command = [sys.executable, str(ROOT / "benchmarks" / "defaults.py"), "--json", "--quick"]
+    presets = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)["presets"]
+    kinds = [entry[kind] for entry in presets.values() for kind in ("free", "limits") if kind in entry]
+    assert len(kinds) == 3
+    for measured in kinds:
+        assert measured["p99_error"] < 1e-4
+        assert measured["unmarked"] == measured["diverged_unmarked"] == 0
