@@ -147,9 +147,8 @@ def main() -> None:
                 e = entry[kind]
                 errors = ", ".join(f"{1e3 * e[x]:.4f}" for x in ("median_error", "p99_error", "largest_error"))
                 ratio = "none" if e["over_equal_steps"] is None else f"{e['over_equal_steps']['ratio']:.1f} times"
-                print(
-                    f"  {name:12s} {kind:6s} {e['strikes_per_second']:7.0f} strikes/s, over equal steps as true: {ratio}"
-                )
+                speed = f"{e['strikes_per_second']:7.0f} strikes/s"
+                print(f"  {name:12s} {kind:6s} {speed}, over equal steps as true: {ratio}")
                 unmarked = f"{e['unmarked']} beyond ten tolerances and {e['diverged_unmarked']} diverged unmarked"
                 print(f"{22 * ' '}median, 99 %, largest error {errors}; {e['marked']} marked, {unmarked}")
         if "command_seconds" in entry:

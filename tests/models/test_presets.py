@@ -21,5 +21,6 @@ def test_published_presets():
 
 
 def test_a_preset_of_no_such_name_is_refused_with_all_names():
-    with pytest.raises(InputError, match=r"^model preset: got 'lemon2023'; allowed: lemon2024, nah2020-n10.*panda$"):
+    names = "lemon2024, nah2020-n10.*panda; did you mean lemon2024"
+    with pytest.raises(InputError, match=rf"^model preset: got 'lemon2023'; allowed: {names}\?$"):
         preset("lemon2023")

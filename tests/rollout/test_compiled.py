@@ -78,7 +78,7 @@ def test_divergence_is_reported_and_alone():
     wild = Controller(ConstantImpedance(K=((1e7, 0), (0, 1e7)), B=((0, 0), (0, 0))))
     near = CompiledRollout(LEMON, wild, timestep=2.5e-4).approach(STRIKES[:3], TARGET, t_stay=0.3)
     assert near.diverged.all()
-    path = CompiledRollout(LEMON, wild).trajectory(Strike.from_vector(STRIKES[0]), t_stay=0.3)
+    path = CompiledRollout(LEMON, wild, timestep=2.5e-4).trajectory(Strike.from_vector(STRIKES[0]), t_stay=0.3)
     assert path.diverged
     assert len(path.t) < 2000
     assert np.isfinite(path.q).all()
