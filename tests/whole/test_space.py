@@ -20,7 +20,7 @@ from whiptool.rollout import Trajectory
 
 pytestmark = pytest.mark.slow
 
-UR5E = ["--model", "ur5e", "--controller", "constant", "--feedforward"]
+UR5E = ["--model", "ur5e"]
 NAH = ["--model", "nah2023", "--controller", "constant", "--timestep", "0.001"]
 
 
