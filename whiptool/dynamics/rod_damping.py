@@ -5,6 +5,7 @@ The formulas are those of docs/derivations.md, "Damping of rods"; `rods` has the
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +67,9 @@ def rod_damping(whip: WhipParameters, directions: np.ndarray, turns: np.ndarray)
 
 def _along(gained: np.ndarray, passed: np.ndarray) -> np.ndarray:
     """Return what there is after each of N joints (..., N, 1): what it passes on of what was there, and gains."""
+    if gained.ndim == 2:  # of one instant, as at each step in MuJoCo: numbers are ten times faster than arrays of one
+        each = zip(gained[:, 0].tolist(), passed[:, 0].tolist(), strict=True)
+        return np.array(list(accumulate(each, _passed_on, initial=0.0))[1:])[:, None]
     found = np.empty_like(gained)
     there = np.zeros_like(gained[..., 0, :])
     for i in range(gained.shape[-2]):
@@ -74,6 +78,11 @@ def _along(gained: np.ndarray, passed: np.ndarray) -> np.ndarray:
     return found
 
 
+def _passed_on(there: float, joint: tuple[float, float]) -> float:
+    gained, passed = joint
+    return passed * there + gained
+
+
 def _dot(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return inner products (..., 1) of vectors (..., 3)."""
-    return (x * y).sum(axis=-1, keepdims=True)
+    return np.vecdot(x, y)[..., None]

@@ -57,7 +57,7 @@ class MujocoRods:
     def coordinates(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         """Return the rods' coordinates and how they change, (a + 3 N,) each, of data at which places and speeds are."""
         directions, spins = self._rods(data)
-        rates = np.cross(spins, directions)
+        rates = _cross(spins, directions)
         a = self._arm.n
         return np.r_[data.qpos[:a], directions[1:].ravel()], np.r_[data.qvel[:a], rates[1:].ravel()]
 
@@ -66,7 +66,7 @@ class MujocoRods:
         directions, spins = self._rods(data)
         u = 1 - (directions[:-1] * directions[1:]).sum(axis=1, keepdims=True)
         w, slope = half_square(u)
-        spring = (self._k + 2 * self._cubic * w) * slope * np.cross(directions[:-1], directions[1:])
+        spring = (self._k + 2 * self._cubic * w) * slope * _cross(directions[:-1], directions[1:])
         torques = rod_damping(self._whip, directions, spins).torques - spring  # (N, 3), on each rod
         on_rods = torques - np.vstack([torques[1:], np.zeros(3)])
         on_rods -= (on_rods * directions[1:]).sum(axis=1, keepdims=True) * directions[1:]
@@ -78,6 +78,14 @@ class MujocoRods:
         hand = data.xmat[self._hand].reshape(3, 3) @ self._down
         rods = -data.xmat[self._nodes].reshape(-1, 3, 3)[:, :, 2]
         return np.vstack([hand, rods]), np.vstack([data.cvel[self._hand, :3], data.cvel[self._nodes, :3]])
+
+
+def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return cross products of vectors (N, 3); NumPy's own takes four times as long for so few."""
+    found = np.empty_like(x)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[:, i] = x[:, j] * y[:, k] - x[:, k] * y[:, j]
+    return found
 
 
 def stable_timestep(model: Model) -> float:
