@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
+from whiptool.dynamics.directions import parameter_directions
 from whiptool.dynamics.modes import explicit_timestep
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP, time_grid
-from whiptool.dynamics.structure import Structure, arm_column
+from whiptool.dynamics.structure import Structure
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.default import default_controller
@@ -415,40 +416,14 @@ class CompiledRollout(Rollout):
                 )
 
     def directions(self, names: Sequence[str]) -> np.ndarray:
-        """How the parameter vector changes with each named parameter, (m, P); it is linear in all of them.
+        """How the parameter vector changes with each named parameter, (m, P); see `parameter_directions`.
 
         Raises:
             InputError: A name is unknown, or its term is not part of this rollout (see `free`).
         """
-        names, of_strike = texts("names", names), self.space.names
-        of_model, of_controller = self.model.parameters(), self.controller.parameters()
-        rows = np.zeros((len(names), self.structure.n_parameters))
-        layout = self.structure.layout
-        none = np.zeros((1, sum(self.structure.strike_layout.values())))
-        base = self.structure.pack(self.model, self.controller, none)[0]
-        for row, name in zip(rows, names, strict=True):
-            if name in of_strike:
-                if isinstance(self.space, JointSpace):  # else it is not the same for all strikes
-                    row[of_strike.index(name)] = 1
-            elif name in of_controller:
-                block, _, index = name.rstrip("]").partition("[")
-                row[self.structure.columns(block).start + int(index or 0)] = 1
-            elif name in of_model and Structure.of(self.model, self.controller, free=[name]) in self.structure:
-                if self.structure.arm is not None and name.startswith("arm."):
-                    quantity, column = arm_column(name)
-                    row[self.structure.columns(f"arm.{quantity}").start + column] = 1
-                    continue
-                moved = self.model.with_parameters({name: of_model[name] + 1})
-                row[:] = self.structure.pack(moved, self.controller, none)[0] - base
-            else:
-                known = [*of_strike, *(x for x in of_model if x.split("[")[0] in layout), *of_controller]
-                raise InputError(
-                    "parameter",
-                    name,
-                    "one of " + ", ".join(known),
-                    "name it in `free` if its term is zero in this model" if name in of_model else "",
-                )
-        return np.round(rows, 12)  # differences of the packed numbers: zeros and ones
+        of_joints = isinstance(self.space, JointSpace)  # else numbers of the hand are not the same for all strikes
+        of_strike = {name: i if of_joints else -1 for i, name in enumerate(self.space.names)}
+        return parameter_directions(self.structure, self.model, self.controller, texts("names", names), of_strike)
 
     def _batch(
         self,
