@@ -185,3 +185,10 @@ def test_values_out_of_range_are_named(option, value):
     with pytest.raises(InputError) as caught:
         StrikeOptions(**{option: value}).check()
     assert caught.value.name.lstrip("-").replace("-", "_") == option
+
+
+@pytest.mark.parametrize("given", [{"model": "nobody"}, {"arm": "nobody"}])
+def test_a_model_that_is_none_is_not_taken_for_a_preset(given):
+    name = next(iter(given))
+    with pytest.raises(InputError, match=f"^(--)?{name}: got 'nobody'"):
+        StrikeOptions(controller="constant", **given).build_controller()

@@ -118,10 +118,11 @@ class LawOptions(OptionGroup):
             if self.preset is not None:
                 raise InputError("--preset", self.preset, "nothing beside --controller position, which has no numbers")
             return PositionControl()
+        constant = self._constant  # before errors are named after the preset: the model may be none
         try:
             if self.law_or_file == "oiac":
                 return oiac_preset(self.usual_preset if self.preset is None else self.preset)
-            return constant_preset(self._constant)
+            return constant_preset(constant)
         except InputError as error:  # a preset of the other law
             raise error.renamed("--preset") from None
 
