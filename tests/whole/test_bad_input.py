@@ -117,6 +117,18 @@ SHARED = """
 --timestep 1e-300 | --timestep
 --timestep 1 | --timestep
 --timestep nan | --timestep
+--tolerance 0 | --tolerance
+--tolerance nan | --tolerance
+--tolerance 1e-4 --timestep 1e-3 | nothing, where --timestep is given
+--simulator reference --tolerance 1e-4 | nothing, where --simulator reference is given
+--whip-length 0 | --whip-length
+--whip-length nan | --whip-length
+--nodes 0 | --nodes
+--taper -1 | --taper
+--youngs-modulus 0 --diameter 0.01 --density 700 | --youngs-modulus
+--youngs-modulus 1e6 --diameter 0 --density 700 | --diameter
+--youngs-modulus 1e6 --diameter 0.01 --density nan | --density
+--youngs-modulus 1e6 --density 700 | go together
 --simulator gazebo | compiled, reference
 --integrator RK4 | --integrator
 --simulator reference --integrator RK5 | RK4, Euler
@@ -350,7 +362,7 @@ optimize --pareto effort miss --minimise speed | nothing beside --pareto
 optimize --pareto effort miss --method cmaes | nothing beside --pareto
 optimize --pareto effort miss --simulator reference | which has no derivatives
 simulate --out taken | new or empty
-simulate --video 3 | command line
+simulate --video 3 | run folder
 train --method a3c | sac, td3, ddpg, ppo
 train --method directl | sac, td3, ddpg, ppo
 train --observation pixels | tip, relative, goal
@@ -918,7 +930,8 @@ def test_every_accepted_line_has_its_reason() -> None:
 def test_every_option_is_in_a_table(command: str) -> None:
     """What can be wrong with none: flags without a value, and where a refused line would need a rig."""
     alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick"} | {
-        "--for-strikes"
+        "--for-strikes",
+        "--quiet",
     }
     without = {*alone, "--resume", "--out", "--run", "--recording", "--recordings", "--what", "--folder"}
     given = " ".join(given for given, _ in [*BAD, *lines(ACCEPTED)] if given.startswith(command + " "))
