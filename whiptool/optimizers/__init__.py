@@ -49,12 +49,18 @@ def find_method(name: str) -> Method:
         InputError: There is none of that name; the message lists them.
     """
     expect(str, method=name)
-    found = method_name(name)
+    found = _own_name(name)
     if found in METHODS:
         return METHODS[found]
     if found.startswith("nlopt:") and found.removeprefix("nlopt:") in nlopt_names():
         return partial(nlopt_search, algorithm=found.removeprefix("nlopt:"))
     raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())]))
+
+
+def _own_name(written: str) -> str:
+    """Return a method's name as `METHODS` has it, whose names others may have registered in any spelling."""
+    plain = method_name(written)
+    return next((own for own in METHODS if method_name(own) == plain), plain)
 
 
 def search(
@@ -94,7 +100,7 @@ def search(
     elif target is not None or options:
         given = ["target"] * (target is not None) + list(options)
         raise InputError("search", ", ".join(given), "nothing but method, seed and first: an Objective has the rest")
-    return run_search(objective, run, method_name(method), seed=seed, first=first)
+    return run_search(objective, run, _own_name(method), seed=seed, first=first)
 
 
 def run_search(
