@@ -54,7 +54,7 @@ def test_numbers_of_trials_are_their_own():
 
 
 def test_one_line_says_method_status_and_best():
-    assert repr(result(0.3, 0.12345)) == "Result(random: max_trials, 2 trials, best miss 0.1235 m)"
+    assert repr(result(0.3, 0.12345)) == "Result(random: max_trials, 2 trials, best miss 0.1235 m: miss)"
     assert repr(result()) == "Result(random: max_trials, 0 trials, no trial)"
 
 

@@ -123,7 +123,8 @@ def test_objects_introduce_themselves_in_one_line(rollout):
     assert repr(path) == f"Trajectory({len(path.t)} instants, ended at 0.800 s, tip at most {fastest:.1f} m/s)"
     assert repr(seen[0]) == f"StrikeRecording(tip: 49 frames from 0.000 to 0.800 s, {STRIKE})"
     result = wt.search(wt.Objective(rollout, (1.2, 0.1), max_trials=3), "random", seed=0)
-    assert repr(result) == f"Result(random: max_trials, 3 trials, best miss {result.outcome.miss_distance:.4f} m)"
+    best = f"best miss {result.outcome.miss_distance:.4f} m: {result.outcome.status}"
+    assert repr(result) == f"Result(random: max_trials, 3 trials, {best})"
     prior = wt.default_prior(MODEL, CONTROLLER)
     assert isinstance(prior, Belief)
     assert all(len(repr(x)) < 200 for x in (near, both, path, seen[0], result))

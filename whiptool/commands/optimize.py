@@ -62,8 +62,9 @@ class OptimizeOptions(
     )
     in_space: ClassVar[bool] = True
 
-    method: Annotated[str, arg(metavar=METHODS)] = "directl"
-    """How strikes are searched; nlopt:NAME is any of NLopt's global algorithms, such as nlopt:GN_CRS2_LM."""
+    method: Annotated[str | None, arg(metavar=METHODS)] = None
+    """How strikes are searched; default: directl, in space gradient. nlopt:NAME is any of NLopt's global algorithms,
+    such as nlopt:GN_CRS2_LM."""
     max_time: float | None = None
     """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
     stop_at_hit: bool = True
@@ -73,7 +74,8 @@ class OptimizeOptions(
     """Render the strike as a video."""
 
     def __post_init__(self) -> None:
-        spell_methods(self, "method")
+        if self.method is not None:
+            spell_methods(self, "method")
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -81,7 +83,8 @@ class OptimizeOptions(
         from whiptool.optimizers import find_method
 
         super().check()
-        find_method(self.method)
+        if self.method is not None:
+            find_method(self.method)
         if self.method == "gradient" and self.simulator == "reference":
             raise InputError("--method", self.method, "one without derivatives, with --simulator reference")
         if self.pareto is not None:
@@ -95,7 +98,7 @@ class OptimizeOptions(
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""
-        return learned_with([self.method])
+        return learned_with([self.method] if self.method else [])
 
 
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
@@ -123,6 +126,7 @@ class _Run:
 
     def __init__(self, options: OptimizeOptions) -> None:
         from whiptool.objective import Objective
+        from whiptool.optimizers import usual_method
         from whiptool.optimizers.trial_log import TRIALS, TrialLog
         from whiptool.runs import code_version
 
@@ -150,7 +154,7 @@ class _Run:
         self.version = code_version()
         box = {name: list(values) for name, values in asdict(bounds).items()}
         config = cli.configuration(options, "optimize", self.model, self.controller, bounds=box)
-        self.method = "pareto" if options.pareto is not None else options.method
+        self.method = "pareto" if options.pareto is not None else options.method or usual_method(self.rollout)
         self.folder = cli.open_folder(options, self.method.replace(":", "-"), config)
         arriving = not self.objective.goals.only_points
         names = [criterion.name for criterion in self.objective.criteria]
@@ -169,7 +173,7 @@ class _Run:
         from whiptool.optimizers import find_method, run_search
 
         if self.options.pareto is None:
-            run = find_method(self.options.method)
+            run = find_method(self.method)
         else:
             from whiptool.optimizers.pareto_search import pareto_search as run
         objective, known = self.objective, len(self.recorded)

@@ -35,7 +35,6 @@ METHODS: dict[str, Method] = {
     **{name: partial(learner_search, learner=name) for name in LEARNERS},
     "random": random_search,
 }
-USUAL = "directl"
 MAX_TRIALS = 600  # of a search that is given a target and no other end
 _STOPS = {"hit": Status.HIT, "trials": Status.MAX_TRIALS, "time": Status.MAX_TIME}
 
@@ -57,6 +56,16 @@ def find_method(name: str) -> Method:
     raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())]))
 
 
+def usual_method(rollout: Rollout) -> str:
+    """Return the method of those who name none: DIRECT-L in the plane, in space `gradient` where there are derivatives.
+
+    Of the random strikes of a robot hardly one is within its limits and clear of the floor, which DIRECT-L takes long
+    to find; the gradient search begins with such strikes.
+    """
+    has_derivatives = type(rollout).slopes is not Rollout.slopes
+    return "gradient" if rollout.model.dimension == 3 and has_derivatives else "directl"
+
+
 def _own_name(written: str) -> str:
     """Return a method's name as `METHODS` has it, whose names others may have registered in any spelling."""
     plain = method_name(written)
@@ -66,7 +75,7 @@ def _own_name(written: str) -> str:
 def search(
     objective: Objective | Rollout,
     target: Any = None,
-    method: str = USUAL,
+    method: str | None = None,
     *,
     seed: int = 0,
     first: Sequence[float] | np.ndarray | None = None,
@@ -81,8 +90,8 @@ def search(
         objective: What is searched: an `Objective`, or the rollout that is to strike.
         target: Of a rollout: a `Target`, or its place (x, y) or (x, y, z) [m]; None: the usual one. An objective has
             its own, and the method may stand here.
-        method: One of `METHODS`, or `nlopt:NAME`; default: DIRECT-L. Capital letters, hyphens and underscores make no
-            difference.
+        method: One of `METHODS`, or `nlopt:NAME`; default: `usual_method`. Capital letters, hyphens and underscores
+            make no difference.
         seed: Of what is random in the method.
         first: A strike vector to try before the method begins.
         options: Of a rollout: others of `Objective`, by name, such as `max_trials`, `bounds` and `limits`.
@@ -93,14 +102,17 @@ def search(
     expect(Objective, Rollout, objective=objective)
     if isinstance(objective, Objective) and isinstance(target, str):
         target, method = None, target
-    run, seed = find_method(method), whole("seed", seed, low=0)
+    if method is not None:
+        find_method(method)
+    seed = whole("seed", seed, low=0)
     if isinstance(objective, Rollout):
         ends: dict[str, Any] = {"stop_at_hit": True, "max_trials": MAX_TRIALS}
         objective = Objective(objective, target, **ends | options)
     elif target is not None or options:
         given = ["target"] * (target is not None) + list(options)
         raise InputError("search", ", ".join(given), "nothing but method, seed and first: an Objective has the rest")
-    return run_search(objective, run, _own_name(method), seed=seed, first=first)
+    method = usual_method(objective.rollout) if method is None else _own_name(method)
+    return run_search(objective, find_method(method), method, seed=seed, first=first)
 
 
 def run_search(

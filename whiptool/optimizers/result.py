@@ -55,7 +55,11 @@ class Result(NoArray, instead="its strike or outcome"):
     wall_time: float
 
     def __repr__(self) -> str:
-        best = "no trial" if self.outcome is None else f"best miss {self.outcome.miss_distance:.4f} m"
+        best = (
+            "no trial"
+            if self.outcome is None
+            else f"best miss {self.outcome.miss_distance:.4f} m: {self.outcome.status}"
+        )
         return f"Result({self.method}: {self.status.value}, {counted(self.n_trials, 'trial')}, {best})"
 
     def uninterrupted(self) -> Result:

@@ -65,6 +65,8 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
     integration_error: np.ndarray | None = None
 
     def __repr__(self) -> str:
+        if len(self.distance) == 1 and self.diverged[0]:
+            return f"Approach(diverged; {self.distance[0]:.4f} m until then)"
         if len(self.distance) == 1:
             return f"Approach({self.distance[0]:.4f} m at {self.time[0]:.3f} s, {self.speed[0]:.1f} m/s)"
         return f"Approach({len(self.distance)} strikes, the nearest {np.nanmin(self.distance, initial=np.inf):.4f} m)"
