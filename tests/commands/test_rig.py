@@ -74,8 +74,8 @@ def test_a_resumed_search_strikes_only_what_is_left(tmp_path: Path, monkeypatch:
     assert main(["learn", "--resume", str(tmp_path / "run")]) == 0
     assert rig.calls == 9
     header, *rows = [line.split(",") for line in (tmp_path / "run/trials.csv").read_text().splitlines()]
-    assert header[-1] == "miss_error"
-    assert [row[-1] for row in rows] == ["0.004"] * 6
+    assert header[-2:] == ["miss_error", "status"]
+    assert [row[-2] for row in rows] == ["0.004"] * 6
     best = json.loads((tmp_path / "run/result.json").read_text())
     assert (best["miss_error"], best["hit"]) == (0.004, False)
     assert len((tmp_path / "run/trials.csv").read_text().splitlines()) == 7
