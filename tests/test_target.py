@@ -99,3 +99,10 @@ def test_no_tip_moves_outward_where_arm_and_whip_are_stretched():
     Target((reach, 0.0, 0.0), direction=(0.1, 1.0, 0.0)).check_reach(SPACE)
     Target((reach - 0.01, 0.0, 0.0), direction=(1.0, 0.0, 0.0)).check_reach(SPACE)
     Target((reach, 0.0, 0.0), direction=(1.0, 0.0, 0.0), cone=np.pi / 2).check_reach(SPACE)  # asks for nothing
+
+
+@pytest.mark.parametrize("angle", [60, -90.0, 400])
+def test_an_arrival_angle_in_degrees_is_noticed(angle):
+    with pytest.raises(InputError, match=r"^arrival angle: got .*are these degrees"):
+        Target.arriving((1.3, 0), angle)
+    assert Target.arriving((1.3, 0), np.radians(60)).direction == pytest.approx((0.5, 3**0.5 / 2))

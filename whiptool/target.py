@@ -128,7 +128,11 @@ class Target(Vector):
             InputError: A value is out of range, or a target in space lies above or below the base.
         """
         place = as_target(position).position
-        directions, sights = arrival_directions(np.array([place]), np.array([number("arrival angle", angle)]))
+        if abs(number("arrival angle", angle)) > 2 * math.pi:
+            raise InputError(
+                "arrival angle", angle, "an angle of one turn at most", "it is in radians; are these degrees?"
+            )
+        directions, sights = arrival_directions(np.array([place]), np.array([angle]))
         sight = None if sights is None else tuple(map(float, sights[0]))
         return cls(place, hit_radius, tuple(map(float, directions[0])), cone, speed, sight)
 

@@ -38,7 +38,8 @@ START, T_STAY = -0.03, 0.1  # [s], of the films
 KEYS = {
     "misfit",
     "warning", "remarks", "clock_fault",
-    "status", "converged", "message", "drive", "parameters", "intervals_from", "correlation", "singular_values", "condition_number",
+    "status", "converged", "message", "drive", "parameters", "intervals_from", "correlation",
+    "singular_values", "condition_number",
     "flat_directions", "ratios", "residual_variance", "residual_correlation", "nuisance", "rmse", "held_out_rmse",
     "rmse_pixels", "held_out_rmse_pixels", "rmse_depth", "held_out_rmse_depth",
     "recordings", "starts", "fit_time", "model", "N", "nodes", "controller", "controller_assumed", "plane", "synthetic",

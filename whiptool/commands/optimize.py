@@ -459,7 +459,7 @@ def outcome_lines(outcome, target, arm) -> list[str]:
     from whiptool.target import missed_words
 
     if outcome.diverged:
-        cure = "move less far or in more time, or leave --timestep out"
+        cure = "move less far or in more time, or take a smaller --timestep"
         return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
     said = "hit" if outcome.hit else "missed"

@@ -67,7 +67,7 @@ def refine(
 
 
 def _too_coarse(said: Sequence[str]) -> str:
-    cure = "leave --timestep out, or make it smaller"
+    cure = "take a smaller --timestep, or with the compiled simulator none"
     return f"the step is too coarse: at steps of small errors {'; '.join(said)}; {cure}"
 
 
