@@ -29,7 +29,7 @@ LONG = re.compile(
 SHORT = re.compile(
     r"map build --zone-radius 0.3 --hit-radius 0.01 --out map$|map strike map "
     r"|adapt --target 1.15 0.05 --camera tip --preset table4$"
-    r"|adapt --model ur5e --port robot|adapt --resume run$|optimize --resume"
+    r"|adapt --model ur5e --port robot|adapt --resume run$|optimize --resume|--export "
 )
 
 
