@@ -61,12 +61,13 @@ def test_a_map_that_is_not_whole_says_how_to_go_on(run: Path, tmp_path: Path) ->
 
 
 def test_a_strike_from_the_command_line_is_the_one_from_python(run: Path, tmp_path: Path, capsys) -> None:
-    words = f"strike {run} --target 1.3 0.05 --arrival-angle 90 --hit-radius 0.03 --no-video --json"
+    words = f"strike {run} --target 1.3 0.05 --arrival-angle 90 --no-video --json"  # at the map's hit radius
     assert command.main([*words.split(), "--out", str(tmp_path / "strike")]) == 0
     told = json.loads(capsys.readouterr().out)
     goal = Target.arriving((1.3, 0.05), np.pi / 2, hit_radius=0.03)
     assert list(told["strike"].values()) == pytest.approx(load_map(run).strike(goal).vector)
     assert told["reference"]["miss_distance"] == pytest.approx(told["miss_distance"], abs=1e-3)
+    assert told["hit_radius"] == 0.03
     assert told["arrival"]["angle"] is not None
     assert (tmp_path / "strike/trajectory.npz").exists()
     words = words.replace("--json", "--no-refine")

@@ -85,7 +85,7 @@ def _parsed(
             raise InputError(name, _given(name, words), _kind_in_words(kind))
         raise InputError("command line", " ".join(words), "what --help shows")
 
-    given = _given_flags(words)
+    given = given_flags(words)
     with tyro_errors.on_parse_error(refuse):
         extra: dict[str, Any] = {} if default is None else {"default": default}
         parsed = tyro.cli(options, prog=prog, description=description, args=words, **extra)
@@ -170,8 +170,8 @@ def _named(names: Mapping[str, str], fix: str = "") -> Iterator[None]:
         raise error.renamed(name, fix) from None
 
 
-def _given_flags(words: Sequence[str]) -> list[str]:
-    """The options on a command line, `--no-video` as `--video`.
+def given_flags(words: Sequence[str]) -> list[str]:
+    """Return the options on a command line, `--no-video` as `--video`.
 
     Raises:
         InputError: One is there twice; only the last would count.

@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -107,7 +107,7 @@ class BuildOptions(
 
 @dataclass(frozen=True, kw_only=True)
 class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
-    """Strike at a goal from a map that was built."""
+    """Strike at a goal from a map that was built; without --hit-radius at the map's."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("video",)
     first: ClassVar[tuple[str, ...]] = (
@@ -244,6 +244,8 @@ def _strike(args: Sequence[str]) -> int:
         strike_map = load_map(options.run)
         model = strike_map.striker.rollout.model
         options.check_posture(model)
+        if "--hit-radius" not in cli.given_flags(args):
+            options = replace(options, hit_radius=strike_map.region.hit_radius)
         target = options.build_target(model)
         strike = strike_map.strike(target, refined=options.refine)
         _report(options, strike_map, target, strike)
