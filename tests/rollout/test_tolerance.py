@@ -59,12 +59,14 @@ def test_distances_are_within_the_tolerance(model, controller, target):
     strikes = strikes_of(model, 24)
     usual = CompiledRollout(model, controller).approach(strikes, target)
     exact = CompiledRollout(model, controller, tolerance=1e-6).approach(strikes, target)
-    assert np.isfinite(exact.integration_error).all()
-    error = np.abs(usual.distance - exact.distance)
-    assert (error[np.isfinite(usual.integration_error)] < 2e-4).all()
+    known = ~exact.diverged  # some do under a torque that is held
+    assert np.isfinite(exact.integration_error[known]).all()
+    assert np.isinf(usual.integration_error[exact.diverged]).all()
+    error, estimate = (x[known] for x in (np.abs(usual.distance - exact.distance), usual.integration_error))
+    assert (error[np.isfinite(estimate)] < 2e-4).all()
     assert np.percentile(error, 90) < 1e-4
-    assert np.median(error / usual.integration_error) < 1
-    np.testing.assert_allclose(usual.max_torque, exact.max_torque, rtol=0.05, atol=0.05)
+    assert np.median(error - estimate) <= 1e-9
+    np.testing.assert_allclose(usual.max_torque[known], exact.max_torque[known], rtol=0.05, atol=0.05)
 
 
 @pytest.mark.heavy
