@@ -108,7 +108,7 @@ def test_a_long_strike_stays_small():
 
 def test_a_diverged_strike_has_a_page():
     wild = Controller(ConstantImpedance(K=((1e7, 0), (0, 1e7)), B=((0, 0), (0, 0))))
-    path = CompiledRollout(LEMON, wild).trajectory(Strike.from_vector(STRIKE), t_stay=0.3)
+    path = CompiledRollout(LEMON, wild, timestep=2.5e-4).trajectory(Strike.from_vector(STRIKE), t_stay=0.3)
     assert path.diverged
     tau = path.tau.copy()
     tau[-1] = np.nan, np.inf
