@@ -39,9 +39,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def handlers_of_signals() -> Iterator[None]:
     """A command that was interrupted ignores further signals until its process ends; the next test's does not.
 
-    SIGHUP is heard also where the tests run under nohup.
+    SIGHUP is heard also where the tests run under nohup, and SIGINT where a shell runs them in the background.
     """
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
     for number, handler in before.items():
