@@ -70,7 +70,7 @@ def test_a_target_that_is_missed_stays_as_it_was(trajectory, tmp_path):
 
 def test_a_diverged_strike_is_shown_too():
     wild = Controller(ConstantImpedance(K=((1e7, 0), (0, 1e7)), B=((0, 0), (0, 0))))
-    path = CompiledRollout(LEMON, wild).trajectory(STRIKE, t_stay=0.3)
+    path = CompiledRollout(LEMON, wild, timestep=2.5e-4).trajectory(STRIKE, t_stay=0.3)
     assert path.diverged
     assert "<video" in animate(path, LEMON, (1.3, 0.0), dpi=40).to_html()
 

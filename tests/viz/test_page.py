@@ -178,7 +178,7 @@ def test_an_error_is_seen(page, tmp_path):
 @browser
 def test_a_diverged_strike_is_drawn(tmp_path):
     wild = Controller(ConstantImpedance(K=((1e7, 0), (0, 1e7)), B=((0, 0), (0, 0))))
-    path = CompiledRollout(LEMON, wild).trajectory(Strike.from_vector(STRIKE), t_stay=0.3)
+    path = CompiledRollout(LEMON, wild, timestep=2.5e-4).trajectory(Strike.from_vector(STRIKE), t_stay=0.3)
     for cut in (len(path.t), 1):  # and one that diverged in its first step
         arrays = {f.name: getattr(path, f.name) for f in dataclasses.fields(path) if f.name != "diverged"}
         part = dataclasses.replace(path, **{name: x[:cut] for name, x in arrays.items()})

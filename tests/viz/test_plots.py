@@ -40,7 +40,7 @@ def test_every_axis_names_its_unit(trajectory):
 
 
 def test_a_diverged_strike_is_drawn_too(tmp_path):
-    path = CompiledRollout(LEMON, WILD).trajectory(STRIKE, t_stay=0.3)
+    path = CompiledRollout(LEMON, WILD, timestep=2.5e-4).trajectory(STRIKE, t_stay=0.3)
     assert path.diverged
     written = plots.save_strike_figures(tmp_path, path, LEMON, as_target(TARGET), "wild")
     assert len(written) == 5
