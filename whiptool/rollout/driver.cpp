@@ -122,7 +122,7 @@ struct Stage {
     Numbers<JOINT> joint[N_LINKS];
     Numbers<TORQUE> torque[N_LINKS];
     Numbers<ARMATURE> armature[N_LINKS];
-    if constexpr (!LED) 
+    if constexpr (!LED)
       call<hand>({In(x, 0), In(x, NQ), p, u, In(before, 0), share}, {frame[0], ends, angles, drive_moving});
     for (int i = 0; i < N_LINKS; ++i) {
       const int j = N_DRIVE + LINK_SIZE * i;
@@ -372,7 +372,7 @@ struct Roll {
 #if FORWARD
   real dh, dh_last, delapsed, dstrongest[N_DRIVE + !N_DRIVE] = {};
 #endif
-  int64_t longest = 0, done[LANES];  // of each lane, the last instant that was asked for
+  int64_t longest = 0, done[LANES];  // of each lane, the last instant that was asked for, or its steps
   real tolerance, knot, end, length, held;  // of a lane that chooses its steps: `held` counts periods of a held torque
 #if FORWARD
   real dend;

@@ -30,7 +30,7 @@ from whiptool.rollout.trajectory import Trajectory, complete_trajectory
 
 Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
 TIMESTEP = 1e-4  # [s], largest that is chosen
-RODS_TIMESTEP = 4e-4  # [s], likewise; of a rope on a UR5e it misses by 0.02 mm otherwise than at a tenth
+RODS_TIMESTEP = 4e-4  # [s], likewise; `benchmarks/defaults.py --replays` compares it with the compiled rollout
 SMALLEST_TIMESTEP = 2e-5  # [s], likewise
 _callback = threading.Lock()  # MuJoCo's control callback is one per process
 
