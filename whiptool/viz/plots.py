@@ -272,7 +272,7 @@ def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: n
     for ax, (actual, desired, quantity, per) in zip(axes, pairs, strict=True):
         for i, name in enumerate(joint_names):
             scale, unit = (1e3, f"mm{per}") if name in slides else (180 / np.pi, f"deg{per}")
-            error = scale * np.abs(desired[:, i] - actual[:, i]).max()
+            error = round(scale * float(np.abs(desired[:, i] - actual[:, i]).max()), 9)  # no rounding errors
             ax.plot(
                 trajectory.t,
                 scale * actual[:, i],
