@@ -42,7 +42,7 @@ def test_the_installed_command(tmp_path):
         done = subprocess.run([*whole, *words], capture_output=True, text=True, check=False, cwd=tmp_path)
         assert done.returncode == status
         assert said in done.stdout + done.stderr
-    done = subprocess.run([*whole, "optimize", "--help"], capture_output=True, text=True, check=False, cwd=tmp_path)
+    done = subprocess.run([*whole, "optimize", "--help-all"], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0
     assert "--stop-at-hit" in done.stdout
 
