@@ -51,7 +51,7 @@ def test_the_method_of_third_order_keeps_its_order_for_any_matrix():
     assert b @ A @ c == pytest.approx(1 / 6, abs=1e-12)
     for product in (b @ A @ g, b @ G @ c, b @ G @ g):
         assert product == pytest.approx(0, abs=1e-12)
-    assert abs(b @ (c * g)) < 0.0025  # of a matrix that changes with the stage: nearly
+    assert b @ (c * g) == pytest.approx(0, abs=1e-12)  # of a matrix that changes with the stage
 
 
 @pytest.mark.parametrize(("model", "controller", "target"), EVERY)
@@ -67,6 +67,20 @@ def test_distances_are_within_the_tolerance(model, controller, target):
     assert np.percentile(error, 90) < 1e-4
     assert np.median(error - estimate) <= 1e-9
     np.testing.assert_allclose(usual.max_torque[known], exact.max_torque[known], rtol=0.05, atol=0.05)
+
+
+@pytest.mark.heavy
+def test_gains_that_grow_with_the_error_are_integrated_to_third_order():
+    """Against equal steps of another method of second order, extrapolated to none."""
+    model, strikes = preset("nah2020-n15"), [[-1.4, 0.32, 3.084, 2.662, 0.654], [-0.65, 0.353, 3.109, 2.263, 0.557]]
+    coarse, fine = (
+        CompiledRollout(model, OIAC, timestep=h).approach(strikes, (1.3, 0.0)).distance for h in (1e-5, 5e-6)
+    )
+    exact = fine + (fine - coarse) / 3
+    usual, precise = (CompiledRollout(model, OIAC, tolerance=x).approach(strikes, (1.3, 0.0)) for x in (1e-4, 1e-6))
+    assert (precise.integration_error <= 1e-6).all()
+    np.testing.assert_allclose(precise.distance, exact, atol=4e-6)
+    np.testing.assert_allclose(usual.distance, exact, atol=1e-4)
 
 
 @pytest.mark.heavy
