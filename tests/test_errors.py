@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, alike
 
 
 def nested(depth: int) -> list:
@@ -39,3 +39,9 @@ def test_what_was_given_is_shown_in_a_line(given: object) -> None:
 def test_what_is_like_an_allowed_word_is_asked_for(given, asked):
     said = str(InputError("method", given, "directl, cmaes, or the name of a file"))
     assert said.endswith(f"; did you mean {asked}?" if asked else "of a file")
+
+
+def test_a_misspelling_begins_with_the_same_letter():
+    names = ["cone", "zone-radius", "ur5e"]
+    misspelt = {"zone": "", "conne": "cone", "zone-radiu": "zone-radius", "ur5": "ur5e", "": ""}
+    assert {given: alike(given, names) for given in misspelt} == misspelt

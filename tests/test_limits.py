@@ -9,7 +9,7 @@ import pytest
 
 import whiptool as wt
 from whiptool.errors import InputError
-from whiptool.limits import AllLimits
+from whiptool.limits import AllLimits, limits_given
 from whiptool.models import JointLimits, StrikeBounds, default_bounds, preset
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
@@ -133,3 +133,9 @@ def test_a_strike_that_begins_below_its_own_base_is_refused():
     judged, free = Objective(rollout, TARGET, t_stay=0.0), Objective(rollout, TARGET, t_stay=0.0, limits=None)
     assert judged(below).refused == "clearance"
     assert free(below).refused is None
+
+
+def test_a_motor_by_its_name_is_refused_with_what_gives_it():
+    model = preset("lemon2024")
+    with pytest.raises(InputError, match=r"^limits: got 'XM430'; .*; give limits_preset\('xm430'\)$"):
+        limits_given("XM430", model, prescribed=False)

@@ -31,7 +31,7 @@ def test_a_target_is_of_its_model_s_space():
         Target((1.0, 0.0)).check_reach(SPACE)
     with pytest.raises(
         InputError,
-        match=r"two coordinates x y in m, for the model lemon2024.* the plane; such as [0-9.]+ 0$",
+        match=r"two coordinates x y in m, for the model lemon2024.* the plane; such as [0-9.]+ 0; a hit radius is given",
     ):
         Target((1.0, 0.0, 0.0)).check_reach(FLAT)
 
@@ -106,3 +106,21 @@ def test_an_arrival_angle_in_degrees_is_noticed(angle):
     with pytest.raises(InputError, match=r"^arrival angle: got .*are these degrees"):
         Target.arriving((1.3, 0), angle)
     assert Target.arriving((1.3, 0), np.radians(60)).direction == pytest.approx((0.5, 3**0.5 / 2))
+
+
+def test_a_radius_in_millimetres_is_asked_about():
+    for radius in (60.0, 12):
+        with pytest.raises(InputError, match=r"^hit radius: got .*at most 10 m; .*are these millimetres\?$"):
+            Target((1.2, 0.1), radius)
+    with pytest.raises(InputError, match=r"^target: got \(1200\.0, 100\.0\).*are these millimetres\?$"):
+        Target((1200, 100))
+    reach = 0.31 + 0.34 + 12 * 0.072  # of the model, Tables 2 and 3
+    farthest = reach + (1.2**2 + 0.5**2) ** 0.5
+    Target((1.2, 0.5), farthest - 1e-6).check_fits(FLAT)
+    with pytest.raises(InputError, match=r"^hit radius: got .* are these millimetres\?$"):
+        Target((1.2, 0.5), farthest + 1e-6).check_fits(FLAT)
+
+
+def test_a_third_number_is_no_hit_radius():
+    with pytest.raises(InputError, match=r"^target: got \(1\.2, 0\.1, 0\.03\); .*a hit radius is given by its name$"):
+        Target(1.2, 0.1, 0.03).check_fits(FLAT)

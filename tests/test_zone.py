@@ -15,7 +15,7 @@ from whiptool.zone import (
     ReachableDisc,
     Region,
     Sector,
-    check_dimension,
+    check_fits,
     disc_within_reach,
     random_paths,
     reachable_region,
@@ -100,10 +100,10 @@ def test_of_a_ball_is_left_what_is_within_reach():
     with pytest.raises(InputError, match=r"a ball of radius 0\.3 m"):
         disc_within_reach(BALL, 0.1)
     model = StraightFlight.model
-    check_dimension(DISC, model)
+    assert check_fits(DISC, model, 0.06) == 0.06
     for zone in (BALL, CUBES, CAP):
         with pytest.raises(InputError, match="coordinates of the zone: got 3; allowed: 2, as the model lemon2024 has"):
-            check_dimension(zone, model)
+            check_fits(zone, model, 0.06)
     assert usual_disc(2) == Disc()
     assert usual_disc(3) == Disc((1.3, 0.0, 0.0))
 

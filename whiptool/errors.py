@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
 
 _LONGEST = 400  # [characters] of a name, and of what was given, as they are shown
@@ -57,8 +58,17 @@ def _meant(given: object, allowed: str) -> str:
     words = {word.lower(): word for word in re.findall(r"[^\s,;()]+", allowed) if len(word) > 2}
     if given.lower() in words:  # it is wrong for another reason
         return ""
-    alike = difflib.get_close_matches(given.lower(), words, n=1, cutoff=0.7)
-    return f"did you mean {words[alike[0]]}?" if alike else ""
+    found = alike(given.lower(), words)
+    return f"did you mean {words[found]}?" if found else ""
+
+
+def alike(given: str, names: Iterable[str]) -> str:
+    """Return the name of which another is a misspelling; empty where none is.
+
+    A misspelling begins with the same letter: `zone` is none of `cone`.
+    """
+    possible = [name for name in names if name[:1] == given[:1]]
+    return next(iter(difflib.get_close_matches(given, possible, n=1, cutoff=0.7)), "")
 
 
 def _shown(given: object) -> str:
@@ -103,3 +113,25 @@ def expect(*kinds: type, **arguments: object) -> None:
         if not isinstance(value, kinds):
             given = value if isinstance(value, _SHOWN) else _Told(value)
             raise InputError(name, given, " or ".join(_WORDS.get(kind, kind.__name__) for kind in kinds))
+
+
+def refuse_call(whose: str, callee: Callable[..., object], *args: object, **named: object) -> None:
+    """Refuse a call whose arguments are not those that a function has; it is not called.
+
+    Args:
+        whose: The function's name for the user.
+        callee: The function.
+        args, named: Of the call.
+
+    Raises:
+        InputError: An argument is unknown, missing or there twice.
+    """
+    signature = inspect.signature(callee)
+    try:
+        signature.bind(*args, **named)
+    except TypeError as error:
+        known = [name for name in signature.parameters if name != "self"]
+        unknown = [name for name in named if name not in known]
+        if unknown:
+            raise InputError(f"argument of {whose}", unknown[0], ", ".join(known)) from None
+        raise InputError(f"arguments of {whose}", ", ".join(named) or NOTHING, ", ".join(known), str(error)) from None

@@ -12,10 +12,12 @@ from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
 from whiptool.models.command_limits import CommandLimits
 from whiptool.models.joint_space import AnyStrike
+from whiptool.models.motor_limits import LIMITS
 from whiptool.models.mount import default_floor
 from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds
 from whiptool.rollout.trajectory import Approach, Trajectory
+from whiptool.words import as_named
 
 
 class Smooth(Protocol):
@@ -110,7 +112,9 @@ def limits_given(given: Given | Literal["default"], model: Model, *, prescribed:
     if not isinstance(given, str):
         return given
     if given != "default":
-        raise InputError("limits", given, "'default', None, or MotorLimits, ArmLimits or Clearance, one or several")
+        rule = "'default', None, or MotorLimits, ArmLimits or Clearance, one or several"
+        motor = as_named(given, LIMITS)
+        raise InputError("limits", given, rule, f"give limits_preset({motor!r})" if motor in LIMITS else "")
     return default_limits(model, prescribed=prescribed)
 
 

@@ -25,6 +25,7 @@ from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.target import Target, as_target, usual_target
+from whiptool.words import counted
 
 UNREACHABLE = "posture"  # what refuses a strike of the hand that no joints can make
 RIG = "rig"  # a rig refused the strike before anything moved
@@ -104,6 +105,11 @@ class Outcome(ArrayLike):
         return self.diverged or self.refused is not None or self.unseen
 
     @property
+    def known_miss(self) -> float | None:
+        """The miss distance [m]; None where there is none, and `miss_distance` is a penalty."""
+        return None if self.lost else self.miss_distance
+
+    @property
     def status(self) -> str:
         """What it came to, in one word: `hit`, `miss`, `refused`, `unseen` or `diverged`."""
         if self.refused is not None:
@@ -156,6 +162,10 @@ def _why_lost(outcome: Outcome) -> str:
     return _WHY_LOST.get(outcome.refused, f"refused: {outcome.refused}")
 
 
+def _told(outcome: Outcome) -> str:
+    return outcome.status if outcome.lost else f"{outcome.status}, {outcome.miss_distance:.4f} m"
+
+
 class SearchStopped(WhiptoolError):
     """Raised by the objective when a search has to end; `reason` is `hit`, `trials` or `time`."""
 
@@ -175,7 +185,7 @@ class Objective:
         max_trials: No more trials than these; None: no limit.
         max_time: No trial starts later than this after the objective was made [s]; None: no limit.
         stop_at_hit: End the search with the first hit.
-        check_reach: Refuse a target out of reach.
+        check_reach: Refuse a target out of reach; one that does not fit the model is always refused.
         limits: One or several, such as `ArmLimits` and `Clearance`: a strike beyond them is refused: it is never a hit,
             and its miss distance is larger than any real one and grows with how far it is beyond. The box is narrowed
             to limits of position. So is a strike of the hand refused that no joints can make. Default: what the model's
@@ -211,8 +221,8 @@ class Objective:
         expect(bool, stop_at_hit=stop_at_hit, check_reach=check_reach)
         usual = usual_target(rollout.model.dimension)
         self.rollout, self.target = rollout, usual if target is None else as_target(target)
-        if check_reach:
-            self.target.check_reach(rollout.model)
+        check = self.target.check_reach if check_reach else self.target.check_fits
+        check(rollout.model)
         self.space = rollout.space
         given = limits_given(limits, rollout.model, prescribed=rollout.prescribed)
         self.limits = AllLimits(given, by_joints=self.space.kind == "joint")
@@ -244,6 +254,10 @@ class Objective:
         # farther than any real miss can be; a strike beyond the limits has between one and two of it
         self.goals = self.target.goals
         self.penalty = math.hypot(rollout.model.farthest_miss(self.target.position), self.goals.largest_cost)
+
+    def __repr__(self) -> str:
+        best = "" if self.best is None else f", best: {_told(self.best.outcome)}"
+        return f"Objective({self.rollout!r}, {self.target!r}, {counted(len(self.trials), 'trial')}{best})"
 
     def record(self, recorded: Sequence[Trial], on_trial: Callable[[Trial], None]) -> None:
         """Tie the trials to a log.

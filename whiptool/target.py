@@ -12,13 +12,14 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.goals import CONE, Goals, arrival_directions
 from whiptool.models.arrays import Vector, made_of_numbers
-from whiptool.models.numbers import array_of, number, numbers
+from whiptool.models.numbers import ASK_UNIT, LONGEST, array_of, metres, number, numbers
 from whiptool.models.parameters import Model
 
 if TYPE_CHECKING:
     from whiptool.rollout.trajectory import Approach
 
 HIT_RADIUS = 0.06  # [m], Eq. 17
+LARGEST_RADIUS = 10.0  # [m] of a target to hit; what is larger was given in millimetres
 TARGET = (1.3, 0.0)  # [m], centre of the target zone; not printed in the paper
 
 _COORDINATES = {2: "two coordinates x y", 3: "three coordinates x y z"}
@@ -81,8 +82,10 @@ class Target(Vector):
         if place.shape not in ((2,), (3,)):
             raise InputError("target", self.position, rule)
         position = tuple(place.tolist())
+        if (np.abs(place) > LONGEST).any():
+            raise InputError("target", position, f"coordinates within {LONGEST:g} m", ASK_UNIT)
         object.__setattr__(self, "position", position)
-        object.__setattr__(self, "hit_radius", number("hit radius", self.hit_radius, low=0, strict=True))
+        object.__setattr__(self, "hit_radius", checked_radius(self.hit_radius))
         object.__setattr__(self, "cone", number("cone", self.cone, low=0, high=math.pi, strict=True))
         if self.speed is not None:
             object.__setattr__(self, "speed", number("least speed", self.speed, low=0, strict=True))
@@ -177,38 +180,29 @@ class Target(Vector):
             excess["speed"] = self.speed - speed
         return {name: by for name, by in excess.items() if by > 0}
 
-    def check_dimension(self, model: Model) -> None:
-        """Refuse a target in the plane for a model in space, and the other way round.
+    def check_fits(self, model: Model) -> None:
+        """Refuse a target with too many or too few coordinates for a model, or with a hit radius beyond its reach.
 
         Raises:
-            InputError: It has too many coordinates, or too few.
+            InputError: It is one.
         """
         expect(Model, model=model)
         if len(self.position) != model.dimension:
             where = "in space" if model.dimension == 3 else "in the plane"
             rule = f"{_COORDINATES[model.dimension]} in m, for the model {model.name}, which is {where}"
             ahead = [round(0.6 * model.reach, 1), 0, 0][: model.dimension]
-            raise InputError("target", self.position, rule, "such as " + " ".join(f"{x:g}" for x in ahead))
-
-    def check_radius(self, model: Model) -> None:
-        """Refuse a hit radius that holds all that is within reach.
-
-        Raises:
-            InputError: It does.
-        """
-        farthest = model.farthest_miss(self.position)
-        if self.hit_radius >= farthest:
-            raise InputError("hit radius", self.hit_radius, f"less than {farthest:.3f} m: no strike misses by more")
+            such = "such as " + " ".join(f"{x:g}" for x in ahead)
+            too_many = len(self.position) > model.dimension
+            raise InputError("target", self.position, rule, such + too_many * "; a hit radius is given by its name")
+        check_radius("hit radius", self.hit_radius, self.position, model)
 
     def check_reach(self, model: Model) -> None:
         """Refuse a target that the stretched arm and whip cannot come near, or cannot miss.
 
         Raises:
-            InputError: It lies farther from the shoulder than reach and hit radius, or see `check_dimension` and
-                `check_radius`.
+            InputError: It lies farther from the shoulder than reach and hit radius, or see `check_fits`.
         """
-        self.check_dimension(model)
-        self.check_radius(model)
+        self.check_fits(model)
         distance = math.hypot(*self.position)
         if distance > model.reach + self.hit_radius:
             raise InputError(
@@ -229,6 +223,27 @@ class Target(Vector):
             rule = f"at right angles to the line from the base, within the cone of {cone:g} degrees"
             why = f"the target is {distance:.4g} m away, where arm and whip are stretched to their reach"
             raise InputError("direction", given, rule, why)
+
+
+def checked_radius(radius: float) -> float:
+    """Return a hit radius [m].
+
+    Raises:
+        InputError: It is not positive, or larger than any, as one in millimetres is.
+    """
+    return metres("hit radius", radius, longest=LARGEST_RADIUS)
+
+
+def check_radius(name: str, radius: float, place: Sequence[float], model: Model) -> None:
+    """Refuse a radius around a place, (2,) or (3,), that holds all that a model reaches.
+
+    Raises:
+        InputError: It does; it is called `name`.
+    """
+    farthest = model.farthest_miss(place)
+    if radius >= farthest:
+        rule = f"less than {farthest:.3f} m, the farthest that the tip of {model.name} can be from there"
+        raise InputError(name, radius, rule, ASK_UNIT)
 
 
 def missed_words(missed: Mapping[str, float]) -> str:

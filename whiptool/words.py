@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 _NOTHING = 1e-15  # in SI units, below which any number here is the rest of a rounding
 
@@ -27,6 +28,15 @@ def method_name(written: str) -> str:
     family, colon, algorithm = written.strip().partition(":")
     plain = family.lower().replace("-", "").replace("_", "").replace(" ", "")
     return plain + colon + algorithm.upper().replace("-", "_")
+
+
+def as_named(written: str, names: Iterable[str]) -> str:
+    """Return the one of some names that is written with other capital letters, hyphens or underscores; else itself."""
+
+    def plain(name: str) -> str:
+        return name.strip().lower().replace("_", "-")
+
+    return next((name for name in names if plain(name) == plain(written)), written)
 
 
 def counted(count: int, thing: str, things: str = "") -> str:

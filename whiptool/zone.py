@@ -15,10 +15,10 @@ from scipy.integrate import cumulative_trapezoid
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
 from whiptool.models.arrays import NoArray
-from whiptool.models.numbers import numbers
-from whiptool.models.parameters import Model, number
+from whiptool.models.numbers import metres, number, numbers
+from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, StrikeBounds
-from whiptool.target import TARGET
+from whiptool.target import TARGET, check_radius, checked_radius
 from whiptool.whole_files import write_npz
 
 RADIUS = 0.1  # [m], Sect. 3.1.1
@@ -51,14 +51,19 @@ class Zone(Protocol):
         ...
 
 
-def check_dimension(zone: Zone, model: Model) -> None:
-    """Refuse a zone of the plane for a model in space, and the other way round.
+def check_fits(zone: Zone, model: Model, hit_radius: float) -> float:
+    """Return the hit radius [m] of targets in a zone, if both fit a model.
 
     Raises:
-        InputError: It is one.
+        InputError: The zone is of the plane and the model in space, or the other way round; the zone is a disc, or the
+            hit radius one around its farthest corner, that holds all within the model's reach.
     """
     if zone.dimension != model.dimension:
         raise InputError("coordinates of the zone", zone.dimension, f"{model.dimension}, as the model {model.name} has")
+    if isinstance(zone, Disc):
+        check_radius("radius of the zone", zone.radius, zone.centre, model)
+    check_radius("hit radius", checked_radius(hit_radius), np.abs(zone.box).max(axis=0), model)
+    return float(hit_radius)
 
 
 def sample(zone: Zone, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -95,7 +100,7 @@ class Disc(NoArray, instead="its centre or radius"):
         object.__setattr__(self, "centre", numbers("centre of the zone", self.centre))
         if len(self.centre) not in (2, 3):
             raise InputError("centre of the zone", self.centre, "two finite coordinates x y in m, or three in space")
-        number("radius of the zone", self.radius, low=0, strict=True)
+        metres("radius of the zone", self.radius)
 
     @property
     def dimension(self) -> int:
@@ -379,7 +384,7 @@ class Sector:
 
     def __post_init__(self) -> None:
         number("nearest distance", self.near, low=0)
-        number("farthest distance", self.far, low=self.near, strict=True)
+        metres("farthest distance", self.far, low=self.near)
         number("lowest height", self.low, low=-self.far)
         number("highest height", self.high, low=self.low, high=self.far, strict=True)
         number("angle to either side", self.aside, low=0, high=math.pi, strict=True)

@@ -165,3 +165,6 @@ def test_a_search_of_which_every_strike_is_refused_says_so_early(tmp_path):
         "N m; give other --limits",
     ):
         assert part in said[0]
+    assert json.loads(done.stdout)["miss_distance"] is None  # a penalty is no distance
+    assert "all refused so far" in done.stderr
+    assert "closest" not in done.stderr.replace(said[0], "")

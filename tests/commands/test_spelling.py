@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from whiptool.commands import cli, compare, identify, map, optimize, simulate
+from whiptool.commands import cli, compare, identify, map, optimize, simulate, train
 from whiptool.commands.spelling import usual_words
+from whiptool.models import preset
 
 
 def parsed(options, words: str):
@@ -48,8 +49,26 @@ def test_paths_keep_their_commas():
         ("--space joints", "joint"),
         ("--trget 1 0", "--target"),
         ("--limits xm340", "xm430"),
+        ("--radius 0.1", "--hit-radius"),
+        ("--no-videos", "--no-video"),
+        ("--no-vidoe", "--no-video"),
+        ("--whip 1", "--whip-length"),
     ],
 )
 def test_what_was_meant_is_asked(words, meant, capsys):
-    assert optimize.main([*words.split(), "--no-video"]) == 2
+    assert optimize.main(words.split()) == 2
     assert capsys.readouterr().err.endswith(f"; did you mean {meant}?\n")
+
+
+def test_a_part_of_a_longer_name_is_asked_for_and_no_other_word_is(capsys):
+    assert train.main(["--zone", "0.1"]) == 2
+    assert capsys.readouterr().err.endswith("did you mean --zone-radius?\n")
+    assert optimize.main(["--zone", "0.1"]) == 2  # it has none; --cone is another thing
+    assert capsys.readouterr().err.endswith("the options that --help lists\n")
+
+
+def test_words_to_choose_from_may_be_in_capital_letters():
+    options = parsed(optimize.OptimizeOptions, "--limits XM430 --controller=Position --pareto Effort,MISS --model UR5e")
+    assert (options.limits, options.law_or_file, options.pareto) == ("xm430", "position", ("effort", "miss"))
+    assert options.find_model() == preset("ur5e")
+    assert parsed(compare.CompareOptions, "--observation Tip").observation == "tip"

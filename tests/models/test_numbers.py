@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import LARGEST, SMALLEST, number, numbers, whole
+from whiptool.models.numbers import LARGEST, LONGEST, SMALLEST, metres, number, numbers, whole
 
 
 @given(st.floats(-LARGEST, LARGEST), st.floats(-10, 10), st.floats(-10, 10), st.booleans())
@@ -96,3 +96,13 @@ def test_rows_of_another_length_or_kind_are_refused(value):
 def test_the_place_in_a_row_is_named():
     with pytest.raises(InputError, match=r"^com\[1\]: got nan"):
         numbers("com", (1.0, math.nan, 2.0), 3)
+
+
+def test_a_length_in_millimetres_is_asked_about():
+    assert metres("length", LONGEST) == LONGEST
+    assert metres("length", 0, strict=False) == 0.0
+    for long in (1e-3 + LONGEST, 864):
+        with pytest.raises(InputError, match=r"^length: got .*a length of at most 100 m; .*are these millimetres\?$"):
+            metres("length", long)
+    with pytest.raises(InputError, match=r"^length: got 0; allowed: a finite number > 0$"):
+        metres("length", 0)

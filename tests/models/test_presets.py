@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.models import preset
+from whiptool.impedance import constant_preset, oiac_preset
+from whiptool.models import limits_preset, load_model, preset
 
 
 def test_published_presets():
@@ -24,3 +25,11 @@ def test_a_preset_of_no_such_name_is_refused_with_all_names():
     names = "lemon2024, nah2020-n10.*panda; did you mean lemon2024"
     with pytest.raises(InputError, match=rf"^model preset: got 'lemon2023'; allowed: {names}\?$"):
         preset("lemon2023")
+
+
+@pytest.mark.parametrize("written", ["UR5e", "UR5E", "ur5e"])
+def test_capital_letters_make_no_difference(written):
+    assert preset(written) == load_model(written) == preset("ur5e")
+    assert limits_preset("XM430") is limits_preset("xm430")
+    assert oiac_preset("Table4") is oiac_preset("table4")
+    assert constant_preset(written) is constant_preset("ur5e")

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from whiptool.errors import InputError
 from whiptool.models import ArmLink, ArmParameters, preset
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds, named_strike, strike_names
+from whiptool.target import Target
 
 
 @given(st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.floats(0.1, 2))
@@ -52,7 +53,7 @@ def test_reference_stays_at_the_end_and_takes_single_times():
 def test_vector_goes_there_and_back():
     vector = [-1.0, 0.5, 1.5, 0.2, 0.8]
     assert Strike.from_vector(vector).vector.tolist() == vector
-    assert repr(Strike.from_vector(vector)) == "Strike(q_i=(-1, 0.5) rad or m, q_f=(1.5, 0.2) rad or m, D=0.8 s)"
+    assert repr(Strike.from_vector(vector)) == "Strike(q_i=(-1, 0.5), q_f=(1.5, 0.2), D=0.8 s)"
     for wrong in ([1.0], [1.0, 2.0], [0, 0, 0, 0, 0.0], [0, 0, 0, float("nan"), 1.0], [0, 0, 0, 0, -1.0]):
         with pytest.raises(InputError):
             Strike.from_vector(wrong)
@@ -88,3 +89,23 @@ def test_bounds():
 def test_of_a_model_the_arm_has_bounds():
     with pytest.raises(InputError, match=r"arm: got 'a Model'; allowed: its arm; give model.arm"):
         default_bounds(preset("lemon2024"))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Strike(q_si=0.1), r"argument of Strike: got 'q_si'; .*D; did you mean q_i\?"),
+        (lambda: Strike((0.1,), (0.2,)), r"arguments of Strike: got nothing; .*D; missing .*'D'"),
+        (
+            lambda: Strike(1, 2, 3, 4),
+            r"strike: got .*; allowed: an odd number of numbers: n joint positions q_i, ",
+        ),
+        (
+            lambda: Target((1.2, 0.1), radius=0.1),
+            r"argument of Target: got 'radius'; allowed: position, hit",
+        ),
+    ],
+)
+def test_calls_that_make_no_strike_or_target_are_refused_in_a_line(call, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        call()

@@ -63,7 +63,7 @@ class Adaptation:
     def _check_together(self) -> None:
         """Refuse a target or a port that is of another arm than the belief, and a port that aims elsewhere."""
         model = self.prior.at().model
-        self.target.check_dimension(model)
+        self.target.check_fits(model)
         twin, aimed = getattr(self.port, "twin", None), getattr(self.port, "target", None)
         if isinstance(twin, Twin) and twin.model.arm.joints != model.arm.joints:
             given, rule = ", ".join(twin.model.arm.joints), f"a twin of the prior's arm: {', '.join(model.arm.joints)}"

@@ -47,7 +47,8 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
-from whiptool.models.parameters import Model, WhipParameters, number
+from whiptool.models.numbers import LONGEST, THICKEST, metres
+from whiptool.models.parameters import Model, WhipParameters
 
 Range = tuple[float, float]
 
@@ -178,9 +179,9 @@ def stock_of_material(name: str, *, diameter: float | None = None, length: float
     if name not in MATERIALS:
         raise InputError("material", name, ", ".join(MATERIALS))
     measured: dict[str, Any] = {}
-    for measure, value in (("diameter", diameter), ("length", length)):
+    for measure, value, longest in (("diameter", diameter, THICKEST), ("length", length, LONGEST)):
         if value is not None:
-            value = number(measure, value, low=0, strict=True)
+            value = metres(measure, value, longest=longest)
             measured[measure] = (value * (1 - MEASURED), value * (1 + MEASURED))
     material = dataclasses.replace(MATERIALS[name], **measured)
     low, high = material.ranges.T

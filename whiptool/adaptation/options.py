@@ -26,7 +26,6 @@ UNFELT = 0.01  # part of a motor's line that is left for the drag and dry fricti
 FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
 ROBOT = "robot"  # a port
 OF_RIGS = ("camera", "rate", "friction", "latency", "approach_speed", "settle", "yes", "limits")
-LONGEST, THICKEST = 10.0, 0.2  # [m], of a whip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,11 +226,7 @@ def _check_known(recordings, controller) -> None:
 def _stock(options: AdaptOptions):
     """The whips that the given material allows; None: no material was given, and the model's whip is the centre."""
     from whiptool.adaptation.materials import stock_of_material
-    from whiptool.models.parameters import number
 
-    for name, largest in (("diameter", THICKEST), ("length", LONGEST)):
-        if (given := getattr(options, name)) is not None:
-            number(f"--{name}", given, low=0, strict=True, high=largest)
     if options.material is not None:
         return stock_of_material(options.material, diameter=options.diameter, length=options.length)
     for name in ("diameter", "length"):

@@ -164,7 +164,7 @@ class TipPort:
     ) -> None:
         expect(Twin, twin=twin)
         at = as_target(target)
-        at.check_dimension(twin.model)
+        at.check_fits(twin.model)
         self.twin, self.target, self.fps, self.t_stay = twin, at.position, fps, t_stay
         self._rollout = CompiledRollout(twin.model, twin.controller, timestep=timestep)
 

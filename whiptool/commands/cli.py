@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import errno
 import io
 import os
@@ -12,12 +11,12 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from whiptool.commands.help import HELP, HELP_ALL, help_text
 from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
-from whiptool.commands.spelling import usual_words
-from whiptool.errors import NOTHING, InputError, WhiptoolError
+from whiptool.commands.spelling import choices, usual_words
+from whiptool.errors import NOTHING, InputError, WhiptoolError, alike
 from whiptool.extras import require
 from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
 from whiptool.options.budget import OLD_OBSERVATIONS
@@ -110,13 +109,6 @@ def _check_words(words: Sequence[str]) -> None:
             raise InputError("command line", word, "text in the terminal's encoding", "export LC_ALL=C.UTF-8")
 
 
-def choices(kind: Any) -> list[Any]:
-    """Return the values of all literal types within a type, in their order."""
-    if get_origin(kind) is Literal:
-        return list(get_args(kind))
-    return [value for part in get_args(kind) for value in choices(part)]
-
-
 def _kind_in_words(kind: Any) -> str:
     """Return what an option of a type takes, such as `a number` or `two of miss, effort`."""
     if isinstance(kind, UnionType):
@@ -130,10 +122,17 @@ def _kind_in_words(kind: Any) -> str:
 
 
 def _meant(unknown: str, options: type[OptionGroup]) -> str:
-    """Return the question which option was meant; empty where none is like what was given."""
-    known = ["--help", HELP_ALL, *(flag(f.name) for f in dataclasses.fields(options))]
-    alike = difflib.get_close_matches(unknown.split("=")[0].replace("_", "-"), known, n=1)
-    return f"did you mean {alike[0]}?" if alike else ""
+    """Return the question which option was meant; empty where none is like what was given.
+
+    `--zone` is short for `--zone-radius`, and `--no-videos` a misspelling of `--no-video`.
+    """
+    kinds = get_type_hints(options)
+    known = ["help", HELP_ALL[2:], *(flag(f.name)[2:] for f in dataclasses.fields(options))]
+    known += [f"no-{name}" for name in known if kinds.get(name.replace("-", "_")) is bool]
+    given = unknown.split("=")[0].replace("_", "-").lstrip("-")
+    longer = [name for name in known if set(given.split("-")) <= set(name.split("-"))]
+    meant = longer[:3] or [name for name in [alike(given, known)] if name]
+    return f"did you mean {' or '.join(f'--{name}' for name in meant)}?" if meant else ""
 
 
 def _missing(argument: Any) -> InputError:

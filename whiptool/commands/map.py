@@ -294,7 +294,7 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
             "target": list(target.position),
             "hit_radius": target.hit_radius,
             "refined": options.refine,
-            "miss_distance": outcome.miss_distance,
+            "miss_distance": outcome.known_miss,
             "hit": outcome.hit,
             "missed_by": missed_by(outcome, target),
             "beyond": beyond,

@@ -190,7 +190,7 @@ class _Run:
                 if trial.number > known:
                     self.log.append(trial)
                 assert objective.best is not None
-                bar.set_postfix_str(f"closest {objective.best.outcome.miss_distance:.4f} m", refresh=False)
+                bar.set_postfix_str(closest(objective.best.outcome), refresh=False)
                 bar.update()
 
                 if trial.number == _REFUSALS_TOLD > known and objective.n_refused == trial.number:
@@ -350,7 +350,7 @@ class _Run:
             "hit_radius": self.target.hit_radius,
             "space": self.rollout.space.kind,
             "strike": dict(zip(self.rollout.space.names, map(float, result.strike.vector), strict=True)),
-            "miss_distance": outcome.miss_distance,
+            "miss_distance": outcome.known_miss,
             "hit": outcome.hit,
             "missed_by": missed_by(outcome, self.target),
             "hit_time": outcome.hit_time,
@@ -395,6 +395,12 @@ class _Run:
             lines.append(f"  refused        {counted(len(refusals), 'strike')}: {by}")
         lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
         return "\n".join(lines)
+
+
+def closest(best) -> str:
+    """Return for a progress bar what the best strike so far came to."""
+    miss = best.known_miss
+    return f"closest {miss:.4f} m" if miss is not None else f"all {best.status} so far"
 
 
 def finite(value: float | None) -> float | None:

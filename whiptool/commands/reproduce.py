@@ -80,7 +80,7 @@ class ReproduceOptions(ComparisonOptions):
         for method in self.further_methods:
             find_method(method)
         model = self.build_model()
-        self.build_target().check_dimension(model)
+        self.build_target().check_fits(model)
         reach = model.reach
         for zone in self.further_zones:
             try:

@@ -189,7 +189,7 @@ def _export(options: SimulateOptions, model) -> None:
 
     assert options.export is not None
     target = options.build_target(model)
-    target.check_dimension(model)
+    target.check_fits(model)
     xml, missing = export_xml(model, target=np.array(target.position))
     try:
         write_whole(options.export, xml)
@@ -215,8 +215,7 @@ def _play(options: SimulateOptions, model, strike) -> int:
     from whiptool.runs import code_version
 
     controller, target = options.build_controller(), options.build_target(model)
-    target.check_dimension(model)
-    target.check_radius(model)
+    target.check_fits(model)
     options.check_posture(model)
     space, given = controller.strike_space(model.arm), options.build_limits(model, controller)
     path = space.path(strike.vector)
@@ -236,7 +235,7 @@ def _play(options: SimulateOptions, model, strike) -> int:
         "strike": dict(zip(space.names, map(float, strike.vector), strict=True)),
         "target": list(target.position),
         "hit_radius": target.hit_radius,
-        "miss_distance": outcome.miss_distance,
+        "miss_distance": outcome.known_miss,
         "hit": outcome.hit,
         "missed_by": missed_by(outcome, target),
         "time": outcome.time,
@@ -290,8 +289,7 @@ def _follow(options: SimulateOptions, model) -> int:
 
     assert options.trajectory is not None
     target, commanded = options.build_target(model), JointTrajectory.load_csv(options.trajectory)
-    target.check_dimension(model)
-    target.check_radius(model)
+    target.check_fits(model)
     whole = replay_trajectory(model, commanded)
     strike = whole.since(commanded.strike_begins)
     outcome = _judged(ReferenceRollout(model, Controller(PositionControl())), strike, target)
@@ -299,7 +297,7 @@ def _follow(options: SimulateOptions, model) -> int:
     summary = {
         "target": list(target.position),
         "hit_radius": target.hit_radius,
-        "miss_distance": outcome.miss_distance,
+        "miss_distance": outcome.known_miss,
         "hit": outcome.hit,
         "missed_by": missed_by(outcome, target),
         "time": outcome.time,

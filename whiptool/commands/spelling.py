@@ -1,41 +1,57 @@
-"""Spellings of a command line that mean the same: `-o` is `--out`, and values may have commas between them."""
+"""Spellings of a command line that mean the same.
+
+`-o` is `--out`, values may have commas between them, and words to choose from may be in capital letters.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from whiptool.options import OptionGroup, flag
+from whiptool.words import as_named
 
 SHORT = {"-o": "--out"}
 
 
 def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
-    """Return a command line in the spelling that is parsed: long flags, and spaces between the values of an option.
+    """Return a command line in the spelling that is parsed.
+
+    Flags are long, there are spaces between the values of an option, and words to choose from are as they are listed.
 
     Args:
         words: As typed; `--target 1.25,0.2` and `--target=1.25,0.2` are `--target 1.25 0.2`.
         options: The command's. Paths may hold commas: options that take them are left as they are.
     """
-    several = {flag(name) for name, kind in get_type_hints(options).items() if _takes_several(kind)}
+    kinds = {flag(name): kind for name, kind in get_type_hints(options).items()}
+    several = {name for name, kind in kinds.items() if _takes_several(kind)}
     found: list[str] = []
-    within = False  # the values of an option that takes several
+    within, listed = False, []  # whether the values of an option that takes several follow; of which words they are
     for word in words:
         name, equals, value = word.partition("=")
         name = SHORT.get(name, name)
         if name in SHORT.values() or name.startswith("--"):
-            within = name.replace("_", "-") in several
-            found += [name, *_values(value)] if within and equals else [name + equals + value]
+            long = name.replace("_", "-")
+            within, listed = long in several, [x for x in choices(kinds.get(long)) if isinstance(x, str)]
+            value = as_named(value, listed)
+            found += [name, *_values(value, listed)] if within and equals else [name + equals + value]
         else:
-            found += _values(word) if within else [word]
+            found += _values(word, listed) if within else [as_named(word, listed)]
     return found
 
 
-def _values(word: str) -> Iterator[str]:
-    """Yield the values between the commas of a word; all of it where there are none."""
-    parts = [part for part in word.split(",") if part]
-    yield from parts or [word]
+def choices(kind: Any) -> list[Any]:
+    """Return the values of all literal types within a type, in their order."""
+    if get_origin(kind) is Literal:
+        return list(get_args(kind))
+    return [value for part in get_args(kind) for value in choices(part)]
+
+
+def _values(word: str, listed: Sequence[str]) -> Iterator[str]:
+    """Yield the values between the commas of a word, all of it where there are none, as they are listed."""
+    parts = [part for part in word.split(",") if part] or [word]
+    yield from (as_named(part, listed) for part in parts)
 
 
 def _takes_several(kind: Any) -> bool:

@@ -14,6 +14,7 @@ from whiptool.errors import InputError
 from whiptool.impedance.law import register
 from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import array_of
+from whiptool.words import as_named
 
 Matrix = tuple[tuple[float, ...], ...]
 _ROUNDING = 1e-9  # of eigenvalues, in parts of the largest gain
@@ -142,6 +143,7 @@ def constant_preset(name: str) -> ConstantImpedance:
     Raises:
         InputError: There is none of that name; the message lists them.
     """
-    if name not in CONSTANT_PRESETS:
+    own = as_named(name, CONSTANT_PRESETS)
+    if own not in CONSTANT_PRESETS:
         raise InputError("constant impedance", name, ", ".join(CONSTANT_PRESETS))
-    return CONSTANT_PRESETS[name]
+    return CONSTANT_PRESETS[own]

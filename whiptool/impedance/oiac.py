@@ -13,6 +13,7 @@ from whiptool.errors import InputError, expect
 from whiptool.impedance.law import register
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
+from whiptool.words import as_named
 
 
 @register
@@ -80,6 +81,7 @@ def oiac_preset(name: str) -> OIAC:
         InputError: There is none of that name; the message lists them.
     """
     expect(str, name=name)
-    if name not in OIAC_PRESETS:
+    own = as_named(name, OIAC_PRESETS)
+    if own not in OIAC_PRESETS:
         raise InputError("OIAC preset", name, ", ".join(OIAC_PRESETS))
-    return OIAC_PRESETS[name]
+    return OIAC_PRESETS[own]

@@ -12,7 +12,7 @@ from whiptool.interception.aiming import Aim, Camera, Interception
 from whiptool.interception.library import Library
 from whiptool.interception.tracks import Track, fit_track
 from whiptool.models.parameters import number
-from whiptool.target import HIT_RADIUS
+from whiptool.target import HIT_RADIUS, checked_radius
 
 LATENCY = 0.02  # [s] from a decision to the arm's first motion
 PLAN_TIME, REFRESH_TIME = 0.25, 0.1  # [s] that computing takes, benchmarks/moving.py measures them
@@ -193,7 +193,7 @@ def intercept(
 
 def _check(track: Track, now: float, hit_radius: float, latency: float) -> None:
     """What a plan and a refreshed one have in common."""
-    number("hit radius", hit_radius, low=0, strict=True)
+    checked_radius(hit_radius)
     number("latency", latency, low=0)
     number("now", now)
     if now < track.last - 1e-9:

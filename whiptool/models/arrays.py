@@ -15,6 +15,8 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike
 
+from whiptool.errors import refuse_call
+
 
 class ArrayLike(ABC):
     """What can stand for an array of its numbers."""
@@ -71,7 +73,12 @@ def made_of_numbers(arguments: Callable[[tuple[float, ...]], tuple[Any, ...]]) -
         def __init__(self: object, *given: Any, **named: Any) -> None:
             row = given if len(given) != 1 or named or np.isscalar(given[0]) else _row(given[0])
             alone = bool(row) and all(isinstance(x, Real) for x in row)
-            of_arguments(self, *(arguments(row) if alone else given), **named)
+            own = arguments(row) if alone else given
+            try:
+                of_arguments(self, *own, **named)
+            except TypeError:
+                refuse_call(cls.__name__, of_arguments, self, *own, **named)
+                raise
 
         cls.__init__ = __init__
         return cls

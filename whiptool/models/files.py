@@ -20,6 +20,7 @@ from whiptool.models.robots import rope
 from whiptool.models.tables import build_from, read_toml
 from whiptool.models.whip import ABSENT, WhipParameters
 from whiptool.whole_files import write_whole
+from whiptool.words import as_named
 
 _BESIDE_PROFILE = {"joints": "joints", "node_inertia": "node_inertia", "clamp": "clamped"}  # keys, and arguments
 ROUND = ("youngs_modulus", "diameter", "density")  # of a round whip, which give its mass and stiffness
@@ -122,7 +123,7 @@ def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
     """A preset by its name, or a model from a file: a TOML table, or a robot in URDF or MJCF with the presets' rope.
 
     Args:
-        name: Of the preset, or the file's path.
+        name: Of the preset, in capital or small letters, or the file's path.
         tip: Of a robot's file, the name of the link, body or site at which the hand is; empty: its only end.
 
     Raises:
@@ -133,7 +134,7 @@ def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
     if tip and not name.endswith(ROBOT_FILES):
         rule = "nothing but beside a robot's file: " + ", ".join(ROBOT_FILES)
         raise InputError("tip", tip, rule, "in a model file it is arm.tip")
-    if name in PRESETS:
+    if as_named(name, PRESETS) in PRESETS:
         return preset(name)
     if name.endswith(".toml"):
         return read_model(Path(name))

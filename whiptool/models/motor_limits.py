@@ -13,6 +13,7 @@ from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
 from whiptool.models.spatial_arm import kept_free
+from whiptool.words import as_named
 
 
 class Motion(Protocol):
@@ -192,6 +193,7 @@ def limits_preset(name: str) -> MotorLimits:
         InputError: There is none of that name; the message lists them.
     """
     expect(str, name=name)
-    if name not in LIMITS:
+    own = as_named(name, LIMITS)
+    if own not in LIMITS:
         raise InputError("limits", name, ", ".join(LIMITS))
-    return LIMITS[name]
+    return LIMITS[own]

@@ -11,6 +11,8 @@ from whiptool.errors import InputError
 
 # of any quantity in SI units: what is beyond is a slip, and overflows or vanishes where it is squared
 LARGEST, SMALLEST = 1e15, 1e-12
+LONGEST, THICKEST = 100.0, 0.2  # [m] of whips and arms: what is beyond was given in millimetres
+ASK_UNIT = "lengths are in metres; are these millimetres?"
 
 
 def number(name: str, value: object, *, low: float = -math.inf, high: float = LARGEST, strict: bool = False) -> float:
@@ -29,6 +31,14 @@ def number(name: str, value: object, *, low: float = -math.inf, high: float = LA
         raise InputError(name, value, f"a number >= {SMALLEST:g}")
     if abs(x) > high:
         raise InputError(name, value, rule if high != LARGEST else f"a number of magnitude <= {LARGEST:g}")
+    return x
+
+
+def metres(name: str, value: object, *, longest: float = LONGEST, low: float = 0.0, strict: bool = True) -> float:
+    """`value` as a length [m] from `low` (above it, if `strict`) to `longest`; what is longer is likely in mm."""
+    x = number(name, value, low=low, strict=strict)
+    if x > longest:
+        raise InputError(name, value, f"a length of at most {longest:g} m", ASK_UNIT)
     return x
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
-from whiptool.models.numbers import number, numbers, whole
+from whiptool.models.numbers import metres, number, numbers, whole
 from whiptool.models.planar_arm import ArmLink, ArmParameters
 from whiptool.models.resized import of_other_profile, resized
 from whiptool.models.spatial_arm import SpatialArm
@@ -19,7 +19,6 @@ from whiptool.models.whip import ABSENT, PerNode, WhipParameters
 __all__ = ["ArmLink", "ArmParameters", "Model", "PerNode", "SpatialArm", "WhipParameters", "number", "whole"]
 
 LONGEST_NAME = 200  # [characters]
-FARTHEST = 1000.0  # [m]
 
 
 @dataclass(frozen=True)
@@ -42,9 +41,7 @@ class Model(NoArray, instead="its parameters()"):
         expect(str, name=self.name)
         if not self.name.isprintable() or len(self.name) > LONGEST_NAME:
             raise InputError("name", self.name, f"one line of text, of at most {LONGEST_NAME} characters")
-        if self.reach > FARTHEST:
-            rule = f"at most {FARTHEST:g} m from the shoulder to the tip of a stretched whip"
-            raise InputError("arm and whip", f"{self.reach:g} m", rule, "lengths are in m")
+        metres("reach of arm and stretched whip", self.reach, strict=False)
         bends = self.whip.joints
         if isinstance(self.arm, SpatialArm):
             if bends == "hinge":

@@ -12,7 +12,7 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.joint_names import checked_joints, subscripts
-from whiptool.models.numbers import number, numbers
+from whiptool.models.numbers import metres, number, numbers
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ArmLink(NoArray, instead="its numbers by name"):
 
     def __post_init__(self) -> None:
         mass = number("mass", self.mass, low=0, strict=True)
-        length = number("length", self.length, low=0, strict=True)
+        length = metres("length", self.length)
         com = length / 2 if self.com is None else number("com", self.com, low=0)
         inertia = mass * length**2 / 12 if self.inertia is None else number("inertia", self.inertia, low=0)
         if com == 0 and inertia == 0:
@@ -113,7 +113,7 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
         """Return a copy with links of other lengths (n,) [m]; see `Model.with_arm`."""
         changes: dict[str, float] = {}
         for i, x in enumerate(numbers("lengths", lengths, self.n)):
-            growth = number(f"lengths[{i}]", x, low=0, strict=True) / self.lengths[i]
+            growth = metres(f"lengths[{i}]", x) / self.lengths[i]
             com, inertia = (self.per_link(name)[i] for name in ("com", "inertia"))
             changes |= {f"length[{i}]": x, f"com[{i}]": growth * com, f"inertia[{i}]": growth**2 * inertia}
         return self.with_parameters(changes)

@@ -7,6 +7,7 @@ import dataclasses
 from whiptool.errors import InputError, expect
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.robots import NAH2023, PANDA, UR5E
+from whiptool.words import as_named
 
 # Wang et al. 2024, Tables 2 and 3. Table 3 gives no inertias: uniform rods.
 _LEMON = Model(
@@ -46,12 +47,13 @@ def presets() -> list[str]:
 
 
 def preset(name: str) -> Model:
-    """The published model called `name`.
+    """The published model called `name`, in capital or small letters.
 
     Raises:
         InputError: There is none of that name; the message lists them.
     """
     expect(str, name=name)
-    if name not in PRESETS:
+    own = as_named(name, PRESETS)
+    if own not in PRESETS:
         raise InputError("model preset", name, ", ".join(PRESETS))
-    return dataclasses.replace(PRESETS[name])
+    return dataclasses.replace(PRESETS[own])

@@ -11,7 +11,7 @@ import numpy as np
 
 from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
-from whiptool.models.numbers import array_of, number, numbers, whole
+from whiptool.models.numbers import THICKEST, array_of, metres, number, numbers, whole
 from whiptool.models.whip import Joints, WhipParameters
 
 WAVES = 3  # of what a taper leaves out
@@ -65,7 +65,8 @@ class WhipProfile(NoArray, instead="its numbers"):
     stiffness_waves: tuple[float, ...] = (0.0,) * WAVES
 
     def __post_init__(self) -> None:
-        for name in ("length", "linear_density", "bending_stiffness"):
+        object.__setattr__(self, "length", metres("length", self.length))
+        for name in ("linear_density", "bending_stiffness"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
         for name in ("density_taper", "stiffness_taper", "damping_taper"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=1e-6, high=1e6))
@@ -82,7 +83,7 @@ class WhipProfile(NoArray, instead="its numbers"):
 
         Args:
             youngs_modulus: E [Pa]; of a rope far below that of its fibres.
-            diameter: At the handle [m].
+            diameter: At the handle [m], at most 0.2 m.
             density: Mass per volume [kg/m^3].
             others: The further arguments of a profile: length, bending_damping, tapers, ...
 
@@ -90,7 +91,7 @@ class WhipProfile(NoArray, instead="its numbers"):
             InputError: A value is not finite or out of range.
         """
         E = number("youngs_modulus", youngs_modulus, low=0, strict=True)
-        d = number("diameter", diameter, low=0, strict=True)
+        d = metres("diameter", diameter, longest=THICKEST)
         rho = number("density", density, low=0, strict=True)
         EI, linear_density = E * math.pi * d**4 / 64, rho * math.pi * d**2 / 4
         return cls(linear_density=linear_density, bending_stiffness=EI, **others)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import number, whole
+from whiptool.models.numbers import metres, number, whole
 from whiptool.models.profile import even_profile, lumped_from
 from whiptool.models.whip import PerNode, WhipParameters
 
@@ -45,7 +45,7 @@ def resized(
             only its length can be changed.
     """
     N = whip.N if nodes is None else whole("nodes", nodes, high=200)
-    L = whip.length if length is None else number("length", length, low=0, strict=True)
+    L = whip.length if length is None else metres("length", length)
     growth = (L / N) / (whip.length / whip.N)
     profile = lumped_from(whip, clamped=whip.clamped)
     if profile is None and taper is not None:

@@ -14,7 +14,7 @@ from whiptool.errors import InputError
 from whiptool.models.arrays import NoArray
 from whiptool.models.capsules import Capsule, checked_capsules
 from whiptool.models.joint_names import checked_joints, subscripts
-from whiptool.models.numbers import number, numbers
+from whiptool.models.numbers import metres, number, numbers
 from whiptool.models.planar_arm import ArmParameters
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -307,7 +307,7 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
         Raises:
             InputError: A number is out of range, two joints at one point are to be apart, or a link has capsules.
         """
-        given = np.array([number("lengths", x, low=0) for x in numbers("lengths", lengths, self.n)])
+        given = np.array([metres("lengths", x, strict=False) for x in numbers("lengths", lengths, self.n)])
         now = self.lengths
         if any(link.capsules for link in self.links):
             rule = "nothing, for an arm whose collision shapes are known: they are of its own links"

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from whiptool.models.capsules import Capsule
-from whiptool.models.numbers import number
+from whiptool.models.numbers import metres, number
 from whiptool.models.spatial_arm import SpatialArm, SpatialLink
 
 RADIUS = 8e-3  # [m], of a stick that is 16 mm thick
@@ -25,7 +25,7 @@ def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = R
     Raises:
         InputError: A number is negative or not finite.
     """
-    length, mass = number("stick length", length, low=0), number("stick mass", mass, low=0)
+    length, mass = metres("stick length", length, strict=False), number("stick mass", mass, low=0)
     axes, at = np.array(arm.hand_rotation), np.array(arm.hand_position)
     along = -axes[:, 2]
     inertia = mass * length**2 / 12 * (np.eye(3) - np.outer(along, along))

@@ -41,7 +41,7 @@ def named_strike(strike: Strike, arm: ArmParameters | SpatialArm) -> dict[str, f
     return dict(zip(strike_names(arm), map(float, strike.vector), strict=True))
 
 
-_VECTOR = "the angles q_i, as many angles q_f, and D"
+_VECTOR = "an odd number of numbers: n joint positions q_i, n positions q_f and the duration D"
 
 
 @made_of_numbers(lambda row: ends_and_duration(row, _VECTOR))
@@ -82,7 +82,7 @@ class Strike(Vector):
 
     def __repr__(self) -> str:
         start, end = (", ".join(f"{x:.4g}" for x in q) for q in (self.q_i, self.q_f))
-        return f"Strike(q_i=({start}) rad or m, q_f=({end}) rad or m, D={self.D:.4g} s)"
+        return f"Strike(q_i=({start}), q_f=({end}), D={self.D:.4g} s)"
 
     @classmethod
     def from_vector(cls, vector: Sequence[float] | np.ndarray) -> Strike:

@@ -10,7 +10,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.arrays import NoArray
-from whiptool.models.numbers import number, whole
+from whiptool.models.numbers import metres, number, whole
 
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 Joints: TypeAlias = Literal["hinge", "universal", "rod"]
@@ -101,6 +101,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
             else:
                 checked = number(name, value, low=low, strict=strict)
             object.__setattr__(self, name, checked)
+        metres("length of the whip", self.length)
         velocity = number("friction_velocity", self.friction_velocity, low=0, strict=True)
         object.__setattr__(self, "friction_velocity", velocity)
         for name in ("hinge_mass", "drag_ratio"):

@@ -10,7 +10,7 @@ from typing import Any
 import nlopt
 import numpy as np
 
-from whiptool.errors import InputError, expect
+from whiptool.errors import InputError, expect, refuse_call
 from whiptool.models.numbers import whole
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers.cmaes_search import cmaes_search
@@ -97,7 +97,8 @@ def search(
         options: Of a rollout: others of `Objective`, by name, such as `max_trials`, `bounds` and `limits`.
 
     Raises:
-        InputError: The method is unknown, or does not fit the objective, or the target is out of reach.
+        InputError: The method is unknown, or does not fit the objective, the target is out of reach, or an option is
+            unknown.
     """
     expect(Objective, Rollout, objective=objective)
     if isinstance(objective, Objective) and isinstance(target, str):
@@ -107,6 +108,10 @@ def search(
     seed = whole("seed", seed, low=0)
     if isinstance(objective, Rollout):
         ends: dict[str, Any] = {"stop_at_hit": True, "max_trials": MAX_TRIALS}
+        if "hit_radius" in options:
+            fix = f"it belongs to the target: Target(..., hit_radius={options['hit_radius']!r})"
+            raise InputError("argument of search", "hit_radius", "options of Objective, by name", fix)
+        refuse_call("search", Objective, objective, target, **options)
         objective = Objective(objective, target, **ends | options)
     elif target is not None or options:
         given = ["target"] * (target is not None) + list(options)

@@ -55,11 +55,9 @@ class Result(NoArray, instead="its strike or outcome"):
     wall_time: float
 
     def __repr__(self) -> str:
-        best = (
-            "no trial"
-            if self.outcome is None
-            else f"best miss {self.outcome.miss_distance:.4f} m: {self.outcome.status}"
-        )
+        found = self.outcome
+        miss = "" if found is None or found.lost else f"miss {found.miss_distance:.4f} m: "
+        best = "no trial" if found is None else f"best {miss}{found.status}"
         return f"Result({self.method}: {self.status.value}, {counted(self.n_trials, 'trial')}, {best})"
 
     def uninterrupted(self) -> Result:
@@ -79,8 +77,8 @@ class Result(NoArray, instead="its strike or outcome"):
 
     @property
     def miss_distance(self) -> float:
-        """Miss distance of the best strike [m]; infinite if there was no trial."""
-        return float("inf") if self.outcome is None else self.outcome.miss_distance
+        """Miss distance of the best strike [m]; infinite if there is none, as where all were refused."""
+        return float("inf") if self.outcome is None or self.outcome.lost else self.outcome.miss_distance
 
     @property
     def first_hit(self) -> int | None:

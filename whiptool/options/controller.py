@@ -10,6 +10,7 @@ from tyro.conf import arg
 
 from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup
+from whiptool.words import as_named
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -50,7 +51,7 @@ class LawOptions(OptionGroup):
         from whiptool.impedance import CONSTANT_PRESETS, default_controller
 
         if self.controller is not None:
-            return self.controller
+            return as_named(self.controller, LAWS)
         model = self._model()
         if model is None or model.dimension == 2:
             return "oiac"

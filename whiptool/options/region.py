@@ -60,11 +60,11 @@ class RegionOptions(ZoneGoalOptions):
         Raises:
             InputError: It is of another dimension than the model, lies out of its reach, or its file cannot be read.
         """
-        from whiptool.zone import Region, check_dimension
+        from whiptool.zone import Region, check_fits
 
         if self.region is None and self.sector is None:
             return self.build_disc(model)
         zone = self.build_sector() if self.region is None else Region.load(self.region)
-        check_dimension(zone, model)
+        check_fits(zone, model, self.hit_radius)
         self.build_arrival().check_dimension(model)
         return zone

@@ -29,6 +29,7 @@ from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rl.task import Step, StrikeTask
 from whiptool.rollout import CompiledRollout
 from whiptool.target import HIT_RADIUS, Target
+from whiptool.words import as_named
 from whiptool.zone import Zone
 
 
@@ -64,7 +65,7 @@ def make_task(
     if not isinstance(model, Model):
         model = load_model(str(model))
     if isinstance(controller, str):
-        of_arm = controller in CONSTANT_PRESETS
+        of_arm = as_named(controller, CONSTANT_PRESETS) in CONSTANT_PRESETS
         controller = Controller(constant_preset(controller) if of_arm else oiac_preset(controller))
     return StrikeTask(
         CompiledRollout(model, controller),

@@ -22,7 +22,7 @@ from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, joint_points
 from whiptool.target import HIT_RADIUS
-from whiptool.zone import Zone, check_dimension, usual_disc
+from whiptool.zone import Zone, check_fits, usual_disc
 
 OBSERVATIONS = ("tip", "relative", "goal")
 SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for networks
@@ -148,10 +148,9 @@ class StrikeTask:
         self._reward = REWARDS[reward]
         d = rollout.model.dimension
         self.rollout, self.zone, self.observation = rollout, zone or usual_disc(d), observation
-        check_dimension(self.zone, rollout.model)
+        self.hit_radius = check_fits(self.zone, rollout.model, hit_radius)
         self.arrival = arrival or ArrivalRule()
         self.arrival.check_dimension(rollout.model)
-        self.hit_radius = number("hit radius", hit_radius, low=0, strict=True)
         self.strikes, self.t_stay = whole("strikes", strikes), number("t_stay", t_stay, low=0)
         self.bounds = bounds or default_bounds(rollout.model.arm)
         self.lower, self.upper = self.bounds.box

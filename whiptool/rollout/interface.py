@@ -37,6 +37,11 @@ class Rollout(ABC):
     tolerance: float | None = None
     one_by_one: ClassVar[bool] = False
 
+    def __repr__(self) -> str:
+        controller = getattr(self, "controller", None)  # a rig's is its own
+        law = "" if controller is None else f"{type(controller.law).__name__}, "
+        return f"{type(self).__name__}({self.model.name}, {law}{self.accuracy}, {self.engine})"
+
     @property
     def accuracy(self) -> str:
         """How finely it integrates, in words."""

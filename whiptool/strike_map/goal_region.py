@@ -8,8 +8,7 @@ import numpy as np
 
 from whiptool.arrival_rule import ArrivalRule, sample_goals
 from whiptool.goals import Goals, arrival_angles
-from whiptool.models.numbers import number
-from whiptool.target import HIT_RADIUS
+from whiptool.target import HIT_RADIUS, checked_radius
 from whiptool.zone import Zone
 
 _ANY = ArrivalRule()  # points alone
@@ -33,7 +32,7 @@ class GoalRegion:
     hit_radius: float = HIT_RADIUS
 
     def __post_init__(self) -> None:
-        number("hit radius", self.hit_radius, low=0, strict=True)
+        checked_radius(self.hit_radius)
 
     def draw(self, count: int, rng: np.random.Generator) -> Goals:
         """Return uniformly random goals, one each of so many strikes."""

@@ -90,7 +90,7 @@ def animate(
         if not 0 < value < np.inf:
             raise InputError(name, value, "a finite number > 0")
     goal = as_target(target)
-    goal.check_dimension(model)
+    goal.check_fits(model)
     t = trajectory.t
     times = np.append(np.arange(t[0], t[-1], speed / FPS), t[-1])  # (F,)
     q, tip_velocity = (at_times(times, t, x) for x in (trajectory.q, trajectory.tip_velocity))

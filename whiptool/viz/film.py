@@ -78,7 +78,7 @@ def film_of(
     Raises:
         InputError: The target has other coordinates than the model.
     """
-    target.check_dimension(model)
+    target.check_fits(model)
     place = np.array(target.position)
     t, tip = trajectory.t, trajectory.tip
     at = np.minimum(t[0] + np.arange(int(np.ceil((t[-1] - t[0]) / speed * fps)) + 1) * speed / fps, t[-1])  # (F,)

@@ -131,7 +131,7 @@ def plot_strike(
     if ax is None:
         with matplotlib.rc_context(STYLE):
             return _fit_width(plot_strike(trajectory, model, goal, ax=_new_axes(_STRIKE_SIZE)))
-    goal.check_dimension(model)
+    goal.check_fits(model)
     near, t = trajectory.approach(np.array(goal.position)), trajectory.t
     t_near = float(near.time[0])
     # What comes after the closest approach would cover what led to it

@@ -100,7 +100,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
         InputError: The target is not in space.
     """
     goal = as_target(target)
-    goal.check_dimension(model)
+    goal.check_fits(model)
     near, t = trajectory.approach(goal), trajectory.t
     when = float(near.time[0])
     until = when if when > 0.3 * t[-1] else float(t[-1])  # what comes after would cover what led to it

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from whiptool.errors import expect
+from whiptool.errors import expect, refuse_call
 from whiptool.models.numbers import texts, whole
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.studies.comparison.plan import Comparison
@@ -65,6 +65,7 @@ def compare(
         timestep=rollout.timestep,
     )
     methods, observations = texts("methods", methods), texts("observations", observations)
+    refuse_call("compare", Comparison, scene, methods, observations, seeds, **training)
     comparison = Comparison(scene=scene, methods=methods, observations=observations, seeds=seeds, **training)
     with TemporaryDirectory() as folder:
         units = comparison.units()

@@ -19,7 +19,7 @@ from whiptool.models import Model
 from whiptool.models.strike import T_STAY, default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.target import Target
-from whiptool.zone import Disc, Zone
+from whiptool.zone import Disc, Zone, check_fits
 
 if TYPE_CHECKING:
     from whiptool.optimizers.library import StrikeLibrary
@@ -40,6 +40,9 @@ class Scene:
         cap: Trials at most at each target.
         t_stay: [s]
         tolerance, timestep: Of the compiled rollout.
+
+    Raises:
+        InputError: Zone or hit radius do not fit the model.
     """
 
     model: Model
@@ -53,6 +56,9 @@ class Scene:
     t_stay: float = T_STAY
     tolerance: float | None = None
     timestep: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fits(self.zone, self.model, self.radii[0])
 
     def points(self) -> np.ndarray:
         """Where the targets are, (targets, d) [m]."""
