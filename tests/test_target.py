@@ -31,7 +31,7 @@ def test_a_target_is_of_its_model_s_space():
         Target((1.0, 0.0)).check_reach(SPACE)
     with pytest.raises(
         InputError,
-        match=r"two coordinates x y in m, for the model lemon2024.* the plane; such as [0-9.]+ 0; a hit radius is given",
+        match=r"two coordinates x y in m, for the model lemon2024.* the plane; such as [0-9.]+ 0; a hit radius is",
     ):
         Target((1.0, 0.0, 0.0)).check_reach(FLAT)
 

@@ -71,4 +71,4 @@ def test_words_to_choose_from_may_be_in_capital_letters():
     options = parsed(optimize.OptimizeOptions, "--limits XM430 --controller=Position --pareto Effort,MISS --model UR5e")
     assert (options.limits, options.law_or_file, options.pareto) == ("xm430", "position", ("effort", "miss"))
     assert options.find_model() == preset("ur5e")
-    assert parsed(compare.CompareOptions, "--observation Tip").observation == "tip"
+    assert parsed(compare.CompareOptions, "--observation Tip").observation == ("tip",)
