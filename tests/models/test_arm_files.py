@@ -74,6 +74,7 @@ def test_limits_in_degrees_are_asked_about():
     assert model_from_table(table).arm.notes[0].startswith(said)
     for i in (1, 2):
         table["arm"]["links"][i]["kind"] = "prismatic"
+    table["arm"]["links"][1]["limits"]["position"] = [-36, 36]
     assert model_from_table(table).arm.notes == ()
 
 

@@ -65,6 +65,17 @@ class Model(NoArray, instead="its parameters()"):
         return self.arm.n + self.whip.N * (3 if self.whip.joints == "rod" else self.whip.joints_per_node)
 
     @property
+    def coordinate_names(self) -> tuple[tuple[str, str], ...]:
+        """Name and unit of each of `coordinates`: the arm's joints by their names, then `whip[0]` and so on.
+
+        Of universal joints they are `whip[0][0]` and `whip[0][1]`, of rods `whip[0].x` to `whip[0].z`, without unit.
+        """
+        suffixes = {"hinge": [""], "universal": ["[0]", "[1]"], "rod": [".x", ".y", ".z"]}[self.whip.joints]
+        unit = "1" if self.whip.joints == "rod" else "rad"
+        of_arm = [(joint, "m" if joint in self.arm.slides else "rad") for joint in self.arm.joints]
+        return (*of_arm, *((f"whip[{i}]{suffix}", unit) for i in range(self.whip.N) for suffix in suffixes))
+
+    @property
     def reach(self) -> float:
         """Farthest distance from the shoulder that the tip can have [m]; in space, no less than it."""
         return self.arm.length + self.whip.length

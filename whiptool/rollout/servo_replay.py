@@ -74,7 +74,8 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: f
     done, none = slice(i + 1), np.zeros((i + 1, a, a))
     wanted = path(t[done]), path(t[done], 1)
     diverged = i < steps
-    return Trajectory(t[done], q[done], v[done], *wanted, tau[done], none, none, tip[done], velocity[done], diverged)
+    arm, moved, names = (tau[done], none, none), (tip[done], velocity[done]), model.coordinate_names
+    return Trajectory(t[done], q[done], v[done], *wanted, *arm, *moved, diverged, names)
 
 
 def _smooth(trajectory: JointTrajectory) -> BPoly:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -134,6 +135,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         K, B: Stiffness [N m/rad] and damping [N m s/rad] of the controller, (T, a, a).
         tip, tip_velocity: [m], [m/s], (T, 2), in space (T, 3).
         diverged: Whether it ends early because it diverged.
+        names: Name and unit of each of the n coordinates, see `Model.coordinate_names`; empty: not known.
 
     The symbols have names in words, too: `times`, `positions`, `velocities`, `torques` and the like, see `SPELLED`.
     """
@@ -149,6 +151,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
     tip: np.ndarray
     tip_velocity: np.ndarray
     diverged: bool = False
+    names: tuple[tuple[str, str], ...] = ()
 
     def __repr__(self) -> str:
         fastest = self.tip_speed.max()
@@ -207,24 +210,38 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
     def since(self, begin: float) -> Trajectory:
         """Return the part from a time on [s]; its times are measured from there."""
         begin = number("begin", begin)
-        part = {f.name: getattr(self, f.name)[self.t >= begin] for f in fields(self) if f.name != "diverged"}
+        part = {name: getattr(self, name)[self.t >= begin] for name, axes in _SHAPES.items() if axes}
         part["t"] = part["t"] - begin
-        return Trajectory(**part, diverged=self.diverged)
+        return replace(self, **part)
 
     def save(self, path: Path | str) -> None:
         """Write an NPZ file, without pickle."""
-        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        arrays: dict[str, Any] = {name: np.asarray(getattr(self, name)) for name in _SHAPES}
+        arrays["names"] = np.array(self.names, str).reshape(-1, 2)
         write_npz(path, arrays)
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Return every number over time by its name: `t`, `q[0]`, ..., `K[0][1]`, `tip.x`, each (T,)."""
-        found = {"t": self.t}
-        for name in _SHAPES:
-            values, letters = getattr(self, name), _SHAPES[name][1:]
+        """Return every number over time by its name, each (T,).
+
+        They are `t`, `q.shoulder`, ..., `q.whip[0]`, ..., `K.shoulder.elbow`, `tip.x`; `q[0]` and `K[0][1]` where the
+        joints' names are not known.
+        """
+        return {name: self.t if name == "t" else values for name, _, values in self._columns()}
+
+    def _columns(self) -> Iterator[tuple[str, str, np.ndarray]]:
+        """Yield name, unit and values (T,) of every number over time; the unit is empty where it is not known."""
+        yield "t", "s", self.t
+        for quantity, axes in _SHAPES.items():
+            values, letters = getattr(self, quantity), axes[1:]
             for place in np.ndindex(np.shape(values)[1:]) if letters else ():
-                suffix = f".{'xyz'[place[0]]}" if letters == "d" else "".join(f"[{i}]" for i in place)
-                found[name + suffix] = values[(slice(None), *place)]
-        return found
+                if letters == "d":
+                    suffix, unit = f".{'xyz'[place[0]]}", "m" if quantity == "tip" else "m/s"
+                elif self.names:
+                    suffix = "".join(f".{self.names[i][0]}" for i in place)
+                    unit = _unit(quantity, *(self.names[i][1] for i in place))
+                else:
+                    suffix, unit = "".join(f"[{i}]" for i in place), ""
+                yield quantity + suffix, unit, values[(slice(None), *place)]
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a pandas table of T rows, whose columns are those of `columns`.
@@ -235,13 +252,14 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         return optional("pandas", "a data frame").DataFrame(self.columns())
 
     def to_csv(self, path: Path | str | None = None) -> str | None:
-        """Write a CSV file of T rows under the names of `columns`; without a path, return its text.
+        """Write a CSV file of T rows under the names of `columns` with units, `q.shoulder [rad]`; or return its text.
 
         Args:
-            path: Of the file.
+            path: Of the file; None: the text is returned.
         """
-        columns, text = self.columns(), StringIO()
-        np.savetxt(text, np.stack(list(columns.values()), axis=1), "%.17g", ",", header=",".join(columns), comments="")
+        columns, text = list(self._columns()), StringIO()
+        header = ",".join(f"{name} [{unit}]" if unit else name for name, unit, _ in columns)
+        np.savetxt(text, np.stack([values for *_, values in columns], axis=1), "%.17g", ",", header=header, comments="")
         if path is None:
             return text.getvalue()
         write_whole(path, text.getvalue())
@@ -259,7 +277,22 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         if not len(t) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
             raise InputError(f"{path}: t", f"{len(t)} times", "one finite time or more, each later than the one before")
         named = {name: arrays[name] for name in _SHAPES}
-        return cls(**named | {"diverged": bool(arrays["diverged"])})
+        names = arrays.get("names", np.empty((0, 2), str))  # files of older versions have none
+        if names.shape not in ((0, 2), (named["q"].shape[1], 2)) or names.dtype.kind != "U":
+            raise InputError(f"{path}: names", names.shape, "name and unit of each coordinate")
+        return cls(**named | {"diverged": bool(arrays["diverged"]), "names": tuple(map(tuple, names.tolist()))})
+
+
+def _unit(quantity: str, unit: str, per: str = "") -> str:
+    """Return the unit of a quantity of a joint, of gains of a joint per position of another.
+
+    Args:
+        quantity: Its symbol in a trajectory.
+        unit, per: Those of the joints' positions.
+    """
+    torque = "N" if unit == "m" else "N m"
+    of_gains = {"K": f"{torque}/{per}", "B": f"{torque} s/{per}"}
+    return {"q": unit, "q_d": unit, "v": f"{unit}/s", "v_d": f"{unit}/s", "tau": torque, **of_gains}[quantity]
 
 
 def complete_trajectory(
@@ -296,8 +329,9 @@ def complete_trajectory(
             np.stack([(l * np.cos(theta) * omega).sum(1), (l * np.sin(theta) * omega).sum(1)], axis=1),
         )
     return Trajectory(
-        t=t, q=q, v=v, q_d=q_d, v_d=v_d, tau=tau, K=K, B=B, tip=tip[0], tip_velocity=tip[1], diverged=diverged
-    )
+        t=t, q=q, v=v, q_d=q_d, v_d=v_d, tau=tau, K=K, B=B, tip=tip[0], tip_velocity=tip[1], diverged=diverged,
+        names=model.coordinate_names,
+    )  # fmt: skip
 
 
 def _hand_gains(

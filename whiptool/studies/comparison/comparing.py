@@ -65,8 +65,9 @@ def compare(
         timestep=rollout.timestep,
     )
     methods, observations = texts("methods", methods), texts("observations", observations)
-    refuse_call("compare", Comparison, scene, methods, observations, seeds, **training)
-    comparison = Comparison(scene=scene, methods=methods, observations=observations, seeds=seeds, **training)
+    plan = {"scene": scene, "methods": methods, "observations": observations, "seeds": seeds, **training}
+    refuse_call("compare", Comparison, **plan)
+    comparison = Comparison(**plan)
     with TemporaryDirectory() as folder:
         units = comparison.units()
         return collect(units, Store(Path(folder)).results(units, desc="compare"))

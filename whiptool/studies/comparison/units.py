@@ -58,7 +58,8 @@ class Scene:
     timestep: float | None = None
 
     def __post_init__(self) -> None:
-        check_fits(self.zone, self.model, self.radii[0])
+        for radius in self.radii:
+            check_fits(self.zone, self.model, radius)
 
     def points(self) -> np.ndarray:
         """Where the targets are, (targets, d) [m]."""
