@@ -348,11 +348,11 @@ def test_trials_of_several_threads_are_counted_one_after_the_other():
 
 
 def test_what_is_lost_has_no_miss():
-    """The second diverges: its miss distance is a penalty, which is nowhere shown as a distance."""
+    """The third diverges: its miss distance is a penalty, which is nowhere shown as a distance."""
     o = objective()
     seen, _, lost = o.batch(
         np.array([[0.05, 0.0, 0.1, 0.2, 0.7], [0.4, 0.5, 0.1, 0.2, 0.7], [0.0, 0.95, 0.1, 0.2, 0.7]])
     )
     assert seen.known_miss == pytest.approx(1.2 * math.sin(0.05))
     assert lost.known_miss is None
-    assert repr(o).endswith(f"2 trials, best: hit, {seen.miss_distance:.4f} m)")
+    assert repr(o).endswith(f"3 trials, best: hit, {seen.miss_distance:.4f} m)")

@@ -43,11 +43,17 @@ def limit_lines(limits: AllLimits, table: dict) -> list[str]:
     lines = []
     for each in limits.members:
         if table.get(f"{each.judges}_usage") is not None:
-            used = table[f"{each.judges}_usage"]
-            lines.append(f"  {each.judges + 's':14s} {used:.0%} of {each.words} at the worst instant")
+            lines.append(f"  {each.judges + 's':14s} {_used(table[f'{each.judges}_usage'], each.words)}")
         elif table.get(each.judges) is not None:
             lines.append(f"  {each.judges:14s} {1e3 * table[each.judges]:.0f} mm at least; {each.words}")
     return lines + ([f"  beyond         {with_cure(table['beyond'])}"] if table.get("beyond") else [])
+
+
+def _used(share: float, limits: str) -> str:
+    """Return which share of limits a strike uses, for people; what just keeps them uses 99 %."""
+    if share <= 1:
+        return f"within {limits}: at most {math.floor(100 * share)} % used"
+    return f"beyond {limits}: {math.ceil(100 * share)} % used"
 
 
 _POSTURES = 2000  # that are tried, beside the straight arm
