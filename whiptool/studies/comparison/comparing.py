@@ -65,7 +65,7 @@ def compare(
         timestep=rollout.timestep,
     )
     methods, observations = texts("methods", methods), texts("observations", observations)
-    plan: dict[str, Any] = {"scene": scene, "methods": methods, "observations": observations, "seeds": seeds, **training}
+    plan: dict[str, Any] = {"scene": scene, "methods": methods, "observations": observations, "seeds": seeds} | training
     refuse_call("compare", Comparison, **plan)
     comparison = Comparison(**plan)
     with TemporaryDirectory() as folder:
