@@ -34,7 +34,7 @@ class Toy:
 
     lost = np.inf  # length over the mean's, from which a whip diverges
 
-    def __init__(self, model, controller, *, timestep, free, sag=None) -> None:
+    def __init__(self, model, controller, *, free, sag=None) -> None:
         self.model = model
 
     def approach(self, strikes, target, *, t_stay, models=None, controllers=None) -> Approach:
@@ -77,7 +77,7 @@ def planned(
 
 
 def search(error: float = 0.1, limits=None, speed: float = 0.0, radius: float = 0.06):
-    return planner._Search(belief(error), Target(tuple(AT), radius), Demands(BOUNDS, limits, speed), 5e-4)
+    return planner._Search(belief(error), Target(tuple(AT), radius), Demands(BOUNDS, limits, speed))
 
 
 @pytest.mark.parametrize("error", [0.08, 0.16])

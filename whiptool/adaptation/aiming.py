@@ -33,7 +33,6 @@ from whiptool.target import Target
 FIRST = Effort(pool=2048, polished=32, whips=16, population=12, rounds=4)  # limits and directions leave little
 NEXT = Effort(pool=512, polished=8, whips=16, population=8, rounds=4)
 RETRIES = 3  # with the first effort, for a strike that is less than half sure to hit
-TIMESTEP = 1e-3  # [s]
 RATE = 100.0  # [1/s] of the paths that are compared
 STEPS = 20  # of a refinement
 STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approach that can be trusted
@@ -45,7 +44,7 @@ class Passes:
     """How B strikes with each of S whips pass a goal.
 
     Args:
-        distance: Closest approach [m], (B, S); infinite where it diverged.
+        distance: Closest approach [m], (B, S); infinite where it is not known.
         angle: Between velocity and direction there [rad], (B, S); NaN where no direction is asked for.
         shortfall: Share of the least speed that is missing, (B, S).
         speed: Of the tip [m/s], (B, S).
@@ -83,7 +82,6 @@ def aim(
     effort: Effort,
     bounds: StrikeBounds | None = None,
     t_stay: float = T_STAY,
-    timestep: float = TIMESTEP,
 ) -> Plan:
     """Return the strike with the largest probability of a hit over whips sampled from a belief.
 
@@ -96,10 +94,9 @@ def aim(
         effort: How hard to look: `pool` random strikes, `polished` of which are refined.
         bounds: Box of strikes; default: `default_bounds`.
         t_stay: A strike is watched so long after the movement ended [s].
-        timestep: Of the integrator [s].
     """
     began = time.perf_counter()
-    search = _Aimed(belief, target, limits, bounds, t_stay, timestep)
+    search = _Aimed(belief, target, limits, bounds, t_stay)
     whips = belief.sample(rng, effort.whips)
     strikes, worth, tried = search.look(rng, past, effort, whips)
     order = np.argsort(-worth)
@@ -121,11 +118,10 @@ class _Aimed:
         limits: Sequence[Limits],
         bounds: StrikeBounds | None,
         t_stay: float,
-        timestep: float,
     ) -> None:
         plant = belief.at()
         assert plant.controller is not None
-        self.rollout = CompiledRollout(plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief))
+        self.rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief))
         self.striker = Striker(self.rollout, bounds=bounds, limits=tuple(limits), t_stay=t_stay)
         self.front = Front(plant.model)
         self.target, self.goal, self.error, self.t_stay = target, target.goals, belief.model_error, t_stay
@@ -216,7 +212,7 @@ class _Aimed:
         shape, velocity = (len(strikes), len(whips)), np.nan_to_num(near.velocity)
         arrival = self.goal.arrival_speed(velocity)
         short = np.zeros(len(order)) if self.goal.speed is None else np.clip(1 - arrival / self.goal.speed, 0, None)
-        distance = np.where(near.diverged, np.inf, near.distance)
+        distance = np.where(near.known, near.distance, np.inf)
         columns = distance, self.goal.angle(velocity), short, np.linalg.norm(velocity, axis=1)
         return Passes(*(x.reshape(shape) for x in columns))
 

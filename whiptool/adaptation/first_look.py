@@ -119,9 +119,7 @@ def _kept(
     """Those of some strikes, made as slow as their joints must be, that keep the limits."""
     plant = belief.at()
     assert plant.controller is not None
-    rollout = CompiledRollout(
-        plant.model, plant.controller, timestep=TIMESTEPS[plant.model.dimension], free=fresh_terms(belief)
-    )
+    rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief))
     striker = Striker(rollout, bounds=bounds, limits=tuple(keeps), t_stay=t_stay)
     slow = striker.admissible(strikes)
     kept = slow[striker.keep(slow)]

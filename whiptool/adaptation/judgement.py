@@ -20,7 +20,6 @@ from whiptool.target import Target
 
 NOISE = 0.005  # [m], standard error of a miss that a port tells without one: a plain camera's
 WHIPS = 32  # of the belief
-TIMESTEP = 5e-4  # [s]
 _SIZES, _PACES = np.geomspace(0.001, 0.5, 9), np.array([0.015, 0.03, 0.06, 0.12])  # [m], [s] of a discrepancy
 
 
@@ -73,9 +72,7 @@ def _believed(belief: Belief, recording: StrikeRecording, seed: Sequence[int]) -
     assert recording.strike is not None
     plant = belief.at()
     assert plant.controller is not None
-    rollout = CompiledRollout(
-        plant.model, plant.controller, timestep=TIMESTEP, free=fresh_terms(belief), sag=recording.stood
-    )
+    rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=recording.stood)
     whips = belief.sample(np.random.default_rng(list(seed)), WHIPS)
     t, paths, _ = rollout.tip_path(
         np.tile(recording.strike.vector, (len(whips), 1)),

@@ -18,7 +18,6 @@ from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach
 from whiptool.target import Target
 
-TIMESTEP = 5e-4  # [s]
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; more, where all strikes were refused
 SURE = 0.25  # of the hit radius: where a strike that misses all whips by no more is worth no better one
 CHECKED = 3  # strikes that are asked about before more is kept free
@@ -181,7 +180,6 @@ def plan(
     past: Sequence[Sequence[float]] = (),
     demands: Demands = Demands(),
     effort: Effort = NEXT,
-    timestep: float = TIMESTEP,
     sag: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Plan:
     """Return the strike with the largest probability of a hit over whips sampled from a belief.
@@ -199,14 +197,13 @@ def plan(
         past: Strikes that were tried before; they and their neighbours are candidates, too.
         demands: What is asked of the strike beside.
         effort: How hard to look.
-        timestep: Of the integrator [s].
         sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
 
     Raises:
         InputError: A past strike does not fit this arm, or the arm has no default bounds.
     """
     began = time.perf_counter()
-    search = _Search(belief, target, demands, timestep, sag)
+    search = _Search(belief, target, demands, sag)
     whips = belief.sample(rng, effort.whips)
     first, tried, allowed = None, 0, True
     check = demands.check
@@ -235,7 +232,6 @@ class _Search:
         belief: Belief,
         target: Target,
         demands: Demands,
-        timestep: float,
         sag: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         plant = belief.at()
@@ -243,9 +239,7 @@ class _Search:
         self.target, self.limits, self.speed, self.t_stay = target, demands.limits, demands.speed, demands.t_stay
         self.margin = MARGINS[0]
         self.box, self._admissible = (demands.bounds or default_bounds(plant.model.arm)).box, demands.admissible
-        self.rollout = CompiledRollout(
-            plant.model, plant.controller, timestep=timestep, free=fresh_terms(belief), sag=sag
-        )
+        self.rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=sag)
         self.error = belief.model_error
         self._at = np.array(target.position)
 
@@ -299,7 +293,7 @@ class _Search:
     def rank(self, near: Approach) -> np.ndarray:
         """Miss distance, with what the motors cannot do and what is too slow behind all others, (B,)."""
         excess = self.excess(near)
-        distance = np.where(near.diverged | ~np.isfinite(near.distance), 1e3, near.distance)
+        distance = np.where(near.known, near.distance, 1e3)
         return distance + np.where(excess > 0, 10 + excess, 0)
 
     def polish(self, strikes: np.ndarray, steps: int) -> np.ndarray:
@@ -336,7 +330,7 @@ class _Search:
         return kept[np.argsort(rank)[: _SQUEEZE.kept]]
 
     def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
-        """Miss distance of every strike with every whip, (strikes, whips) [m]; infinite where it diverged."""
+        """Miss distance of every strike with every whip, (strikes, whips) [m]; infinite where it is not known."""
         B, S = len(strikes), len(whips)
         order = [whip for _ in range(B) for whip in whips]
         controllers = [whip.controller for whip in order if whip.controller is not None]
@@ -347,7 +341,7 @@ class _Search:
             models=[whip.model for whip in order],
             controllers=controllers,
         )
-        return np.where(near.diverged, np.inf, near.distance).reshape(B, S)
+        return np.where(near.known, near.distance, np.inf).reshape(B, S)
 
     def probability(self, miss: np.ndarray) -> np.ndarray:
         """Of a hit, per strike, from (strikes, whips) miss distances; smoothed for the search."""

@@ -18,7 +18,7 @@ from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.session import Rig
 from whiptool.rig.stops import StrikeRefused
-from whiptool.rollout.compiled import TIMESTEP, CompiledRollout
+from whiptool.rollout.compiled import CompiledRollout
 from whiptool.target import Target, as_target
 
 _JOINED = 4  # frames that a path is joined from, at least
@@ -147,7 +147,6 @@ class TipPort:
         target: For the miss distance: a `Target`, or its place [m].
         fps: [1/s]
         t_stay: The strike is watched so long after the movement ended [s].
-        timestep: Of the integrator [s].
 
     Raises:
         InputError: The target is of another dimension than the twin.
@@ -160,13 +159,12 @@ class TipPort:
         *,
         fps: float = 60.0,
         t_stay: float = T_STAY,
-        timestep: float = TIMESTEP,
     ) -> None:
         expect(Twin, twin=twin)
         at = as_target(target)
         at.check_fits(twin.model)
         self.twin, self.target, self.fps, self.t_stay = twin, at.position, fps, t_stay
-        self._rollout = CompiledRollout(twin.model, twin.controller, timestep=timestep)
+        self._rollout = CompiledRollout(twin.model, twin.controller)
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Strike, and return what was seen; see `Port.strike`."""

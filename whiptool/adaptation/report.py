@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
-from whiptool.adaptation.planner import TIMESTEP
 from whiptool.adaptation.posterior import AFTER, usable
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.adaptation.steps import Step, percent
@@ -200,7 +199,7 @@ class _Path:
         plant, recording = belief.at(), step.outcome.recording
         assert plant.controller is not None
         stood = None if recording is None else recording.stood
-        rollout = CompiledRollout(plant.model, plant.controller, timestep=TIMESTEP, free=fresh_terms(belief), sag=stood)
+        rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=stood)
         vector, t_stay = np.array([step.plan.strike]), T_STAY if recording is None else recording.t_stay
         near = rollout.approach(vector, np.array(target.position), t_stay=t_stay)
         t, points, _ = rollout.tip_path(vector, t_stay=t_stay, rate=_RATE)

@@ -102,6 +102,11 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
         )
 
     @property
+    def known(self) -> np.ndarray:
+        """Whether a strike has a distance, and one that its integration is sure of, (B,)."""
+        return ~self.diverged & np.isfinite(self.farthest)
+
+    @property
     def farthest(self) -> np.ndarray:
         """Distance that the tip has at most, by the estimated error of integration [m], (B,); see `Goals.hit`."""
         return self.distance if self.integration_error is None else self.distance + self.integration_error
