@@ -50,7 +50,7 @@ def test_every_link_is_where_the_whole_model_has_it():
     ends = np.cumsum(np.stack([np.sin(theta), -np.cos(theta)], axis=2) * lengths[:, None], axis=1)
     markers = {"handle": 1, "node1": 2, "node7": 8, "tip": 13}
     seen = recorded(tuple(markers), path.t[some], ends[:, list(markers.values())])
-    predictor = Predictor([seen], PLANT, drive="command", shared=["whip.k"])
+    predictor = Predictor([seen], PLANT, drive="command", shared=["whip.k"], timestep=2.5e-4)
     (found,) = predictor(PLANT, {}, predictor.start, derivatives=False)
     np.testing.assert_allclose(found.value.reshape(-1, 4, 2), seen.points, atol=2e-6)
 

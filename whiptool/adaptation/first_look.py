@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from whiptool.adaptation.posterior import TIMESTEPS
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
@@ -43,7 +42,7 @@ def information(
         t = np.arange(int((vector[-1] + t_stay) * FPS) + 1) / FPS
         nothing = np.zeros((len(t), 1, d))
         recordings.append(StrikeRecording(t, nothing, ("tip",), np.array(NOISE), strike=Strike.from_vector(vector)))
-    predictor = Predictor(recordings, belief.plant, drive="command", shared=belief.names, timestep=TIMESTEPS[d])
+    predictor = Predictor(recordings, belief.plant, drive="command", shared=belief.names)
     own = [np.zeros(0)] * len(recordings)
     nuisance = {"delay": belief.values().get("delay", 0.0)} if "delay" in belief.names else {}
     units = np.array([v.slope(x) for v, x in zip(belief.variables, belief.z, strict=True)])

@@ -72,7 +72,6 @@ _POSE = {2: ("rotation", "shift_x", "shift_y"), 3: PLACED[3][1:]}  # by dimensio
 _LEAST = 6  # frames
 _OF_MEDIAN = math.sqrt(math.pi / 2)  # its standard error over that of the mean
 _SHARPEST = 1e8  # information over the prior's, at most: rounding errors spoil the covariance beyond
-TIMESTEPS = {2: 5e-4, 3: 1e-3}  # of the integrator, by dimension: the whip of a prescribed arm is not stiff [s]
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,6 @@ def update(
     starts: int = 3,
     screened: int = 24,
     seed: int = 0,
-    timestep: float | None = None,
 ) -> Learned:
     """Return the belief after all recordings, fitted by maximum a posteriori from several starts.
 
@@ -121,7 +119,6 @@ def update(
         starts: How many.
         screened: Samples of the prior among which the other starts are sought.
         seed: Of the samples.
-        timestep: Of the integrator [s]; None: that of `TIMESTEPS`.
 
     Raises:
         InputError: A recording lacks its command or its tip.
@@ -141,7 +138,6 @@ def update(
         options = Options(
             drive=driven_by(prior.plant, used),
             prior=prior.as_prior(),
-            timestep=timestep or TIMESTEPS[prior.plant.model.dimension],
             check=False,  # the belief holds a delay, and its model errs
             max_iterations=25,
             tolerance=STARTS.close,
@@ -262,7 +258,7 @@ def _best(
             return found[-1]
     samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
     early = [_until(r, _HORIZONS[0]) for r in recordings]
-    predictor = Predictor(early, prior.plant, drive=options.drive, shared=_of_plant(prior), timestep=options.timestep)
+    predictor = Predictor(early, prior.plant, drive=options.drive, shared=_of_plant(prior))
     scores = [_score(predictor, plant) for plant in samples]
     for i in np.argsort(scores)[: starts - 1]:
         found.append(_grown(recordings, samples[i], prior.names, options))

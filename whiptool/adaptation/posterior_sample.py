@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from whiptool.adaptation.posterior import TIMESTEPS, Learned, driven_by, usable
+from whiptool.adaptation.posterior import Learned, driven_by, usable
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
@@ -125,8 +125,7 @@ def log_posterior(
     if not used:
         raise InputError("recordings", "none that is used", "one or more")
     of_plant = tuple(name for name in prior.names if name != "delay")
-    timestep = TIMESTEPS[prior.plant.model.dimension]
-    predictor = Predictor(used, prior.plant, drive=driven_by(prior.plant, used), shared=of_plant, timestep=timestep)
+    predictor = Predictor(used, prior.plant, drive=driven_by(prior.plant, used), shared=of_plant)
     lower, upper = (np.array([getattr(v, end) for v in prior.variables]) for end in ("lower", "upper"))
     whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
 

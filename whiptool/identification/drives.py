@@ -29,6 +29,7 @@ from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.resolution import displacements, stepped
 from whiptool.words import counted
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
@@ -82,12 +83,17 @@ class Drive:
         start: First time of the path [s].
         steps: Steps of the path.
         unknowns: Name and first guess of what is unknown about this recording and moves the system: `motion`, `start`.
+        ends, displacements: Of a command, when its reference ends [s], and how far each coordinate moves the tip [m].
+        period: For which its torque is held [s]; None: it is not.
     """
 
     structure: Structure | SwingStructure
     start: float
     steps: int
     hold: int = 1
+    ends: float
+    displacements: np.ndarray
+    period: float | None = None
     unknowns: dict[str, np.ndarray]
 
     @property
@@ -151,10 +157,11 @@ class CommandDrive(Drive):
                 "give Plant(model, controller)",
             )
         plant.controller.check_fits(plant.model.arm)
-        self.structure = Structure.of(plant.model, plant.controller, free=_terms(free, plant))
-        self.start = 0.0
+        self.structure = stepped(plant.model, plant.controller, free=_terms(free, plant), timestep=h)
+        self.start, self.ends = 0.0, float(command.D)
+        self.displacements = displacements(plant.model, self.structure.n)
         self.steps = math.ceil((_end(recording) + MARGIN) / h)
-        period = plant.controller.control_period
+        self.period = period = plant.controller.control_period
         self.hold = 1 if period is None else round(period / h)
         if period is not None and not math.isclose(self.hold * h, period, rel_tol=1e-9):
             raise InputError("timestep", h, f"a whole fraction of the control period of {period:g} s")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,16 +18,8 @@ from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.batch import Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
+from whiptool.rollout.resolution import OF_A_STEP
 
-TIMESTEP = {
-    "command": 2.5e-4,
-    "robot": 1e-3,
-    "joints": 1e-3,
-    "hand": 1e-3,
-    "handle": 1e-3,
-    "passive": 1e-3,
-    "free": 1e-3,
-}  # [s]
 _INTERVAL = 1e-3  # [s] between samples of a path
 
 Recording = StrikeRecording | AngleRecording
@@ -61,7 +54,8 @@ class Predictor:
         drive: What drives the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
         shared: Names of what is free and the same for all recordings: numbers of the plant, or of `NUISANCE`.
         own: Of `NUISANCE`, what is free for each recording on its own; and `start`, its state at the start.
-        timestep: Of the integrator [s].
+        timestep: Of equal steps [s]; None: of strikes that a command drives they are chosen by their errors, and the
+            other drives, which are tabulated at the steps, take 1 ms.
         knots: Spacing of the spline of a prescribed motion [s].
 
     Raises:
@@ -99,7 +93,8 @@ class Predictor:
         if drive == "passive" and "delay" in named:
             raise InputError("free parameters", named, "no delay, which a free first state takes up")
         self._of_plant = [name for name in self.shared if name not in NUISANCE]
-        self.h = TIMESTEP.get(drive, 1e-3) if timestep is None else timestep
+        self._adaptive = timestep is None and drive == "command"
+        self.h = _interval(plant) if timestep is None else timestep
         self.stride = max(1, round(_INTERVAL / self.h))
         self.drives = [
             make_drive(
@@ -215,6 +210,9 @@ class Predictor:
             columns=np.array(columns, int),
             stride=self.stride,
         )
+        if self._adaptive:
+            batch.tolerance, batch.knot = np.full(len(lanes), OF_A_STEP), np.array([d.ends for d in drives])[lanes]
+            batch.weight, batch.period = drives[0].displacements, drives[0].period or 0.0
         if derivatives:
             batch.dp, batch.dx0 = np.zeros_like(batch.p), np.zeros_like(batch.x0)
             batch.dh = batch.dh_last = np.zeros_like(h)
@@ -254,6 +252,13 @@ class Predictor:
             if link != ORIGIN and place is not None:
                 laid[:, j] += place[: len(y) * self.stride : self.stride]
         return laid
+
+
+def _interval(plant: Identifiable) -> float:
+    """Return the time between the samples of a path, a whole fraction of the period that a torque is held for [s]."""
+    controller = plant.controller if isinstance(plant, Plant) else None
+    period = None if controller is None else controller.control_period
+    return _INTERVAL if period is None else period / math.ceil(period / _INTERVAL - 1e-9)
 
 
 class _Reading:

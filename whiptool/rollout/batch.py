@@ -76,19 +76,23 @@ class Batch:
         """Return the batch for an engine that does not choose steps: as short, all alike, as the tolerances ask for.
 
         The errors of such steps, and of the segments between them, are of second order at least: steps are as the
-        tolerances' square roots. Instants that were asked for stay the steps.
+        tolerances' square roots. What is observed stays so at the same instants, with a whole number of steps between
+        them; of trajectories they are the steps.
         """
-        if self.tolerance is None or self.with_rows or self.columns is not None:
+        if self.tolerance is None or self.with_rows:
             return self
         end, longest = (self.steps - 1) * self.h + self.h_last, _STEP_OF_TOLERANCE * np.sqrt(self.tolerance)
-        longest = np.minimum(longest, self.h * 2)
-        if self.period:
+        longest, stride = np.minimum(longest, self.h * 2), self.stride
+        if self.columns is not None:
+            finer = int(np.ceil((self.h / longest).max() - 1e-9))
+            hold, h, stride = self.hold * finer, self.h / finer, stride * finer
+        elif self.period:
             hold = int(np.ceil(self.period / longest.min()))
             h = np.full(len(end), self.period / hold)
         else:
             hold, h = 1, end / np.ceil(end / longest)
         steps = np.ceil(end / h - 1e-9).astype(np.int64)
-        equal = replace(self, h=h, h_last=end - (steps - 1) * h, steps=steps, hold=hold, tolerance=None)
+        equal = replace(self, h=h, h_last=end - (steps - 1) * h, steps=steps, hold=hold, stride=stride, tolerance=None)
         if self.dh is not None and self.dh_last is not None:
             later = (self.steps - 1) * self.dh + self.dh_last
             equal.dh = np.zeros_like(later) if self.period else later / steps

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
 from whiptool.dynamics.directions import parameter_directions
-from whiptool.dynamics.modes import explicit_timestep
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.stepping import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.dynamics.structure import Structure
@@ -31,12 +29,11 @@ from whiptool.rollout.interface import (
     joined,
     target_points,
 )
-from whiptool.rollout.resolution import TOLERANCE, Resolved, resolve
+from whiptool.rollout.resolution import TOLERANCE, Resolved, displacements, resolve, stepped
 from whiptool.rollout.slopes import SLOPES, ApproachSlopes
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 
 TIMESTEP = 2.5e-4  # [s] between the instants of a trajectory whose steps are chosen by their errors
-_EXPLICIT = 5e-4  # [s]; where Runge and Kutta's method is stable at it, its steps are the cheaper ones
 _OF_A_PATH = 1e-2  # tolerance of a step's error along a path, in units of that of the distance
 _AT_ONCE = 8192  # strikes packed at once: bounds the memory
 _TRAJECTORIES_AT_ONCE = 64
@@ -113,9 +110,7 @@ class CompiledRollout(Rollout):
         )
         self.free = texts("free", free)
         self._sag = sag
-        needed = self.timestep if self.tolerance is None else _EXPLICIT
-        explicit = controller.prescribed and needed <= explicit_timestep(model)
-        self.structure = Structure.of(model, controller, free=free, explicit=explicit)
+        self.structure = stepped(model, controller, free=free, timestep=timestep)
         controller.check_fits(model.arm)
         self._rung, self._threads = engine or wanted_rung(), None if threads is None else whole("threads", threads)
         self.engine: str = self._engine(forward=False).rung
@@ -455,18 +450,9 @@ class CompiledRollout(Rollout):
         batch = Batch(p, x0, np.ascontiguousarray(targets), h, h_last, steps, hold)
         if self.tolerance is not None:
             batch.tolerance = np.full(B, _OF_A_PATH * self.tolerance)
-            batch.knot, batch.weight = strikes[:, -1].copy(), self._weight
+            batch.knot, batch.weight = strikes[:, -1].copy(), displacements(self.model, n)
             batch.period = period or 0.0
         return batch
-
-    @cached_property
-    def _weight(self) -> np.ndarray:
-        """How far each coordinate moves the tip [m], (n,)."""
-        lengths, a = self.model.whip.per_node("l"), self.model.arm.n
-        beyond = np.cumsum(lengths[::-1])[::-1]  # of the whip, from each joint on
-        size = (self.structure.n - a) // len(lengths)
-        of_whip = lengths if self.model.whip.joints == "rod" else beyond
-        return np.concatenate([np.full(a, beyond[0]), np.repeat(of_whip, size)])
 
     def _starts(self, numbers: np.ndarray) -> np.ndarray:
         """Where the arm stands when strikes of such numbers begin, (B, a) [rad]."""

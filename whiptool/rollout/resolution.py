@@ -9,17 +9,23 @@ have bounded errors, so that two rollouts which are both wrong do not agree as t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from whiptool.dynamics.columns import Columns
+from whiptool.dynamics.modes import explicit_timestep
+from whiptool.dynamics.structure import Structure
+from whiptool.impedance.controller import Controller
+from whiptool.models.parameters import Model
 
 TOLERANCE = 1e-4  # [m]
 RATIO = 10.0  # of successive tolerances
 COARSEST = 0.7  # the first tolerance of a step's error, in units of that of the distance
 RUNGS = 7  # tolerances that are tried at most
+OF_A_STEP = COARSEST / RATIO * TOLERANCE  # error of a step [m] at which the distances of most strikes are that true
+_EXPLICIT = 5e-4  # [s]; where Runge and Kutta's method is stable at it, its steps are the cheaper ones
 CERTAINTY = 3.0  # the estimate is so many times the finer rollout's error, if errors are proportional to tolerances
 
 
@@ -63,6 +69,28 @@ def resolve(
         error[left], taken[left] = _estimate(coarse[left], out[left], columns), finer
     error[~(error <= tolerance)] = np.inf
     return Resolved(out, error, taken)
+
+
+def stepped(
+    model: Model, controller: Controller, *, free: Sequence[str] = (), timestep: float | None = None
+) -> Structure:
+    """Return the structure of a model and controller, stepped by the method that costs less.
+
+    Args:
+        model, controller, free: As `Structure.of` takes them.
+        timestep: Of equal steps [s]; None: steps are chosen by their errors.
+    """
+    longest = _EXPLICIT if timestep is None else timestep
+    explicit = controller.prescribed and longest <= explicit_timestep(model)
+    return Structure.of(model, controller, free=free, explicit=explicit)
+
+
+def displacements(model: Model, n: int) -> np.ndarray:
+    """Return how far each of n coordinates, the arm's and then the whip's, moves the tip [m], (n,)."""
+    lengths, a = model.whip.per_node("l"), model.arm.n
+    beyond = np.cumsum(lengths[::-1])[::-1]  # of the whip, from each joint on
+    of_whip = lengths if model.whip.joints == "rod" else beyond
+    return np.concatenate([np.full(a, beyond[0]), np.repeat(of_whip, (n - a) // len(lengths))])
 
 
 def _both_diverged(coarse: np.ndarray, fine: np.ndarray, columns: Columns) -> np.ndarray:
