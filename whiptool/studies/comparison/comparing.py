@@ -62,7 +62,8 @@ def compare(
         target_seed=target_seed,
         radii=(hit_radius,),
         cap=whole("max_trials", max_trials),
-        timestep=rollout.timestep,
+        tolerance=rollout.tolerance,
+        timestep=rollout.timestep if rollout.tolerance is None else None,
     )
     methods, observations = texts("methods", methods), texts("observations", observations)
     plan: dict[str, Any] = {"scene": scene, "methods": methods, "observations": observations, "seeds": seeds} | training
