@@ -19,7 +19,7 @@ a Cosserat rod (extra `oracle`). Published: 73.5 % in one shot, 92.1 % with the 
 With --folder, what is done stands there, and a run that was broken off goes on where it was. The map is built there
 unless --map names the run folder of one:
 
-    python -m whiptool.map build --model ur5e --timestep 0.0015
+    python -m whiptool.map build --model ur5e
         --sector 1.6 2.3 -1.4 0.8 30 --hit-radius 0.05 --arrival-angle -180 180 --cone 10 --least-speed 1
         --floor -1.7 --random-strikes 4096 --room 2 --rounds 2 --goals 800 --gate-strikes 16000
 
@@ -65,12 +65,13 @@ def map_of(task: AimTask, given: Path | None, folder: Path) -> tuple[StrikeMap, 
 
 
 def check(strike_map: StrikeMap, task: AimTask) -> None:
-    """Refuse a map of another robot, other goals or another step."""
+    """Refuse a map of another robot, other goals or another accuracy."""
     theirs, ours = strike_map.striker, task.striker()
     same = {
         "model": theirs.rollout.model == task.model,
         "controller": theirs.rollout.controller == task.controller,
-        "time step": theirs.rollout.timestep == task.timestep,
+        "accuracy": (theirs.rollout.tolerance, theirs.rollout.timestep)
+        == (ours.rollout.tolerance, ours.rollout.timestep),
         "zone": strike_map.region.zone == task.region.zone,
         "arrival": strike_map.region.rule == task.region.rule,
         "hit radius": strike_map.region.hit_radius == task.region.hit_radius,

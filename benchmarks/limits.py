@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from reach import MODELS, SEARCHED, TIMESTEP, targets, warm_up
+from reach import MODELS, SEARCHED, targets, warm_up
 from tqdm import tqdm
 
 from whiptool.impedance import Controller, PositionControl
@@ -62,7 +62,7 @@ def searched(model: Model, way: str, target: np.ndarray, seed: int) -> dict:
     """What the search of one target came to."""
     joints = ArmLimits.of(model.arm, keep_free=KEEP_FREE, prescribed=True)
     limits = [joints] if way == "joints" else [joints, Clearance(model, FLOOR)]
-    rollout = CompiledRollout(model, Controller(PositionControl()), timestep=TIMESTEP)
+    rollout = CompiledRollout(model, Controller(PositionControl()))
     goal = Target(tuple(target.tolist()), SEARCHED)
     kind = Guessing if way == "judged" else Objective
     objective = kind(rollout, goal, limits=limits, max_trials=MOST, stop_at_hit=True)

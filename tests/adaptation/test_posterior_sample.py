@@ -126,7 +126,7 @@ def test_the_density_is_prior_times_likelihood():
     cut = usable(recording)[0]
     assert cut is not None
     names = tuple(name for name in prior.names if name != "delay")
-    predictor = Predictor([cut], prior.plant, drive="command", shared=names, timestep=5e-4)
+    predictor = Predictor([cut], prior.plant, drive="command", shared=names)
     expected = []
     for x in z:
         delay = {"delay": prior.values(x)["delay"]}

@@ -21,8 +21,9 @@ from whiptool.models.arm_limits import ArmLimits
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
+from whiptool.rollout.resolution import TOLERANCE
 from whiptool.studies.comparison import Store
-from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
+from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
 from whiptool.studies.reproduction.context import Context
 from whiptool.target import Target
 from whiptool.viz.report import Section, Table, Text
@@ -53,7 +54,7 @@ def targets(count: int) -> np.ndarray:
 def simulator(robot: str, space: str, threads: int | None) -> CompiledRollout:
     """Return the rollout of a robot whose joints follow their path exactly, its strikes told in this space."""
     controller = Controller(PositionControl(), hand=SPACES[space])
-    return CompiledRollout(preset(robot), controller, timestep=TIMESTEP, threads=threads)
+    return CompiledRollout(preset(robot), controller, threads=threads)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +179,7 @@ def facts() -> dict[str, str]:
     return {
         "code": f"whiptool {code_version()}",
         "model": f"{' and '.join(ROBOTS)}: stick and rope of 1 m in {MODEL.whip.N} rods; joints on their reference "
-        f"(position control), steps of {1e3 * TIMESTEP:g} ms",
+        f"(position control), distances right to {1e3 * TOLERANCE:g} mm",
         "targets": f"uniform in the shell of {NEAR:g} to {FAR:g} m around the base, before it and above the "
         f"ground; hit within {100 * RADIUS:g} cm",
         "limits": "of the arm: position, velocity, torque and what else the model has",

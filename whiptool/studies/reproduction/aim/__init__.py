@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
+from whiptool.rollout.resolution import TOLERANCE
+from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
 from whiptool.studies.reproduction.context import Context
 from whiptool.viz.report import Section
 
@@ -25,7 +26,7 @@ def facts() -> dict[str, str]:
     return {
         "code": f"whiptool {code_version()}",
         "model": f"{MODEL.name}: stick of 0.65 m, rope of 1 m in {MODEL.whip.N} rods; joints on their reference "
-        f"(position control), steps of {1e3 * TIMESTEP:g} ms",
+        f"(position control), distances right to {1e3 * TOLERANCE:g} mm",
         "goals": "1.6 to 2.3 m from the base, 1.4 m below it to 0.8 m above, up to 30 degrees to either side; arrival "
         "angles from the full turn; within 5 cm and 10 degrees, at 1 m/s or more along the direction",
         "limits": "of the joints: position, velocity, acceleration, jerk, torque and its change, as far as the arm's "

@@ -5,6 +5,5 @@ from __future__ import annotations
 from whiptool.impedance import default_controller
 from whiptool.models import preset
 
-TIMESTEP = 1.5e-3  # [s]
 MODEL = preset("ur5e")
 CONTROLLER = default_controller(MODEL)

@@ -20,7 +20,7 @@ from whiptool.strike_map.building import Building, MapPlan
 from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.striker import Striker
 from whiptool.studies.comparison import Scene
-from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL, TIMESTEP
+from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
 from whiptool.zone import Sector
 
 IN_SPACE = MapPlan(random_strikes=4096, room=2, rounds=2, goals=800, gate_strikes=16_000)
@@ -35,7 +35,7 @@ class AimTask:
     Args:
         name: Of it, fit for a file.
         model, controller: Whip, arm, and law.
-        timestep: [s]; None: steps are chosen by their errors.
+        tolerance, timestep: Of the compiled rollout, see there.
         region: Of the goals.
         limited: Whether strikes have to keep the arm's limits.
         clear: Whether arm, whip and floor have to keep clear of each other.
@@ -51,7 +51,6 @@ class AimTask:
     name: str
     model: Model
     controller: Controller
-    timestep: float | None
     region: GoalRegion
     limited: bool
     drawn: int
@@ -61,11 +60,14 @@ class AimTask:
     corrected: bool = False
     clear: bool = False
     floor: float | None = None
+    tolerance: float | None = None
+    timestep: float | None = None
     t_stay: float = T_STAY
 
     def striker(self, threads: int | None = None) -> Striker:
         """Return what rolls out."""
-        rollout = CompiledRollout(self.model, self.controller, timestep=self.timestep, threads=threads)
+        accuracy = {"tolerance": self.tolerance, "timestep": self.timestep}
+        rollout = CompiledRollout(self.model, self.controller, **accuracy, threads=threads)
         limits: list[Limits] = []
         if self.limited:
             limits.append(ArmLimits.of(self.model.arm, prescribed=self.controller.prescribed))
@@ -100,7 +102,6 @@ def ur5e(*, quick: bool = False, clear: bool = True) -> AimTask:
         name="ur5e-clear" if clear else "ur5e",
         model=MODEL,
         controller=CONTROLLER,
-        timestep=TIMESTEP,
         region=GoalRegion(sector, ArrivalRule(angle=(-math.pi, math.pi), cone=math.radians(10), speed=1.0), 0.05),
         limited=True,
         clear=clear,
@@ -118,6 +119,7 @@ def hard(scene: Scene, *, quick: bool = False) -> AimTask:
         name="hard",
         model=scene.model,
         controller=scene.controller,
+        tolerance=scene.tolerance,
         timestep=scene.timestep,
         region=GoalRegion(scene.zone, hit_radius=scene.radii[0]),
         limited=False,
