@@ -126,7 +126,7 @@ def main() -> None:
     report: dict = {}
     for name in ("lemon2024", "ur5e") if arguments.quick else PRESETS:
         model = preset(name)
-        target = np.array(usual_target(model.dimension).position)
+        target = np.array(usual_target(model).position)
         kinds = {"free": False} | ({"limits": True} if ArmLimits.are_in(model.arm) else {})
         entry: dict = {
             kind: measured(model, strikes_of(model, count, limits=limits), target) for kind, limits in kinds.items()

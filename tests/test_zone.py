@@ -9,6 +9,7 @@ import pytest
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
 from whiptool.errors import InputError
+from whiptool.models import preset
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.zone import (
     Disc,
@@ -104,8 +105,8 @@ def test_of_a_ball_is_left_what_is_within_reach():
     for zone in (BALL, CUBES, CAP):
         with pytest.raises(InputError, match="coordinates of the zone: got 3; allowed: 2, as the model lemon2024 has"):
             check_fits(zone, model, 0.06)
-    assert usual_disc(2) == Disc()
-    assert usual_disc(3) == Disc((1.3, 0.0, 0.0))
+    assert usual_disc(model) == Disc()
+    assert usual_disc(preset("ur5e")) == Disc((1.2, 0.3, 0.5))
 
 
 def test_cells_by_their_numbers():

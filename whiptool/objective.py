@@ -179,7 +179,7 @@ class Objective:
 
     Args:
         rollout: Simulator of a model and controller.
-        target: Point and hit radius, or (x, y) or (x, y, z) [m] alone.
+        target: Point and hit radius, or (x, y) or (x, y, z) [m] alone; None: `usual_target` of the model.
         t_stay: The strike is watched this long after the movement ended [s].
         bounds: Box in which strikes are searched; default: those of the rollout's space, see `default_bounds`.
         max_trials: No more trials than these; None: no limit.
@@ -219,8 +219,8 @@ class Objective:
         expect(Rollout, rollout=rollout)
         expect(StrikeBounds, type(None), bounds=bounds)
         expect(bool, stop_at_hit=stop_at_hit, check_reach=check_reach)
-        usual = usual_target(rollout.model.dimension)
-        self.rollout, self.target = rollout, usual if target is None else as_target(target)
+        self.rollout = rollout
+        self.target = usual_target(rollout.model) if target is None else as_target(target)
         check = self.target.check_reach if check_reach else self.target.check_fits
         check(rollout.model)
         self.space = rollout.space

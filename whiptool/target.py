@@ -12,6 +12,7 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.goals import CONE, Goals, arrival_directions
 from whiptool.models.arrays import Vector, made_of_numbers
+from whiptool.models.mount import default_floor
 from whiptool.models.numbers import ASK_UNIT, LONGEST, array_of, metres, number, numbers
 from whiptool.models.parameters import Model
 
@@ -190,8 +191,7 @@ class Target(Vector):
         if len(self.position) != model.dimension:
             where = "in space" if model.dimension == 3 else "in the plane"
             rule = f"{_COORDINATES[model.dimension]} in m, for the model {model.name}, which is {where}"
-            ahead = [round(0.6 * model.reach, 1), 0, 0][: model.dimension]
-            such = "such as " + " ".join(f"{x:g}" for x in ahead)
+            such = "such as " + " ".join(f"{x:g}" for x in usual_target(model).position)
             too_many = len(self.position) > model.dimension
             raise InputError("target", self.position, rule, such + too_many * "; a hit radius is given by its name")
         check_radius("hit radius", self.hit_radius, self.position, model)
@@ -266,9 +266,21 @@ def _unit(name: str, vector: Sequence[float], dimension: int) -> tuple[float, ..
     return tuple(x / length for x in values)
 
 
-def usual_target(dimension: int) -> Target:
-    """Return the usual target in the plane (2), or in space (3), straight ahead of the base."""
-    return Target((*TARGET, 0.0)[:dimension])
+_ABOVE_FLOOR = (0.405, 0.1, 0.17)  # of the reach, as below: ahead, aside and above, clear of the floor
+_AHEAD = (0.55, 0.0, 0.0)  # of an arm that stands on no floor, such as a person's; 1.3 m ahead of nah2023
+
+
+def usual_target(model: Model) -> Target:
+    """Return the target of those who name none: in the plane the paper's, in space one that arms strike easily.
+
+    In space it lies at a share of the model's reach, to two digits: ahead of the base, of a robot that stands on a
+    floor also aside and above it.
+    """
+    if model.dimension == 2:
+        return Target(TARGET)
+    shares = _AHEAD if default_floor(model.arm) is None else _ABOVE_FLOOR
+    digits = 1 - math.floor(math.log10(model.reach / 2))
+    return Target(tuple(round(share * model.reach, digits) for share in shares))
 
 
 def as_target(target: Target | Sequence[float] | np.ndarray) -> Target:

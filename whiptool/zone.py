@@ -18,7 +18,7 @@ from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import metres, number, numbers
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, StrikeBounds
-from whiptool.target import TARGET, check_radius, checked_radius
+from whiptool.target import TARGET, check_radius, checked_radius, usual_target
 from whiptool.whole_files import write_npz
 
 RADIUS = 0.1  # [m], Sect. 3.1.1
@@ -217,9 +217,9 @@ def _across(axis: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(axis, first)])
 
 
-def usual_disc(dimension: int) -> Disc:
-    """Return the paper's disc, or the ball around the same point in space."""
-    return Disc((*TARGET, 0.0)[:dimension])
+def usual_disc(model: Model) -> Disc:
+    """Return the paper's disc, or in space the ball around the usual target of a model."""
+    return Disc(usual_target(model).position)
 
 
 def round_name(disc: Disc) -> str:

@@ -50,7 +50,7 @@ def test_types_and_defaults_are_told_as_people_read_them():
     said = " ".join(help_text(OptimizeOptions, prog="x", description="", whole=True).split())
     for part in (
         "--target X ... Target position",
-        "usually 1.3 0 0. [default: 1.3 0]",
+        "Default: 1.3 0; in space by the model's reach, 1.2 0.3 0.5 of ur5e and panda.",
         "--max-trials N No more trials than these. [default: 600]",
         "--space joint|hand|pose What",
         "--video, --no-video Render the strike as a video. [default: --video]",

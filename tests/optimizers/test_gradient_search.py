@@ -10,11 +10,13 @@ import pytest
 import scipy.optimize
 from toy_objectives import BOUNDS, MINIMUM, Bowl, Enough
 
-from whiptool.models import JointLimits
+from whiptool.models import JointLimits, preset
 from whiptool.models.clearance import Clearance
 from whiptool.models.command_limits import CommandLimits
+from whiptool.optimizers import search
 from whiptool.optimizers.gradient_search import BATCH, COLLISIONS, REFINED, STEPS, gradient_search, refine
 from whiptool.optimizers.smooth_limits import random_strikes
+from whiptool.rollout import CompiledRollout
 
 
 def test_a_round_is_64_strikes_of_which_8_are_refined():
@@ -149,3 +151,10 @@ def test_random_strikes_keep_what_can_be_kept_beforehand():
     assert not bowl.smooth[0].kept(BOUNDS.sample(rng, BATCH)).all()
     bowl.smooth = (SimpleNamespace(kept=lambda strikes: np.zeros(len(strikes), bool)),)
     assert random_strikes(bowl, rng, 4).shape == (4, 5)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["nah2023", "ur5e", "panda"])
+def test_who_gives_no_options_hits_the_usual_target_of_an_arm_in_space_after_few_trials(name):
+    result = search(CompiledRollout(preset(name)), max_trials=2 * BATCH)
+    assert result.outcome.status == "hit"

@@ -11,7 +11,7 @@ from robot_files import URDF
 
 from whiptool.errors import InputError
 from whiptool.models import PRESETS, preset, write_model
-from whiptool.options import LONGEST_STAY, MODELS, ModelOptions, TargetOptions, ZoneOptions
+from whiptool.options import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 from whiptool.target import Target
 from whiptool.zone import sample
 
@@ -132,13 +132,14 @@ def test_models_that_there_are_none_of_are_named(given, name):
     assert "lemon2024" in caught.value.allowed
 
 
-@pytest.mark.parametrize("name", ["nah2023", "ur5e", "panda"])
-def test_the_usual_target_of_a_model_in_space_is_straight_ahead_of_it_and_within_reach(name):
+@pytest.mark.parametrize(
+    ("name", "place"), [("nah2023", (1.3, 0, 0)), ("ur5e", (1.2, 0.3, 0.5)), ("panda", (1.2, 0.3, 0.5))]
+)
+def test_options_without_a_target_have_the_usual_one_of_their_model(name, place):
     model = preset(name)
-    target = ZoneOptions().build_target(model)
-    assert target.position == (1.3, 0.0, 0.0)
-    target.check_reach(model)
-    assert ZoneOptions().build_disc(model).box[0] == pytest.approx([1.2, -0.1, -0.1])
+    assert ZoneOptions().build_target(model).position == GoalOptions().build_target(model).position == place
+    assert ZoneOptions().build_disc(model).box[0] == pytest.approx(np.array(place) - 0.1)
+    assert ZoneOptions(target=(1.3, 0.0)).build_target(model).position == (1.3, 0.0)  # that of the plane was said
     assert ZoneOptions(target=(1.2, 0.0)).build_target(model).position == (
         1.2,
         0.0,

@@ -112,7 +112,8 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
 
     def build_target(self, model: Model | None = None) -> Target:
         """Target; in space with what is asked of the tip's arrival."""
-        if len(self.target) == 2 and (model is None or model.dimension == 2):
+        in_plane = model is None or model.dimension == 2
+        if in_plane and (self.target is None or len(self.target) == 2):
             return TargetOptions.build_target(self, model)
         return GoalOptions.build_target(replace(self, least_speed=self.least_speed or None), model)
 

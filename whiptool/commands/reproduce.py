@@ -80,11 +80,12 @@ class ReproduceOptions(ComparisonOptions):
         for method in self.further_methods:
             find_method(method)
         model = self.build_model()
-        self.build_target().check_fits(model)
+        target = self.build_target()
+        target.check_fits(model)
         reach = model.reach
         for zone in self.further_zones:
             try:
-                check_zone(zone, self.target, reach)
+                check_zone(zone, target.position, reach)
             except InputError as error:
                 raise error.renamed("--further-zones") from None
         usual = ReproduceOptions(**QUICK) if self.quick else None
@@ -144,7 +145,8 @@ def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Compa
 
     scene = comparison.scene
     if options.what not in OTHERS:
-        options.warn_if_coarse(scene.model, scene.controller, options.target, scene.t_stay)
+        target = options.build_target(scene.model).position
+        options.warn_if_coarse(scene.model, scene.controller, target, scene.t_stay)
     store = Store(folder.path, workers=options.processes(), cluster=options.cluster)
     context = Context(
         comparison,
@@ -218,6 +220,7 @@ def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
     from whiptool.runs import code_version
 
     scene, further = comparison.scene, comparison.further_episodes
+    middle = options.build_target(scene.model).position
     bounds = default_bounds(scene.model.arm)
     limits = ", ".join(
         f"{name} {low:.3f} to {high:.3f} {'s' if name == 'D' else 'rad'}"
@@ -228,7 +231,7 @@ def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
         "model": f"{scene.model.name}: {scene.model.whip.N} nodes, {options.controller_label()}",
         "bounds of a strike": f"{limits} (the paper prints none)",
         "watched after the movement": f"{scene.t_stay:g} s (not printed in the paper)",
-        "targets": f"{scene.targets} in a circle of {options.zone_radius:g} m around {options.target} m, seed "
+        "targets": f"{scene.targets} in a circle of {options.zone_radius:g} m around {middle} m, seed "
         f"{options.target_seed}; at most {scene.cap} trials each; hit radii "
         + ", ".join(f"{radius:g}" for radius in scene.radii)
         + " m",

@@ -37,9 +37,9 @@ class TargetOptions(OptionGroup):
         "hit_radius",
     )
 
-    target: tuple[float, ...] = (1.3, 0.0)
-    """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up, usually
-    1.3 0 0."""
+    target: tuple[float, ...] | None = None
+    """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up. Default:
+    1.3 0; in space by the model's reach, 1.2 0.3 0.5 of ur5e and panda."""
     hit_radius: float = 0.06
     """The target is hit when the tip comes this close [m]."""
     t_stay: float = T_STAY
@@ -54,11 +54,12 @@ class TargetOptions(OptionGroup):
         number("--t-stay", self.t_stay, low=0, high=LONGEST_STAY)
 
     def build_target(self, model: Model | None = None) -> Target:
-        """Target position and hit radius; for a model in space the usual target is straight ahead of the base."""
-        from whiptool.target import TARGET, Target
+        """Target position and hit radius; by default the usual target of the model, without one that in the plane."""
+        from whiptool.target import TARGET, Target, usual_target
 
-        in_space = model is not None and model.dimension == 3
-        return Target((*TARGET, 0.0) if in_space and self.target == TARGET else self.target, self.hit_radius)
+        if self.target is not None:
+            return Target(self.target, self.hit_radius)
+        return Target(TARGET if model is None else usual_target(model).position, self.hit_radius)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +100,7 @@ class GoalOptions(TargetOptions):
         from whiptool.target import Target
 
         point, cone = super().build_target(model), math.radians(self.cone)
-        if model is None and self.target == type(self).target:
+        if model is None and self.target is None:
             return point  # before the model is known, so is not how many coordinates there are
         if self.arrival_angle is not None:
             angle = math.radians(self.arrival_angle)

@@ -51,7 +51,7 @@ def make_task(
         model: A model, the name of a preset, or a TOML file.
         controller: A controller, or the name of a preset of OIAC or of constant impedance; default:
             `default_controller`.
-        zone: Where targets are drawn; default: the paper's disc, in space a ball.
+        zone: Where targets are drawn; default: the paper's disc, in space a ball around the usual target.
         arrival: How the tip has to arrive there, such as `ArrivalRule(angle=(0.5, 1.5))`; default: any way.
         observation: `tip`, `relative` or `goal`, see `StrikeTask`.
         hit_radius: [m]

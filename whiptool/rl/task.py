@@ -147,7 +147,7 @@ class StrikeTask:
             raise InputError("reward", reward, ", ".join(REWARDS))
         self._reward = REWARDS[reward]
         d = rollout.model.dimension
-        self.rollout, self.zone, self.observation = rollout, zone or usual_disc(d), observation
+        self.rollout, self.zone, self.observation = rollout, zone or usual_disc(rollout.model), observation
         self.hit_radius = check_fits(self.zone, rollout.model, hit_radius)
         self.arrival = arrival or ArrivalRule()
         self.arrival.check_dimension(rollout.model)

@@ -38,7 +38,7 @@ def compare(
     Args:
         rollout: What strikes.
         methods: Of `METHODS`. Capital letters, hyphens and underscores make no difference.
-        zone: Where the targets lie; None: the paper's disc, in space a ball.
+        zone: Where the targets lie; None: the paper's disc, in space a ball around the usual target.
         targets: Their number, the same for all methods.
         target_seed: They are drawn with it.
         hit_radius: [m]
@@ -57,7 +57,7 @@ def compare(
     scene = Scene(
         model=rollout.model,
         controller=rollout.controller,
-        zone=zone or usual_disc(rollout.model.dimension),
+        zone=zone or usual_disc(rollout.model),
         targets=whole("targets", targets),
         target_seed=target_seed,
         radii=(hit_radius,),
