@@ -5,7 +5,6 @@ The formulas are those of docs/derivations.md, "Damping of rods"; `rods` has the
 
 from __future__ import annotations
 
-from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -36,53 +35,52 @@ def rod_damping(whip: WhipParameters, directions: np.ndarray, turns: np.ndarray)
         turns: Angular velocities of hand and rods [rad/s], (..., N + 1, 3); what is along a rod does not count.
     """
     before, d = directions[..., :-1, :], directions[..., 1:, :]
-    hand, across = turns[..., :1, :], turns[..., 1:, :] - _dot(turns[..., 1:, :], d) * d
+    hand, turned = turns[..., :1, :], turns[..., 1:, :]
+    across = turned - _dot(turned, d)[..., None] * d
     cosine = _dot(before, d)
-    hold = (1 + cosine) ** 3 / ((1 + cosine) ** 4 + FOLD**4)
-    hold[..., 0, :] = 0
-    passed = cosine + hold * (1 - cosine**2)  # of a spin, or of a torque along the rod, from joint to joint
-    passed[..., 0, :] = 1
+    once = 1 + cosine
+    cube = once * once * once
+    hold = cube / (cube * once + FOLD**4)
+    hold[..., 0] = 0
+    passed = cosine + hold * (1 - cosine * cosine)  # of a spin, or of a torque along the rod, from joint to joint
+    passed[..., 0] = 1
     gained = (1 - hold * cosine) * _dot(np.concatenate([hand, across[..., :-1, :]], axis=-2), d)
     spins = _along(gained - hold * _dot(across, before), passed)
-    slip = np.diff(np.concatenate([hand, across + spins * d], axis=-2), axis=-2)
-    spun = np.cumprod(passed, axis=-2)
-    per_spin = spun * (d - before / passed)
+    moved = np.concatenate([hand, across + spins[..., None] * d], axis=-2)
+    slip = moved[..., 1:, :] - moved[..., :-1, :]
+    spun = np.cumprod(passed, axis=-1)
+    per_spin = spun[..., None] * (d - before / passed[..., None])
     per_spin[..., 0, :] = 0
     root = np.sqrt(_dot(slip, slip) + whip.friction_velocity**2)
-    damping = whip.per_node("b")[:, None] + whip.per_node("dry_friction")[:, None] / root
-    resistance = SWIVEL + (damping * _dot(per_spin, per_spin)).sum(axis=-2, keepdims=True)
-    spin = -(damping * _dot(slip, per_spin)).sum(axis=-2, keepdims=True) / resistance  # of the first rod, (..., 1, 1)
-    slip = slip + spin * per_spin
+    damping = whip.per_node("b") + whip.per_node("dry_friction") / root
+    resistance = SWIVEL + (damping * _dot(per_spin, per_spin)).sum(axis=-1, keepdims=True)
+    spin = -(damping * _dot(slip, per_spin)).sum(axis=-1, keepdims=True) / resistance  # of the first rod, (..., 1)
+    slip += spin[..., None] * per_spin
     power = damping * _dot(slip, slip)
-    power[..., :1, :] += SWIVEL * spin**2
+    power[..., :1] += SWIVEL * spin**2
 
-    couples = -damping * slip
-    own = _dot(couples, before) - passed * _dot(couples, d)
-    none = np.zeros_like(own[..., :1, :])
-    from_tip = [np.flip(x, axis=-2) for x in (own[..., 1:, :], passed[..., 1:, :])]
-    beyond = np.concatenate([np.flip(_along(*from_tip), axis=-2), none], axis=-2)  # by the next joint, along each rod
-    twisting = (beyond - _dot(couples, d)) * (d + hold * (before - cosine * d))
-    return RodDamping(couples + twisting, power[..., 0])
+    couples = -damping[..., None] * slip
+    along = _dot(couples, d)
+    own = _dot(couples, before) - passed * along
+    beyond = np.zeros_like(own)  # what the next joint does, along each rod
+    beyond[..., :-1] = _along(own[..., :0:-1], passed[..., :0:-1])[..., ::-1]
+    twisted = d + hold[..., None] * (before - cosine[..., None] * d)
+    return RodDamping(couples + (beyond - along)[..., None] * twisted, power)
 
 
 def _along(gained: np.ndarray, passed: np.ndarray) -> np.ndarray:
-    """Return what there is after each of N joints (..., N, 1): what it passes on of what was there, and gains."""
-    if gained.ndim == 2:  # of one instant, as at each step in MuJoCo: numbers are ten times faster than arrays of one
-        each = zip(gained[:, 0].tolist(), passed[:, 0].tolist(), strict=True)
-        return np.array(list(accumulate(each, _passed_on, initial=0.0))[1:])[:, None]
+    """Return what there is after each of N joints (..., N): what it passes on of what was there, and gains."""
+    if gained.ndim == 1:  # of one instant, as at each step in MuJoCo: numbers are ten times faster than arrays of one
+        there = 0.0
+        return np.array(
+            [there := share * there + gain for gain, share in zip(gained.tolist(), passed.tolist(), strict=True)]
+        )
     found = np.empty_like(gained)
-    there = np.zeros_like(gained[..., 0, :])
-    for i in range(gained.shape[-2]):
-        there = passed[..., i, :] * there + gained[..., i, :]
-        found[..., i, :] = there
+    one = np.zeros_like(gained[..., 0])
+    for i in range(gained.shape[-1]):
+        one = passed[..., i] * one + gained[..., i]
+        found[..., i] = one
     return found
 
 
-def _passed_on(there: float, joint: tuple[float, float]) -> float:
-    gained, passed = joint
-    return passed * there + gained
-
-
-def _dot(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return inner products (..., 1) of vectors (..., 3)."""
-    return np.vecdot(x, y)[..., None]
+_dot = np.vecdot  # inner products (...) of vectors (..., 3)

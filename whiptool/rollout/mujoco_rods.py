@@ -32,12 +32,14 @@ class MujocoRods:
         whip, self._whip, self._arm = model.whip, model.whip, model.arm
         self._nodes = np.array([mj.body(f"whip{i + 1}").id for i in range(whip.N)])
         self._hand = mj.body_parentid[self._nodes[0]]
+        self._bodies = np.r_[self._hand, self._nodes]
         self._turning = np.flatnonzero([link.kind == "revolute" for link in model.arm.links])
         data = mujoco.MjData(mj)
         mujoco.mj_kinematics(mj, data)
         hand = data.xmat[self._hand].reshape(3, 3)
         self._down = hand.T @ -arm_frames(model.arm, np.zeros(model.arm.n))[-1].rotation[:, 2]  # in the hand's body
         self._k, self._cubic = (whip.per_node(name)[:, None] for name in ("k", "cubic_stiffness"))
+        self._bends = slice(*(mj.body_dofadr[self._nodes[[0, -1]]] + [0, 3]))  # velocities of the balls, in turn
 
     def positions(self, q: np.ndarray) -> np.ndarray:
         """Return MuJoCo's positions (a + 4 N,), of which a rod has a quaternion, for coordinates of rods (a + 3 N,)."""
@@ -62,22 +64,26 @@ class MujocoRods:
         return np.r_[data.qpos[:a], directions[1:].ravel()], np.r_[data.qvel[:a], rates[1:].ravel()]
 
     def apply(self, data: mujoco.MjData) -> None:
-        """Write the joints' torques at the data's places and speeds into its applied forces."""
+        """Write the joints' torques at the data's places and speeds into its applied generalised forces."""
         directions, spins = self._rods(data)
-        u = 1 - (directions[:-1] * directions[1:]).sum(axis=1, keepdims=True)
-        w, slope = half_square(u)
-        spring = (self._k + 2 * self._cubic * w) * slope * _cross(directions[:-1], directions[1:])
+        before, d = directions[:-1], directions[1:]
+        w, slope = half_square(1 - np.vecdot(before, d)[:, None])
+        spring = (self._k + 2 * self._cubic * w) * slope * _cross(before, d)
         torques = rod_damping(self._whip, directions, spins).torques - spring  # (N, 3), on each rod
-        on_rods = torques - np.vstack([torques[1:], np.zeros(3)])
-        on_rods -= (on_rods * directions[1:]).sum(axis=1, keepdims=True) * directions[1:]
-        data.xfrc_applied[self._nodes, 3:] = on_rods
-        data.qfrc_applied[self._turning] = -data.xaxis[self._turning] @ torques[0]
+        on_rods = torques.copy()
+        on_rods[:-1] -= torques[1:]
+        on_rods -= np.vecdot(on_rods, d)[:, None] * d
+        beyond = np.cumsum(on_rods[::-1], axis=0)[::-1]  # on all rods from each one on
+        axes = data.xmat[self._nodes].reshape(-1, 3, 3)  # of a ball's velocities: its body's
+        data.qfrc_applied[self._bends] = np.einsum("nij,ni->nj", axes, beyond).ravel()
+        data.qfrc_applied[self._turning] = data.xaxis[self._turning] @ (beyond[0] - torques[0])
 
     def _rods(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         """Directions and angular velocities of the hand and the rods' bodies, (N + 1, 3) each."""
-        hand = data.xmat[self._hand].reshape(3, 3) @ self._down
-        rods = -data.xmat[self._nodes].reshape(-1, 3, 3)[:, :, 2]
-        return np.vstack([hand, rods]), np.vstack([data.cvel[self._hand, :3], data.cvel[self._nodes, :3]])
+        frames = data.xmat[self._bodies].reshape(-1, 3, 3)
+        directions = -frames[:, :, 2]
+        directions[0] = frames[0] @ self._down
+        return directions, data.cvel[self._bodies, :3]
 
 
 def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ from whiptool.rollout.trajectory import Trajectory, complete_trajectory
 
 Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
 TIMESTEP = 1e-4  # [s], largest that is chosen
-RODS_TIMESTEP = 4e-4  # [s], likewise; `benchmarks/defaults.py --replays` compares it with the compiled rollout
+RODS_TIMESTEP = 6e-4  # [s], likewise; `benchmarks/defaults.py --replays` compares it with the compiled rollout
 SMALLEST_TIMESTEP = 2e-5  # [s], likewise
 _callback = threading.Lock()  # MuJoCo's control callback is one per process
 
@@ -224,11 +224,11 @@ class ReferenceRollout(Rollout):
         With A the arm's columns of `M^-1`, accelerations are those without torque, and `A tau` more.
         """
         mj, data, a, n = self._mj, self._data, len(wanted), self._mj.nv
-        force = data.qfrc_passive - data.qfrc_bias + data.qfrc_applied
-        for body in np.arange(mj.nbody)[self._nodes] if self._brakes or self._rods is not None else ():
-            pushed = data.xfrc_applied[body]
-            mujoco.mj_applyFT(mj, data, pushed[:3], pushed[3:], data.xipos[body], body, force)
-        given, found = np.vstack([np.eye(a, n), force]), np.empty((a + 1, n))
+        given, found = np.eye(a + 1, n), np.empty((a + 1, n))
+        force = given[a]
+        force[:] = data.qfrc_passive - data.qfrc_bias + data.qfrc_applied
+        for body in np.arange(mj.nbody)[self._nodes] if self._brakes else ():
+            mujoco.mj_applyFT(mj, data, data.xfrc_applied[body, :3], np.zeros(3), data.xipos[body], body, force)
         mujoco.mj_solveM(mj, data, found, given)
         return np.linalg.solve(found[:a, :a], wanted - found[a, :a])
 
