@@ -20,6 +20,7 @@ from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, sp
 from whiptool.progress import note
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
+from whiptool.zone import usual_disc
 
 if TYPE_CHECKING:
     from whiptool.runs import RunFolder
@@ -190,7 +191,8 @@ def _other(options: ReproduceOptions) -> Comparison:
     """A comparison that only tells the run folder what model and controller are: no learner is trained."""
     part = _part(options.what)
     comparison = options.comparison(("directl",), ())
-    return replace(comparison, scene=replace(comparison.scene, model=part.MODEL, controller=part.CONTROLLER))
+    of_part = {"model": part.MODEL, "controller": part.CONTROLLER, "zone": usual_disc(part.MODEL)}
+    return replace(comparison, scene=replace(comparison.scene, **of_part))
 
 
 def _part(what: str) -> ModuleType:
