@@ -216,7 +216,7 @@ class Robustness(Criterion):
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
         """Return the smooth measures of each strike, (B, k)."""
         around = self._around(struck)
-        distance = np.where(around.near.diverged, np.inf, around.near.distance)
+        distance = np.where(around.near.known, around.near.distance, np.inf)
         return self._mean(distance**2, len(struck.strikes))[:, None]
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -140,6 +142,21 @@ def test_whips_that_diverge_miss_by_all_and_are_told():
     assert lost.expected_miss is None
     assert lost.probability == 0
     assert "all diverge" in lost.reason
+
+
+def test_what_the_integration_does_not_resolve_hits_nothing(monkeypatch):
+    """However near the tip seems to come, with the mean and with every whip."""
+    sound = Toy.approach
+
+    def unresolved(self, strikes, target, **options):
+        return dataclasses.replace(
+            sound(self, strikes, target, **options), integration_error=np.full(len(strikes), np.inf)
+        )
+
+    monkeypatch.setattr(Toy, "approach", unresolved)
+    found = planned()
+    assert (found.probability, found.expected_miss, found.misses) == (0, None, (None,) * len(found.misses))
+    assert (search().rank(search().mean(MIDDLE[None])) == 1e3).all()
 
 
 def test_what_the_motors_cannot_do_is_excess():

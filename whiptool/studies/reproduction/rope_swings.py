@@ -35,7 +35,6 @@ KNOT = (0.001, 0.004)  # [kg]
 TAPER = 0.15  # largest share of its thickness that a rope loses to its end
 CLOCK = 0.004  # [s] that the cameras' clock is off by, at most
 FINE = 1000.0  # [1/s] of a tip's path
-_TIMESTEP = 5e-4  # [s]
 
 
 @dataclass(frozen=True)
@@ -175,7 +174,7 @@ class UnknownRope:
 
     @property
     def _chain(self) -> CompiledRollout:
-        return CompiledRollout(self._twin.model, CONTROLLER, timestep=_TIMESTEP)
+        return CompiledRollout(self._twin.model, CONTROLLER)
 
     def _cosserat(self, strike: Strike, t_stay: float) -> tuple[TipPaths, Trajectory]:
         """The rod in a strike, and the arm: it goes where it is told, whatever hangs on it."""

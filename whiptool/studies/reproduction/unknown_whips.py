@@ -247,7 +247,7 @@ class WhipUnit:
 
     def _corrected(self, number: int) -> dict[str, Any]:
         s, port = self.study, self._port(number)
-        model = CompiledRollout(s.model(self.material), s.scene.controller, timestep=5e-4)
+        model = CompiledRollout(s.model(self.material), s.scene.controller)
         strike, misses = Strike.from_vector(as_plan(self.openings[number]).strike), []
         for k in range(1, s.strikes + 1):
             seen = port.strike(strike, k, None)

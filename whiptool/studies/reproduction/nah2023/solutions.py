@@ -50,7 +50,7 @@ def descend(
         )  # (b, dampings, 2 a + 1)
         moved = np.clip(u[live, None] + tried, 0, 1)
         found = rollout.approach((lower + moved * width).reshape(-1, len(width)), target, t_stay=t_stay)
-        distance = np.where(found.diverged, np.inf, found.distance).reshape(len(live), -1)
+        distance = np.where(found.known, found.distance, np.inf).reshape(len(live), -1)
         best = distance.argmin(axis=1)
         each = np.arange(len(live))
         gained = distance[each, best] < (1 - gain) * miss[live]

@@ -21,7 +21,7 @@ from whiptool.studies.reproduction.nah2023.sensitivity import path_sensitivity
 from whiptool.studies.reproduction.nah2023.solutions import descend, distinct
 from whiptool.target import Target
 
-TIMESTEP = 5e-4  # [s]
+TIMESTEP = 5e-4  # [s], equal steps: distances are right to 0.1 mm, and all nodes are seen at each of them
 COARSE = 1e-3  # [s], of descents before their last steps: within half a millimetre of the finer
 STAY = 0.6  # [s] after the movement that the tip alone is watched: the published strikes hit up to 0.45 s after it
 CONTROLLER = Controller(constant_preset("nah2023"))
