@@ -115,11 +115,14 @@ def test_shapes_that_are_taken_to_touch_are_told_with_their_cure():
         assert with_cure(others) == others
 
 
-def test_limits_within_which_no_start_can_be_held_are_refused_at_once(capsys):
+@pytest.mark.parametrize("end", ["start", "end"])
+def test_limits_within_which_no_start_or_no_end_can_be_held_are_refused_at_once(end, capsys):
     """Held level, a point mass m at the tip of two links asks the shoulder for (m (l1 + l2) + ...) g."""
     heavy = preset("lemon2024").with_parameters({"whip.m": 0.1})
     write_model(heavy, Path("heavy.toml"))
-    level = ["--lower", "1.4", "-0.1", "0.2", "0.1", "0.5", "--upper", "1.7", "0.1", "1.5", "1.0", "1.0"]
+    held, other = (["1.4", "-0.1"], ["1.7", "0.1"]), (["-0.2", "0.1"], ["1.5", "1.0"])
+    first, last = (held, other) if end == "start" else (other, held)
+    level = ["--lower", *first[0], *last[0], "0.5", "--upper", *first[1], *last[1], "1.0"]
     words = ["--model", "heavy.toml", "--limits", "xm430", *level, "--no-video", "--out", "held"]
     assert optimize.main(words) == 2
     assert not Path("held").exists()
@@ -130,7 +133,7 @@ def test_limits_within_which_no_start_can_be_held_are_refused_at_once(capsys):
     level_torque = weight * (m1 * c1 + m2 * (l1 + c2) + heavy.whip.mass * (l1 + l2))
     asked = float(said.split("shoulder ")[1].split(" N m")[0])
     assert 4.1 < 0.93 * level_torque < asked < level_torque
-    assert "start postures: got 'none that can be held: " in said
+    assert f"{end} postures: got 'none that can be held: " in said
     down = ["--lower", "-0.1", "-0.1", "0.2", "0.1", "0.5", "--upper", "1.7", "0.1", "1.5", "1.0", "1.0"]
     limits = AllLimits(XM430)
     bounds = StrikeBounds(*(tuple(map(float, x)) for x in (down[1:6], down[7:])))

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from whiptool.impedance import Controller
     from whiptool.limits import AllLimits
     from whiptool.models import Model, Strike
@@ -61,20 +63,34 @@ _SURELY = 0.02  # beyond the limits, in parts of them: a posture between those t
 
 
 def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bounds: StrikeBounds) -> None:
-    """Refuse a box of strikes of which the arm can hold no start within the limits: each of them would be refused.
+    """Refuse a box of strikes of which the arm can hold no start, or no end, within the limits: each would be refused.
 
     Raises:
-        InputError: Gravity alone asks for more than the motors or joints give, wherever in the box a strike starts.
+        InputError: Gravity alone asks for more than the motors or joints give, wherever in the box a strike starts, or
+            wherever it ends.
     """
     if not limits or controller.prescribed or controller.hand is not None or model.arm.weightless:
         return
+    a = model.arm.n
+    for name, part in (("start", slice(a)), ("end", slice(a, 2 * a))):
+        low, high = (x[part] for x in bounds.box)
+        beyond, torques = _easiest_to_hold(model, controller, limits, low, high)
+        if beyond > _SURELY:
+            rule = f"within {' and '.join(each.words for each in limits.members)}"
+            fix = f"{name} elsewhere (--lower, --upper), or take a lighter whip or arm, or stronger motors"
+            raise InputError(f"{name} postures", f"none that can be held: the easiest takes {torques}", rule, fix)
+
+
+def _easiest_to_hold(
+    model: Model, controller: Controller, limits: AllLimits, low: np.ndarray, high: np.ndarray
+) -> tuple[float, str]:
+    """Return how far beyond the limits the posture of a box (a,) is that is easiest to hold, and its torques in words."""
     import numpy as np
 
     from whiptool.impedance.arm import Arm
     from whiptool.rollout.trajectory import Approach
 
     a, arm = model.arm.n, Arm(model)
-    low, high = (x[:a] for x in bounds.box)
     q = np.vstack([np.random.default_rng(0).uniform(low, high, (_POSTURES, a)), np.clip(np.zeros(a), low, high)])
     tau = np.abs(controller.clipped(np.array([arm.gravity_compensation(x, controller.compensated) for x in q])))
     still, nowhere = np.zeros_like(tau), np.zeros((len(q), model.dimension))
@@ -90,12 +106,10 @@ def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bound
     )
     beyond = np.max([each.violation_of_peaks(at_rest) for each in limits.members], axis=0)
     least = int(beyond.argmin())
-    if beyond[least] <= _SURELY:
-        return
-    torques = ", ".join(f"{joint} {x:.2f} N m" for joint, x in zip(model.arm.joints, tau[least], strict=True))
-    rule = " and ".join(each.words for each in limits.members)
-    fix = "start elsewhere (--lower, --upper), or take a lighter whip or arm, or stronger motors"
-    raise InputError("start postures", f"none that can be held: the easiest takes {torques}", f"within {rule}", fix)
+    units = ["N" if joint in model.arm.slides else "N m" for joint in model.arm.joints]
+    held = zip(model.arm.joints, tau[least], units, strict=True)
+    torques = ", ".join(f"{joint} {torque:.2f} {unit}" for joint, torque, unit in held)
+    return float(beyond[least]), torques
 
 
 def with_cure(words: str | None) -> str | None:
