@@ -71,10 +71,10 @@ def words(found: list[Section]) -> str:
 
 def test_an_error_that_shows_no_change_is_as_before():
     """0.812 and 0.808 are both 81 %; 0.81 and 0.77 are not; what is not relative has its unit."""
-    number = _Number("whip.k", True, 1.0, 0.812, 1.0, 0.808, 0.0, ())
+    number = _Number("whip.k", True, 1.0, 0.812, 1.0, 0.808, 0.0, (), "N m/rad")
     assert number.narrowing == "81 %, as before"
     assert dataclasses.replace(number, after=0.77).narrowing == "81 % -> 77 %"
-    delay = _Number("delay", False, 0.0, 0.0061, 0.0, 0.0058, 0.0, ())
+    delay = _Number("delay", False, 0.0, 0.0061, 0.0, 0.0058, 0.0, (), "s")
     assert delay.narrowing == "0.0061 s -> 0.0058 s"
 
 

@@ -12,6 +12,7 @@ from pendulum_data import DATA
 from whiptool.commands import identify
 from whiptool.commands.identify_pendulum import full_names
 from whiptool.errors import InputError
+from whiptool.identification import problem, solver
 from whiptool.identification.pendulum import Pendulum
 from whiptool.identification.pendulum_files import read_pendulum, write_pendulum
 from whiptool.models.parameters import ArmLink
@@ -76,3 +77,20 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, words, said)
     assert said in printed
     assert len(printed.splitlines()) == 1
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.heavy
+def test_a_fit_that_did_not_converge_ends_with_its_own_status(tmp_path, capsys, monkeypatch):
+    """A pendulum of one link swings at sqrt(g / L); its length is looked for from 20 % off."""
+    length, t = 0.3, np.arange(0, 1, 0.01)
+    swing = 0.05 * np.cos(np.sqrt(9.81 / length) * t)
+    np.savez(tmp_path / "swing.npz", dt=0.01, angle=swing[:, None])
+    write_pendulum(Pendulum((ArmLink(0.2, 1.2 * length, 1.2 * length, 1e-9),)), tmp_path / "one.toml")
+    few = {"max_iterations": 1}
+    monkeypatch.setattr(problem, "solve", lambda *given, **how: solver.solve(*given, **{**how, **few}))
+    words = [tmp_path / "swing.npz", "--drive", "free", "--model", tmp_path / "one.toml", "--free", "com"]
+    assert identify.main([*map(str, words), "--out", str(tmp_path / "run"), "--json"]) == 1
+    printed = capsys.readouterr()
+    assert not json.loads(printed.out)["converged"]
+    assert "not converged: the largest number of iterations" in printed.err
+    assert (tmp_path / "run" / "identified.toml").exists()

@@ -18,6 +18,7 @@ from whiptool.identification.results import Fit, RecordingFit, Run
 from whiptool.identification.similarity import similarity
 from whiptool.identification.solver import Solution, Status
 from whiptool.identification.uncertainty import Uncertainty
+from whiptool.identification.units import unit_of
 from whiptool.identification.variables import Variable, variable
 from whiptool.models.parameters import ArmLink
 from whiptool.recording.space_camera import SpaceCamera
@@ -56,7 +57,7 @@ def seen(variables: list[Variable], z: list[float], rows: list[list[float]], uni
 
 def parameter(name: str, value: float, kind: str = "well determined", **told) -> Parameter:
     usual = {"start": 1.0, "error": 0.05, "interval": None, "alone": 0.01, "partner": None, "correlation": 0.0}
-    return Parameter(name, value, kind=kind, **{**usual, **told})
+    return Parameter(name, value, kind=kind, unit=unit_of(name), **{**usual, **told})
 
 
 def fitted(uncertainty: Uncertainty, parameters: list[Parameter], **told) -> Fit:

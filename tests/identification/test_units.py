@@ -6,8 +6,13 @@ import re
 
 import pytest
 
+from whiptool.identification.plant import Plant, units
 from whiptool.identification.units import unit_of, with_unit
-from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters
+from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.impedance.hand import HandControl
+from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters, preset
+from whiptool.models.robots import rope
+from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
 
 
 @pytest.mark.parametrize(
@@ -56,4 +61,28 @@ def documented(kind: type) -> dict[str, str]:
     ],
 )  # fmt: skip
 def test_a_value_is_told_with_its_unit(name, value, digits, said):
-    assert with_unit(name, value, digits) == said
+    assert with_unit(value, unit_of(name), digits) == said
+
+
+def test_numbers_of_joints_that_slide_are_per_length():
+    """A rail and a hinge: of the gain K[1] the force along the rail per turn of the hinge."""
+    body = {"mass": 1.0, "com": (0, 0, 0), "inertia": (0.1, 0.1, 0.1, 0, 0, 0), "axis": (0, 1, 0)}
+    rail = SpatialLink(**body, position=(0, 0, 0), kind="prismatic", limits=JointLimits((-1, 1)))
+    arm = SpatialArm((rail, SpatialLink(**body, position=(0, 0, -0.3))), ("rail", "wrist"), (0, 0, -0.2))
+    gains = ConstantImpedance(((9.0, 0.0), (0.0, 9.0)), ((1.0, 0.0), (0.0, 1.0)))
+    plant = Plant(Model(rope(3), arm), Controller(gains, torque_limit=(50.0, 5.0)))
+    found = units(plant, [name for name in plant.values() if not name.startswith("whip.")])
+    assert [found[f"law.K[{i}]"] for i in range(4)] == ["N/m", "N/rad", "N m/m", "N m/rad"]
+    assert [found[f"law.B[{i}]"] for i in range(4)] == ["N s/m", "N s/rad", "N m s/m", "N m s/rad"]
+    assert [found[f"{x}[{i}]"] for x in ("arm.friction", "torque_limit") for i in range(2)] == [
+        "N s/m", "N m s/rad", "N", "N m",
+    ]  # fmt: skip
+    assert (found["arm.armature[0]"], found["arm.armature[1]"], found["arm.com[0].x"]) == ("kg", "kg m^2", "m")
+    assert not [name for name in found if not found[name]]
+
+
+def test_gains_of_the_hand_are_per_length():
+    """In the plane the hand's place has two coordinates."""
+    controller = Controller(ConstantImpedance(((9.0, 0.0), (0.0, 9.0)), ((1.0, 0.0), (0.0, 1.0))), hand=HandControl())
+    found = units(Plant(preset("lemon2024"), controller), ["law.K[0]", "law.B[3]", "arm.friction[0]"])
+    assert list(found.values()) == ["N/m", "N s/m", "N m s/rad"]

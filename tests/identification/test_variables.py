@@ -125,7 +125,7 @@ def test_the_room_of_an_unknown():
 
 
 def test_variables_by_name_and_their_bounds():
-    found = variables_of({"whip.k": 0.3, "whip.m": 0.1, "delay": 0.0}, ["delay", "whip.k"], {"whip.k": (0.1, 0.9)})
+    found = variables_of({"whip.k": 0.3, "whip.m": 0.1, "delay": 0.0}, ["delay", "whip.k"], {"whip.k": (0.1, 0.9)}, {})
     assert [v.name for v in found] == ["delay", "whip.k"]
     assert np.exp(found[1].upper) == pytest.approx(0.9)
     with pytest.raises(InputError, match=r"bounds of whip.m"):

@@ -103,3 +103,19 @@ def test_what_a_library_writes_to_standard_error_is_kept_from_it(capfd):
         raise KeyError  # standard error is given back whatever happens
     os.write(2, b"after\n")
     assert capfd.readouterr().err == "before\nafter\n"
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "turns", "asked"),
+    [
+        (45, (-2.9, 2.9), True, r"45\.0; allowed: -2\.9 to 2\.9 rad.* degrees"),
+        (-90, (-np.inf, np.inf), True, r"-90\.0; allowed: -12\.57 to 12\.57 rad.* degrees"),
+        (30, (0.0, 0.04), False, r"30\.0; allowed: 0 to 0\.04 m.* millimetres"),
+    ],
+)
+def test_positions_of_locked_joints_in_degrees_or_millimetres_are_asked_about(value, limits, turns, asked):
+    with pytest.raises(InputError, match=rf"^locked\.elbow: got {asked}\?$"):
+        ArmChoice(locked={"elbow": value}).check_locked("elbow", *limits, turns=turns)
+    for right in (limits[1], 0.0):
+        if np.isfinite(right):
+            ArmChoice(locked={"elbow": right}).check_locked("elbow", *limits, turns=turns)

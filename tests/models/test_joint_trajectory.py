@@ -74,10 +74,10 @@ def test_the_way_to_the_start_uses_a_fifth_of_the_limits():
 @pytest.mark.parametrize(
     ("limit", "said"),
     [
-        (JointLimits(velocity=6.0), "velocity of shoulder is [+]6.42.*its limit is 6"),
-        (JointLimits(acceleration=25.0), "acceleration of shoulder is [-+]28.*its limit is 25"),
-        (JointLimits(jerk=400.0), "jerk of shoulder is .*its limit is 400"),
-        (JointLimits((-1.0, 3.0)), r"position of shoulder is -1.200; its limit is -1 to 3"),
+        (JointLimits(velocity=6.0), "velocity of shoulder is [+]6.42. rad/s; its limit is 6 rad/s"),
+        (JointLimits(acceleration=25.0), "acceleration of shoulder is [-+]28.* rad/s2; its limit is 25 rad/s2"),
+        (JointLimits(jerk=400.0), "jerk of shoulder is .* rad/s3; its limit is 400 rad/s3"),
+        (JointLimits((-1.0, 3.0)), r"position of shoulder is -1.200 rad; its limit is -1 to 3 rad"),
     ],
 )
 def test_what_is_beyond_a_limit_is_told(limit, said):
@@ -88,7 +88,9 @@ def test_what_is_beyond_a_limit_is_told(limit, said):
     found = trajectory()
     assert found.beyond((JointLimits(), JointLimits())) is None
     assert found.beyond(()) is None
-    assert re.search(said, found.beyond((limit, JointLimits())) or "")
+    limits = (limit, JointLimits())
+    assert re.search(said, found.beyond(limits) or "")
+    assert re.search(said.replace("rad", "m"), found.beyond(limits, slides=(True, False)) or "")
 
 
 def test_csv_is_read_back_to_the_last_digit(tmp_path):

@@ -290,3 +290,11 @@ def test_the_panda_of_example_robot_data_is_the_preset():
         assert ours.limits.position == theirs.limits.position
         assert (ours.limits.velocity, ours.limits.torque) == (theirs.limits.velocity, theirs.limits.torque)
     np.testing.assert_allclose(PANDA_ARM.hand_position, arm.hand_position, atol=1e-15)
+
+
+def test_where_a_locked_joint_cannot_be_is_refused(read):
+    """The finger slides from 0 to 5 cm."""
+    read(ArmChoice(tip="tool", locked={"finger_joint": 0.04, "shoulder-joint": 3.0}))
+    for name, wrong in (("finger_joint", 20), ("shoulder-joint", 45)):
+        with pytest.raises(InputError, match=f"^locked.{name}: got {wrong}.0; .*are these (millimetres|degrees)"):
+            read(ArmChoice(tip="tool", locked={name: wrong}))

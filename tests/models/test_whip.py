@@ -103,3 +103,13 @@ def test_a_single_number_says_nothing_of_the_free_hinge_and_a_row_does():
     assert WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, rest_angle=0.3, joints="rod").rest_angle == 0.3
     with pytest.raises(InputError, match=r"^rest_angle"):
         _whip(N=1, rest_angle=(0.3,), joints="rod")
+
+
+@pytest.mark.parametrize("name", ["rest_angle", "rest_angle_x"])
+def test_rest_angles_in_degrees_are_asked_about(name):
+    whip = {"N": 3, "l": 0.1, "m": 0.01, "k": 0.1, "b": 0.01, "joints": "universal"}
+    for right in (np.pi / 2, -np.pi / 2, (0.0, 1.5, -1.5)):
+        WhipParameters(**whip, **{name: right})
+    for wrong in (5.0, -90, (0.0, 1.0, 30.0)):
+        with pytest.raises(InputError, match=rf"^{name}: got [0-9.]+; .*in radians; are these degrees\?$"):
+            WhipParameters(**whip, **{name: wrong})

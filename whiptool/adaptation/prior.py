@@ -16,7 +16,7 @@ from whiptool.adaptation.model_error import NONE, ModelError
 from whiptool.errors import InputError, expect
 from whiptool.identification.inputs import profile_of
 from whiptool.identification.placement import NEUTRAL
-from whiptool.identification.plant import Plant
+from whiptool.identification.plant import Plant, units
 from whiptool.identification.variables import Prior, Variable, variable
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.parameters import Model, number
@@ -111,7 +111,8 @@ class Belief:
     def variables(self) -> list[Variable]:
         """The solver's variable of each number: its scale and bounds."""
         known = {**self.plant.values(), **NEUTRAL}
-        return [variable(name, known[name]) for name in self.names]
+        unit_of = units(self.plant, self.names)
+        return [variable(name, known[name], unit=unit_of[name]) for name in self.names]
 
     def values(self, z: np.ndarray | None = None) -> dict[str, float]:
         """Return the numbers by name, of the mean or of another z, clipped to their bounds."""

@@ -17,7 +17,7 @@ from whiptool.adaptation.posterior import AFTER, usable
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.adaptation.steps import Step, percent
 from whiptool.goals import CLAIMED
-from whiptool.identification.units import unit_of, with_unit
+from whiptool.identification.units import with_unit
 from whiptool.models.strike import T_STAY
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
@@ -45,12 +45,13 @@ class _Number:
     after: float
     moved: float  # in standard errors of the prior
     marks: tuple[str, ...]
+    unit: str
 
     def error(self, size: float) -> str:
         """An error with its unit."""
         if self.relative and size >= 1:
             return f"{100 * size:.0f} %"
-        return f"{100 * size:.2g} %" if self.relative else f"{size:.2g} {unit_of(self.name)}".strip()
+        return f"{100 * size:.2g} %" if self.relative else f"{size:.2g} {self.unit}".strip()
 
     @property
     def narrowing(self) -> str:
@@ -87,7 +88,7 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
         for i, n in enumerate(shown):
             if i == SHOWN:
                 said.append("  of the others")
-            value = with_unit(n.name, n.value, 4)
+            value = with_unit(n.value, n.unit, 4)
             marks = "".join(f"; {mark}" for mark in n.marks)
             said.append(f"    {n.name:26s} {value:18s} error {n.narrowing}{marks}")
     else:
@@ -136,7 +137,7 @@ def _numbers(belief: Belief, prior: Belief, previous: Belief) -> list[_Number]:
         if jump[i] > CONTRADICTS:
             marks.append("contradicts what was believed before")
         x = v.name
-        found.append(_Number(x, v.log, was[x], before[x], now[x], after[x], float(moved[i]), tuple(marks)))
+        found.append(_Number(x, v.log, was[x], before[x], now[x], after[x], float(moved[i]), tuple(marks), v.unit))
     return sorted(found, key=lambda n: n.after / n.before)
 
 
@@ -369,7 +370,7 @@ def _values(numbers: Sequence[_Number], belief: Belief) -> Section:
     for n in numbers:
         was, now = [rounded(n.prior, 4), n.error(n.before)], [rounded(n.value, 4), n.error(n.after)]
         moved = [f"{n.before / n.after:.3g}", f"{n.moved:+.1f}", ", ".join(n.marks)]
-        rows.append([n.name, unit_of(n.name), *was, *now, *moved])
+        rows.append([n.name, n.unit, *was, *now, *moved])
     caption = (
         "One standard error each: relative where a number is positive, else in its unit. “Moved”: from the prior's "
         "value, in the prior's standard errors. Those that narrowed most come first."

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from whiptool.commands import cli
+from whiptool.commands.fit_status import convergence_status
 from whiptool.commands.identify_options import IDENTIFIED, RECORDINGS, REPORT, IdentifyOptions
 from whiptool.commands.identify_pendulum import identify_pendulum
 from whiptool.errors import InputError
@@ -34,7 +35,7 @@ _EXAMPLE = (
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    """The command line; the exit status is 0, 1 for a failure or no convergence, 2 for bad input, 130 if stopped."""
     return cli.run(lambda: _main(args))
 
 
@@ -197,7 +198,7 @@ class _Run:
             raise InputError("--prior", self.how.prior.names, "no numbers per node with --nodes", "give --profile")
         self.plants = {N: self.plant.with_nodes(N) for N in nodes} or {self.model.whip.N: self.plant}
         for plant in self.plants.values():
-            variables_of({**plant.values(), **NEUTRAL}, self.free, {})  # starts of all are in order
+            variables_of({**plant.values(), **NEUTRAL}, self.free, {}, {})  # starts of all are in order
         own = self.options.per_recording
         every, drive, knots = [*self.recordings, *self.held_out], self.options.drive, self.options.knots
         try:
@@ -291,11 +292,7 @@ class _Run:
         write_model(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
         summary = self._summary(plant, path)
         folder.write_result(summary)
-        if not self.found.converged:
-            self._say(
-                f"not converged: {self.found.status.value}: values and intervals may be off; more --starts or a nearer "
-                "--model may help"
-            )
+        status = convergence_status(self.found)
         if self.found.failed:
             number, starts = len(self.found.failed), len(self.found.runs)
             tried = counted(starts, "start")
@@ -310,7 +307,7 @@ class _Run:
 
         parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
         write_whole(path / REPORT, to_html("Identified whip", self._subtitle(), self._facts(), parts))
-        return 0
+        return status
 
     def _say(self, line: str) -> None:
         print(f"whiptool: {line}", file=sys.stderr)

@@ -7,6 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from whiptool.commands import cli
+from whiptool.commands.fit_status import convergence_status
 from whiptool.commands.identify_options import IDENTIFIED, REPORT, IdentifyOptions
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording, Pendulum
@@ -120,4 +121,4 @@ def _report(
         f"  run folder  {folder.path} ({REPORT}, {IDENTIFIED})",
     ]
     print(json.dumps(summary, allow_nan=False) if options.json else "\n".join(lines))
-    return 0
+    return convergence_status(found)

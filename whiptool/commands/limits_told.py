@@ -84,7 +84,11 @@ def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bound
 def _easiest_to_hold(
     model: Model, controller: Controller, limits: AllLimits, low: np.ndarray, high: np.ndarray
 ) -> tuple[float, str]:
-    """Return how far beyond the limits the posture of a box (a,) is that is easiest to hold, and its torques in words."""
+    """Return how far beyond the limits the posture of a box is that is easiest to hold, and its torques in words.
+
+    Args:
+        low, high: Corners of the box, (a,).
+    """
     import numpy as np
 
     from whiptool.impedance.arm import Arm

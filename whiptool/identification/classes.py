@@ -23,6 +23,7 @@ class Parameter:
 
     Args:
         name, value, start: In its own unit.
+        unit: SI; empty: it has none.
         kind: `well determined`: known to 10 % or better (a delay, rotation or shift, whose zero is arbitrary, to a
             tenth of its usual size); `weak`: not; `traded`: with all others known it would be well determined, but its
             error goes with that of `partner`; `flat`: the recordings do not see it; `at bound`: its bound stopped it;
@@ -43,6 +44,7 @@ class Parameter:
     alone: float
     partner: str | None
     correlation: float
+    unit: str = ""
 
 
 def classify(
@@ -87,6 +89,7 @@ def classify(
                 alone=float("nan") if withdrawn else float(alone[i] * unit),
                 partner=None if j is None else U.variables[j].name,
                 correlation=0.0 if j is None else float(U.correlation[i, j]),
+                unit=v.unit,
             )
         )
     return found

@@ -13,7 +13,7 @@ from whiptool.identification.classes import classify
 from whiptool.identification.inputs import check_controllers, common_controller, full_name
 from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NEUTRAL
-from whiptool.identification.plant import Identifiable, Plant
+from whiptool.identification.plant import Identifiable, Plant, units
 from whiptool.identification.predict import Recording
 from whiptool.identification.problem import Options, Problem
 from whiptool.identification.results import Fit, RecordingFit, Run, is_explained, judge_starts
@@ -72,7 +72,7 @@ def fit(
     if options.check and options.drive == "command" and isinstance(plant, Plant) and plant.controller is not None:
         struck = [x for x in (*recordings, *held_out) if isinstance(x, StrikeRecording)]
         check_controllers(struck, plant.controller, free=free)
-    variables = variables_of(known, free, options.bounds)
+    variables = variables_of(known, free, options.bounds, units(plant, free))
     problem = Problem(recordings, plant, free, variables, options)
     remarks = check_beginnings(problem.predictor, plant) if options.check else []
     rng = np.random.default_rng(options.seed)
@@ -186,7 +186,7 @@ def predict(
         drive=options.drive, per_recording=own, loss=options.loss, timestep=options.timestep, knots=options.knots
     )
     problem = Problem(
-        recordings, plant, tuple(nuisance), variables_of(nuisance, tuple(nuisance), {}), changed, starting=False
+        recordings, plant, tuple(nuisance), variables_of(nuisance, tuple(nuisance), {}, {}), changed, starting=False
     )
     z = np.array([v.z(nuisance[v.name]) for v in problem.variables])
     start = problem.predictor.start

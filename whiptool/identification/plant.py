@@ -12,6 +12,7 @@ import numpy as np
 from whiptool.dynamics.lumping import LUMPED, lumping, profile_slopes
 from whiptool.dynamics.structure import arm_numbers
 from whiptool.errors import InputError, expect
+from whiptool.identification.units import unit_of
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.profile import WhipProfile
@@ -183,6 +184,20 @@ class Plant:
             if self.controller.torque_limit is not None:
                 blocks["torque_limit"] = np.ravel(self.controller.torque_limit)
         return blocks
+
+
+def units(plant: Identifiable, names: Sequence[str]) -> dict[str, str]:
+    """Return the units of a plant's numbers by their names; those of gains are per length where joints slide, or of
+    the hand's place."""
+    if not isinstance(plant, Plant):
+        return {name: unit_of(name) for name in names}
+    arm, controller = plant.model.arm, plant.controller
+    of_arm = [joint in arm.slides for joint in arm.joints]
+    hand = controller is not None and controller.hand is not None
+    of_law = of_arm
+    if controller is not None and hand:
+        of_law = [name[0] in "xyz" for name in controller.strike_space(arm).names if name.endswith("_i")]
+    return {name: unit_of(name, of_law if name.startswith("law.") else of_arm) for name in names}
 
 
 def _quantity(name: str) -> str:

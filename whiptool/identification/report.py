@@ -85,7 +85,7 @@ def parameters_section(fit: Fit) -> Section:
                 format_value(p),
                 format_interval(p),
                 p.kind,
-                with_unit(p.name, p.alone, 2) if math.isfinite(p.alone) else "none",
+                with_unit(p.alone, p.unit, 2) if math.isfinite(p.alone) else "none",
                 "" if flat or p.partner is None else p.partner,
                 "" if flat or p.partner is None else f"{p.correlation:+.3f}",
             ]

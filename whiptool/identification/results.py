@@ -200,7 +200,7 @@ class Fit(NoArray, instead="its parameters"):
     def __repr__(self) -> str:
         bounds = self.at_bounds
         found = [
-            with_unit(p.name, p.value, 4) + (f" (its {bounds[p.name]} bound)" if p.name in bounds else "")
+            with_unit(p.value, p.unit, 4) + (f" (its {bounds[p.name]} bound)" if p.name in bounds else "")
             for p in self.parameters
         ]
         numbers = ", ".join(f"{p.name} = {value}" for p, value in zip(self.parameters, found, strict=True))

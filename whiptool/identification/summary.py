@@ -17,7 +17,7 @@ from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.time_base import DELAY, RATE, ClockFault
 from whiptool.identification.uncertainty import Uncertainty
-from whiptool.identification.units import unit_of, with_unit
+from whiptool.identification.units import with_unit
 from whiptool.identification.variables import Variable
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import rounded
@@ -28,7 +28,7 @@ _SHARE = 0.05  # part of a direction from which a number belongs to it
 
 def format_value(p: Parameter) -> str:
     """A parameter's value with its unit."""
-    return with_unit(p.name, p.value)
+    return with_unit(p.value, p.unit)
 
 
 def format_interval(p: Parameter) -> str:
@@ -59,7 +59,7 @@ def bound_lines(fit: Fit) -> list[str]:
         if p.value == 0:
             lines.append(f"{p.name} ended at 0, the least that it can be")
         else:
-            bound, start = f"{fit.at_bounds[p.name]} bound, {format_value(p)}", with_unit(p.name, p.start)
+            bound, start = f"{fit.at_bounds[p.name]} bound, {format_value(p)}", with_unit(p.start, p.unit)
             lines.append(f"{p.name} ended at its {bound} (it started at {start}): this is no estimate")
     return lines
 
@@ -215,7 +215,7 @@ def _change(U: Uncertainty, i: int, step: float, by_hundredth: bool) -> str:
     if v.log and U.units[i] == 1:
         return f"{v.name} by {step:+.2g} %"
     changed = step * (v.value(U.z[i]) if v.log else v.scale)
-    return f"{v.name} by {changed / (100 if by_hundredth else 1):+.2g} {unit_of(v.name)}".rstrip()
+    return f"{v.name} by {changed / (100 if by_hundredth else 1):+.2g} {v.unit}".rstrip()
 
 
 def _bound(v: Variable, step: float, seen: float) -> str:
@@ -223,7 +223,7 @@ def _bound(v: Variable, step: float, seen: float) -> str:
     if v.log and seen > 0.2:
         return f"known to no better than a factor of {np.exp(step / seen):.2g}"
     if not v.log and seen > 0.01:
-        return f"its standard error is {step / seen * v.scale:.2g} {unit_of(v.name)}".rstrip()
+        return f"its standard error is {step / seen * v.scale:.2g} {v.unit}".rstrip()
     return "any value would do as well"
 
 
@@ -267,7 +267,7 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
             {
                 "name": p.name,
                 "value": p.value,
-                "unit": unit_of(p.name),
+                "unit": p.unit,
                 "start": p.start,
                 "class": p.kind,
                 "standard_error": finite(p.error),

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from whiptool.words import rounded
 
-_LINK = {"mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad"}
+_LINK = {
+    "mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad",
+    "position": "m", "armature": "kg m^2", "hand_position": "m",
+}  # fmt: skip
 _UNITS = {
     "whip": {
         "l": "m", "m": "kg", "k": "N m/rad", "b": "N m s/rad", "rest_angle": "rad", "dry_friction": "N m",
@@ -26,12 +31,35 @@ _UNITS = {
 }  # fmt: skip
 
 
-def unit_of(name: str) -> str:
-    """Return the unit of a free number by its name (`whip.k[3]`, `profile.length`, `delay`); empty: it has none."""
-    group, _, quantity = name.rpartition(".")
-    return _UNITS.get(group, {}).get(quantity.split("[")[0], "")
+_OF_SLIDES = {"friction": "N s/m", "armature": "kg", "torque_limit": "N"}
 
 
-def with_unit(name: str, value: float, digits: int = 5) -> str:
-    """Return a free number's value with its unit, to so many significant digits."""
-    return f"{rounded(value, digits)} {unit_of(name)}".strip()
+def unit_of(name: str, slides: Sequence[bool] = ()) -> str:
+    """Return the unit of a free number; empty: it has none.
+
+    Args:
+        name: Such as `whip.k[3]`, `arm.com[0].x`, `profile.length`, `law.K[1]` or `delay`.
+        slides: Which joints of the arm slide, (a,); a gain of an arm of two, `law.K[1]`, is that of the first joint's
+            torque by the second one's position. Empty: none slides.
+    """
+    group, dot, quantity = name.partition(".")
+    group, quantity = (group, quantity) if dot else ("", name)
+    symbol, _, rest = quantity.split(".")[0].partition("[")
+    if any(slides) and rest:
+        number = int(rest.rstrip("]"))
+        if group == "law" and symbol in ("K", "B"):
+            row, column = divmod(number, len(slides))
+            return _gain(symbol, force=slides[row], length=slides[column])
+        if group in ("arm", "") and symbol in _OF_SLIDES and slides[number]:
+            return _OF_SLIDES[symbol]
+    return _UNITS.get(group, {}).get(symbol, "")
+
+
+def _gain(symbol: str, *, force: bool, length: bool) -> str:
+    """Return the unit of a stiffness K or damping B: of a force or a torque, per length or angle."""
+    return f"{'N' if force else 'N m'}{' s' if symbol == 'B' else ''}/{'m' if length else 'rad'}"
+
+
+def with_unit(value: float, unit: str, digits: int = 5) -> str:
+    """Return a value with its unit, to so many significant digits."""
+    return f"{rounded(value, digits)} {unit}".strip()

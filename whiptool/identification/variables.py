@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.identification.units import unit_of
 
 _FACTOR = 1e3  # a positive number is sought within this factor of its first value
 # usual size of what may be zero or of either sign, in its own unit
@@ -33,13 +34,14 @@ _OFF_BOUND = 0.05  # of the usual size, or of a bounded range: how far from a bo
 
 @dataclass(frozen=True)
 class Variable:
-    """One free number; the solver's z is its logarithm, or the number in units of `scale`."""
+    """One free number; the solver's z is its logarithm, or the number in multiples of `scale`."""
 
     name: str
     log: bool
     scale: float
     lower: float  # of z
     upper: float
+    unit: str = ""
 
     @property
     def arbitrary_zero(self) -> bool:
@@ -70,8 +72,8 @@ class Variable:
         return float(np.clip(z, self.lower + margin, self.upper - margin))
 
 
-def variable(name: str, value: float, bounds: tuple[float, float] | None = None) -> Variable:
-    """The variable of a number of that name and first value.
+def variable(name: str, value: float, bounds: tuple[float, float] | None = None, unit: str | None = None) -> Variable:
+    """The variable of a number of that name, first value and unit; default: that of an arm without slides.
 
     Raises:
         InputError: The bounds are not ordered or the value has no logarithm.
@@ -81,18 +83,19 @@ def variable(name: str, value: float, bounds: tuple[float, float] | None = None)
         raise InputError(f"bounds of {name}", bounds, "lower < upper")
     low, high = (-np.inf, np.inf) if bounds is None else bounds
     high = min(high, _AT_MOST.get(quantity, np.inf))
+    unit = unit_of(name) if unit is None else unit
     if quantity in _ZERO_OR_MORE:
         scale = _ZERO_OR_MORE[quantity]
-        return Variable(name, False, scale, max(low, 0.0) / scale, high / scale)
+        return Variable(name, False, scale, max(low, 0.0) / scale, high / scale, unit)
     if quantity in _ANY_SIGN:
         scale = _ANY_SIGN[quantity]
-        return Variable(name, False, scale, low / scale, high / scale)
+        return Variable(name, False, scale, low / scale, high / scale, unit)
     if value <= 0:
         raise InputError(f"start of {name}", value, "a number > 0", "start from a guess of its size")
     z = np.log(value)
     lower = np.log(low) if low > 0 else z - np.log(_FACTOR)
     upper = np.log(high) if np.isfinite(high) else z + np.log(_FACTOR)
-    return Variable(name, True, 1.0, float(lower), float(upper))
+    return Variable(name, True, 1.0, float(lower), float(upper), unit)
 
 
 @dataclass(frozen=True)
@@ -170,9 +173,12 @@ def _room(v: Variable, x: float, values: Mapping[str, float]) -> float:
 
 
 def variables_of(
-    values: Mapping[str, float], names: Sequence[str], bounds: Mapping[str, tuple[float, float]]
+    values: Mapping[str, float],
+    names: Sequence[str],
+    bounds: Mapping[str, tuple[float, float]],
+    units: Mapping[str, str],
 ) -> list[Variable]:
-    """Variables of these names at their first values.
+    """Variables of these names at their first values, in these units.
 
     Raises:
         InputError: Bounds are given for what is not free.
@@ -180,4 +186,4 @@ def variables_of(
     for name in bounds:
         if name not in names:
             raise InputError(f"bounds of {name}", bounds[name], "bounds of free numbers: " + ", ".join(names))
-    return [variable(name, values[name], bounds.get(name)) for name in names]
+    return [variable(name, values[name], bounds.get(name), units.get(name)) for name in names]

@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import number, numbers
+from whiptool.models.joint_space import FARTHEST_TURN
+from whiptool.models.numbers import ASK_UNIT, LONGEST, number, numbers
 
+_ROUNDED = 1e-4  # by which a limit may be rounded in the file
 _TOOL_FRAMES = ("tool0", "_tcp")  # what the names of tool frames end with
 
 
@@ -58,6 +60,26 @@ class ArmChoice:
         if not outward.any():
             raise InputError("outward", self.outward, "a direction, which is not 0 0 0")
         object.__setattr__(self, "outward", tuple((outward / np.linalg.norm(outward)).tolist()))
+
+    def check_locked(self, name: str, low: float, high: float, *, turns: bool) -> None:
+        """Refuse a locked joint's position that is beyond its limits, as degrees and millimetres are.
+
+        Args:
+            name: Of the joint.
+            low, high: Its limits [rad or m]; infinite: none, and an angle is within two turns.
+            turns: Whether it is a hinge, not a slide.
+
+        Raises:
+            InputError: It is.
+        """
+        value, unit = self.locked[name], "rad" if turns else "m"
+        farthest = FARTHEST_TURN if turns else LONGEST
+        low, high = max(low, -farthest), min(high, farthest)
+        if not low - _ROUNDED <= value <= high + _ROUNDED:
+            fix = "angles are in radians; are these degrees?" if turns else ASK_UNIT
+            raise InputError(
+                f"locked.{name}", value, f"from {low:g} to {high:g} {unit}, within the joint's limits", fix
+            )
 
     def movers(self, chain: Sequence[str], joints: Sequence[str]) -> list[str]:
         """Return the joints that move, in the chain's order.

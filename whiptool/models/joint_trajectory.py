@@ -21,7 +21,7 @@ from whiptool.models.command_limits import LARGEST_ACCELERATION, LARGEST_JERK
 from whiptool.models.hand_path import HandPath, hand_poses
 from whiptool.models.joint_space import StrikePath
 from whiptool.models.numbers import number, numbers
-from whiptool.models.spatial_arm import JointLimits
+from whiptool.models.spatial_arm import JointLimits, limit_unit
 from whiptool.models.strike import FASTEST, Strike
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
@@ -122,14 +122,16 @@ class JointTrajectory:
         resting = np.flatnonzero(~self.v[: moving[-1]].any(axis=1))
         return float(self.t[resting[-1]]) if len(resting) else 0.0
 
-    def beyond(self, limits: Sequence[JointLimits]) -> str | None:
-        """Return what is farthest beyond a limit of position, velocity, acceleration or jerk, in words.
+    def beyond(self, limits: Sequence[JointLimits], *, slides: Sequence[bool] = ()) -> str | None:
+        """Return what is farthest beyond a limit of position, velocity, acceleration or jerk, in words with units.
 
         The jerk is that of differences of the accelerations. None: nothing is.
 
         Args:
             limits: Of each joint, (n,); empty: there are none.
+            slides: Which joints slide, (n,); empty: none.
         """
+        slides = slides or [False] * len(self.joints)
         limits = limits or [JointLimits()] * len(self.joints)
         jerk = np.diff(self.a, axis=0, prepend=self.a[:1]) / np.diff(self.t, prepend=-1.0)[:, None]
         worst, said = _ROUNDING, None
@@ -150,7 +152,8 @@ class JointTrajectory:
                 i = int(excess.argmax())
                 if excess[i] > worst:
                     worst = excess[i]
-                    value = f"{values[i, j]:+.3f}; its limit is {allowed}"
+                    unit = limit_unit(quantity, slides=slides[j])
+                    value = f"{values[i, j]:+.3f} {unit}; its limit is {allowed} {unit}"
                     said = f"at {self.t[i]:.3f} s the {quantity} of {joint} is {value}"
         return said
 

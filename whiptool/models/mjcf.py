@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -161,6 +162,9 @@ class _Robot:
             there = slice(model.jnt_qposadr[i], model.jnt_qposadr[i] + width)
             self.data.qpos[there] = model.qpos0[there]
         for name, value in choice.locked.items():
+            joint = names.index(name)
+            ends = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-math.inf, math.inf)
+            choice.check_locked(name, *ends, turns=self._kind(joint) != "slide")
             self.data.qpos[model.jnt_qposadr[names.index(name)]] = value
         mujoco.mj_kinematics(model, self.data)
 

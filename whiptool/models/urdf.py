@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -209,10 +210,22 @@ def _tell_apart(robot: ET.Element) -> dict[str, str]:
     return renamed
 
 
+def _position_limits(joint: ET.Element) -> tuple[float, float]:
+    """The lowest and highest position of a joint [rad or m]; infinite where it says none, or turns on and on."""
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        return -math.inf, math.inf
+    low, high = (_number(limit.get(end, "0")) for end in ("lower", "upper"))
+    return (low, high) if low < high else (-math.inf, math.inf)
+
+
 def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
     """Where joints are that do not move: those that mimic a locked one follow it."""
     locked = dict(choice.locked)
     for joint in robot.findall("joint"):
+        if joint.get("name", "") in choice.locked:
+            low, high = _position_limits(joint)
+            choice.check_locked(joint.get("name", ""), low, high, turns=joint.get("type") != "prismatic")
         mimic, name = joint.find("mimic"), joint.get("name", "")
         if mimic is not None and name not in locked and joint.get("type") in _MOVABLE:
             value = choice.locked.get(mimic.get("joint", ""), 0.0)

@@ -12,6 +12,7 @@ from whiptool.errors import InputError
 from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import metres, number, whole
 
+STEEPEST = math.pi / 2  # [rad] of a rest angle
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 Joints: TypeAlias = Literal["hinge", "universal", "rod"]
 JOINTS = get_args(Joints)
@@ -101,6 +102,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
             else:
                 checked = number(name, value, low=low, strict=strict)
             object.__setattr__(self, name, checked)
+        self._refuse_folded()
         metres("length of the whip", self.length)
         velocity = number("friction_velocity", self.friction_velocity, low=0, strict=True)
         object.__setattr__(self, "friction_velocity", velocity)
@@ -113,6 +115,14 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
                 untwisted = "0 for rods, which do not twist with the hand: nothing says which way they would bend"
                 rule = untwisted if name == "rest_angle" else f"0 for joints of the kind {self.joints}"
                 raise InputError(name, getattr(self, name), rule)
+
+    def _refuse_folded(self) -> None:
+        """Refuse rest angles of more than a right angle, at which no whip is slack, as degrees would be."""
+        for name in ("rest_angle", "rest_angle_x"):
+            farthest = float(np.abs(getattr(self, name)).max())
+            if farthest > STEEPEST:
+                fix = "angles are in radians; are these degrees?"
+                raise InputError(name, farthest, f"angles within {STEEPEST:.4g} rad of 0, which is 90 degrees", fix)
 
     @property
     def joints_per_node(self) -> int:

@@ -87,8 +87,11 @@ class TrajectoryOptions(OptionGroup):
         limits = next((x.joints for x in given if isinstance(x, ArmLimits)), limits_of(model.arm))
         options = {"start": self.posture, "rate": self.trajectory_rate, "rest": self.rest, "t_stay": t_stay}
         found = JointTrajectory.of_strike(strike, model.arm.names, limits=limits, **options)
+        slides = [joint in model.arm.slides for joint in model.arm.joints]
         touches = (x.beyond_on_way(found.t, found.q) for x in given if isinstance(x, Clearance))
-        self.refuse_beyond(found.beyond(limits) or next((said for said in touches if said is not None), None))
+        self.refuse_beyond(
+            found.beyond(limits, slides=slides) or next((said for said in touches if said is not None), None)
+        )
         return found
 
     def refuse_beyond(self, words: str | None) -> None:
