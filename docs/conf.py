@@ -46,7 +46,7 @@ python_maximum_signature_line_length = 100
 html_theme = "pydata_sphinx_theme"
 html_title = f"whiptool {release}"
 html_theme_options = {"navigation_with_keys": False, "show_toc_level": 2}
-html_sidebars = {"*": []}  # only pages in folders have others beside them
+html_sidebars = {"*": []}  # only pages in folders have others next to them
 
 
 def take_notebooks() -> None:

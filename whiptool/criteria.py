@@ -1,4 +1,4 @@
-"""What a strike is judged by beside the hit: miss, effort, largest torque, speed through the target, robustness."""
+"""What a strike is judged by besides the hit: miss, effort, largest torque, speed through the target, robustness."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class StrikesAtGoal:
 
 
 class Criterion(ABC):
-    """One number by which hits are told from better hits.
+    """One number by which hits are ranked.
 
     Searches that follow derivatives minimise the largest of its measures, which are smooth where the number is not;
     m is the length of a strike vector.
@@ -62,7 +62,7 @@ class Criterion(ABC):
         name: As on the command line.
         words: For people; with the unit in which the number is.
         largest: Whether more is better.
-        of_torques: Whether it is told by torques, which an arm of unknown inertia has none of.
+        of_torques: Whether it is computed from torques, which are not known of an arm of unknown inertia.
     """
 
     name: ClassVar[str]
@@ -93,7 +93,7 @@ class Criterion(ABC):
         return -(1 + size) if self.largest else -1 / (1 + size)
 
     def _scale(self, hit_radius: float) -> float:
-        """Return the size of number that is told best from others of its size."""
+        """Return the size of number that is distinguished best from others of its size."""
         return 1.0
 
 

@@ -1,4 +1,4 @@
-"""What strikes are asked for beside a point: a direction in which the tip arrives, and a least speed."""
+"""What strikes are asked for besides a point: a direction in which the tip arrives, and a least speed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def probability_within(
 
     Args:
         radius: [m]
-        miss: Distance at which it is thought to pass [m], any shape.
+        miss: Expected distance at which it passes [m], any shape.
         scale: Of the error across the path [m], one number or like `miss`; positive.
         freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
 

@@ -123,7 +123,7 @@ class AllLimits:
 
     Args:
         given: One or several; None: none.
-        by_joints: Whether strikes are told by their joints; if not, nothing of them can be kept or judged beforehand.
+        by_joints: Whether strikes are described by their joints; if not, none can be judged beforehand.
     """
 
     def __init__(self, given: Given, *, by_joints: bool = True) -> None:

@@ -1,4 +1,4 @@
-"""What is told of work that goes on: progress bars and notes on stderr, none of them where a command is quiet."""
+"""What is shown of work that goes on: progress bars and notes on stderr, none of them where a command is quiet."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ _UNFINISHED = ".tmp-"
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """A name beside the file's own to write it under; it takes the file's name when the block ends without an error.
+    """A name next to the file's own to write it under; it takes the file's name when the block ends without an error.
 
     What is there already and no regular file, a device such as /dev/stdout or a pipe, is written to and not replaced.
 

@@ -47,7 +47,7 @@ def counted(count: int, thing: str, things: str = "") -> str:
 def times(ratio: float, other: str) -> str:
     """Return how many times something of another a quantity is, such as `2.5 times DDPG`.
 
-    A ratio that is not a finite positive number is none: it says so in words.
+    A ratio that is not a finite positive number is given as words.
     """
     if not math.isfinite(ratio) or ratio <= 0:
         return f"no ratio to {other}"

@@ -60,7 +60,7 @@ class LabPort:
 
 
 if __name__ == "__main__":
-    model = wt.preset("lemon2024")  # what you believe of arm and whip
+    model = wt.preset("lemon2024")  # your model of arm and whip
     # gravity compensation goes on reckoning with these masses, whatever is learned of the whip
     controller = wt.Controller(wt.oiac_preset("table4")).reckoning_with(model)
     target = wt.Target((1.2, 0.1))

@@ -22,7 +22,7 @@ def robot(strike: wt.Strike, model: wt.Model, controller: wt.Controller) -> wt.S
 
 
 if __name__ == "__main__":
-    model = wt.preset("lemon2024")  # what you believe of arm and whip
+    model = wt.preset("lemon2024")  # your model of arm and whip
     controller = wt.Controller(wt.oiac_preset("table4")).reckoning_with(model)
     prior, options = default_prior(model, controller, whip="uniform"), Options(max_strikes=4)
     target = wt.Target((1.2, 0.1))

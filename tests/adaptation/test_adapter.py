@@ -133,7 +133,7 @@ def test_what_another_controller_struck_is_neither_kept_nor_learned_from(prior, 
     assert not list(tmp_path.rglob(RECORDING))
     with pytest.raises(InputError, match=r"controller: got 'law = oiac, a = 0\.2'"):
         Adapter(prior, Target((0.5, 0.5)), recordings=[other])
-    assert adapter.tell(Seen(other, 0.3)).number == 1  # a twin whose gains are unlike those that are believed in
+    assert adapter.tell(Seen(other, 0.3)).number == 1  # a twin whose gains are unlike those of the prior
 
 
 def test_a_damaged_folder_is_named(prior, tmp_path):

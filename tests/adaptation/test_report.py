@@ -114,7 +114,7 @@ def test_bounds_and_contradictions_are_marked(prior):
     at = {"profile.drag": -2.0, "profile.length": 2.9, "delay": -3.1}
     said = {x.split()[0]: x for x in lines(step_of(1, narrowed(prior, {}, at)), prior) if x.startswith("    ")}
     assert "at its bound" in said["profile.drag"]
-    assert "contradicts what was believed before" in said["delay"]
+    assert "contradicts the estimate before" in said["delay"]
     assert "contradicts" not in said.get("profile.length", "")
     sharp = narrowed(prior, {"profile.length": 0.1})
     second = "\n".join(lines(step_of(2, narrowed(prior, {}, {"profile.length": 0.4})), prior, sharp))

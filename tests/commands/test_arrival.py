@@ -106,7 +106,7 @@ def test_what_cannot_be_a_trajectory_gets_one_line(capsys):
     assert simulate.main(["--trajectory", "no.csv", "--no-video"]) == 2
     assert capsys.readouterr().err.startswith("whiptool: --trajectory: got 'no.csv'; allowed: the columns time, ")
     assert simulate.main(["--trajectory", "no.csv", "--timestep", "1e-4"]) == 2
-    assert "nothing beside --trajectory" in capsys.readouterr().err
+    assert "only without --trajectory" in capsys.readouterr().err
     assert simulate.main(["--trajectory", "none.csv"]) == 2
     assert capsys.readouterr().err.startswith("whiptool: --trajectory: got 'none.csv'")
     assert [file.name for file in Path().iterdir()] == ["no.csv"]

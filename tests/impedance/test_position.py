@@ -30,7 +30,7 @@ def test_a_table_holds_its_name_alone():
     [("feedforward", True), ("torque_limit", 3.0), ("control_period", 0.002), ("compensated", (1.0, 1.0, 1.0))],
 )
 def test_it_has_no_options(option, value):
-    with pytest.raises(InputError, match=rf"^{option}: .*nothing beside position control"):
+    with pytest.raises(InputError, match=rf"^{option}: .*only without position control"):
         Controller(PositionControl(), **{option: value})
 
 
@@ -61,5 +61,5 @@ def test_the_option_takes_it_without_a_preset():
     assert ControllerOptions(controller="position").build_controller() == CONTROLLER
     assert ControllerOptions(controller="position").controller_label() == "position control"
     for option, value in (("preset", "nah2020"), ("feedforward", True), ("torque_limit", 2.0)):
-        with pytest.raises(InputError, match="nothing beside"):
+        with pytest.raises(InputError, match="only without"):
             ControllerOptions(controller="position", **{option: value}).build_controller()

@@ -108,9 +108,9 @@ def test_what_a_library_writes_to_standard_error_is_kept_from_it(capfd):
 @pytest.mark.parametrize(
     ("value", "limits", "turns", "asked"),
     [
-        (45, (-2.9, 2.9), True, r"45\.0; allowed: -2\.9 to 2\.9 rad.* degrees"),
-        (-90, (-np.inf, np.inf), True, r"-90\.0; allowed: -12\.57 to 12\.57 rad.* degrees"),
-        (30, (0.0, 0.04), False, r"30\.0; allowed: 0 to 0\.04 m.* millimetres"),
+        (45, (-2.9, 2.9), True, r"45\.0; allowed: from -2\.9 to 2\.9 rad.* degrees"),
+        (-90, (-np.inf, np.inf), True, r"-90\.0; allowed: from -12\.5664 to 12\.5664 rad.* degrees"),
+        (30, (0.0, 0.04), False, r"30\.0; allowed: from 0 to 0\.04 m.* millimetres"),
     ],
 )
 def test_positions_of_locked_joints_in_degrees_or_millimetres_are_asked_about(value, limits, turns, asked):

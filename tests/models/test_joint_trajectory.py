@@ -75,8 +75,8 @@ def test_the_way_to_the_start_uses_a_fifth_of_the_limits():
     ("limit", "said"),
     [
         (JointLimits(velocity=6.0), "velocity of shoulder is [+]6.42. rad/s; its limit is 6 rad/s"),
-        (JointLimits(acceleration=25.0), "acceleration of shoulder is [-+]28.* rad/s2; its limit is 25 rad/s2"),
-        (JointLimits(jerk=400.0), "jerk of shoulder is .* rad/s3; its limit is 400 rad/s3"),
+        (JointLimits(acceleration=25.0), "acceleration of shoulder is [-+]28.* rad/s.2; its limit is 25 rad/s.2"),
+        (JointLimits(jerk=400.0), "jerk of shoulder is .* rad/s.3; its limit is 400 rad/s.3"),
         (JointLimits((-1.0, 3.0)), r"position of shoulder is -1.200 rad; its limit is -1 to 3 rad"),
     ],
 )

@@ -113,7 +113,7 @@ def test_a_body_whose_mesh_is_not_there_and_that_has_no_inertial_is_weightless(r
     assert arm.links[0].mass == 0
     assert arm.links[1:] == tuple(replace(x, limits=replace(x.limits, torque=np.inf)) for x in whole.links[1:])
     assert arm.notes[0].startswith(
-        "no mass of what rail moves is told (no <inertial>, or a mass of 0): the arm has to be under position control"
+        "no mass of what rail moves is given (no <inertial>, or a mass of 0): the arm has to be under position control"
     )
     Controller(PositionControl()).check_fits(arm)
     with pytest.raises(InputError, match=r"arm: got 'no inertia of what rail moves'.*--controller position"):

@@ -20,7 +20,7 @@ def test_the_hinge_is_free():
     assert whip.per_node("k")[0] == whip.per_node("b")[0] == 0
     assert (whip.per_node("k")[1:] == 0.242).all()
     sprung = dataclasses.replace(whip, k=tuple(np.full(12, 0.3)))
-    assert sprung.per_node("k")[0] == 0.3  # a value per node speaks of the hinge, too
+    assert sprung.per_node("k")[0] == 0.3  # a value per node is also the hinge's
 
 
 @pytest.mark.parametrize(
@@ -92,8 +92,8 @@ def test_quantities_that_such_joints_do_not_have_are_refused(wrong, message):
 
 
 def test_hinges_of_universal_joints_have_rest_angles_of_their_own():
-    whip = WhipParameters(N=3, l=0.1, m=0.01, k=0.1, b=0, joints="universal", rest_angle=0.3, rest_angle_x=(1, 2, 3))
-    np.testing.assert_array_equal(whip.rest_angles, [1, 0, 2, 0.3, 3, 0.3])  # x, then -y; the free hinge
+    whip = WhipParameters(N=3, l=0.1, m=0.01, k=0.1, b=0, joints="universal", rest_angle=0.3, rest_angle_x=(1, 0.5, -1))
+    np.testing.assert_array_equal(whip.rest_angles, [1, 0, 0.5, 0.3, -1, 0.3])  # x, then -y; the free hinge
     np.testing.assert_array_equal(_whip(N=3, rest_angle=0.3).rest_angles, [0, 0.3, 0.3])
 
 

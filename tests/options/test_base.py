@@ -82,12 +82,12 @@ def test_whole_numbers_out_of_a_range_are_refused(value):
 
 
 def test_options_that_would_change_nothing_are_refused():
-    idle = {"t_stay": "nothing beside --resume", "seed": "nothing, as nothing is random"}
+    idle = {"t_stay": "only without --resume", "seed": "nothing, as nothing is random"}
     refuse_idle(Command(workers=7), idle)  # of others nothing is said
     refuse_idle(Command(t_stay=0.3, seed=0), idle)  # the same as not given
     with pytest.raises(InputError) as caught:
         refuse_idle(Command(t_stay=0.5), idle)
-    assert str(caught.value) == "--t-stay: got 0.5; allowed: nothing beside --resume"
+    assert str(caught.value) == "--t-stay: got 0.5; allowed: only without --resume"
     with pytest.raises(InputError, match=r"^--seed: got 1; allowed: nothing, as nothing is random$"):
         refuse_idle(Command(seed=1), idle)
 

@@ -123,7 +123,7 @@ def test_an_arm_from_a_file_is_a_robot(tmp_path):
 
 @pytest.mark.parametrize("given", [{"feedforward": True}, {"torque_limit": 3.0}, {"control_period": 0.01}])
 def test_what_position_control_has_no_use_for_asks_for_another_law(given):
-    with pytest.raises(InputError, match=r"nothing beside position control; give --controller constant"):
+    with pytest.raises(InputError, match=r"only without position control; give --controller constant"):
         StrikeOptions(model="ur5e", **given).check()
     StrikeOptions(model="ur5e", controller="constant", **given).check()
 

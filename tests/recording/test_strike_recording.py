@@ -97,7 +97,7 @@ def test_a_command_that_is_missing_is_asked_for_where_it_can_be_told():
     t = np.arange(9) / 60
     none = StrikeRecording(t, np.zeros((9, 1, 2)), ("tip",), source="films/a.csv")
     with pytest.raises(
-        InputError, match=r"write a\.toml beside it with strike = \{q_i = .*strike=Strike\(q_i, q_f, D\)\)$"
+        InputError, match=r"write a\.toml next to it with strike = \{q_i = .*strike=Strike\(q_i, q_f, D\)\)$"
     ):
         none.commanded()
     with pytest.raises(InputError, match=r"got 'twin-3'; .*command; in Python, give .*, or drive by joints$"):

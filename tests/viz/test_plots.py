@@ -47,7 +47,7 @@ def test_a_diverged_strike_is_drawn_too(tmp_path):
     assert all(file.stat().st_size > 5000 for file in written)
 
 
-def beside(ax, bar) -> bool:
+def compared(ax, bar) -> bool:
     """Whether a colour bar stands at once beside its axes."""
     gap = bar.get_position().x0 - ax.get_position().x1
     return 0 < gap < 0.1 * ax.get_position().width
@@ -63,7 +63,7 @@ def test_a_strike_fills_its_figure(trajectory):
         drawn = figure.get_tightbbox()
         assert drawn.width > 0.93 * size[0]
         assert drawn.height > 0.93 * size[1]
-        assert beside(ax, *ax.child_axes)
+        assert compared(ax, *ax.child_axes)
         assert ax._left_title.get_window_extent().x0 == pytest.approx(ax.get_window_extent().x0, abs=2)
     plt.close(figure)
 
@@ -76,5 +76,5 @@ def test_strikes_beside_each_other_keep_their_colour_bars(layout, trajectory):
     plots.plot_distance(trajectory, tuple(TARGET), ax=right)
     figure.draw_without_rendering()
     (bar,) = left.child_axes
-    assert beside(left, bar)
+    assert compared(left, bar)
     assert bar.get_tightbbox().x1 <= right.get_tightbbox().x0 or layout is None

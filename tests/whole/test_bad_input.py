@@ -147,11 +147,11 @@ SHARED = """
 --floor high | a number [m], or none
 --clearance -0.01 | --clearance
 --clearance nan | --clearance
---limits none --keep-free 0.1 | nothing beside --limits none
---limits none --floor -1 | nothing beside --limits none
---limits none --ignore-collisions | nothing beside --limits none
---ignore-collisions --floor -1 | nothing beside --ignore-collisions
---ignore-collisions --clearance 0.1 | nothing beside --ignore-collisions
+--limits none --keep-free 0.1 | only without --limits none
+--limits none --floor -1 | only without --limits none
+--limits none --ignore-collisions | only without --limits none
+--ignore-collisions --floor -1 | only without --ignore-collisions
+--ignore-collisions --clearance 0.1 | only without --ignore-collisions
 --rate 1 | --rate
 --rate 1e9 | --rate
 --rate nan | --rate
@@ -346,7 +346,7 @@ simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --posture 1 2 3 | 2 n
 simulate --strike 0 0 0 0 1 --keep-free 0.1 | 0 for an arm without limits
 simulate --strike 0 0 0 0 1 --clearance 0.1 | 0 for an arm without capsules
 simulate --strike 0 0 0 0 1 --floor 0 --export-trajectory strike.csv | a strike within limits; at 0.000 s
-simulate --strike 0 0 0 0 1 --trajectory strike.csv | --trajectory: got 'strike.csv'; allowed: nothing beside --strike
+simulate --strike 0 0 0 0 1 --trajectory strike.csv | --trajectory: got 'strike.csv'; allowed: only without --strike
 optimize --minimise beauty | effort, peak-torque
 optimize --minimise robustness --noise 0 | not all 0
 optimize --minimise robustness --noise 0.1 -0.1 0 0 0 | 0 or more
@@ -358,8 +358,8 @@ optimize --minimise effort --noise 0.02 | nothing without --minimise robustness
 optimize --pareto effort | --pareto
 optimize --pareto effort effort | two different criteria
 optimize --pareto effort beauty | peak-torque
-optimize --pareto effort miss --minimise speed | nothing beside --pareto
-optimize --pareto effort miss --method cmaes | nothing beside --pareto
+optimize --pareto effort miss --minimise speed | only without --pareto
+optimize --pareto effort miss --method cmaes | only without --pareto
 optimize --pareto effort miss --simulator reference | which has no derivatives
 simulate --out taken | new or empty
 simulate --video 3 | run folder
@@ -384,7 +384,7 @@ map-build --sector 1 2 -1 1 | five numbers
 map-build --sector 2 1 -1 1 30 | farthest distance
 map-build --sector 1 2 -1 1 200 | angle to either side
 map-build --sector 1 2 -3 1 30 | lowest height
-map-build --sector 1 2 -1 1 30 --target 1 0 0 | --target: got (1.0, 0.0, 0.0); allowed: nothing beside --sector
+map-build --sector 1 2 -1 1 30 --target 1 0 0 | --target: got (1.0, 0.0, 0.0); allowed: only without --sector
 map-build --sector 1 2 -1 1 30 | coordinates of the zone
 map-build --random-strikes 0 | --random-strikes
 map-build --room 0 | --room

@@ -35,7 +35,7 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.target import Target
 from whiptool.whole_files import write_whole
 
-_LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # beside the belief
+_LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # stored with the belief
 PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.json", "recording.npz"
 
 
@@ -90,7 +90,7 @@ class Options:
             parameters.number(name, value, low=0)
 
     def demands(self, believed: Model) -> Demands:
-        """What is asked of a strike, where whip and arm are believed to be these."""
+        """What is asked of a strike, given the posterior mean of whip and arm."""
         check = self.check
         asked = None if check is None else lambda strike: check(strike, believed)
         return Demands(self.bounds, self.limits, self.speed, asked, self.t_stay, self.admissible)
@@ -99,7 +99,7 @@ class Options:
 class Adapter:
     """Learns an unknown whip from strikes that somebody else strikes and records: ask for one, tell what was seen.
 
-    What the folder holds of an earlier run is read and not asked for again; a strike that was asked for and not told
+    What the folder holds of an earlier run is read and not planned again; a strike that was planned and not reported
     is asked for again, the same one.
 
     Args:
@@ -112,9 +112,9 @@ class Adapter:
         opening: The first plan, if it was made before; None: it is computed.
 
     Attributes:
-        number: Of the strike that is to be asked for or told next, from 1; 0 is a first look at the whip.
-        belief: About the whip, after all that was told.
-        steps: All that were told.
+        number: Of the strike that is to be planned or reported next, from 1; 0 is a first look at the whip.
+        belief: About the whip, after all that was reported.
+        steps: All that were reported.
         done: Whether no strike is left, or the last one hit.
     """
 
@@ -152,7 +152,7 @@ class Adapter:
         return None if self.folder is None else self.folder / f"strike-{self.number:04d}"
 
     def ask(self) -> Strike | None:
-        """Return the strike that is to be struck next, the same until it is told; None: no strike is left.
+        """Return the strike that is to be struck next, the same until it is reported; None: no strike is left.
 
         Raises:
             InputError: The folder is damaged.
@@ -162,7 +162,7 @@ class Adapter:
 
     @property
     def asked(self) -> Strike:
-        """The strike that was asked for and not told.
+        """The strike that was planned and not reported yet.
 
         Raises:
             InputError: There is none, or the folder is damaged.
@@ -182,7 +182,7 @@ class Adapter:
                 mend it, or record the strike again.
 
         Raises:
-            InputError: No strike was asked for, the recording is of another strike or another controller, was told
+            InputError: No strike was asked for, the recording is of another strike or another controller, was reported
                 before or has to teach and does not, or the folder is damaged.
         """
         strike = self.asked
@@ -270,8 +270,8 @@ class Adapter:
         rng = np.random.default_rng([o.seed, number])
         if number == 0:
             if o.wiggle:
-                strike, told = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay, keeps=o.keeps)
-                reason = f"a movement that tells {told:.1f} nat about the whip"
+                strike, gain = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay, keeps=o.keeps)
+                reason = f"a movement from which {gain:.1f} nat are learned about the whip"
             else:
                 strike, reason = hanging(self.belief, o.bounds), "the whip as it hangs: how long it is"
             return Plan(tuple(map(float, strike.vector)), None, None, None, None, reason, time.perf_counter() - began)
@@ -322,8 +322,8 @@ class Adapter:
             rest = {name: stored[name] for name in _LEARNED}
             return Learned(Belief.from_table(self.prior.plant, stored), **rest)
         learned = taught or self._update(self._recordings, self._contacts)
-        told = {name: getattr(learned, name) for name in _LEARNED}
-        self._write(POSTERIOR, learned.belief.to_table() | told)
+        kept = {name: getattr(learned, name) for name in _LEARNED}
+        self._write(POSTERIOR, learned.belief.to_table() | kept)
         return learned
 
     def _update(self, recordings: Sequence[StrikeRecording], contacts: dict[str, float]) -> Learned:
@@ -331,7 +331,7 @@ class Adapter:
         return update(self.prior, recordings, guess=self.belief, contacts=contacts, starts=o.starts, seed=o.seed)
 
     def _check_controllers(self, recordings: Sequence[StrikeRecording]) -> None:
-        """Refuse what another controller struck than the one that is believed in."""
+        """Refuse what another controller struck than that of the prior."""
         if self.prior.plant.controller is not None:
             check_controllers(recordings, self.prior.plant.controller)
 
@@ -339,7 +339,7 @@ class Adapter:
         """Refuse the recording of an earlier strike.
 
         Raises:
-            InputError: It was told before.
+            InputError: It was reported before.
         """
         for step in self.steps:
             earlier = step.outcome.recording
@@ -367,8 +367,8 @@ class Adapter:
         if self.place is not None and seen.recording is not None:
             self.place.mkdir(parents=True, exist_ok=True)
             seen.recording.save(self.place / RECORDING)
-        told: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault", "refused")}
-        self._write(OUTCOME, told | {"filmed": None if seen.recording is None else seen.recording.source})
+        kept: dict[str, Any] = {name: getattr(seen, name) for name in ("seen_miss", "true_miss", "fault", "refused")}
+        self._write(OUTCOME, kept | {"filmed": None if seen.recording is None else seen.recording.source})
         return seen
 
     def _read(self, name: str) -> dict[str, Any] | None:

@@ -86,7 +86,7 @@ def aim(
     """Return the strike with the largest probability of a hit over whips sampled from a belief.
 
     Args:
-        belief: Distribution of the whip's numbers, of an arm that goes where it is told.
+        belief: Distribution of the whip's numbers, of an arm that follows its command exactly.
         target: Point and hit radius, and on request direction and least speed.
         rng: Generator for candidates and samples.
         limits: What a strike has to keep, with the mean of the belief.
@@ -109,7 +109,7 @@ def aim(
 
 
 class _Aimed:
-    """Rolls strikes out with a belief's mean and samples, and says what they are worth."""
+    """Rolls strikes out with a belief's mean and samples, and returns their hit probabilities."""
 
     def __init__(
         self,

@@ -19,7 +19,7 @@ SWING = 0.7  # [rad] that a joint turns at most
 DURATION = (0.4, 0.8)  # [s]
 FASTEST = 8.0  # [m/s] of the tip: a strike has it at 10 to 40
 STILL = 0.5  # [s] that a hanging whip is filmed, and `t_stay` more
-WIDEST = 0.35  # [m], largest standard error of the tip's place, to which a linearised prior is believed in space
+WIDEST = 0.35  # [m], largest standard error of the tip's place, to which a linearised prior is used in space
 FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
 
 
@@ -47,13 +47,13 @@ def information(
     nuisance = {"delay": belief.values().get("delay", 0.0)} if "delay" in belief.names else {}
     units = np.array([v.slope(x) for v, x in zip(belief.variables, belief.z, strict=True)])
     root = np.linalg.cholesky(belief.covariance)
-    told, fastest, widest = np.empty((3, len(strikes)))
+    gain, fastest, widest = np.empty((3, len(strikes)))
     for i, p in enumerate(predictor(belief.at(), nuisance, own, derivatives=True)):
         J = p.by_shared * units / NOISE @ root  # by the whitened numbers
         widest[i] = NOISE * np.sqrt((J**2).sum(axis=1).reshape(-1, d).sum(axis=1).max())
-        told[i] = np.linalg.slogdet(np.eye(J.shape[1]) + J.T @ J)[1] / 2 if np.isfinite(J).all() else -np.inf
+        gain[i] = np.linalg.slogdet(np.eye(J.shape[1]) + J.T @ J)[1] / 2 if np.isfinite(J).all() else -np.inf
         fastest[i] = np.linalg.norm(np.diff(p.value.reshape(-1, d), axis=0), axis=1).max() * FPS
-    return told, np.where(np.isfinite(fastest), fastest, np.inf), np.where(np.isfinite(widest), widest, np.inf)
+    return gain, np.where(np.isfinite(fastest), fastest, np.inf), np.where(np.isfinite(widest), widest, np.inf)
 
 
 def hanging(belief: Belief, bounds: StrikeBounds | None = None) -> Strike:
@@ -102,14 +102,14 @@ def choose_wiggle(
     strikes = np.hstack([q_i, q_f, rng.uniform(*DURATION, (candidates, 1))])
     if keeps:
         strikes = _kept(belief, strikes, bounds, keeps, t_stay)
-    told, fastest, widest = information(belief, strikes, t_stay=t_stay)
-    told = np.where(fastest <= FASTEST, told, -np.inf)
-    foreseen = told if belief.plant.model.dimension == 2 else np.where(widest <= WIDEST, told, -np.inf)
-    told = foreseen if np.isfinite(foreseen).any() else told
-    best = int(told.argmax())
-    if not np.isfinite(told[best]):
+    gain, fastest, widest = information(belief, strikes, t_stay=t_stay)
+    gain = np.where(fastest <= FASTEST, gain, -np.inf)
+    foreseen = gain if belief.plant.model.dimension == 2 else np.where(widest <= WIDEST, gain, -np.inf)
+    gain = foreseen if np.isfinite(foreseen).any() else gain
+    best = int(gain.argmax())
+    if not np.isfinite(gain[best]):
         raise InputError("wiggle", f"{fastest.min():.1f} m/s at the tip", f"{FASTEST:g} m/s", "strike without it")
-    return Strike.from_vector(strikes[best]), float(told[best])
+    return Strike.from_vector(strikes[best]), float(gain[best])
 
 
 def _kept(

@@ -89,7 +89,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         self._refuse_idle()
         if self.wiggle and not self.still:
             raise InputError(
-                "--no-still", "beside --wiggle", "one of them", "--wiggle is a look before the first strike, too"
+                "--no-still", "together with --wiggle", "one of them", "--wiggle is a look before the first strike, too"
             )
         _stock(self)
         if self.least_speed is not None:

@@ -52,7 +52,7 @@ _SQUEEZE = Squeeze()
 
 @dataclass(frozen=True)
 class Worth:
-    """What a strike is worth in the search, beside its probability of a hit.
+    """What a strike is worth in the search, in addition to its probability of a hit.
 
     Args:
         blur: The search smoothes where strikes pass by this, at least [m].
@@ -100,7 +100,7 @@ NEXT = Effort()
 
 @dataclass(frozen=True)
 class Demands:
-    """What is asked of a strike beside that it hits.
+    """What is asked of a strike besides a hit.
 
     Args:
         bounds: Box of strikes; default: `default_bounds`.
@@ -195,7 +195,7 @@ def plan(
         target: Point and hit radius.
         rng: Generator for candidates and samples.
         past: Strikes that were tried before; they and their neighbours are candidates, too.
-        demands: What is asked of the strike beside.
+        demands: What else is asked of the strike.
         effort: How hard to look.
         sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
 
@@ -376,13 +376,13 @@ class _Search:
         probability = float(self.error.hit_probability(miss, self.target.hit_radius).mean())
         steady = miss[np.isfinite(miss)]
         expected = float(steady.mean()) if len(steady) else None
-        told = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"
+        said = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"
         if 0 < len(steady) < miss.size:
-            told += f" where it does not diverge, as {1 - len(steady) / miss.size:.0%} do"
+            said += f" where it does not diverge, as {1 - len(steady) / miss.size:.0%} do"
         usage = None if self.limits is None else float(self.limits.violation_of_peaks(near)[0]) + 1
         reason = (
             f"of {tried} candidates the one that hits most probably: {probability:.0%} over {len(whips)} whips that "
-            f"are still possible, {told}, the tip at {float(near.speed[0]):.1f} m/s"
+            f"are still possible, {said}, the tip at {float(near.speed[0]):.1f} m/s"
         )
         if near.speed[0] < self.speed:
             reason += f"; no faster one was found, though {self.speed:g} m/s were asked for"

@@ -133,7 +133,7 @@ def _is_same(one: Strike, other: Strike) -> bool:
 
 
 def _refuse_pixels(recording: StrikeRecording) -> None:
-    """Refuse what one camera in space saw: where the tip was is not told by it alone."""
+    """Refuse what one camera in space saw: one camera alone does not determine where the tip was."""
     if recording.view is not None:
         fix = "give the recordings of two cameras or more, or use motion capture"
         raise InputError("recording", f"{recording.source or 'one'} in pixels", "places of the tip in m", fix)

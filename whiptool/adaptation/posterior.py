@@ -24,12 +24,12 @@ UNMODELLED = 0.003  # [m], error of any model's tip that a better camera does no
 AFTER = 0.04  # [s] that a recording is used beyond the closest approach
 ELSEWHERE = 1.5  # the model's error at the next strike, over that of the strikes that were fitted
 SHARE_SEEN = 0.5  # of the frames before that, in which the tip has to be seen
-TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every whip that is believed possible
+TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every plausible whip
 
 
 @dataclass(frozen=True)
 class Starts:
-    """When a fit of a whip is believed, and when another start is tried.
+    """When a fit of a whip is accepted, and when another start is tried.
 
     Args:
         explained: Standard errors, RMSE up to which no other start is tried.
@@ -144,7 +144,7 @@ def update(
         )
         found = _best(prior, guess, used, options, starts, screened, seed)
         if found is None:
-            refused[used.pop().source] = "no whip that is believed possible could be fitted to it"
+            refused[used.pop().source] = "no plausible whip could be fitted to it"
             continue
         worst = _inconsistent(prior, found, used)
         if worst is None:
@@ -163,7 +163,7 @@ def update(
 def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
     """Return what drives the whip in a fit: the command; of a position-controlled robot in space its measured joints.
 
-    Where a robot lags behind its command, a log of its joints says what its hand really did.
+    Where a robot lags behind its command, a log of its joints shows how its hand really moved.
     """
     logged = all(recording.joints_q is not None for recording in recordings)
     robot = plant.controller is not None and plant.controller.prescribed and plant.model.dimension == 3
@@ -342,7 +342,7 @@ def _score(predictor: Predictor, plant: Plant) -> float:
 
 
 def _inconsistent(prior: Belief, found: Fit, recordings: Sequence[StrikeRecording]) -> int | None:
-    """Which recording does not go with the others, or with any whip that is believed possible.
+    """Which recording does not go with the others, or with any plausible whip.
 
     How well a whip at rest is explained says nothing about how well one that moves should be.
     """
@@ -364,7 +364,7 @@ def _plausible(prior: Belief, found: Fit) -> bool:
 def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> str:
     """What would explain a recording that no whip explains."""
     said, d = (
-        f"no whip that is believed possible moves like this ({100 * rmse:.1f} cm RMSE)",
+        f"no plausible whip moves like this ({100 * rmse:.1f} cm RMSE)",
         prior.plant.model.dimension,
     )
     posed = _fit([bad], prior.at(), prior.names, dataclasses.replace(options, per_recording=_POSE[d]))
@@ -399,10 +399,10 @@ def _belief(prior: Belief, found: Fit, recordings: Sequence[StrikeRecording], re
     U = found.uncertainty
     root = U.directions * U.singular_values[:, None] / U.units
     L = np.linalg.cholesky(prior.covariance)
-    # Data against prior along independent directions: what the data say is told in units of the prior's errors
-    told, V = np.linalg.eigh((root @ L).T @ (root @ L) - np.eye(len(L)))
+    # Data against prior along independent directions: what the data determine, in units of the prior's errors
+    gained, V = np.linalg.eigh((root @ L).T @ (root @ L) - np.eye(len(L)))
     few = redundancy / U.residual_variance  # by which the fit has already divided
-    wide = L @ V / np.sqrt(1 + np.clip(told / few, 0.0, _SHARPEST))
+    wide = L @ V / np.sqrt(1 + np.clip(gained / few, 0.0, _SHARPEST))
     covariance = wide @ wide.T
     error = _learned_error(prior.model_error, found, recordings, few)
     return Belief(prior.plant, prior.names, np.array(U.z), covariance, error)

@@ -34,7 +34,7 @@ class Spread:
 
     Args:
         thickness_taper: Of the taper of the whip's thickness, whose powers density, stiffness and damping go by.
-        own_taper: Of a quantity's own taper beside, where it goes by the square.
+        own_taper: Of a quantity's own taper in addition, where it goes by the square.
         rest_curvature: [1/m]: a twentieth of that of a coil of 0.15 m radius, which a stored rope keeps.
         air_form: Of drag in the plane, where the prior's air resists alike along the whip and across, real air mostly
             across.
@@ -205,7 +205,7 @@ def default_prior(
     if stock is not None:
         model = stock.owned(model)
     entries: dict[str, tuple[float | None, float]] = {}
-    if not controller.prescribed:  # else the joints are where they are told, whatever the arm weighs
+    if not controller.prescribed:  # else the joints are exactly on their path, whatever the arm weighs
         entries = {f"arm.friction[{i}]": (_SPREAD.arm_friction, _SPREAD.arm_friction) for i in range(model.arm.n)}
     if motor is not None:
         model = driven(model, motor)
@@ -275,7 +275,7 @@ def _uneven(profile: WhipProfile) -> dict[str, tuple[float | None, float]]:
 
 
 def _joined(belief: Belief, entries: Mapping[str, tuple[float | None, float]]) -> Belief:
-    """A belief, and independent numbers of the same plant beside or in place of its own."""
+    """A belief, and independent numbers of the same plant, in addition to its own or in their place."""
     other = _belief(belief.plant, entries)
     kept = [i for i, name in enumerate(belief.names) if name not in entries]
     names = tuple(belief.names[i] for i in kept) + other.names

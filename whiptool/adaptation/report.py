@@ -26,7 +26,7 @@ from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted, rounded
 
-SHOWN = 6  # numbers that are told after each strike, and that have a colour: those that narrowed most
+SHOWN = 6  # numbers that are listed after each strike and have a colour: those that narrowed most
 PANELS = 6  # strikes that are drawn
 CONTRADICTS = 3.0  # standard errors of the belief before, from which a new value contradicts it
 _RATE = 1000.0  # [1/s] of a drawn path
@@ -35,7 +35,7 @@ _NONE = "–"
 
 @dataclass(frozen=True)
 class _Number:
-    """One number of a belief, beside the prior's; errors as in `Belief.errors`."""
+    """One number of a belief and of the prior; errors as in `Belief.errors`."""
 
     name: str
     relative: bool
@@ -135,7 +135,7 @@ def _numbers(belief: Belief, prior: Belief, previous: Belief) -> list[_Number]:
         if v.bound(belief.z[i]):
             marks.append("at its bound")
         if jump[i] > CONTRADICTS:
-            marks.append("contradicts what was believed before")
+            marks.append("contradicts the estimate before")
         x = v.name
         found.append(_Number(x, v.log, was[x], before[x], now[x], after[x], float(moved[i]), tuple(marks), v.unit))
     return sorted(found, key=lambda n: n.after / n.before)
@@ -278,7 +278,7 @@ def _plane(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Pic
         ax.set_ylabel("z, up [m]" if in_space else "y, up [m]")
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
     caption = (
-        f"The tip {seen}, as recorded and as the whip that is believed in after the strike has it; solid "
+        f"The tip {seen}, as recorded and as predicted with the posterior mean after the strike; solid "
         f"until {AFTER:g} s after its closest approach to the target. Recordings are cut so long after the camera's "
         "closest frame or the planned contact, whichever is later."
     )
@@ -300,13 +300,13 @@ def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
     else:
         notes.append("nothing recorded")
     if np.isnan(path.points).all():
-        notes.append("the believed whip diverges")
+        notes.append("the whip of the posterior mean diverges")
     ax.text(0.03, 0.03, "\n".join(notes), transform=ax.transAxes, color="0.4", fontsize=10)
     dots = {"linestyle": "none", "marker": "o", "markeredgewidth": 0}
     ax.plot(*points[used].T, color=COLORS["blue"], markersize=4.5, label="recorded tip, learned from", **dots)
     ax.plot(*points[~used].T, color="0.65", markersize=3, label="recorded tip, not learned from", **dots)
     late, line = path.t > path.nearest + AFTER, {"color": COLORS["vermilion"], "zorder": 3}
-    ax.plot(*path.points[~late][:, side].T, linewidth=1.2, label="tip of the believed whip", **line)
+    ax.plot(*path.points[~late][:, side].T, linewidth=1.2, label="tip, posterior mean", **line)
     ax.plot(*path.points[late][:, side].T, linewidth=0.8, linestyle=":", **line)
     nearest = path.points[np.abs(path.t - path.nearest).argmin(), side]
     edge = {"markeredgecolor": "white", "markersize": 5}
@@ -382,7 +382,7 @@ def _values(numbers: Sequence[_Number], belief: Belief) -> Section:
         "together is larger than their covariance says, for the posterior bends: "
         "whiptool.adaptation.posterior_sample.sample_posterior gives it."
     )
-    return Section("The whip as it is believed now", [Table(rows, caption), Text(text)])
+    return Section("Posterior of the whip", [Table(rows, caption), Text(text)])
 
 
 def _unused(steps: Sequence[Step]) -> Section:

@@ -96,8 +96,8 @@ class RobotPort:
 
     def _of(self, recording: StrikeRecording, strike: Strike) -> StrikeRecording:
         """The recording with its strike, where it states none, and joints and axes as the model has them."""
-        told = recording if recording.strike is not None else replace(recording, strike=strike)
-        return told.for_model(self.model)
+        named = recording if recording.strike is not None else replace(recording, strike=strike)
+        return named.for_model(self.model)
 
     @property
     def _about(self) -> dict[str, Any]:
@@ -106,9 +106,9 @@ class RobotPort:
     def _told(self, strike: Strike, folder: Path) -> Path:
         """Write a strike's trajectory, and return its file."""
         arm = self.model.arm
-        told = JointTrajectory.of_strike(
+        path = JointTrajectory.of_strike(
             strike, arm.names, limits=limits_of(arm), rate=self.rate, rest=self.rest, t_stay=self.t_stay
         )
-        told.save_goal(folder / f"{TRAJECTORY}.yaml")
-        told.save_csv(folder / f"{TRAJECTORY}.csv")
+        path.save_goal(folder / f"{TRAJECTORY}.yaml")
+        path.save_csv(folder / f"{TRAJECTORY}.csv")
         return folder / f"{TRAJECTORY}.csv"

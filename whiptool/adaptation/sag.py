@@ -15,7 +15,7 @@ _FIRST, _ROUNDS, _DIFFERENCE, _LARGEST = 0.1, 60, 1e-6, 0.2  # [rad]
 
 
 def expected_sag(law: Law, recordings: Sequence[StrikeRecording | None]) -> Sag | None:
-    """How far an arm will stand from postures q_i (B, a) [rad], told by the measured joints of earlier strikes.
+    """How far an arm will stand from postures q_i (B, a) [rad], from the measured joints of earlier strikes.
 
     What compensation leaves of the weights of link j and all that hangs on it is a torque `c_j sin(theta_j)` of the
     joints up to j, theta_j the link's angle to the vertical. Measured errors at rest give the law's torques, these give

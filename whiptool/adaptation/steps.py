@@ -57,11 +57,11 @@ class Steps(list[Step]):
         strikes = self.strikes
         if not strikes:
             return "Steps(no strike)"
-        told = f"{len(strikes)} strike{'s' * (len(strikes) > 1)}, {sum(bool(s.hit) for s in strikes)} hit"
+        count = f"{len(strikes)} strike{'s' * (len(strikes) > 1)}, {sum(bool(s.hit) for s in strikes)} hit"
         of = "" if len(strikes) <= _SHOWN else f" of the last {_SHOWN}"
         misses = ", ".join(_millimetres(step) for step in strikes[-_SHOWN:])
         planned = ", ".join(_planned(step) for step in strikes[-_SHOWN:])
-        return f"Steps({told}; misses{of}: {misses}; probability of a hit as planned: {planned})"
+        return f"Steps({count}; misses{of}: {misses}; probability of a hit as planned: {planned})"
 
     @property
     def strikes(self) -> list[Step]:

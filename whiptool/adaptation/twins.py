@@ -72,7 +72,7 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     joint to joint; arm mass, controller gain and arm friction are not the model's; the camera's clock is off by up to
     8 ms.
     `stranger`: the same, every deviation doubled.
-    In space the arm is a robot's, which goes where it is told: arm and gain are the model's, and rods have no rest
+    In space the arm is a robot's, which follows its commands: arm and gain are the model's, and rods have no rest
     curvature.
 
     Args:
@@ -95,7 +95,7 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     rng = np.random.default_rng([FAMILIES.index("strange") if family == "stranger" else FAMILIES.index(family), seed])
     latency, noise = float(rng.uniform(0.0005, 0.0015)), 0.005
     numbers, name = stock.draw(rng), f"{family}-{seed}"
-    in_space = model.dimension == 3  # there the arm is a robot's, which goes where it is told
+    in_space = model.dimension == 3  # there the arm is a robot's, which follows its command exactly
     if family == "kin":
         friction = rng.uniform(0.0, 0.01, model.arm.n)
         arm = model.arm if in_space else _with_friction(model, friction)

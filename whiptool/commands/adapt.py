@@ -146,7 +146,7 @@ def _ask(waits: AwaitsRecording, folder: Path, *, as_json: bool) -> int:
     which = f"strike {waits.number}" if waits.number else "a look at the whip, before the first strike"
     print(f"{which}: {' '.join(f'{x:.6g}' for x in strike)}")
     print(
-        f"{waits} (and recorded.toml beside it); then: python -m whiptool.adapt --resume {folder}; "
+        f"{waits} (and recorded.toml next to it); then: python -m whiptool.adapt --resume {folder}; "
         f"or, wherever it was put: python -m whiptool.adapt {NEXT} --run {folder} RECORDING "
         "(of cameras in space one file each, and --cameras FILE)"
     )

@@ -220,7 +220,7 @@ def parse_resumable(
         stored: Any = options_of_run(options, parsed.resume, command=command)
     again: Any = parse(options, prog=prog, description=description, args=words, default=stored)
     if again.out is not None:
-        raise InputError("--out", str(again.out), "nothing beside --resume: a resumed run stays in its folder")
+        raise InputError("--out", str(again.out), "only without --resume: a resumed run stays in its folder")
     now, begun = as_plain(again), as_plain(stored)
     fixed = {f.name for f in dataclasses.fields(again)} - options.named("of_this_call") - options.named("changeable")
     for name in sorted(fixed):
@@ -508,7 +508,7 @@ def _unknown(command: str) -> int:
 
 
 def drawing() -> None:
-    """Say on stderr that the result is told, and that what takes longer follows."""
+    """Say on stderr that the result is printed and that figures follow."""
     note("drawing ...")
 
 

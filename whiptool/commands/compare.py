@@ -108,7 +108,7 @@ class ComparisonOptions(
         if self.workers is not None:
             whole("--workers", self.workers)
         if self.cluster is not None:
-            refuse_idle(self, {"workers": "nothing beside --cluster, which has its own"})
+            refuse_idle(self, {"workers": "only without --cluster, which has its own"})
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""
@@ -187,7 +187,7 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
         if set(self.observation) == {"tip"}:
             refuse_idle(self, {"further_episodes": "nothing with --observation tip alone"}, usual)
         if self.zone == "fast":
-            refuse_idle(self, dict.fromkeys(self.of_disc, "nothing beside --zone fast"))
+            refuse_idle(self, dict.fromkeys(self.of_disc, "only without --zone fast"))
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

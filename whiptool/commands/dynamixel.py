@@ -56,7 +56,7 @@ class ServoOptions(OptionGroup):
             raise InputError("--set-id", self.set_id, "together with one id in --ids")
         if self.reboot is not None:
             others = ("ids", "set_baud", "set_return_delay", "set_id", "for_strikes")
-            refuse_idle(self, dict.fromkeys(others, "nothing beside --reboot"))
+            refuse_idle(self, dict.fromkeys(others, "only without --reboot"))
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -64,7 +64,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     A reply may take `PATIENCE`, once. The SDK gives a ping up after 34 ms: two periods of a USB adapter's latency timer
     (16 ms) and 2 ms. That is plenty for a servo, but no time for an emulated one that shares its processor with others,
-    nor for this process: beside eight busy ones on two cores, fewer than half of the pings came back so soon. The SDK's
+    nor for this process: with eight busy ones on two cores, fewer than half of the pings came back so soon. The SDK's
     own scan, a broadcast ping, waits 0.8 s. A servo that is not there costs a second for each baud rate that is tried.
     """
     return run(lambda: _main(args))

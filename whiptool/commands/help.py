@@ -21,8 +21,8 @@ _METAVARS = {float: "X", int: "N", str: "NAME", Path: "PATH"}
 
 
 @dataclass(frozen=True)
-class _Told:
-    """An option as it is told."""
+class _Shown:
+    """An option as help shows it."""
 
     group: str  # heading of its group
     name: str  # of the field
@@ -37,31 +37,31 @@ def help_text(options: type[OptionGroup], *, prog: str, description: str, whole:
         options: Of the command; those that its groups name in `first` stand on the first screen.
         prog: The command, such as `whiptool optimize`.
         description: What it does.
-        whole: Whether all options are told.
+        whole: Whether all options are shown.
     """
-    told, first = list(_told(options)), options.named("first")
-    positional = [one.left for one in told if not one.left.startswith("-")]
+    shown, first = list(_shown(options)), options.named("first")
+    positional = [one.left for one in shown if not one.left.startswith("-")]
     head = [" ".join(["usage:", prog, *positional, "[options]"]), *textwrap.wrap(description, _WIDTH)]
-    every = [*head, *_in_groups(told, short=False)]
+    every = [*head, *_in_groups(shown, short=False)]
     if whole or len(every) <= SCREEN or not first:
         return "\n".join(every)
-    some = [one for one in told if one.name in first]
-    more = f"{len(told) - len(some)} more options: {prog} {HELP_ALL}"
+    some = [one for one in shown if one.name in first]
+    more = f"{len(shown) - len(some)} more options: {prog} {HELP_ALL}"
     return "\n".join([*head, *_in_groups(some, short=True), more])
 
 
-def _in_groups(told: list[_Told], *, short: bool) -> Iterator[str]:
+def _in_groups(shown: list[_Shown], *, short: bool) -> Iterator[str]:
     """Yield the lines of some options, groups in the order of their first options, that of the result last."""
-    for group in sorted(dict.fromkeys(one.group for one in told), key=lambda group: group == "result"):
+    for group in sorted(dict.fromkeys(one.group for one in shown), key=lambda group: group == "result"):
         if not short:
             yield ""
         yield f"{group}:"
-        for one in told:
+        for one in shown:
             if one.group == group:
                 yield from _lines(one, short=short)
 
 
-def _lines(one: _Told, *, short: bool) -> Iterator[str]:
+def _lines(one: _Shown, *, short: bool) -> Iterator[str]:
     """Yield the lines of an option: how it is given, and what it means; in short the first sentence of that."""
     meaning = one.meaning
     if short:
@@ -83,13 +83,13 @@ def _lines(one: _Told, *, short: bool) -> Iterator[str]:
         yield " " * _COLUMN + line
 
 
-def _told(options: type[OptionGroup]) -> Iterator[_Told]:
+def _shown(options: type[OptionGroup]) -> Iterator[_Shown]:
     """Yield a command's options, its own and then those of its groups."""
     hints, own = get_type_hints(options, include_extras=True), _documented(options)
     for f in sorted(fields(options), key=lambda f: f.name not in own):
         group = next(x for x in options.__mro__ if f.name in inspect.get_annotations(x))
         heading = "options" if group is options else getattr(group, "heading", "options")
-        yield _Told(heading, f.name, _given(f, hints[f.name]), _meaning(f, _documented(group).get(f.name, "")))
+        yield _Shown(heading, f.name, _given(f, hints[f.name]), _meaning(f, _documented(group).get(f.name, "")))
 
 
 def _documented(group: type) -> dict[str, str]:

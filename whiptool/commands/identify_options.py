@@ -34,7 +34,7 @@ OF_WHIPS = (
     "youngs_modulus",
     "diameter",
     "density",
-)  # options that speak of whips and cameras
+)  # options of whips and cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
 
 
@@ -113,7 +113,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         if self.drive != "free":
             refuse_idle(self, {"pieces": "nothing but with --drive free"})
         if self.drive != "passive":
-            refuse_idle(self, {"clamp": "nothing but with --drive passive: the model's k speaks of the hinge"})
+            refuse_idle(self, {"clamp": "nothing but with --drive passive: the model's k includes the hinge"})
         if self.drive != "command":
             refuse_idle(self, dict.fromkeys(("controller", "preset"), "nothing but with --drive command"))
         if self.drive not in ("joints", "hand", "handle"):

@@ -58,7 +58,7 @@ def _used(share: float, limits: str) -> str:
     return f"beyond {limits}: {math.ceil(100 * share)} % used"
 
 
-_POSTURES = 2000  # that are tried, beside the straight arm
+_POSTURES = 2000  # that are tried, and the straight arm
 _SURELY = 0.02  # beyond the limits, in parts of them: a posture between those tried may ask for a little less
 
 

@@ -88,10 +88,10 @@ class OptimizeOptions(
         if self.method == "gradient" and self.simulator == "reference":
             raise InputError("--method", self.method, "one without derivatives, with --simulator reference")
         if self.pareto is not None:
-            refuse_idle(self, {"method": "nothing beside --pareto, which is a search of its own"})
+            refuse_idle(self, {"method": "only without --pareto, which is a search of its own"})
             if self.simulator == "reference":
                 raise InputError(
-                    "--pareto", self.pareto, "nothing beside --simulator reference, which has no derivatives"
+                    "--pareto", self.pareto, "only without --simulator reference, which has no derivatives"
                 )
         if self.max_time is not None:
             number("--max-time", self.max_time, low=0, strict=True)
@@ -117,7 +117,7 @@ def _main(args: Sequence[str] | None) -> int:
             return run.report(run.search())
 
 
-_REFUSALS_TOLD = 30  # strikes that are all refused, after which a search says so
+_REFUSALS_SHOWN = 30  # strikes that are all refused, after which a search says so
 _NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "speed": None}
 
 
@@ -193,7 +193,7 @@ class _Run:
                 bar.set_postfix_str(closest(objective.best.outcome), refresh=False)
                 bar.update()
 
-                if trial.number == _REFUSALS_TOLD > known and objective.n_refused == trial.number:
+                if trial.number == _REFUSALS_SHOWN > known and objective.n_refused == trial.number:
                     bar.write(f"whiptool: {self._all_refused()}", file=sys.stderr)
 
             objective.record(self.recorded, on_trial)

@@ -222,7 +222,7 @@ def _strike_once(options: StrikeOptions) -> int:
             folder.write_result(summary)
             if options.json:
                 print(json.dumps(summary, allow_nan=False))
-            raise stopped or interruption from None  # a fault is told, also if its report was not waited for
+            raise stopped or interruption from None  # a fault is raised, also if its report was not waited for
         summary["report"] = str(folder.path / REPORT)
         folder.write_result(summary)
     if options.json:

@@ -69,13 +69,13 @@ class SimulateOptions(
         if self.export is not None:
             check_place("--export", self.export)
         if self.of_policy():
-            refuse_idle(self, dict.fromkeys(("strike", "trajectory", "space"), "nothing beside a policy"))
+            refuse_idle(self, dict.fromkeys(("strike", "trajectory", "space"), "only without a policy"))
         elif self.strike is not None:
             Strike.from_vector(self.strike)
-            refuse_idle(self, {"trajectory": "nothing beside --strike"})
+            refuse_idle(self, {"trajectory": "only without --strike"})
         elif self.trajectory is not None:
             not_used = {f.name for of in (LimitOptions, SimulatorOptions, SpaceOptions) for f in fields(of)}
-            refuse_idle(self, dict.fromkeys(sorted(not_used | {"t_stay"}), "nothing beside --trajectory"))
+            refuse_idle(self, dict.fromkeys(sorted(not_used | {"t_stay"}), "only without --trajectory"))
         elif self.export is None:
             rule = "numbers q_si q_ei q_sf q_ef D, the folder of a run, --trajectory or --export FILE.xml"
             raise InputError("--strike", NOTHING, rule)

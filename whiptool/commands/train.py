@@ -136,7 +136,7 @@ class TrainOptions(
         super().check()
         settings_for(self.method, **self.hyperparameters())
         if self.region is not None:
-            refuse_idle(self, dict.fromkeys(self.of_disc, "nothing beside --region"))
+            refuse_idle(self, dict.fromkeys(self.of_disc, "only without --region"))
         whole("--tests", self.tests, high=MANY_TARGETS)
         for name in ("checkpoint_every", "strikes"):
             whole(flag(name), getattr(self, name))

@@ -7,7 +7,7 @@ articulated-body pass with `gamma h G` added to the mass matrix. With `w = k2 + 
 `(M + gamma h G) w = F + 2 gamma h G k1`.
 
 The method of third order has four stages `(1 - gamma h A) k_i = f(y + h sum a_ij k_j) + h A sum gamma_ij k_j`, and
-weights of second order beside its own: their difference is the error of a step. Each is the pass of the second stage
+weights of second order and its own: their difference is the error of a step. Each is the pass of the second stage
 above, `(M + gamma h G) k_i = F + 2 gamma h G b_i` with `b_i = -sum gamma_ij k_j / (2 gamma)`, A being that of the
 stage's own state. Such an A asks for one condition more than one that is the same for all stages,
 `sum b_i c_i sum_j gamma_ij = 0`. ROS34PW2 misses it, and is of second order where the controller's gain grows with the

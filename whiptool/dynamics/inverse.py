@@ -74,7 +74,7 @@ def at_tip(loop: ClosedLoop, frame: Any) -> Felt:
 
 
 def inward(loop: ClosedLoop, felt: Felt, pull: Pull) -> tuple[Felt, ca.SX]:
-    """Return what the link before feels, and the torques that this one's joint needs beside its own: of each hinge
+    """Return what the link before feels, and what this one's joint needs in addition to its own torques: of each hinge
     (K, 1) [N m], of a rod on its turning, in the world's axes (3, 1)."""
     force = felt.force + pull.force
     levered = pull.moment + ca.cross(pull.r, force)
@@ -86,7 +86,7 @@ def inward(loop: ClosedLoop, felt: Felt, pull: Pull) -> tuple[Felt, ca.SX]:
 
 
 def of_arm(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX, felt: Felt) -> ca.SX:
-    """Return the torques (a, 1) [N m] that the arm's joints need beside their friction and what is felt at the hand."""
+    """Return the torques (a, 1) [N m] of the arm's joints, without friction and what is felt at the hand."""
     gravity = loop.parameters["gravity"]
     jacobian = loop.arm.motion(q, v, gravity, []).jacobian
     own = loop.arm.inverse(q, v, qdd, gravity) + loop.friction * v
@@ -100,29 +100,29 @@ Near = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], tuple[ca.SX, ca.SX, ca.SX, ca.SX]]
 
 
 class _Step(NamedTuple):
-    """A step along a chain: from a state (S, 1) and what comes to it (U, 1) to the next state and what is told (Y, 1);
+    """A step along a chain: from a state (S, 1) and what comes to it (U, 1) to the next state and an output (Y, 1);
     and its derivatives, (S + Y, S + U)."""
 
     value: ca.Function
     slopes: ca.Function
 
     @classmethod
-    def of(cls, state: ca.SX, come: ca.SX, fixed: ca.SX, following: ca.SX, told: ca.SX) -> _Step:
+    def of(cls, state: ca.SX, come: ca.SX, fixed: ca.SX, following: ca.SX, output: ca.SX) -> _Step:
         """Of expressions; `fixed` are numbers that nothing is differentiated by."""
         inputs = [state, come, fixed]
-        slopes = ca.jacobian(ca.vertcat(following, told), ca.vertcat(state, come))
+        slopes = ca.jacobian(ca.vertcat(following, output), ca.vertcat(state, come))
         return cls(
-            ca.Function("step", inputs, [ca.densify(following), ca.densify(told)], {"cse": True}),
+            ca.Function("step", inputs, [ca.densify(following), ca.densify(output)], {"cse": True}),
             ca.Function("slopes", inputs, [ca.densify(slopes)], {"cse": True}),
         )
 
     def along(self, start: np.ndarray, come: np.ndarray, fixed: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return the state after N steps (S,), what each told (N, Y), and the derivatives of each (N, S + Y, S + U)."""
+        """Return the state after N steps (S,), each one's output (N, Y) and its derivatives (N, S + Y, S + U)."""
         N = len(come)
-        states, told = (x.full() for x in self.value.mapaccum(N)(start, come.T, fixed.T))
+        states, output = (x.full() for x in self.value.mapaccum(N)(start, come.T, fixed.T))
         before = np.column_stack([start, states[:, :-1]])
         slopes = self.slopes.map(N)(before, come.T, fixed.T).full()
-        return states[:, -1], told.T, slopes.reshape(len(slopes), N, -1).transpose(1, 0, 2)
+        return states[:, -1], output.T, slopes.reshape(len(slopes), N, -1).transpose(1, 0, 2)
 
 
 def slopes(
@@ -130,7 +130,7 @@ def slopes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the derivatives of all torques by accelerations, speeds and positions, (n, n) each.
 
-    Each of the N links is told by two numbers, and its torques are those on the turns that these two make.
+    Each of the N links is described by two numbers, and its torques are those on the turns that these two make.
 
     Args:
         loop: Of a structure in space.

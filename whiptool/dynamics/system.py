@@ -290,7 +290,7 @@ class System(ABC):
     @cached_property
     def step(self) -> ca.Function:
         """One step: `step(x, t, h, p, u, u_end)`, the inputs those at the step's start and end, which a prescribed
-        drive knows without being told.
+        drive knows already.
 
         Besides the next state it returns, at the step's start, the tip's position and velocity, the drive's torques,
         and what `observed` lists.

@@ -169,8 +169,8 @@ class _Beginning:
         ]
         left = [_off(x[:, order] * signs, self._foreseen, half) for order, signs in turns]
         order, signs = turns[int(np.argmin(left))]
-        told = ", ".join(f"{'-' if s < 0 else ''}{'xyz'[j]}" for s, j in zip(signs, order, strict=True))
-        yield _Slip.of("points", f"its axes should be ({told}) of those that it has", min(left), before)
+        order_of_axes = ", ".join(f"{'-' if s < 0 else ''}{'xyz'[j]}" for s, j in zip(signs, order, strict=True))
+        yield _Slip.of("points", f"its axes should be ({order_of_axes}) of those that it has", min(left), before)
         with_values = half & np.isfinite(self._foreseen).all(axis=1)
         U, _, V = np.linalg.svd(self._foreseen[with_values].T @ x[with_values])
         R = U @ np.diag([1.0] * (d - 1) + [np.sign(np.linalg.det(U @ V))]) @ V  # Kabsch

@@ -1,4 +1,4 @@
-"""Errors of successive readings that correlate: told from the residuals of a fit, and what they do to its covariance.
+"""Errors of successive readings that correlate: estimated from a fit's residuals, and what they do to its covariance.
 
 Residuals correlate less than the errors behind them, because the fitted unknowns follow the errors. What is to be
 expected of residuals is linear in the errors' autocovariances, and is solved for them; an autoregression, its order

@@ -151,11 +151,11 @@ def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> Clo
     doubt = problem.clock_fault(solution, correlated=False)
     if doubt is None or doubt.p_value > DOUBT:
         return None
-    told, wider = [problem.clock_fault(solution)], problem.with_clocks()
+    faults, wider = [problem.clock_fault(solution)], problem.with_clocks()
     ends = [] if wider is None else [wider.solve(z) for z in (solution.z, first)]
     if wider is not None and np.isfinite((best := min(ends, key=lambda end: end.cost)).cost):
-        told.insert(0, wider.clock_fault(_refined(wider, best)))
-    return next((fault for fault in told if fault is not None and fault.plain), None)
+        faults.insert(0, wider.clock_fault(_refined(wider, best)))
+    return next((fault for fault in faults if fault is not None and fault.plain), None)
 
 
 def predict(

@@ -145,8 +145,8 @@ def weigh(
             fit = (residuals * solved).sum(axis=0).reshape(-1, d).sum(axis=1)  # (S,)
             evidence.append(-fit / 2 - d * np.log(np.diag(factor[0])).sum())
             moved = paths + (across @ solved).reshape(len(t), -1, d).transpose(1, 0, 2)
-            told = np.asarray(solve_triangular(factor[0], across.T, lower=True))
-            error = np.sqrt(np.maximum(size**2 - (told**2).sum(axis=0), 1e-12))  # (T,)
+            explained = np.asarray(solve_triangular(factor[0], across.T, lower=True))
+            error = np.sqrt(np.maximum(size**2 - (explained**2).sum(axis=0), 1e-12))  # (T,)
             nearest = closest_on_segments(moved, np.array(target.position))
             when = nearest.segment
             distances.append(nearest.distance)

@@ -98,14 +98,14 @@ def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jer
 
     def error(knots: float) -> float:
         spline = SmoothSpline(start=t[0], end=t[-1], knots=knots, jerk=jerk, d=1, at_rest=at_rest)
-        basis, squares, told = spline.basis(t), 0.0, 0.0
+        basis, squares, freedom = spline.basis(t), 0.0, 0.0
         for y, sigma in zip(values.T, noise, strict=True):
             rows = np.vstack([basis / sigma, spline.penalty])
             U, s, _ = np.linalg.svd(rows, full_matrices=False)
             U = U[: len(t), s > 1e-10 * s[0]]
             left = y / sigma - U @ (U.T @ y) / sigma
-            squares, told = squares + float(left @ left), told + float((U**2).sum())
-        return squares / (1 - min(told / values.size, 1 - 1e-6)) ** 2
+            squares, freedom = squares + float(left @ left), freedom + float((U**2).sum())
+        return squares / (1 - min(freedom / values.size, 1 - 1e-6)) ** 2
 
     return min(spacings, key=error)
 
@@ -135,7 +135,7 @@ class Motion(Protocol):
 
     Attributes:
         start: Coefficients that fit the measurement best, (C,).
-        rows, mean: What is known of the coefficients c beside the markers: `rows @ c - mean` is standard normal.
+        rows, mean: What is known of the coefficients c apart from the markers: `rows @ c - mean` is standard normal.
     """
 
     start: np.ndarray
@@ -171,7 +171,7 @@ class StillMotion:
 class HandleMotion:
     """The base follows a spline of the handle's path; it does not turn.
 
-    Its markers are residuals of the fit like any others; beside them only the jerk's usual size is known.
+    Its markers are residuals of the fit like any others; apart from them only the jerk's usual size is known.
 
     Args:
         t, points, sigma: Handle as tracked: (T,), (T, 2), (T,); NaN where it was not seen.

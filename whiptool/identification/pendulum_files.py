@@ -2,7 +2,7 @@
 
 `NAME.npz` holds `angle`, (T, links) or, of several swings, (swings, T, links), `t` (T,) or the step `dt` [s], and
 perhaps `velocity` like `angle`. `NAME.csv` has one row of column names and one row per sample: `t, angle1, angle2,
-...`, and perhaps `velocity1, ...`. Angles are each link's own against the vertical. `NAME.toml` beside it may hold
+...`, and perhaps `velocity1, ...`. Angles are each link's own against the vertical. `NAME.toml` next to it may hold
 
     zero = 3.14159265               # the angle at which a link hangs straight down; default 0
     angle_units = "rad"             # or "deg"
@@ -33,7 +33,7 @@ from whiptool.recording.parsing import parsing, whole_file
 from whiptool.recording.readers.table import read_columns
 from whiptool.whole_files import write_whole
 
-# keys of the file beside a recording, and of a pendulum's file: of a link, and beside the links
+# keys of the file next to a recording, and of a pendulum's file: of a link, and of the whole pendulum
 SIDECAR = ("zero", "angle_units", "relative", "sigma", "every")
 LINK = ("mass", "length", "com", "inertia", "friction")
 EACH = ("dry_friction", "drag")

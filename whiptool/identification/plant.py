@@ -86,7 +86,7 @@ class Plant:
         """The model as it is held: with a clamp, the hinge's numbers are those of half a link's bending.
 
         Its compliance, rest angle and losses are half those of a joint between two links; numbers per node are kept:
-        they speak of the hinge, too.
+        they include the hinge.
         """
         if self.clamp is None:
             return self.model

@@ -75,7 +75,7 @@ def misfit_line(fit: Fit) -> str:
 
 
 def warning(fit: Fit) -> str | None:
-    """Return what to know before anything is believed: why all classes and intervals are withdrawn; None: they hold."""
+    """Return the warning that comes before all values: why all classes and intervals are withdrawn; None: they hold."""
     if fit.explains:
         return None
     if fit.clock_fault is not None:
@@ -312,8 +312,8 @@ def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recordin
 
 
 def _fault_table(fit: Fit, fault: ClockFault) -> dict[str, Any]:
-    told = {"kind": fault.kind, "size": fault.size, "standard_error": fault.error, "at": fault.at}
-    return {"source": _source(fit, fault.recording), **told, "p_value": fault.p_value}
+    found = {"kind": fault.kind, "size": fault.size, "standard_error": fault.error, "at": fault.at}
+    return {"source": _source(fit, fault.recording), **found, "p_value": fault.p_value}
 
 
 def _recording_table(recording: Recording, found: RecordingFit, held_out: bool) -> dict[str, Any]:

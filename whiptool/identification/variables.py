@@ -130,7 +130,7 @@ class Prior:
         """`W` (m, G) and `mean` (G,) such that `W (z - mean)` is standard normal.
 
         Raises:
-            InputError: It speaks of a number that is not free.
+            InputError: It has a number that is not free.
         """
         at = {v.name: i for i, v in enumerate(variables)}
         for name in self.names:

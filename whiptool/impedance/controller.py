@@ -30,7 +30,7 @@ class Controller(NoArray, instead="its parameters()"):
     """What turns tracking errors into torques (Eq. 2): the law, gravity compensation (Eq. 3) always with it.
 
     Args:
-        law: Constant or online-adaptive impedance, or position control, beside which there is nothing else; default:
+        law: Constant or online-adaptive impedance, or position control, which takes no other argument; default:
             OIAC with the preset `table4`.
         feedforward: Add the torque that the bare arm needs to follow the reference, `I(q_d) ddq_d` with its velocity
             and viscous terms. Eq. 2 has none; the law's authors use one in later work.
@@ -73,7 +73,7 @@ class Controller(NoArray, instead="its parameters()"):
         if self.prescribed:
             for name in ("feedforward", "torque_limit", "control_period", "compensated"):
                 if getattr(self, name) not in (None, False):
-                    raise InputError(name, getattr(self, name), "nothing beside position control")
+                    raise InputError(name, getattr(self, name), "only without position control")
         expect(HandControl, type(None), hand=self.hand)
         if self.hand is not None and self.feedforward:
             raise InputError("feedforward", True, "nothing in hand space")

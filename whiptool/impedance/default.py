@@ -15,8 +15,8 @@ def default_controller(model: Model) -> Controller:
     """Return the controller that a model has where none is given.
 
     Of an arm in the plane that is OIAC with the preset `table4`, of the person's arm in space (`nah2023`) the constant
-    impedance that was published with it, and of every other arm in space position control: robots go where they are
-    told.
+    impedance that was published with it, and of every other arm in space position control: robots follow their
+    commands closely.
     """
     expect(Model, model=model)
     if not isinstance(model.arm, SpatialArm):

@@ -29,7 +29,7 @@ class HandControl:
     With J the hand's Jacobian and a law's `F = K e + B de` (Eq. 2) of the hand's errors [m, m/s], with orientation also
     of how far it is turned from its path [rad, rad/s] (see `rotation_left`), the joints' torques are `J^T F` and
     gravity compensation, and what joints do that does not move the hand is braked by `null_damping`: `-b (1 - J^+ J)
-    v`. Beside position control the joints follow the hand's path exactly.
+    v`. With position control the joints follow the hand's path exactly.
 
     Args:
         posture: Home posture of the arm [rad or m], near which it holds the hand; default: see `home_posture`.

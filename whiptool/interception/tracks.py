@@ -29,7 +29,7 @@ class Track:
         chi2: Sum of squared residuals in units of the measurement error.
         dof: Measured coordinates less p.
         bic: chi2 + p log(measured coordinates); the motion of the smallest is the most plausible (Schwarz 1978).
-        last: Time of the last frame that it was seen in [s]; -inf: it was told, not seen.
+        last: Time of the last frame that it was seen in [s]; -inf: it was given, not seen.
     """
 
     motion: Motion

@@ -87,7 +87,7 @@ def made_of_numbers(arguments: Callable[[tuple[float, ...]], tuple[Any, ...]]) -
 
 
 class NoArray:
-    """What is too much for one array: NumPy is told so when it is to make one of it."""
+    """What is too much for one array: NumPy gets an error when it is to make one of it."""
 
     _instead: ClassVar[str]
 

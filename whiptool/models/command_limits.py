@@ -27,7 +27,7 @@ class CommandLimits:
 
     Args:
         joints: What each joint can do; see `JointLimits`.
-        share: Of the velocities, that searches command; the rest is left for what joints do beside the command.
+        share: Of the velocities, that searches command; the rest is left for how joints depart from the command.
         slides: Which joints slide, counted from 0; the others turn.
     """
 

@@ -22,7 +22,7 @@ from whiptool.models.whip import ABSENT, WhipParameters
 from whiptool.whole_files import write_whole
 from whiptool.words import as_named
 
-_BESIDE_PROFILE = {"joints": "joints", "node_inertia": "node_inertia", "clamp": "clamped"}  # keys, and arguments
+_WITH_PROFILE = {"joints": "joints", "node_inertia": "node_inertia", "clamp": "clamped"}  # keys, and arguments
 ROUND = ("youngs_modulus", "diameter", "density")  # of a round whip, which give its mass and stiffness
 
 
@@ -42,15 +42,15 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     whip = table.get("whip", {})
     if isinstance(whip, Mapping) and "profile" in whip:
         for key in whip:
-            if key not in ("profile", "N", *_BESIDE_PROFILE):
-                rule = f"where a profile is given, only profile, N, {', '.join(_BESIDE_PROFILE)}"
+            if key not in ("profile", "N", *_WITH_PROFILE):
+                rule = f"where a profile is given, only profile, N, {', '.join(_WITH_PROFILE)}"
                 raise InputError(f"whip.{key}", whip[key], rule)
         profile = _profile(whip["profile"])
         try:
             expect(bool, clamp=whip.get("clamp", False))
-            beside = {name: whip[key] for key, name in _BESIDE_PROFILE.items() if key in whip}
+            others = {name: whip[key] for key, name in _WITH_PROFILE.items() if key in whip}
             nodes: Any = whip.get("N")  # `lump` refuses what is no whole number
-            table["whip"] = profile.lump(nodes, **beside)
+            table["whip"] = profile.lump(nodes, **others)
         except InputError as error:
             raise error.within("whip.") from None
     elif "whip" in table:
@@ -74,7 +74,7 @@ def _profile(table: object) -> WhipProfile:
             raise InputError(place + key, None, f"a value; a round whip has all of {', '.join(ROUND)}")
     for key in ("linear_density", "bending_stiffness"):
         if key in table:
-            raise InputError(place + key, table[key], f"nothing beside {', '.join(ROUND)}, which it follows from")
+            raise InputError(place + key, table[key], f"only without {', '.join(ROUND)}, which it follows from")
     material = {key: table[key] for key in ROUND}
     try:
         section = WhipProfile.round(**material, length=1.0, bending_damping=0.0)
@@ -132,7 +132,7 @@ def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
     expect(str, PathLike, name=name)
     name = fspath(name)
     if tip and not name.endswith(ROBOT_FILES):
-        rule = "nothing but beside a robot's file: " + ", ".join(ROBOT_FILES)
+        rule = "nothing but with a robot's file: " + ", ".join(ROBOT_FILES)
         raise InputError("tip", tip, rule, "in a model file it is arm.tip")
     if as_named(name, PRESETS) in PRESETS:
         return preset(name)

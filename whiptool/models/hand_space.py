@@ -1,4 +1,4 @@
-"""Hand space: strikes told by where the hand begins and ends, and the joints' way that goes with them (Sect. 4.2)."""
+"""Hand space: strikes described by where the hand begins and ends, and the joints' way with them (Sect. 4.2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint space: strikes told by where the joints begin and end; and what any space of strikes says of itself."""
+"""Joint space: strikes described by where the joints begin and end; and the interface of any space of strikes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class StrikePath(Protocol):
 
 
 class StrikeSpace(Protocol):
-    """What strikes are told by: the joints (`JointSpace`) or the hand (`HandSpace`)."""
+    """What describes strikes: the joints (`JointSpace`) or the hand (`HandSpace`)."""
 
     @property
     def kind(self) -> str:

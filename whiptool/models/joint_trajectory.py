@@ -44,7 +44,7 @@ class JointTrajectory:
         joints: Names.
         t: Times [s], (T,), from 0, increasing.
         q, v, a: Positions [rad or m], velocities and accelerations, (T, n) each.
-        hand: Where that holds the hand, see `hand_poses`, (T, 7); None: not told.
+        hand: Where that holds the hand, see `hand_poses`, (T, 7); None: not known.
 
     Raises:
         InputError: Shapes do not match, a value is not finite, a quaternion is not of unit length, or times do not
@@ -159,7 +159,7 @@ class JointTrajectory:
 
     def save_csv(self, path: Path | str) -> None:
         """Write a CSV file at full precision: `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`,
-        and, where they are told, the hand's poses, `hand_x` to `hand_qw`."""
+        and, where they are known, the hand's poses, `hand_x` to `hand_qw`."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         poses = np.empty((len(self.t), 0)) if self.hand is None else self.hand

@@ -350,7 +350,7 @@ class _Robot:
         return max(low, least), min(high, most)
 
     def _forces(self, actuator: int) -> list[float]:
-        """Lowest and highest force of an actuator at its joint: its own, or of a plain motor what it can be told."""
+        """Lowest and highest force of an actuator at its joint: its own, or of a plain motor its control range."""
         model, gear = self.model, float(self.model.actuator_gear[actuator, 0])
         if model.actuator_forcelimited[actuator]:
             return sorted((gear * model.actuator_forcerange[actuator]).tolist())

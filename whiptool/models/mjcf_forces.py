@@ -1,4 +1,4 @@
-"""Forces at an arm that an MJCF file tells and `SpatialArm` does not have: tendons are refused, the others told."""
+"""Forces at an arm that an MJCF file has and `SpatialArm` does not: tendons are refused, the others are in `notes`."""
 
 from __future__ import annotations
 
@@ -105,14 +105,14 @@ def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodie
     bent = of(lambda i: model.dof_dampingpoly[model.jnt_dofadr[i]])
     balanced = ", ".join(name for i, name in bodies.items() if model.body_gravcomp[i])
     air = " and ".join(name for name in ("density", "viscosity") if getattr(model.opt, name))
-    told = {
+    notes = {
         f"springs of the joints {springs} (stiffness) have no part in the model": springs,
         f"dry friction of {rubbing} (frictionloss) has no part in the model, only viscous damping has": rubbing,
         f"of the damping of {bent} only what grows with the speed itself counts, no higher powers": bent,
         f"gravcomp of {balanced} has no part in the model: the joints bear the whole weight": balanced,
         f"{air} of <option> has no part in the model: the arm moves without drag": air,
     }
-    return [note for note, there in told.items() if there]
+    return [note for note, there in notes.items() if there]
 
 
 def torque_note(name: str, span: tuple[float, float], taken: float, unit: str) -> list[str]:

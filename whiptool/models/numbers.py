@@ -76,7 +76,7 @@ def array_of(name: str, value: object, rule: str) -> np.ndarray:
 
 
 def ends_and_duration(vector: object, rule: str) -> tuple[tuple[float, ...], tuple[float, ...], float]:
-    """A strike's vector as where it begins, where it ends, and how long it takes; `rule` says what it holds."""
+    """A strike's vector as where it begins, where it ends, and how long it takes; `rule` is what it holds, in words."""
     values = array_of("strike vector", vector, "a vector of finite numbers").tolist()
     if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
         raise InputError("strike", values, rule)

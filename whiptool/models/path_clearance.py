@@ -10,7 +10,7 @@ from whiptool.models.scene import Scene
 from whiptool.models.spatial_arm import SpatialArm
 
 FRACTIONS = np.linspace(0.0, 1.0, 16)  # of the way, at which the arm is looked at
-SPARE = 5e-3  # [m] that a search keeps besides, for what lies between and for what joints do beside the command
+SPARE = 5e-3  # [m] that a search keeps besides, for what lies between and for how joints depart from the command
 
 
 class PathClearance:

@@ -1,7 +1,7 @@
 """Robots' files before their parsers see them: of bounded size and depth, without entities, with what they include.
 
 The parsers of Pinocchio and MuJoCo go through elements within elements by recursion, which ends Python where there are
-thousands of levels; MuJoCo opens whatever a file includes, and makes as many bodies as it is told.
+thousands of levels; MuJoCo opens whatever a file includes, and makes as many bodies as the file asks for.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ _UNITS = {
     "position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "acceleration": ("rad/s^2", "m/s^2"),
     "jerk": ("rad/s^3", "m/s^3"), "torque": ("N m", "N"), "torque_rate": ("N m/s", "N/s"),
 }  # fmt: skip
-_MAGNITUDES = ("velocity", "acceleration", "jerk", "torque", "torque_rate")  # of limits, beside the range of positions
+_MAGNITUDES = ("velocity", "acceleration", "jerk", "torque", "torque_rate")  # of limits, without the range of positions
 _ROUNDED = 1e-12  # entries of rotations and axes this close to 0, 1 or -1 are meant to be it: zeros are structural
 _SLANTED = 1e-6  # by which a rotation or a unit vector may be wrong where it was written with few digits
 
@@ -219,8 +219,8 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
         base: Capsules of what does not move, in the base's frame.
         never_touch: Pairs of links, by their joints' names, `base` for what does not move, whose capsules are not
             compared: their shapes never meet, or always do.
-        weightless: Joints whose links' inertia is not known. Such an arm goes where it is told, under position control;
-            its torques are not known.
+        weightless: Joints whose links' inertia is not known. Such an arm follows its path exactly, under position
+            control; its torques are not known.
         names: What the joints are called elsewhere, as by the robot's controller, to which strikes are exported; empty:
             the same.
         notes: What was assumed where the arm was read from a file, for people.
@@ -370,7 +370,7 @@ def without_inertia(arm: SpatialArm, joints: Sequence[str]) -> SpatialArm:
     unlimited = {"torque": math.inf, "torque_rate": math.inf}
     limits = [dataclasses.replace(link.limits, **unlimited) for link in arm.links]
     links = tuple(dataclasses.replace(link, limits=x) for link, x in zip(arm.links, limits, strict=True))
-    what = f"no mass of what {', '.join(joints)} moves is told (no <inertial>, or a mass of 0)"
+    what = f"no mass of what {', '.join(joints)} moves is given (no <inertial>, or a mass of 0)"
     notes = (*arm.notes, f"{what}: the arm has to be under position control, and its torques are not known")
     return dataclasses.replace(arm, links=links, weightless=tuple(joints), notes=notes)
 

@@ -15,13 +15,13 @@ _WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="rod")  # any: it is
 
 
 def without_touching(arm: SpatialArm, choice: ArmChoice | None) -> SpatialArm:
-    """Return an arm whose pairs of links that touch at rest are not compared, and that says so in its `notes`.
+    """Return an arm whose pairs of links that touch at rest are not compared, which its `notes` state.
 
     At rest all joints are at 0, or as near to it as their ranges are. What touches in every posture touches there.
 
     Args:
         arm: As a file has it.
-        choice: Whose `never_touch`, where it is given, says which pairs are not compared.
+        choice: Whose `never_touch`, where it is given, lists the pairs that are not compared.
 
     Raises:
         InputError: The choice names a joint that the arm does not have.

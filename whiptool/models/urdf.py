@@ -236,8 +236,8 @@ def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
 def _rotor(robot: ET.Element, name: str) -> float:
     """Inertia of a joint's rotor as the joint feels it, of Drake's extension [kg m^2 or kg]."""
     joint = next(joint for joint in robot.findall("joint") if joint.get("name") == name)
-    told = {str(x.tag).rpartition("}")[2].rpartition(":")[2]: x.get("value", "") for x in joint}
-    return _number(told.get("rotor_inertia", "0")) * _number(told.get("gear_ratio", "1")) ** 2
+    said = {str(x.tag).rpartition("}")[2].rpartition(":")[2]: x.get("value", "") for x in joint}
+    return _number(said.get("rotor_inertia", "0")) * _number(said.get("gear_ratio", "1")) ** 2
 
 
 def _links_of(model: Any) -> list[set[str]]:

@@ -25,8 +25,8 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
     """Lumped whip (Fig. 2, Table 2): N point masses on massless links, joined by springs and dampers.
 
     Each quantity is one number or one value per node. Joint 1 is the hinge that joins the whip to the hand. It is
-    free (Sect. 2.1): a single number of `k`, `cubic_stiffness`, `b`, `dry_friction` or a rest angle speaks of
-    joints 2..N only; a value per node speaks of all joints, the hinge first.
+    free (Sect. 2.1): a single number of `k`, `cubic_stiffness`, `b`, `dry_friction` or a rest angle is that of
+    joints 2..N only; a value per node is given for all joints, the hinge first.
 
     Args:
         N: Number of nodes.

@@ -13,7 +13,7 @@ from whiptool.criteria import Criterion, StrikesAtGoal, hit_excess, hit_excess_s
 from whiptool.objective import Objective
 from whiptool.optimizers.smooth_limits import keep_limits
 
-STEPS = 60  # gradient evaluations at most, unless told otherwise
+STEPS = 60  # gradient evaluations at most, by default
 _LEAST_SIZE = 1e-6  # of measures that are divided by their first size: a tip at rest has no speed
 _INSIDE = 1e-6  # of a constraint's size, by which it is kept, so that rounding leaves a hit a hit
 
@@ -41,7 +41,7 @@ class HitProblem:
     Args:
         objective: Counts the trials.
         criterion: Whose largest measure is to be small.
-        caps: What else is kept beside the hit.
+        caps: What else is kept besides the hit.
     """
 
     def __init__(self, objective: Objective, criterion: Criterion, caps: Sequence[Cap]) -> None:
@@ -85,7 +85,7 @@ class HitProblem:
             slopes.append(criterion.measure_slopes(struck)[0] / size)
         measures, measure_slopes = self.criterion.measures(struck)[0], self.criterion.measure_slopes(struck)[0]
         if not all(np.isfinite(x).all() for x in (measures, measure_slopes, *constraints, *slopes)):
-            return self._lost()  # a strike beside this one diverged
+            return self._lost()  # a neighbouring strike diverged
         return HitPoint(
             measures / self.size,
             measure_slopes / self.size * self.scale,
@@ -127,7 +127,7 @@ def descend(
         objective: At whose target.
         start: Strike vector, (m,); it need not be a hit.
         criterion: What is minimised.
-        caps: What is kept beside the hit.
+        caps: What is kept besides the hit.
         steps: Gradient evaluations at most.
 
     Raises:

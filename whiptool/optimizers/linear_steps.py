@@ -62,7 +62,7 @@ def _left(point: HitPoint) -> float:
 
 
 def _step(problem: HitProblem, u: np.ndarray, point: HitPoint, size: float) -> np.ndarray:
-    """Return the step of the linear program, (m,): beside it are variables the largest measure and the excesses."""
+    """Return the step of the linear program, (m,): other variables are the largest measure and the excesses."""
     m, k, c = len(u), len(point.measures), len(point.constraints)
     rows = [np.hstack([point.measure_slopes, -np.ones((k, 1)), np.zeros((k, c))])]
     rows.append(np.hstack([point.constraint_slopes, np.zeros((c, 1)), -np.eye(c)]))

@@ -18,9 +18,9 @@ BATCH = 64  # random strikes from which a front begins
 FAR = 100  # steps of the descents in long steps from random strikes, at most
 STEPS = 40  # of all other descents at most
 SHARE = 0.6  # of all trials after which the first end is sought no further
-KEPT = 3  # best hits beside which descents begin anew
+KEPT = 3  # best hits near which descents begin anew
 SAME = 1e-3  # part of a criterion by which hits differ that are as good as each other
-BESIDE = 0.03  # standard deviation of that in each number, in parts of the bounds
+NEARBY = 0.03  # standard deviation of that in each number, in parts of the bounds
 END = 0.01  # part of a criterion's range within which hits are as good as the best by it
 FRESH = 16  # random strikes of which one is a new start
 
@@ -61,7 +61,7 @@ def _search_locally(objective: Objective, strikes: np.ndarray, rng: np.random.Ge
     """Look for the best hit by the first criterion, beginning from the first of some strikes (B, m).
 
     In many numbers there are many valleys: descents in short steps stay in theirs, those in long steps may leave it.
-    Both begin at random strikes, and then beside the best ends of those before.
+    Both begin at random strikes, and then near the best ends of those before.
     """
     m = strikes.shape[1]
     most = math.inf if objective.max_trials is None else SHARE * objective.max_trials
@@ -75,8 +75,8 @@ def _search_locally(objective: Objective, strikes: np.ndarray, rng: np.random.Ge
         if len(objective.trials) > most or _agree(ends[:KEPT]):
             return
         k = turn % KEPT
-        beside = _beside(objective, np.array(ends[k].strike), rng)
-        end = _end(objective, beside, long=STEPS if turn // KEPT % 2 else None)
+        nearby = _nearby(objective, np.array(ends[k].strike), rng)
+        end = _end(objective, nearby, long=STEPS if turn // KEPT % 2 else None)
         ends[k] = min(ends[k], end, key=lambda trial: trial.outcome.cost)
 
 
@@ -98,18 +98,18 @@ def _end(objective: Objective, strike: np.ndarray, *, long: int | None = None) -
     return min(objective.trials[before:], key=lambda trial: trial.outcome.cost)
 
 
-def _beside(objective: Objective, strike: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return a random strike beside one."""
+def _nearby(objective: Objective, strike: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return a random strike near one."""
     lower, upper = objective.bounds.box
-    beside = strike + BESIDE * (upper - lower) * rng.normal(size=len(strike))
-    return objective.admissible(np.clip(beside, lower, upper)[None])[0]
+    nearby = strike + NEARBY * (upper - lower) * rng.normal(size=len(strike))
+    return objective.admissible(np.clip(nearby, lower, upper)[None])[0]
 
 
 def _front_with_gaps(objective: Objective, rng: np.random.Generator) -> Front:
-    """Return the front; while it is one hit, which is the best by both criteria, descend beside it."""
+    """Return the front; while it is one hit, which is the best by both criteria, descend near it."""
     first, second = objective.criteria
     while len((front := Front.of((first, second), objective.trials)).trials) < 2:
-        descend(objective, _beside(objective, front.strikes[0], rng), second)
+        descend(objective, _nearby(objective, front.strikes[0], rng), second)
         descend(objective, _fresh(objective, rng), first)
     return front
 

@@ -75,7 +75,7 @@ class TrialLog:
         """All trials up to the first line that is damaged.
 
         A last line that was cut off is removed from the file. Where more is damaged, the file is first put aside as it
-        is, and one line on stderr says so.
+        is, with one line on stderr.
 
         Raises:
             InputError: The file is not of this arm, or its first line is damaged.

@@ -69,7 +69,7 @@ class SeedOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class JsonOptions(OptionGroup):
-    """How the result is told."""
+    """How the result is printed."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("json", "quiet")
     heading: ClassVar[str] = "result"
@@ -78,7 +78,7 @@ class JsonOptions(OptionGroup):
     json: bool = False
     """Print one JSON object on stdout, and nothing else there."""
     quiet: bool = False
-    """Show no progress on stderr; warnings and errors are told all the same."""
+    """Show no progress on stderr; warnings and errors are shown all the same."""
 
 
 @dataclass(frozen=True, kw_only=True)

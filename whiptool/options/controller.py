@@ -99,7 +99,7 @@ class LawOptions(OptionGroup):
             InputError: It has a value, and the controller stands in a file.
         """
         if self.in_file and value not in (None, False):
-            raise InputError(option, value, f"nothing beside --controller {self.law_or_file}", "write it into the file")
+            raise InputError(option, value, f"only without --controller {self.law_or_file}", "write it into the file")
 
     def refuse_beside_position(self, option: str, value: object) -> None:
         """Refuse an option that position control has no use for.
@@ -108,7 +108,7 @@ class LawOptions(OptionGroup):
             InputError: It has a value, and the joints are exactly on their path.
         """
         if self.law_or_file == "position" and value not in (None, False):
-            raise InputError(option, value, "nothing beside position control", "give --controller constant")
+            raise InputError(option, value, "only without position control", "give --controller constant")
 
     def _named_law(self) -> Law:
         from whiptool.impedance import PositionControl, constant_preset, oiac_preset
@@ -117,7 +117,7 @@ class LawOptions(OptionGroup):
             raise InputError("--controller", self.law_or_file, ", ".join(LAWS) + ", or a .toml file")
         if self.law_or_file == "position":
             if self.preset is not None:
-                raise InputError("--preset", self.preset, "nothing beside --controller position, which has no numbers")
+                raise InputError("--preset", self.preset, "only without --controller position, which has no numbers")
             return PositionControl()
         constant = self._constant  # before errors are named after the preset: the model may be none
         try:

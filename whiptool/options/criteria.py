@@ -1,4 +1,4 @@
-"""Options of what a strike is judged by beside the hit."""
+"""Options of what a strike is judged by besides the hit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CriterionName = Literal["miss", "effort", "peak-torque", "speed", "robustness"] 
 
 @dataclass(frozen=True, kw_only=True)
 class CriteriaOptions(OptionGroup):
-    """What a strike is judged by beside the hit."""
+    """What a strike is judged by besides the hit."""
 
     heading: ClassVar[str] = "search"
     first: ClassVar[tuple[str, ...]] = ("minimise",)
@@ -38,7 +38,7 @@ class CriteriaOptions(OptionGroup):
 
         super().check()
         if self.pareto is not None:
-            refuse_idle(self, {"minimise": "nothing beside --pareto"})
+            refuse_idle(self, {"minimise": "only without --pareto"})
             if self.pareto[0] == self.pareto[1]:
                 raise InputError("--pareto", self.pareto, "two different criteria")
         if "robustness" not in (self.minimise, *(self.pareto or ())):

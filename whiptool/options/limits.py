@@ -55,9 +55,9 @@ class LimitOptions(OptionGroup):
             self._height(self.floor)
         if self.limits == "none":
             idle = ("keep_free", "floor", "clearance", "ignore_collisions")
-            refuse_idle(self, dict.fromkeys(idle, "nothing beside --limits none"))
+            refuse_idle(self, dict.fromkeys(idle, "only without --limits none"))
         if self.ignore_collisions:
-            refuse_idle(self, dict.fromkeys(("floor", "clearance"), "nothing beside --ignore-collisions"))
+            refuse_idle(self, dict.fromkeys(("floor", "clearance"), "only without --ignore-collisions"))
 
     def build_limits(self, model: Model, controller: Controller) -> list[Limits]:
         """Return the limits that strikes have to keep.

@@ -35,9 +35,9 @@ class RegionOptions(ZoneGoalOptions):
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         if self.region is not None:
-            refuse_idle(self, dict.fromkeys((*self.of_disc, "sector"), "nothing beside --region"))
+            refuse_idle(self, dict.fromkeys((*self.of_disc, "sector"), "only without --region"))
         if self.sector is not None:
-            refuse_idle(self, dict.fromkeys(self.of_disc, "nothing beside --sector"))
+            refuse_idle(self, dict.fromkeys(self.of_disc, "only without --sector"))
             if len(self.sector) != 5:
                 raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH DEGREES")
             self.build_sector()

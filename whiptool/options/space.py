@@ -1,4 +1,4 @@
-"""Options of what strikes are told by: the joints, or the hand."""
+"""Options of what describes strikes: the joints, or the hand."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Space = Literal["joint", "hand", "pose"]
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceOptions(SimulatedControllerOptions):
-    """What strikes are told by, and the controller that goes with it."""
+    """What describes strikes, and the controller that goes with it."""
 
     first: ClassVar[tuple[str, ...]] = ("space",)
     takes_hand: ClassVar[bool] = True
 
     space: Space = "joint"
-    """What a strike is told by: where the joints begin and end, or where the hand does; pose: and how it is turned, of
+    """What describes a strike: where the joints begin and end, or where the hand does; pose: and how it is turned, of
     an arm with joints for it. In hand space the law is one of the hand's errors [m, m/s; rad, rad/s], and with
     --controller position the joints follow the hand's path exactly."""
     home: tuple[float, ...] | None = None
@@ -69,7 +69,7 @@ class SpaceOptions(SimulatedControllerOptions):
         if self.space == "joint":
             return controller
         if self.in_file:
-            raise InputError("--space", self.space, f"nothing beside --controller {self.law_or_file}",
+            raise InputError("--space", self.space, f"only without --controller {self.law_or_file}",
                              "write a table [controller.hand] into the file")  # fmt: skip
         if self.feedforward:
             raise InputError("--feedforward", True, "nothing in hand space")
@@ -99,7 +99,7 @@ class SpaceOptions(SimulatedControllerOptions):
             return super()._named_law()
         if self.preset is not None:
             raise InputError(
-                "--preset", self.preset, f"nothing beside --space {self.space}; give --stiffness and --damping"
+                "--preset", self.preset, f"only without --space {self.space}; give --stiffness and --damping"
             )
         from whiptool.impedance import ConstantImpedance
         from whiptool.impedance.hand import hand_impedance

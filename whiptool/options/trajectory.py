@@ -104,7 +104,7 @@ class TrajectoryOptions(OptionGroup):
             raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {words}")
 
     def write_trajectory(self, trajectory: JointTrajectory) -> list[Path]:
-        """Write a trajectory to the file that the options name, and the hand's poses that are no part of that beside
+        """Write a trajectory to the file that the options name, and the hand's poses that are no part of that next to
         it; return the files.
 
         Raises:

@@ -28,7 +28,7 @@ def good_stamps(stamps: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         what: They are of, for the sentence and for errors.
 
     Raises:
-        InputError: Too many are bad, or several in one stretch: which of them are right cannot be told.
+        InputError: Too many are bad, or several in one stretch: which of them are right is not known.
     """
     even = len(stamps) < 2 or (np.diff(stamps) > 0).all()
     keep = np.ones(len(stamps), bool) if even else _increasing(stamps)
@@ -97,7 +97,7 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
         longest: That they may span [s].
 
     Raises:
-        InputError: Their steps or their span cannot be right; the likely cause is told.
+        InputError: Their steps or their span cannot be right; the message names the likely cause.
     """
     step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
     unit = "milliseconds"

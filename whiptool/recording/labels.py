@@ -39,8 +39,8 @@ class Exchange:
     before: tuple[str, ...]
 
     def __str__(self) -> str:
-        told = ", ".join(f"{old} became {new}" for old, new in zip(self.before, self.markers, strict=True))
-        return f"{told} at {self.t:.3f} s"
+        changes = ", ".join(f"{old} became {new}" for old, new in zip(self.before, self.markers, strict=True))
+        return f"{changes} at {self.t:.3f} s"
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ def check_labels(recording: StrikeRecording) -> Labels:
     """Return where labels were exchanged, and where one marker swallowed another.
 
     What markers do between frames sets the limit: an exchange of two that are nearer to each other than their paths
-    bend between frames cannot be told from their motion, and is not claimed. In a camera's image markers do lie on each
-    other, where one is behind the other.
+    bend between frames cannot be found from their motion and is not claimed. In a camera's image markers do lie on
+    each other, where one is behind the other.
     """
     order, exchanges = _followed(recording)
     swallowed = [] if recording.view is not None else _swallowed(recording, order)
@@ -97,8 +97,8 @@ def check_labels(recording: StrikeRecording) -> Labels:
 
 def put_back(recording: StrikeRecording, labels: Labels) -> StrikeRecording:
     """Return the recording with exchanged labels put back, and without the points that swallowed or were swallowed."""
-    told = ("sigma", "t_points", *(() if recording.depth is None else ("depth", "depth_sigma")))
-    columns: dict[str, Any] = {x: np.take_along_axis(getattr(recording, x), labels.order, axis=1) for x in told}
+    columns_too = ("sigma", "t_points", *(() if recording.depth is None else ("depth", "depth_sigma")))
+    columns: dict[str, Any] = {x: np.take_along_axis(getattr(recording, x), labels.order, axis=1) for x in columns_too}
     points = np.take_along_axis(recording.points, labels.order[..., None], axis=1)
     for found in labels.swallowed:
         during = (recording.t >= found.start) & (recording.t <= found.end)

@@ -7,7 +7,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.recording.clock import gaps
 
-HOLE = 0.05  # [s] of a log from which a hole is told, where it is several samples
+HOLE = 0.05  # [s] of a log from which a hole is reported, where it is several samples
 SLACK = 0.02  # [s] by which a log may start late or end early without a word
 LEAD = (
     1.0  # [s] before and after: of a log around the frames and the command; of frames, as of a hanging whip, around it
@@ -23,7 +23,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
         command: Start and end of the strike, if it is known [s].
 
     Raises:
-        InputError: They have none; what clocks do is told.
+        InputError: They have none; the message names what clocks do.
     """
     if command is not None and not (t[0] <= command[1] + LEAD and t[-1] >= command[0] - LEAD):
         cause = "does the clock count since the computer was started, or since 1970? Say when the command began: start"

@@ -33,7 +33,7 @@ WIDEST = 50.0  # [rad], eight turns of a joint
 WIDEST_WAY = 4 * np.pi  # [rad] between a joint's ends in one log
 FAR_OFF = 1.0  # [s] of a point from its frame
 A_DAY = 86400.0  # [s] of a log, of which what lies near the frames is used
-SIDECARS = (".csv", ".mat", ".c3d")  # of files beside which a TOML file says what they do not
+SIDECARS = (".csv", ".mat", ".c3d")  # of files whose TOML file holds what they do not
 UP_IN = {2: "y", 3: "z"}  # which axis points up, by a model's dimension
 TURNED = {"y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "z": ((1, 0, 0), (0, 0, -1), (0, 1, 0))}  # so that this one does
 AT_REST = 0.02  # [s] from the start of a joint log, in which the arm has hardly moved
@@ -80,7 +80,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             images are the view's (`whiptool.recording.depth_noise`).
         joints_listed: Whether somebody listed the columns of `joints_q` in the arm's order, so that names that are not
             those of its joints do not matter.
-        up: Which axis of points in space points up, `y` or `z`, where their file says so; empty: the model's.
+        up: Which axis of points in space points up, `y` or `z`, where their file has it; empty: the model's.
         notes: What its reader assumed or left out, in sentences.
 
     Raises:
@@ -211,7 +211,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to know before it is believed: what its reader assumed or left out, holes, logs that are too short."""
+        """Warnings about the recording: what its reader assumed or left out, holes, logs that are too short."""
         return (*self.notes, *told_of_spans(self.t, self._logs))
 
     @property
@@ -338,7 +338,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         file, fix = Path(self.source), "in Python, give StrikeRecording(..., strike=Strike(q_i, q_f, D))"
         if file.suffix.lower() in SIDECARS:
             table = "strike = {q_i = [...], q_f = [...], D = ...}"
-            fix = f"write {file.with_suffix('.toml').name} beside it with {table} (angles in rad, D in s); {fix}"
+            fix = f"write {file.with_suffix('.toml').name} next to it with {table} (angles in rad, D in s); {fix}"
         raise InputError("recording", self.called, "one with its strike's command", fix + otherwise)
 
     def save(self, path: Path | str) -> None:
@@ -396,7 +396,7 @@ def _poses(value: object, count: int) -> np.ndarray:
 
 
 def _check_in_image(points: np.ndarray, view: SpaceCamera) -> None:
-    """Refuse points (T, M, d) that are not where a camera has pixels, or just beside them."""
+    """Refuse points (T, M, d) that are not where a camera has pixels, or just outside them."""
     if points.shape[2] != 2:
         raise InputError("points", f"shape {points.shape}", "shape (T, M, 2) in pixels, with a view")
     seen = points[~np.isnan(points[..., 0])]

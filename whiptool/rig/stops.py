@@ -122,11 +122,11 @@ class Interlock:
         self.stop = self.stop or reason
         if not lasting:
             return
-        told = {"reason": self.stop, "torque": torque, "time": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+        record = {"reason": self.stop, "torque": torque, "time": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
         for mark in self._marks:
             try:
                 mark.parent.mkdir(parents=True, exist_ok=True)
-                write_whole(mark, json.dumps(told, indent=1) + "\n")
+                write_whole(mark, json.dumps(record, indent=1) + "\n")
             except OSError as error:
                 print(
                     f"whiptool: {mark}, which says that the arm was stopped, cannot be written: {error}",

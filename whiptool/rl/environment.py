@@ -101,7 +101,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     An episode has one goal; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
     or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. Where arrival angles are drawn, it takes
-    `"angle"` beside it [rad]. `info` holds the `target` [m], and after a strike whether it hit (`is_success`),
+    `"angle"` as well [rad]. `info` holds the `target` [m], and after a strike whether it hit (`is_success`),
     `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
     speed zero), and, if it hit, `hit_time` [s].
     Where more than a point is asked for there are `direction`, if it is, and after a strike `arrival_angle` from it
@@ -185,7 +185,7 @@ class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     seen before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` hold what came of the
     last strike, as in `gymnasium.vector.SyncVectorEnv`. A mask `_name` says in which lanes `info[name]` holds.
     `reset(options={"targets": ...})` takes targets (num_envs, d) [m], d = 3 in space, and where arrival angles are
-    drawn `"angles"` (num_envs,) [rad] beside them.
+    drawn `"angles"` (num_envs,) [rad] as well.
 
     Args:
         num_envs: Lanes.
@@ -285,7 +285,7 @@ def _goals(
 
 
 def _masked(values: Mapping[str, np.ndarray], lanes: np.ndarray, *, hit: np.ndarray | None = None) -> dict[str, Any]:
-    """Gymnasium's form of information about some lanes: zero elsewhere, and a mask beside each entry."""
+    """Gymnasium's form of information about some lanes: zero elsewhere, and a mask for each entry."""
     info: dict[str, Any] = {}
     for name, value in values.items():
         mask = lanes & hit if name == "hit_time" and hit is not None else lanes

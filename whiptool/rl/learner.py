@@ -44,7 +44,7 @@ class Learner(ABC):
 
     @abstractmethod
     def learn(self, new: Transitions, *, update: bool = True) -> dict[str, float]:
-        """Take in transitions and, unless told not to, improve; losses by name.
+        """Take in transitions and, unless asked not to, improve; losses by name.
 
         Raises:
             Diverged: A loss is not finite.

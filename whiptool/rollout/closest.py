@@ -56,7 +56,7 @@ def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach
 def closest_on_curve(curve: PPoly, place: np.ndarray, *, samples: int) -> float:
     """Return when a smooth curve comes nearest to a place [s].
 
-    The nearest of `samples` equally spaced instants, then the root of the squared distance's slope beside it.
+    The nearest of `samples` equally spaced instants, then the root of the squared distance's slope near it.
 
     Args:
         curve: Positions over time, (d,) [m].

@@ -117,7 +117,7 @@ class CompiledRollout(Rollout):
 
     @property
     def space(self) -> StrikeSpace:
-        """What its strikes are told by: the joints, or the hand."""
+        """What describes its strikes: the joints, or the hand."""
         return self.controller.strike_space(self.model.arm)
 
     def _engine(self, *, forward: bool) -> Engine:

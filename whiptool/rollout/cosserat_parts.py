@@ -92,7 +92,7 @@ def _dampen(
 class UnspunDamper(BendingDamper):
     """The same between elements that do not turn about their own axes: what of a moment is along them is lost.
 
-    No material is so; beside `BendingDamper` it shows what spin does.
+    No material is so; compared with `BendingDamper` it shows what spin does.
     """
 
     def __init__(self, damping: np.ndarray, inertia: np.ndarray, timestep: float, **kwargs: Any) -> None:

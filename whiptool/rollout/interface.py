@@ -49,7 +49,7 @@ class Rollout(ABC):
 
     @property
     def space(self) -> StrikeSpace:
-        """What its strikes are told by: the joints, or the hand."""
+        """What describes its strikes: the joints, or the hand."""
         return JointSpace(self.model.arm)
 
     @property

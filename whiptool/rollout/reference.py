@@ -96,7 +96,7 @@ class ReferenceRollout(Rollout):
 
     @property
     def space(self) -> StrikeSpace:
-        """What its strikes are told by: the joints, or the hand."""
+        """What describes its strikes: the joints, or the hand."""
         return self.controller.strike_space(self.model.arm)
 
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:

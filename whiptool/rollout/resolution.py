@@ -102,7 +102,7 @@ def _both_diverged(coarse: np.ndarray, fine: np.ndarray, columns: Columns) -> np
 def _estimate(coarse: np.ndarray, fine: np.ndarray, columns: Columns) -> np.ndarray:
     """Return the estimated errors of the finer rollouts' distances [m], (n,); infinite where one of the two diverged.
 
-    The difference of the tips across the tip's velocity counts beside that of the distances, which may agree by chance.
+    The difference of the tips across the tip's velocity counts too, as distances may agree by chance.
     """
     apart, velocity = fine[:, columns["tip"]] - coarse[:, columns["tip"]], fine[:, columns["velocity"]]
     speed2 = (velocity**2).sum(axis=1, keepdims=True)

@@ -84,7 +84,7 @@ def _smooth(trajectory: JointTrajectory) -> BPoly:
 
 
 def _set_points(path: BPoly, t: np.ndarray, omega: float) -> np.ndarray:
-    """Return what servos are told at times t (T,), (T, a): as far ahead of the path as they lag behind."""
+    """Return the set points of servos at times t (T,), (T, a): as far ahead of the path as they lag behind."""
     return path(t) + 2 / omega * path(t, 1) + path(t, 2) / omega**2
 
 

@@ -14,7 +14,7 @@ from whiptool.strike_map.turning import Front
 
 INSTANT = 0.02  # [s]: by it changes of the instant are measured, as those of a strike are by the box's widths
 SHORTLIST = 64  # answers nearest to a goal that are corrected
-_CHANGE = 0.2  # in widths, that speaks as much against a candidate as a hit radius that is left
+_CHANGE = 0.2  # in widths, that counts as much against a candidate as a miss of a hit radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Candidates:
 
     @property
     def doubt(self) -> np.ndarray:
-        """What speaks against each: how far it is from its answer, and what is left, (C,)."""
+        """What counts against each: how far it is from its answer, and what is left, (C,)."""
         return np.linalg.norm(self.change, axis=1) / _CHANGE + self.left
 
     def take(self, which: np.ndarray | slice) -> Candidates:

@@ -70,7 +70,7 @@ class Striker:
         t_stay: A strike is watched this long after the movement ended [s].
 
     Raises:
-        InputError: Strikes of the rollout are not told by the arm's joints.
+        InputError: Strikes of the rollout are not described by the arm's joints.
     """
 
     def __init__(

@@ -116,7 +116,7 @@ class CameraSettings:
         return float(np.sqrt(self.fx * self.fy) / depth)
 
     def slant(self, point: np.ndarray) -> float:
-        """How much longer than wide a ball's image is, at a point (2,) [m] of the plane: beside the axis an ellipse."""
+        """How much longer than wide a ball's image is, at a point (2,) [m] of the plane: off the axis an ellipse."""
         ray = np.append(point, 0.0) - np.array(self.position)
         return float(np.linalg.norm(ray) / (ray @ self.rotation_matrix[2]))
 

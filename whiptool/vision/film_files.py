@@ -29,7 +29,7 @@ def write_video(
     target: np.ndarray | None = None,
     t_stay: float | None = None,
 ) -> Path:
-    """Write frames of one camera as FFV1, which loses nothing, and `NAME.toml` beside it.
+    """Write frames of one camera as FFV1, which loses nothing, and `NAME.toml` next to it.
 
     The sidecar holds `fps`, `timestamps` (start of the first row's exposure [s]; so `stamp = "start"`), `exposure`,
     `readout` (from the first row to the last [s]), `shutter`, `homography` (metres from pixels), `kind`, `camera`,

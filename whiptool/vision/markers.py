@@ -16,7 +16,7 @@ _SMOOTHING = 1.0  # standard deviation of the Gaussian filter [pixels]
 
 @dataclass(frozen=True)
 class Blobs:
-    """How blobs of a marker's light are told from noise.
+    """How blobs of a marker's light are distinguished from noise.
 
     Args:
         floor: Least strength that can be part of a blob, of a whole marker's 1 or so.

@@ -63,7 +63,7 @@ def calibration_of(video: VideoSource) -> PlaneCalibration:
             str(video.about.get("source", "video")),
             "no calibration of the strike plane",
             "one of homography, known_points, or scale with origin",
-            "write it into the sidecar .toml beside it",
+            "write it into the sidecar .toml next to it",
         )
     return PlaneCalibration(video.homography)
 

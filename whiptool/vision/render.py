@@ -2,9 +2,9 @@
 
 In space several of them film one strike, each a `SpaceView` from its own place.
 
-Its images are synthetic, and whatever is written from them says so. Exposure is integrated over sub-frames; each row of
-a rolling shutter in its own time; light arrives in electrons, with shot and read noise. The sensor is taken to be
-linear, the lens free of distortion, both markers evenly lit to an eighth of their brightness.
+Its images are synthetic, and all that is written from them is marked so. Exposure is integrated over sub-frames; each
+row of a rolling shutter in its own time; light arrives in electrons, with shot and read noise. The sensor is taken to
+be linear, the lens free of distortion, both markers evenly lit to an eighth of their brightness.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Board:
     """A dark board before the camera, over part of the image and for part of the time.
 
     Args:
-        left, top, right, bottom: Its edges [pixels]; right and bottom are the first pixels beside it.
+        left, top, right, bottom: Its edges [pixels]; right and bottom are the first pixels outside.
         start, end: It is there in frames that start in [start, end) [s].
     """
 

@@ -100,7 +100,7 @@ def track_view(
         t.append(frame.t)
     if not isinstance(view, SpaceView):
         raise InputError("frames", "none", "at least one frame")
-    per_metre = np.sqrt(view.fx * view.fy) / view.position[2]  # of the plane that sightings are told on
+    per_metre = np.sqrt(view.fx * view.fy) / view.position[2]  # of the plane that sightings lie in
     sigma = np.array([sighting.sigma for sighting in seen]) * per_metre
     return StrikeRecording(
         t=np.array(t) + view.exposure / 2,

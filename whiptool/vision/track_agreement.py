@@ -132,8 +132,8 @@ def _by_strike(recordings: Sequence[StrikeRecording]) -> list[list[StrikeRecordi
     for recording in recordings:
         assert recording.view is not None
         name = recording.view.name
-        told = None if recording.strike is None else recording.strike.vector
-        of = told if recording.joints_q is None else recording.joints_q
+        vector = None if recording.strike is None else recording.strike.vector
+        of = vector if recording.joints_q is None else recording.joints_q
         key = None if of is None else of.tobytes()
         number = 0 if recording.joints_q is not None else counted.get((key, name), 0)
         counted[key, name] = number + 1

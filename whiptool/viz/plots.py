@@ -251,7 +251,7 @@ def _joints(trajectory: Trajectory, model: Model | None) -> tuple[Sequence[str],
 
 
 def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: np.ndarray | None = None) -> np.ndarray:
-    """Draw positions [deg] and velocities [deg/s] of the arm's joints beside their references.
+    """Draw positions [deg] and velocities [deg/s] of the arm's joints and their references.
 
     Joints that slide are drawn in mm and mm/s.
 

@@ -47,7 +47,7 @@ def plot_landscape(
     """Miss distance over two strike parameters, all others held, with a line around what hits.
 
     Args:
-        ax: Where to; a colour bar is set beside it.
+        ax: Where to; a colour bar is set next to it.
         x: First parameter, (X,), in its own unit.
         y: Second parameter, (Y,).
         miss_distance: [m], (Y, X); NaN or infinite where a strike diverged, which is drawn grey.

@@ -182,7 +182,7 @@ def test_a_table_says_depth_in_millimetres_and_of_which_pair(tmp_path):
     with pytest.raises(InputError, match="are these millimetres"):
         read_recording(tmp_path / "a.csv")
     write_rows(tmp_path / "a.csv", [[*head, "tip_depth_sigma"], *deep])
-    with pytest.raises(InputError, match="tip_depth beside its sigma"):
+    with pytest.raises(InputError, match="tip_depth together with its sigma"):
         read_recording(tmp_path / "a.csv")
 
 

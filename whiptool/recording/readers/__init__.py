@@ -1,7 +1,7 @@
 """Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker.
 
 How each format looks stands in its module: `tracks` (CSV), `deeplabcut`, `mat`, `c3d`, `lerobot`, `rosbag`, `video`,
-and `whiptool.recording.npz`; what the TOML file beside any of them may hold, in `sidecar`.
+and `whiptool.recording.npz`; what the TOML file next to any of them may hold, in `sidecar`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Tracks as DeepLabCut writes them: CSV with the header rows scorer, bodyparts and coords, in pixels.
 
-Keys of the sidecar beside the common ones: the clock (`fps`, or `timestamps` with one time per row), the way to metres
-(`homography`, `known_points`, or `scale` and `origin`), `markers` (which body parts are what, as in
-`{tip = "whip_end"}`; default: all by their own names), `likelihood` (below it a point is missing; default 0.6, as
-DeepLabCut's own plots), `sigma_pixels` (standard error per coordinate; default 1), and, for a rolling shutter,
-`readout` with `rows`, the height of the image.
+Keys of the sidecar in addition to the common ones: the clock (`fps`, or `timestamps` with one time per row), the way to
+metres (`homography`, `known_points`, or `scale` and `origin`), `markers` (which body parts are what, as in `{tip =
+"whip_end"}`; default: all by their own names), `likelihood` (below it a point is missing; default 0.6, as DeepLabCut's
+own plots), `sigma_pixels` (standard error per coordinate; default 1), and, for a rolling shutter, `readout` with
+`rows`, the height of the image.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
         pixels, t = pixels[clock.keep], clock.times
         readout = side.readout()
         if readout and "rows" not in side.table:
-            raise InputError("rows", None, "the height of the image [pixels], beside readout")
+            raise InputError("rows", None, "the height of the image [pixels], together with readout")
         height = side.number("rows", 2.0, low=2, high=1e5)
         late = readout * pixels[..., 1] / (height - 1)  # [s] a row's exposure after the first's
         return StrikeRecording(

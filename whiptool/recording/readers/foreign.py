@@ -39,7 +39,7 @@ FOREIGN = (
     Foreign("a CSV export of OptiTrack Motive", _C3D, head=rb'"?Format Version"?,'),
     Foreign(
         "a CSV export of Vicon Nexus",
-        "read the trial's own C3D file, which Nexus keeps beside it",
+        "read the trial's own C3D file, which Nexus keeps next to it",
         head=rb'"?(Trajectories|Joints|Segments|Model Outputs|Devices)"?,*\s*\r?\n"?\d+"?,*\s*\r?\n',
     ),
     Foreign("a TSV export of Qualisys Track Manager", _C3D, head=rb"NO_OF_FRAMES[\t,;]"),
@@ -61,7 +61,7 @@ def refuse_foreign(path: Path, head: bytes) -> None:
     """Refuse a file of another program by its first bytes.
 
     Raises:
-        InputError: It is one of `FOREIGN`; what to do is told.
+        InputError: It is one of `FOREIGN`; the message says what to do.
     """
     for form in FOREIGN:
         if form.matches(path, head):

@@ -62,8 +62,8 @@ def frame_clock(
             f"times by frame number at {fps:g} a second",
         )
     else:
-        told = f" (the file itself says {hint:g}; true only if no frame was dropped)" if hint > 0 else ""
-        raise InputError(f"{side.place}fps", None, "fps or timestamps" + told, "write one into the sidecar .toml")
+        hinted = f" (the file itself says {hint:g}; true only if no frame was dropped)" if hint > 0 else ""
+        raise InputError(f"{side.place}fps", None, "fps or timestamps" + hinted, "write one into the sidecar .toml")
     keep, bad = good_stamps(times, f"{side.place}times")
     shift = STAMPS[side.word("stamp", STAMPS, "middle")] * side.exposure()
     return FrameClock(times[keep] + shift - side.start, keep, (note, *bad))

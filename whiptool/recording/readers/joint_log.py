@@ -1,7 +1,7 @@
 """Logs of a robot's joints: CSV with a column of times and one per joint, at the robot's own rate.
 
 The time is the column that is called so (`t`, `time`, `timestamp`, `stamp`, perhaps with its unit, as in `t [ms]`),
-else the first. Joints are told by the columns' names, as `whiptool.recording.joint_names` takes them apart: columns
+else the first. Joints are found by the columns' names, as `whiptool.recording.joint_names` takes them apart: columns
 that say that they are positions where there are such, else all that are no speed, torque or command, and no gripper.
 Columns that are merely numbered are in the order of their numbers. The key `joint_columns` of a sidecar says which are
 the arm's joints.

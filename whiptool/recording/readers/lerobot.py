@@ -9,9 +9,9 @@ which hold several episodes each. Features, besides `timestamp` and `episode_ind
 - `observation.whip` (or `observation.markers`): places of markers; its `names` in `info.json` are columns such as
   `tip_x, tip_y, handle_x, handle_y`, perhaps with `tip_sigma`. A dataset without it is filmed: track its cameras.
 
-The sidecar is `whiptool.toml` in the folder, with a table `[episode.3]` over the rest for what differs. Its keys beside
-the common ones: `markers_feature`, `joints_feature`, `units`, `axes`, `origin`, `sigma`, and for cameras those of
-`whiptool.recording.readers.video`.
+The sidecar is `whiptool.toml` in the folder, with a table `[episode.3]` over the rest for what differs. Its keys in
+addition to the common ones: `markers_feature`, `joints_feature`, `units`, `axes`, `origin`, `sigma`, and for cameras
+those of `whiptool.recording.readers.video`.
 """
 
 from __future__ import annotations

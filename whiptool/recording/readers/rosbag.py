@@ -1,10 +1,10 @@
 """Images from ROS 2 bags in SQLite (`.db3`): RealSense's own recordings, and `ros2 bag record`.
 
-A bag is one `.db3` file or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` beside the file or `whiptool.toml`
-in the folder; in addition to the keys of `whiptool.recording.readers.video` it may name the `topic`. Times are, in this
-order, the camera's own (RealSense writes them to a metadata topic), the images' stamps, or the bag's: the first of
-which nearly all increase. An image with a bad stamp is left out. `start` is by that clock, and without it the first
-image is at 0. A key `timestamps` overrides them.
+A bag is one `.db3` file or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` next to the file or
+`whiptool.toml` in the folder; in addition to the keys of `whiptool.recording.readers.video` it may name the `topic`.
+Times are, in this order, the camera's own (RealSense writes them to a metadata topic), the images' stamps, or the
+bag's: the first of which nearly all increase. An image with a bad stamp is left out. `start` is by that clock, and
+without it the first image is at 0. A key `timestamps` overrides them.
 
 Only `sensor_msgs/Image` as rosbags itself defines it is decoded; definitions in the bag are not used.
 """
@@ -151,8 +151,8 @@ def _best_clock(clocks: dict[str, list[float]], place: str) -> tuple[np.ndarray,
         except InputError as error:
             said.append(f"{whose}: {error.given}")
             continue
-        told = "".join(f"; not by {other}" for other in said)
-        return np.where(keep, stamps, np.nan), whose + told
+        others = "".join(f"; not by {other}" for other in said)
+        return np.where(keep, stamps, np.nan), whose + others
     fix = "say the key timestamps"
     raise InputError(place, f"time stamps that do not increase ({'; '.join(said)})", "increasing ones", fix)
 

@@ -1,4 +1,4 @@
-"""What a file of tracks or images does not say itself: a TOML file beside it, or the reader's options.
+"""What a file of tracks or images does not hold itself: a TOML file next to it, or the reader's options.
 
 Every key of the sidecar `NAME.toml` of `NAME.csv`, `NAME.mp4`, ... is an option of the reader too, and the option wins.
 Common to all formats:
@@ -153,7 +153,7 @@ class Sidecar:
         if name is None:
             return None
         if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
-            raise self.refuse(key, "the name of a file beside it, without folders")
+            raise self.refuse(key, "the name of a file next to it, without folders")
         return self.folder / name
 
     def fields(self, notes: Sequence[str] = (), log: JointLog | None = None) -> dict[str, Any]:
@@ -187,7 +187,7 @@ class Sidecar:
             if not isinstance(controller, Mapping):
                 raise self.refuse("controller", "a table")
             fields["controller"] = dict(controller)
-        told = list(notes)
+        said = list(notes)
         if (file := self.file("joints")) is not None:
             log = read_joint_log(file, self.joint_columns)
         if log is not None:
@@ -195,17 +195,17 @@ class Sidecar:
             start = self.number("joints_start", self.start)
             fields |= {"joints_t": log.t - start, "joints_q": angles}
             fields |= {"joint_names": log.names, "joints_listed": log.listed}
-            told += [*log.notes, *units]
+            said += [*log.notes, *units]
         if (file := self.file("hand")) is not None:
             hand = read_joint_log(file, list(POSE))
             fields |= {"hand_t": hand.t - self.number("hand_start", self.start), "hand_pose": hand.q}
-            told += [note.replace("joints:", "hand:") for note in hand.notes]
-        return fields | {"notes": tuple(told)}
+            said += [note.replace("joints:", "hand:") for note in hand.notes]
+        return fields | {"notes": tuple(said)}
 
     def view(self) -> SpaceCamera:
         """The camera in space that a recording in pixels is of: the one called `camera` in the file `cameras`.
 
-        The file stands beside the sidecar; an option may name any.
+        The file is next to the sidecar; an option may name any.
 
         Raises:
             InputError: A key is missing, the file is none of cameras, or has none of that name.

@@ -39,7 +39,7 @@ def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
 
 
 def time_column(names: Sequence[str]) -> tuple[int, float, str]:
-    """Which column is the time's: its index, its unit in seconds, and a sentence that says so.
+    """Which column is the time's: its index, its unit in seconds, and a sentence about it.
 
     Raises:
         InputError: There are several.

@@ -6,7 +6,7 @@
 
 `t` [s] is the frame's time (`time`, or `t [ms]`, will do), 0 the command's start; `_x`, `_y`, `_z` [m] a marker's
 place in the strike plane (x forward, y up, origin at the shoulder), empty or NaN where it is missing; `_sigma` [m] its
-standard error per coordinate; `_t` [s] the middle of its exposure, where it is not the frame's. `NAME.toml` beside it
+standard error per coordinate; `_t` [s] the middle of its exposure, where it is not the frame's. `NAME.toml` next to it
 may hold what `whiptool.recording.readers.sidecar` lists, and `units`, `axes`, `origin`, and `sigma` for all points.
 
 What one camera in space saw has columns in pixels, `tip_u`, `tip_v`[, `tip_sigma`], ..., and its sidecar says which
@@ -116,7 +116,7 @@ def _depths(
     unit = UNITS[side.word("depth_units", UNITS, "m")]
     if "depth" not in columns:
         if "depth_sigma" in columns:
-            raise InputError(f"marker {marker}", ", ".join(columns.values()), f"{marker}_depth beside its sigma")
+            raise InputError(f"marker {marker}", ", ".join(columns.values()), f"{marker}_depth together with its sigma")
         nowhere = np.full(len(pick(marker, "u")), np.nan)
         return nowhere, nowhere
     depth = unit * pick(marker, "depth")
@@ -146,7 +146,7 @@ def split_columns(
 
     Args:
         names: Of the columns.
-        more: What columns of a marker may hold beside its coordinates; of two that end alike, the longer is meant.
+        more: What columns of a marker may hold besides its coordinates; of two that end alike, the longer is meant.
         axes: What its coordinates are called.
 
     Raises:

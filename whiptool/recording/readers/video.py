@@ -1,6 +1,6 @@
 """Images over time, for the tracker: what every video format is turned into, and files that OpenCV decodes.
 
-The sidecar `NAME.toml` of `NAME.mp4` says what the file does not, beside the common keys:
+The sidecar `NAME.toml` of `NAME.mp4` holds what the file does not, in addition to the common keys:
 
     timestamps = "NAME.times.csv"    # a column t [s], one row per frame; or an array; else the film's own stamps, and
     fps = 60                         # at which it was taken, where its stamps are merely evenly counted
@@ -140,7 +140,7 @@ def read_video(path: Path | str, **options: Any) -> VideoSource:
     """
     path = whole_file(path, largest=np.inf)
     side = Sidecar.of(path, options, *CLOCK, *PIXELS, *FILM)
-    _ = side.filmed_by  # a slip is told before the file is decoded
+    _ = side.filmed_by  # a slip is found before the file is decoded
     shape, played = (0, 0), []
     for image, at in _shown(path):
         shape = image.shape[:2]
@@ -190,7 +190,9 @@ def source(
 def _in_space(video: VideoSource, camera: SpaceCamera) -> VideoSource:
     """The images of a camera in space, with that camera as it took them."""
     if video.homography is not None:
-        raise InputError("homography", "beside cameras", "a calibrated strike plane or a camera in space, not both")
+        raise InputError(
+            "homography", "together with cameras", "a calibrated strike plane or a camera in space, not both"
+        )
     height, width = video.shape
     if (height, width) != (camera.height, camera.width):
         allowed = f"{camera.width} x {camera.height}, as {camera.name} has in the file of cameras"

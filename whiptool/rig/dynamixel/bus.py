@@ -69,7 +69,7 @@ class DynamixelBus(Line):
         """Refuse servos that are not there or not XM430-W350, and a line too slow for `rate` cycles per second.
 
         Raises:
-            InputError: It says what is wrong and the command that mends it.
+            InputError: The message has the cause and the command that mends it.
         """
         for id in self.ids:
             try:

@@ -227,7 +227,7 @@ def check_rate(
         latency: The adapter's latency timer [s], or None.
 
     Raises:
-        InputError: A cycle takes longer than 1 / rate. It says what to change, and how.
+        InputError: A cycle takes longer than 1 / rate. The message has what to change, and how.
     """
     if not rate > 0:
         raise InputError("rate", rate, "a number > 0 Hz")

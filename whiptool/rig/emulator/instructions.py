@@ -67,7 +67,7 @@ class Chain:
         return [reply for reply in replies if reply]
 
     def _one(self, servo: Servo, packet: Packet, *, broadcast: bool = False) -> bytes:
-        """Reply of one servo to an instruction that speaks to one; empty where it is silent."""
+        """Reply of one servo to an instruction to one; empty where it is silent."""
         id, data, instruction = servo.get("id"), packet.parameters, packet.instruction
         level = servo.get("status_return_level")  # before it is changed
         address = data[0] | data[1] << 8 if len(data) >= 2 else -1

@@ -1,6 +1,6 @@
 """The work units of a comparison: each is a pure function of its specification, with seeds of its own.
 
-So it does not matter where, beside what, or in which order they are worked, and what is done need not be done again.
+It does not matter where, with what others, or in which order they are worked; what is done need not be done again.
 """
 
 from __future__ import annotations

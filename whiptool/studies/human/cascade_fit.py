@@ -14,7 +14,7 @@ from whiptool.studies.human.throw_path import INSTANTS, MeanHand, ThrowPath, mea
 
 DISCRETE, RHYTHMIC = STYLES
 WHIP_NUMBERS = ("stiffness", "taper", "damping_time", "grip")
-# What is thought before anything is fitted: whip and hand swing back underneath, then over the head (degrees), from the
+# Prior of the fit: whip and hand swing back underneath, then over the head (degrees), from the
 # best of 3,000 random paths; taper, stiffness, damping and grip are a leather whip's
 _DIRECTION = (-77, -142, -190, -214, -265, -372, -397)
 _HANDLE = (0, -55, -83, -111, -144, -215, -247)  # it hangs at first
@@ -176,7 +176,7 @@ def resampled(people: People, best: Explained, count: int, *, seed: int = 0) -> 
 
 
 def _residuals(seen: Measured, vectors: Sequence[np.ndarray]) -> np.ndarray:
-    """Return what is left at each vector, (vectors, residuals): of the measurements, of what was thought, of bends."""
+    """Return what is left at each vector, (vectors, residuals): of the measurements, of the prior, of bends."""
     paths, whips = zip(*(unpacked(x) for x in vectors), strict=True)
     rows = []
     for x, path, found in zip(vectors, paths, cascades(seen.hand, paths, whips), strict=True):

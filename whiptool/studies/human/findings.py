@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from whiptool.studies.human.reading import STYLES, People
 
-WITHIN = 0.06  # [m]: the share of throws within this is told, too
+WITHIN = 0.06  # [m]: the share of throws within this is given, too
 
 # what they print, to the digits that they print
 PUBLISHED: dict[str, dict[str, tuple[float, int]]] = {

@@ -1,7 +1,7 @@
 """Mixed models of what throws come to, by style and block, with people as random effects.
 
 The models and the way they are chosen are those of Krotov et al. 2022: the interaction of style and block, and people
-who differ in their responses to style and block, are taken in where the likelihood says so.
+who differ in their responses to style and block, are taken in where the likelihood favours them.
 """
 
 from __future__ import annotations

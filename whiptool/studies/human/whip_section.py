@@ -1,4 +1,4 @@
-"""What the report says of the whip: numbers with intervals, measured and modelled cascades, a uniform whip beside."""
+"""What the report says of the whip: numbers with intervals, measured and modelled cascades, and a uniform whip."""
 
 from __future__ import annotations
 

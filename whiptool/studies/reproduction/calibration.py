@@ -72,7 +72,7 @@ def calibration(
             "The planner states the probability of a hit for every strike. Of all strikes with about the same stated "
             "probability, this share hit. The expected calibration error is the mean distance between the two "
             "(Naeini et al. 2015). Where nearly all strikes hit it says little. The Brier and the log score say more, "
-            "beside those of the best constant forecast (the share of hits, known afterwards), and so does where the "
+            "next to those of the best constant forecast (the share of hits, known afterwards), and so does where the "
             "true miss lies in the predictive sample: of 64 samples, 1.5 % of true misses should be beyond all."
         ),
         Table(_scores(learned, whole), "Scores of stated probabilities, and true misses within predicted quantiles."),

@@ -12,7 +12,7 @@ from whiptool.optimizers import search
 from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.context import Context
-from whiptool.studies.reproduction.printed import HIT_RADIUS, TARGETS, ZONE_RADIUS, beside
+from whiptool.studies.reproduction.printed import HIT_RADIUS, TARGETS, ZONE_RADIUS, compared
 from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
@@ -60,7 +60,7 @@ def sections(context: Context) -> list[Section]:
 
 
 def _printed(scene: Scene, points: np.ndarray) -> Table:
-    """What the paper prints of the targets, beside ours."""
+    """What the paper prints of the targets, and ours."""
     x, y = np.mean(scene.zone.box, axis=0)
     circle = f"{scene.zone.radius:g} m" if isinstance(scene.zone, Disc) else "another zone"
     rows = [
@@ -69,7 +69,7 @@ def _printed(scene: Scene, points: np.ndarray) -> Table:
         ["its middle, from the shoulder", "not printed", f"({x:g}, {y:g}) m"],
         ["hit within (Eq. 17)", f"{HIT_RADIUS:g} m", f"{scene.radii[0]:g} m"],
     ]
-    return beside(rows, "Fig. 5 in numbers.")
+    return compared(rows, "Fig. 5 in numbers.")
 
 
 def _figure(scene: Scene, points: np.ndarray, shown: list[tuple[int, Trajectory]]) -> Figure:

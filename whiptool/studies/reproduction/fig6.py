@@ -13,7 +13,7 @@ from whiptool.studies.comparison.plots import comparison_figures
 from whiptool.studies.comparison.series import NAMES
 from whiptool.studies.reproduction.context import Context
 from whiptool.studies.reproduction.printed import SHARE_OF_TRIALS as SHARE
-from whiptool.studies.reproduction.printed import TRIALS_OF, beside
+from whiptool.studies.reproduction.printed import TRIALS_OF, compared
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 from whiptool.words import times
 
@@ -85,13 +85,13 @@ def sections(context: Context) -> list[Section]:
 
 
 def _printed(standings: dict[str, Standings]) -> Table:
-    """What the paper says of every bar, beside the mean trials here."""
+    """What the paper states about every bar, and the mean trials here."""
     rows = [[NAMES[m], TRIALS_OF[m], *(tables.figure(s.of[m].mean) for s in standings.values())] for m in PAPER_METHODS]
     caption = (
         "Mean trials to the first hit (Eq. 21). The paper's text prints no height of a bar of Fig. 6, and none is read "
-        "off the picture here; what it says of them stands beside what was measured."
+        "off the picture here; its text about them is given with what was measured."
     )
-    return beside(rows, caption, *(f"here, observation {o}" for o in standings))
+    return compared(rows, caption, *(f"here, observation {o}" for o in standings))
 
 
 def further_zones(context: Context) -> list[Section]:
@@ -208,7 +208,7 @@ def _explanation(series: Sequence[Series], standings: dict[str, Standings]) -> l
         "before the first strike it sees the same for every target, so that its first strike is the same for all",
         "relative": "sees the same measured from the target, so that the first look at the resting whip tells "
         "where that is",
-        "goal": "sees the target beside the tip",
+        "goal": "sees the target and the tip",
     }
     lines = []
     for observation in (o for o in OBSERVATIONS if o in standings):

@@ -13,7 +13,7 @@ from whiptool.studies.comparison.plan import LEARNERS
 from whiptool.studies.comparison.plots import plot_rewards
 from whiptool.studies.comparison.series import NAMES
 from whiptool.studies.reproduction.context import Context
-from whiptool.studies.reproduction.printed import DRAWN, EPISODES, RANDOM_EPISODES, REWARD_OF, TRIALS, beside
+from whiptool.studies.reproduction.printed import DRAWN, EPISODES, RANDOM_EPISODES, REWARD_OF, TRIALS, compared
 from whiptool.studies.reproduction.printed import TIMES_THE_REWARD as TIMES
 from whiptool.viz.plots import STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
@@ -79,7 +79,7 @@ def sections(context: Context) -> list[Section]:
 
 
 def _printed(comparison: Comparison, final: dict[str, dict[str, np.ndarray]]) -> Table:
-    """What the paper says of the curves, beside ours."""
+    """What the paper states about the curves, and ours."""
     theirs = {"episodes": EPISODES, "strikes in each": TRIALS, "random episodes": RANDOM_EPISODES}
     ours = [comparison.training(o) for o in final]
     rows = [[what, f"{theirs[what]}", *(f"{x[i]}" for x in ours)] for i, what in enumerate(theirs)]
@@ -88,7 +88,7 @@ def _printed(comparison: Comparison, final: dict[str, dict[str, np.ndarray]]) ->
         for m in LEARNERS
     ]
     caption = "The paper prints no reward of Fig. 7, and none is read off the picture. Ours: mean of the last tenth."
-    return beside(rows, caption, *(f"here, observation {o}" for o in final))
+    return compared(rows, caption, *(f"here, observation {o}" for o in final))
 
 
 def _together(comparison: Comparison) -> dict[tuple[int, int, int], list[str]]:

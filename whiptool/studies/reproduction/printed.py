@@ -1,4 +1,4 @@
-"""What the paper itself says of each of its figures, to stand beside what is found here.
+"""What the paper states about each of its figures, to be compared with what is found here.
 
 All values are those that its text prints. What it only draws (the heights of bars, curves over time) is not read off
 the pictures here, and said to be only drawn.
@@ -28,7 +28,7 @@ TRIALS_OF = {
 REWARD_OF = {"sac": f"the highest, more than {TIMES_THE_REWARD:g} times the others' (abstract)"}
 
 
-def beside(rows: Sequence[Sequence[str]], caption: str, *here: str) -> Table:
+def compared(rows: Sequence[Sequence[str]], caption: str, *here: str) -> Table:
     """Return a table of what the paper says and what is found here.
 
     Args:

@@ -177,7 +177,7 @@ class UnknownRope:
         return CompiledRollout(self._twin.model, CONTROLLER)
 
     def _cosserat(self, strike: Strike, t_stay: float) -> tuple[TipPaths, Trajectory]:
-        """The rod in a strike, and the arm: it goes where it is told, whatever hangs on it."""
+        """The rod in a strike, and the arm: it follows its commands exactly, whatever hangs on it."""
         arm = CompiledRollout(MODEL, CONTROLLER, timestep=1e-3).trajectory(strike, t_stay=t_stay)
         rod = CosseratWhip(self.profile, elements=ELEMENTS, wave_speed=WAVES, radius=RADIUS, gravity=MODEL.gravity)
         return rod.swing([hand_path(MODEL, arm)], rate=FINE), arm

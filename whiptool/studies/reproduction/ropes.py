@@ -109,8 +109,8 @@ class WiggleUnit:
         """Choose it."""
         candidates = 96 if self.study.thorough else 8
         prior = self.study.prior(self.material)
-        strike, told = choose_wiggle(prior, rng=np.random.default_rng(0), keeps=limits(), candidates=candidates)
-        return {"strike": strike.vector.tolist(), "told": told}
+        strike, gain = choose_wiggle(prior, rng=np.random.default_rng(0), keeps=limits(), candidates=candidates)
+        return {"strike": strike.vector.tolist(), "told": gain}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,8 +199,8 @@ class UnseenRopeUnit:
 
 def _told(learned: Learned) -> dict[str, Any]:
     """What was learned, as plain data."""
-    told = {name: getattr(learned, name) for name in ("rmse", "refused", "redundancy")}
-    return told | {"seconds": learned.wall_time}
+    kept = {name: getattr(learned, name) for name in ("rmse", "refused", "redundancy")}
+    return kept | {"seconds": learned.wall_time}
 
 
 def _came_of(plan: Plan, swung: Swing | None, target: Target) -> dict[str, Any]:

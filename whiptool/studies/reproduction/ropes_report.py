@@ -19,7 +19,7 @@ from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted, fixed, rounded
 
 NEAR, CONE = 0.05, math.radians(10)  # [m], [rad] of a hit
-FURTHER = 20  # goals at which the first rope of each family is struck beside
+FURTHER = 20  # goals at which the first rope of each family is struck in addition
 UNSEEN, FILMED = 10, 10  # ropes of each family that are struck without a wiggle, and whose wiggle is filmed
 _FILMED = (
     "The wiggle in rendered images: two cameras of 848 x 480 pixels at 60 frames a second, 3 m away, follow a bright "

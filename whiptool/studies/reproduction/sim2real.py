@@ -27,7 +27,7 @@ from whiptool.studies.reproduction.printed import (
     LONGEST,
     RHO,
     TRAJECTORIES,
-    beside,
+    compared,
 )
 from whiptool.studies.reproduction.twin_strikes import (
     CLOCK_OFFSET,
@@ -64,7 +64,7 @@ _COLORS = {"model": COLORS["orange"], "identified": COLORS["blue"]}
 
 
 def sections(context: Context) -> list[Section]:
-    """Strikes on the model and on the twin beside each other, before and after identification.
+    """Strikes on the model and on the twin, compared, before and after identification.
 
     Raises:
         WhiptoolError: Too few strikes came to their end.
@@ -113,7 +113,7 @@ def sections(context: Context) -> list[Section]:
         "they were measured, which gives its stiffness, damping and drag over its mass (there is no force in this to "
         "weigh it by: the mass stays the model's); then the arm, driven by the command. The arm's model knows viscous "
         "friction only, which here stands for the motors' dry friction, too, and the controller's model carries the "
-        "weight of the whip that it believes in: these errors remain under the command; taking the arm as it was "
+        "weight of the whip in its model: these errors remain under the command; taking the arm as it was "
         "measured leaves them out, though not what the whip still did when the strike began. "
         + (
             "The twin stands at the start at once. "
@@ -154,18 +154,18 @@ def sections(context: Context) -> list[Section]:
 
 
 def _printed_paths(plan: PlanUnit, alike: dict[str, list[Similarity]]) -> Table:
-    """What the paper prints of Fig. 9, beside ours."""
+    """What the paper prints of Fig. 9, and ours."""
     rows = [
         ["targets", f"{FIGURE_TARGETS} (places {DRAWN})", f"{plan.targets}"],
         ["trajectories", f"{TRAJECTORIES}", f"{len(alike['model'])}"],
         ["similarity rho (Eq. 23), model as it was", f"{RHO:.2%}", f"{_mean(alike['model'], 'rho_mean'):.2%}"],
         ["the same, identified", "not done", f"{_mean(alike['identified'], 'rho_mean'):.2%}"],
     ]
-    return beside(rows, "Fig. 9 in numbers; the paths themselves are only drawn in the paper.")
+    return compared(rows, "Fig. 9 in numbers; the paths themselves are only drawn in the paper.")
 
 
 def _printed_strike(unit: TwinUnit, r: StrikeRecording, scene: Scene) -> Table:
-    """What the paper says of Fig. 10, beside the last strike here."""
+    """What the paper states about Fig. 10, and the last strike here."""
     path = _path_of(unit, scene)
     stiff, damp = (np.abs(np.diagonal(gains, axis1=1, axis2=2)).max(axis=0) for gains in (path.K, path.B))
     away = np.linalg.norm(r.points[:, 0] - np.array(unit.target), axis=1)
@@ -176,7 +176,7 @@ def _printed_strike(unit: TwinUnit, r: StrikeRecording, scene: Scene) -> Table:
         ["largest damping", "shoulder above elbow", " and ".join(f"{x:.3g}" for x in damp) + " N m s/rad"],
     ]
     caption = "Fig. 10 in numbers: ours are of shoulder and elbow; the paper's curves are only drawn."
-    return beside(rows, caption)
+    return compared(rows, caption)
 
 
 def _path_of(unit: TwinUnit, scene: Scene) -> Trajectory:

@@ -1,7 +1,7 @@
-"""Joint space beside hand space: trials to hit with a UR5e and a Panda, whose strikes are told in different ways.
+"""Joint space and hand space: trials to hit with a UR5e and a Panda, whose strikes are described in different ways.
 
 `python -m whiptool.reproduce spaces`. The paper's Sect. 4.2 names end-effector space as the next step; nothing that is
-published stands beside these figures.
+published compares with these figures.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from whiptool.words import counted
 
 __all__ = ["CONTROLLER", "MODEL", "SUBTITLE", "TITLE", "SpaceStudy", "SpaceUnit", "facts", "sections"]
 
-TITLE = "What a strike is told by: the joints, or the hand"
+TITLE = "What describes a strike: the joints, or the hand"
 SUBTITLE = "Trials to hit the same targets with a UR5e and a Panda, by four searches, in joint space and in hand space."
 ROBOTS, METHODS = ("ur5e", "panda"), ("directl", "cmaes", "gradient", "sac")
 SPACES = {"joint": None, "hand": HandControl()}
@@ -52,7 +52,7 @@ def targets(count: int) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def simulator(robot: str, space: str, threads: int | None) -> CompiledRollout:
-    """Return the rollout of a robot whose joints follow their path exactly, its strikes told in this space."""
+    """Return the rollout of a robot whose joints follow their path exactly, its strikes described in this space."""
     controller = Controller(PositionControl(), hand=SPACES[space])
     return CompiledRollout(preset(robot), controller, threads=threads)
 
@@ -62,7 +62,7 @@ class SpaceUnit:
     """One search of one target, until the tip comes near enough.
 
     Args:
-        robot, space, method: What strikes, what its strikes are told by, and what searches.
+        robot, space, method: What strikes, what describes its strikes, and what searches.
         target: Which.
         cap: Trials at most; a strike that is refused is one, and so is one with its derivatives.
     """

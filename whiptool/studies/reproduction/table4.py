@@ -10,7 +10,7 @@ from whiptool.impedance import OIAC, ConstantImpedance, Controller, oiac_preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
 from whiptool.studies.reproduction.context import Context
-from whiptool.studies.reproduction.printed import beside
+from whiptool.studies.reproduction.printed import compared
 from whiptool.studies.tracking_errors import (
     COARSE,
     FINE,
@@ -69,7 +69,7 @@ def sections(context: Context) -> list[Section]:
         f"{counted(len(some), 'strike')} that SAC (observation {observation}, seed 0) makes first at random targets, "
         f"{which}"
         "planned alike and followed under each law. Table 4 does not say whether its errors are the largest or the "
-        "mean of a strike, Fig. 8's caption speaks of absolute maximum errors: both are given, averaged over the "
+        "mean of a strike, Fig. 8's caption states absolute maximum errors: both are given, averaged over the "
         "strikes. The abstract's 22.36 % and 13.29 % are the shoulder's. OIAC printed has the paper's a = 0.2 "
         f"(Eq. 10); OIAC table4 has a = {oiac_preset('table4').a:g}, chosen on random strikes to come nearest to "
         "Table 4's ratios. " + (f"Diverged, and left out: {left_out}." if left_out else "None diverged.")
@@ -107,14 +107,14 @@ def sections(context: Context) -> list[Section]:
 
 
 def _printed(errors: dict[str, TrackingErrors]) -> Table:
-    """Table 4's numbers, which are all that the paper prints of Fig. 8, beside the largest errors here."""
+    """Table 4's numbers, which are all that the paper prints of Fig. 8, and the largest errors here."""
     rows = []
     for law, found in errors.items():
         paper = TABLE4_CONSTANT if law == "constant" else TABLE4_OIAC
         for name, unit, theirs, ours in zip(NAMES, _UNITS, paper, found.largest, strict=True):
             rows.append([f"{law}, {name} [{unit}]", f"{theirs:.3f}", f"{ours:.3f}"])
     caption = "Largest absolute errors (Fig. 8c); the paper's are Table 4's. Its curves (Fig. 8a, b) are only drawn."
-    return beside(rows, caption)
+    return compared(rows, caption)
 
 
 def _tables(errors: dict[str, TrackingErrors]) -> list[Table]:

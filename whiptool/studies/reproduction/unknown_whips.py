@@ -39,7 +39,7 @@ METHODS = {
     "adapt": "the robust strike; then identified and planned again after every strike",
     "still": "the same, after the whip was filmed once as it hangs",
     "wiggle": "the same, after one slow movement instead, chosen for what it tells",
-    "told": "the strike that hits most of the whips that have the true length, which is told, repeated",
+    "told": "the strike that hits most of the whips that have the true length, which is given, repeated",
 }
 LEARNING = ("uniform", "adapt", "still", "wiggle")
 LOOKING = ("still", "wiggle")
@@ -161,8 +161,8 @@ class LookUnit:
         """Choose the movement that tells most about the whip."""
         rng = np.random.default_rng(self.study.scene.target_seed)
         candidates, prior = 64 if self.study.thorough else 8, self.study.prior(self.material)
-        strike, told = choose_wiggle(prior, rng=rng, t_stay=self.study.scene.t_stay, candidates=candidates)
-        return {"strike": strike.vector.tolist(), "told": told}
+        strike, gain = choose_wiggle(prior, rng=rng, t_stay=self.study.scene.t_stay, candidates=candidates)
+        return {"strike": strike.vector.tolist(), "told": gain}
 
 
 @dataclass(frozen=True, kw_only=True)

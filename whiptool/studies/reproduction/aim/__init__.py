@@ -1,4 +1,4 @@
-"""Aimed strikes: a point, an arrival angle and a speed, from a strike map, beside "Point It, Strike It" (2026).
+"""Aimed strikes: a point, an arrival angle and a speed, from a strike map, compared with "Point It, Strike It" (2026).
 
 `python -m whiptool.reproduce aim`. Where goals are drawn is theirs; the robot's limits are those of its maker.
 """
@@ -15,7 +15,7 @@ __all__ = ["CONTROLLER", "MODEL", "SUBTITLE", "TITLE", "facts", "sections"]
 TITLE = "Aimed strikes: a point and a direction, in one shot"
 SUBTITLE = (
     "A UR5e with a stick and a rope strikes points at arrival angles, from a map of strikes and after refinement, "
-    'beside "Point It, Strike It" (2026), in whose region the goals are drawn.'
+    'compared with "Point It, Strike It" (2026), in whose region the goals are drawn.'
 )
 
 
@@ -35,7 +35,7 @@ def facts() -> dict[str, str]:
 
 
 def sections(context: Context) -> list[Section]:
-    """The UR5e's goals beside the published figures, where they are missed, and the planar hard task."""
+    """The UR5e's goals and the published figures, where they are missed, and the planar hard task."""
     from whiptool.studies.reproduction.aim import report
 
     return report.sections(context)

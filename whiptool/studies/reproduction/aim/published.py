@@ -1,4 +1,4 @@
-"""Figures that others publish, and those of our own learner, beside which ours stand."""
+"""Figures that others publish, and those of our own learner, with which ours are compared."""
 
 GOALS = 5700  # of "Point It, Strike It" (2026), in simulation
 ONE_SHOT = 0.735  # share of them within 5 cm and 10 degrees at the first strike

@@ -26,7 +26,7 @@ REPLAYS = 20
 
 
 def sections(context: Context) -> list[Section]:
-    """The UR5e's goals beside the published figures, where they are missed, and the planar hard task."""
+    """The UR5e's goals and the published figures, where they are missed, and the planar hard task."""
     quick, task = context.quick, ur5e(quick=context.quick)
     goals, replays = (5, 1) if quick else (task.drawn, REPLAYS)
     strike_map, folder = _map(task, context)
@@ -43,7 +43,7 @@ def _map(task: AimTask, context: Context) -> tuple[StrikeMap, Path]:
 
 
 def figures(aimed: Aimed) -> list[list[str]]:
-    """Return the table of shares, ours beside the published."""
+    """Return the table of shares, ours and the published."""
     s = aimed.summary()
     of_any = (aimed.one_shot.hit.sum() + sum(x["hit"] for x in aimed.followed["candidates"])) / len(aimed)
     rows = [

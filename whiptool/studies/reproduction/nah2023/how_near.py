@@ -57,7 +57,7 @@ def section(
     Args:
         found: Solutions by target.
         tried, evolved: Trials, and ends of CMA-ES, by target from the fourth.
-        refined: What lies beside the nearest, likewise.
+        refined: What lies near the nearest, likewise.
         nearest: The nearest strike at each target.
         replays: Each of these in MuJoCo; none: left out.
     """

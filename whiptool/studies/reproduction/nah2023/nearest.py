@@ -1,4 +1,4 @@
-"""How near the tip comes at full reach: many independent trials down to where none beside is nearer, and CMA-ES."""
+"""How near the tip comes at full reach: many independent trials down to where no neighbour is nearer, and CMA-ES."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def cmaes(rollout: CompiledRollout, target: int, bounds: StrikeBounds, cap: int,
 
 @dataclass(frozen=True, kw_only=True)
 class BesideUnit:
-    """CMA-ES in smaller and smaller boxes around a strike, each around the nearest so far: is there a nearer beside it?
+    """CMA-ES in smaller and smaller boxes around a strike, each around the nearest so far: is there a nearer one?
 
     Args:
         target: Which, from 0.

@@ -210,7 +210,7 @@ def _hand(found: Results, theirs: dict[str, Any]) -> Section:
         "preference. In the joints it is the share of the squared deviation q - q0 from the reference along the "
         "eigenvector of K with the smallest eigenvalue, 1/4 without a preference. The authors show both over time, "
         "and name no number; more than half is what we call predominant. Random strikes from the whole box stand "
-        "beside: what holds of them too, is not owed to the target."
+        "next to them: what holds of these too, is not owed to the target."
     )
     caption = "Root mean square distance of the hand from the nearest plane, medians; and of random strikes the claims."
     drawn = pictures.distributions(solutions, random, published_ones)
@@ -245,7 +245,7 @@ def _sensitivity(found: Results, theirs: dict[str, Any]) -> Section:
         "Where a strike hits, the miss distance has a kink, and no derivative. What is taken instead is exact, too: "
         "how far the tip's path moves across its velocity where it passes the target, by each of the nine parameters "
         "(forward mode of CasADi over the whole strike). Per width of the box, as the authors scale their noise, and "
-        "per rad and s. Beside it their own experiment: the mean miss under uniform noise of 5 % of the box's width "
+        "per rad and s. Next to it their own experiment: the mean miss under uniform noise of 5 % of the box's width "
         "to either side on the initial posture, on the final posture, and on D."
     )
     after = (

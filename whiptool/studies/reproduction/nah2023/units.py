@@ -124,7 +124,7 @@ class SolutionsUnit:
         return f"nah2023-solutions-target{self.target + 1}-{sizes}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Find and measure them, and as many random strikes beside them."""
+        """Find and measure them, and as many random strikes for comparison."""
         start, rollout, target = time.monotonic(), simulator(threads), np.array(published.TARGETS[self.target])
         coarse, rng = simulator(threads, timestep=COARSE), np.random.default_rng(self.target)
         drawn = BOUNDS.sample(rng, self.random)
