@@ -119,13 +119,24 @@ def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.nd
 
 def _solve_across(A: np.ndarray, b: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Solve `A x = b` for changes x (B, 3 N) of rods' directions, all across them; A (B, 3 N, 3 N) has rank 2 N."""
-    B, m = directions.shape
-    along = np.zeros((B, m // 3, m))
-    for i in range(m // 3):
-        own = slice(3 * i, 3 * i + 3)
-        along[:, i, own] = directions[:, own]
-    rows, right = np.concatenate([A, along], axis=1), np.concatenate([b, np.zeros((B, m // 3))], axis=1)
-    return (np.linalg.pinv(rows) @ right[..., None])[..., 0]
+    B, N = len(directions), directions.shape[1] // 3
+    across = _tangents(directions.reshape(B, N, 3))
+    reduced = np.einsum("bnia,bnimj,bmjc->bnamc", across, A.reshape(B, N, 3, N, 3), across, optimize=True)
+    right = np.einsum("bnia,bni->bna", across, b.reshape(B, N, 3))
+    reduced, right = reduced.reshape(B, 2 * N, 2 * N), right.reshape(B, 2 * N, 1)
+    try:
+        found = np.linalg.solve(reduced, right)
+    except np.linalg.LinAlgError:  # nothing holds a rod: neither weight nor a spring
+        found = np.linalg.pinv(reduced) @ right
+    return np.einsum("bnia,bna->bni", across, found.reshape(B, N, 2)).reshape(B, 3 * N)
+
+
+def _tangents(directions: np.ndarray) -> np.ndarray:
+    """Two unit vectors across each of unit vectors (B, N, 3) and across each other, (B, N, 3, 2)."""
+    axis = np.eye(3)[np.abs(directions).argmin(axis=2)]  # the coordinate axis that is most across
+    first = np.cross(directions, axis)
+    first /= np.linalg.norm(first, axis=2, keepdims=True)
+    return np.stack([first, np.cross(directions, first)], axis=3)
 
 
 def _hanging_change(arm: SpatialArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
