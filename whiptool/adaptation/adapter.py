@@ -1,4 +1,4 @@
-"""Ask and tell: which strike is next, and what was seen of it; every step is kept, so that a killed run goes on."""
+"""Ask and tell: plan a strike, learn from its recording; every step is kept, so that a killed run goes on."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class Options:
 
 
 class Adapter:
-    """Learns an unknown whip from strikes that somebody else strikes and records: ask for one, tell what was seen.
+    """Learns an unknown whip from strikes that are made elsewhere: `ask` plans one, `tell` takes its recording.
 
     What the folder holds of an earlier run is read and not planned again; a strike that was planned and not reported
     is asked for again, the same one.
@@ -173,7 +173,7 @@ class Adapter:
         return Strike.from_vector(self._plan().strike)
 
     def tell(self, told: StrikeRecording | Seen, *, must_teach: bool = False) -> Step:
-        """Learn from the strike that was asked for, and return all that is known of it.
+        """Learn from the recording of the planned strike, and return the step: plan, outcome and posterior.
 
         Args:
             told: Its recording, time 0 being the start of the command, with the marker `tip`; or a `Seen`, which says
@@ -198,7 +198,7 @@ class Adapter:
         return self._step(self._keep(seen), learned)
 
     def _taught_by(self, seen: Seen) -> Learned | None:
-        """What a recording teaches, before it is kept; None where there is nothing to learn.
+        """Return the posterior with a recording, before it is kept; None where nothing can be learned from it.
 
         Raises:
             InputError: Its units, axes, joints or time of the start are wrong, or it teaches nothing.
@@ -228,7 +228,7 @@ class Adapter:
             pass
 
     def _step(self, seen: Seen, taught: Learned | None = None) -> Step:
-        """Learn from what was seen of the strike that was asked for, unless that was done, and go on to the next."""
+        """Update the posterior with what was seen of the planned strike, unless that was done, and go on."""
         o, number, chosen = self.options, self.number, self._plan()
         if number and seen.carried_out:
             self._past.append(chosen.strike)

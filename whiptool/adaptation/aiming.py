@@ -56,7 +56,7 @@ class Passes:
     speed: np.ndarray
 
     def probability(self, goal: Goals, error: ModelError, *, blur: float = 0.0) -> np.ndarray:
-        """Return the probability of a hit of each strike, (B,): by the point, and where it is asked for by direction.
+        """Return the hit probability of each strike, (B,): by the point and, where the target has one, the direction.
 
         The direction errs as the path does, see `direction_error`.
 
@@ -129,7 +129,7 @@ class _Aimed:
     def look(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort, whips: Sequence[Plant]
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Strikes within the limits, what each is worth over the whips, and how many candidates there were."""
+        """Strikes within the limits, the score of each over the sampled whips, and how many candidates there were."""
         starts = self.starts(rng, effort)
         if len(past):
             starts = np.vstack([np.array(past, float), starts])
@@ -151,7 +151,7 @@ class _Aimed:
         return np.vstack([tried, draws]), np.concatenate([worth, values]), effort.pool + len(past)
 
     def starts(self, rng: np.random.Generator, effort: Effort) -> np.ndarray:
-        """Random strikes whose tips pass the goal best with the mean: those that keep what peaks tell of, (B, m).
+        """Random strikes whose tips pass the goal best with the mean: those within limits of peaks, (B, m).
 
         An arm whose first joint turns all of it strikes in all directions alike: at every instant of a path it is
         turned to where the goal lies.
@@ -227,7 +227,7 @@ class _Aimed:
         return worth - np.where(beyond > 0, 10 + np.minimum(beyond, 10), 0)
 
     def sure(self, worth: float) -> bool:
-        """Whether a strike is worth as much as one that passes every whip's goal by little."""
+        """Whether a strike scores as much as one that passes the goal of every sampled whip by little."""
         little, middle = SURE * self.goal.hit_radius, np.zeros((1, 1))
         angle = middle + SURE * self.goal.cone
         passes = Passes(middle + little, angle, middle, middle + 10.0)

@@ -22,7 +22,7 @@ def search_around(
     within: Callable[[np.ndarray], np.ndarray],
     sure: Callable[[float], bool],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the strikes that were drawn around the best one (D, m) and what each is worth (D,).
+    """Return the strikes that were drawn around the best one (D, m) and the score of each (D,).
 
     A round that finds a better strike goes on from there, with the mean of the last spread and of the round's best
     quarter's distance from there; else the spread shrinks to three fifths.

@@ -1,4 +1,4 @@
-"""A first look at a whip, before the first strike: as it hangs, or in a short, slow movement that tells most."""
+"""A first look at a whip, before the first strike: as it hangs, or in an informative short, slow movement."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def choose_wiggle(
     candidates: int = 32,
     keeps: Sequence[Limits] = (),
 ) -> tuple[Strike, float]:
-    """The movement that tells most (D-optimal), among short ones in which the tip stays slow, and how much [nat].
+    """The D-optimal movement among short ones in which the tip stays slow, and its information gain [nat].
 
     In space, of an unevener whip, a linearised prior promises most of movements that are hardly foreseen, and whose
     recordings many whips explain; those it leaves out.

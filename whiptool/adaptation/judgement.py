@@ -24,7 +24,7 @@ _SIZES, _PACES = np.geomspace(0.001, 0.5, 9), np.array([0.015, 0.03, 0.06, 0.12]
 
 
 def judge_seen(miss: float, target: Target, error: float = NOISE) -> Judgement:
-    """From a miss distance alone, as a port without a recording tells it [m].
+    """From a miss distance alone [m], as a port without a recording returns it.
 
     It says nothing of the tip's velocity: of a target that asks for a direction or a speed no hit is claimed.
     """

@@ -1,4 +1,4 @@
-"""Strike, film, identify again, plan again, until it hits: an adapter is asked, and a port strikes and films."""
+"""Strike, film, identify again, replan, until it hits: an adapter plans and learns, a port strikes and films."""
 
 from __future__ import annotations
 

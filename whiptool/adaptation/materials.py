@@ -117,7 +117,7 @@ USUAL = ("cotton", "leather", "nylon", "silicone", "steel-chain")  # of which a 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class Stock:
-    """Whips that what is known of them does not tell apart: numbers whose logarithms are moved by independent causes.
+    """Distribution of the whips of a material: the logarithms of their numbers depend on independent causes.
 
     Args:
         name: Of the material, or of the model.
@@ -145,7 +145,7 @@ class Stock:
         return dict(zip(NUMBERS, np.exp(log).tolist(), strict=True))
 
     def owned(self, model: Model) -> Model:
-        """The model of somebody who knows nothing else of the whip: its arm, with the uniform whip in the middle."""
+        """The prior's middle: the model's arm with the uniform whip of the middle numbers."""
         return dataclasses.replace(model, whip=uniform_whip(self.numbers, model.whip), name=self.name)
 
 

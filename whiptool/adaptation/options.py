@@ -66,7 +66,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     still: bool = True
     """Film the whip as it hangs, before the first strike: how long it is. Not needed with --wiggle or --known."""
     wiggle: bool = False
-    """A short, slow movement first, chosen for what it tells about the whip."""
+    """A short, slow movement first, chosen for its information gain about the whip."""
     starts: int = 3
     """Starts of every identification."""
     least_speed: float | None = None
@@ -111,7 +111,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
                 raise InputError(flag, given, "only for a model in space")
 
     def build_target(self, model: Model | None = None) -> Target:
-        """Target; in space with what is asked of the tip's arrival."""
+        """Target; in space with direction and speed of arrival."""
         in_plane = model is None or model.dimension == 2
         if in_plane and (self.target is None or len(self.target) == 2):
             return TargetOptions.build_target(self, model)
@@ -237,7 +237,7 @@ def _stock(options: AdaptOptions):
 
 
 def _controller(options: AdaptOptions, model):
-    """The controller; a rig's holds the torque for a cycle, and compensates the weights that its owner knows of."""
+    """The controller; a rig's holds the torque for a cycle, and compensates the weights that it is given."""
     controller = options.build_controller()
     if options.camera == "tip" or options.port == ROBOT:
         return controller

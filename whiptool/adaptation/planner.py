@@ -52,7 +52,7 @@ _SQUEEZE = Squeeze()
 
 @dataclass(frozen=True)
 class Worth:
-    """What a strike is worth in the search, in addition to its probability of a hit.
+    """Score of a strike in the search, in addition to its hit probability.
 
     Args:
         blur: The search smoothes where strikes pass by this, at least [m].
@@ -100,7 +100,7 @@ NEXT = Effort()
 
 @dataclass(frozen=True)
 class Demands:
-    """What is asked of a strike besides a hit.
+    """Constraints on a strike besides the hit.
 
     Args:
         bounds: Box of strikes; default: `default_bounds`.
@@ -246,7 +246,7 @@ class _Search:
     def look(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort, whips: Sequence[Plant]
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Strikes, what each is worth over the whips, and how many candidates there were."""
+        """Strikes, the score of each over the sampled whips, and how many candidates there were."""
         lower, upper = self.box
         candidates = self.within(rng.uniform(lower, upper, (effort.pool, len(lower))))
         if len(past):
@@ -357,7 +357,7 @@ class _Search:
         return score - np.where(excess > 0, 10 + excess, 0)
 
     def sure(self, score: float) -> bool:
-        """Whether a strike is worth as much as one that misses every whip by little."""
+        """Whether a strike scores as much as one that misses with every sampled whip by little."""
         little = SURE * self.target.hit_radius
         return score >= float(self.probability(np.array([[little]]))[0]) - WORTH.pull * little
 

@@ -382,7 +382,7 @@ def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> 
 
 
 def _redundancy(found: Fit) -> float:
-    """So many readings are worth one: they correlate, and may scatter by more than their stated errors.
+    """Return how many readings count as one: they correlate, and may scatter by more than their stated errors.
 
     Less scatter than these is chance, or hides what no residual shows.
     """
@@ -409,7 +409,7 @@ def _belief(prior: Belief, found: Fit, recordings: Sequence[StrikeRecording], re
 
 
 def _learned_error(prior: ModelError, found: Fit, recordings: Sequence[StrikeRecording], few: float) -> ModelError:
-    """The model's error after the residuals of whips that moved; `few` readings are worth one."""
+    """The model's error after the residuals of whips that moved; `few` readings count as one."""
     moved = [fitted for fitted, r in zip(found.recordings, recordings, strict=True) if not _at_rest(r)]
     if not moved:
         return prior

@@ -48,7 +48,7 @@ class PosteriorSample:
 
     @property
     def effective(self) -> float:
-        """So many independent draws would tell as much (Kong 1992)."""
+        """Effective number of independent draws (Kong 1992)."""
         return effective_size(np.log(np.maximum(self.weights, 1e-300)))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
@@ -81,7 +81,7 @@ def sample_posterior(
     rounds: int = ROUNDS,
     size: int = SIZE,
 ) -> PosteriorSample:
-    """Sample what recordings and prior together say, by rollouts of the compiled model.
+    """Sample the posterior of recordings and prior, by rollouts of the compiled model.
 
     Args:
         prior: Before any recording.
@@ -190,7 +190,7 @@ def importance_sample(
 
 
 def effective_size(log_weights: np.ndarray) -> float:
-    """Return how many equal weights are worth as much."""
+    """Return the effective number of weights."""
     return float(np.exp(2 * _log_sum(log_weights) - _log_sum(2 * log_weights)))
 
 

@@ -226,7 +226,7 @@ def default_prior(
 
 
 def _uniform(plant: Plant, stock: Stock) -> Belief:
-    """k, b, m and l of a uniform whip: what a stock says of length, density, stiffness and damping."""
+    """k, b, m and l of a uniform whip: from a stock's length, density, stiffness and damping."""
     names = ("whip.k", "whip.b", "whip.m", "whip.l")
     of = np.array([[-1, 0, 1, 0], [-1, 0, 0, 1], [1, 1, 0, 0], [1, 0, 0, 0]]) @ np.eye(4, len(NUMBERS))
     own = _belief(plant, dict.fromkeys(names, (None, 1.0)))

@@ -154,7 +154,7 @@ def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: 
 
 
 def _joined_in_space(whip: WhipParameters, like: WhipParameters) -> WhipParameters:
-    """A whip joined as another one in space; rods do not twist with the hand: none says which way they would bend."""
+    """A whip joined as another one in space; rods do not twist with the hand: their bend would have no direction."""
     rest = 0.0 if like.joints == "rod" else whip.rest_angle
     inertia = float(like.per_node("node_inertia").mean())
     return dataclasses.replace(whip, joints=like.joints, rest_angle=rest, node_inertia=inertia)

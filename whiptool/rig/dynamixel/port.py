@@ -85,7 +85,7 @@ def make_port(device: str, baud: int) -> Any:
     try:
         port.baudrate = baud
         if not port.openPort() or not port.setBaudRate(baud):
-            raise InputError("baud", baud, "a rate that dynamixel-sdk knows (9600 to 4000000)")
+            raise InputError("baud", baud, "a rate of dynamixel-sdk (9600 to 4000000)")
         port.ser.exclusive = True
     except InputError:
         raise
