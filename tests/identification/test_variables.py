@@ -129,7 +129,7 @@ def test_variables_by_name_and_their_bounds():
     assert [v.name for v in found] == ["delay", "whip.k"]
     assert np.exp(found[1].upper) == pytest.approx(0.9)
     with pytest.raises(InputError, match=r"bounds of whip.m"):
-        variables_of({"whip.k": 0.3, "whip.m": 0.1}, ["whip.k"], {"whip.m": (0.1, 0.9)})
+        variables_of({"whip.k": 0.3, "whip.m": 0.1}, ["whip.k"], {"whip.m": (0.1, 0.9)}, {})
 
 
 def test_a_number_knows_which_bound_it_lies_at():

@@ -98,7 +98,7 @@ def test_of_a_model_the_arm_has_bounds():
         (lambda: Strike((0.1,), (0.2,)), r"arguments of Strike: got nothing; .*D; missing .*'D'"),
         (
             lambda: Strike(1, 2, 3, 4),
-            r"strike: got .*; allowed: an odd number of numbers: n joint positions q_i, ",
+            r"strike: got .*; allowed: joint positions q_i, as many q_f, ",
         ),
         (
             lambda: Target((1.2, 0.1), radius=0.1),

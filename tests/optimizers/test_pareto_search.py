@@ -85,7 +85,7 @@ def test_the_end_of_a_front_is_not_in_the_valley_nearest_to_a_random_strike(seed
 def test_starts_that_lead_to_one_hit_end_the_search_for_the_first_end(monkeypatch):
     """On a slope without valleys the first descents agree; none begins beside their ends."""
     beside = []
-    monkeypatch.setattr("whiptool.optimizers.pareto_search._beside", lambda *args: beside.append(args) or 1 / 0)
+    monkeypatch.setattr("whiptool.optimizers.pareto_search._nearby", lambda *args: beside.append(args) or 1 / 0)
     front((Effort(), Miss()), trials=300)
     assert not beside
 

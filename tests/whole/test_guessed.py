@@ -209,7 +209,7 @@ def test_a_function_stays_one_when_the_command_of_its_name_is_imported():
     [
         (
             "wt.Strike(1, 2, 3, 4)",
-            "strike: got [1.0, 2.0, 3.0, 4.0]; allowed: an odd number of numbers: n joint positions q_i, n",
+            "strike: got [1.0, 2.0, 3.0, 4.0]; allowed: joint positions q_i, as many q_f, and D [s]: 5",
         ),
         ("wt.Target(1.0)", "target: got (1.0,); allowed: two finite coordinates x y in m, or three in space"),
         ("wt.search(objective, 'cma')", "method: got 'cma'; allowed: directl, gradient, cmaes"),

@@ -115,7 +115,7 @@ def test_a_policy_and_a_comparison_in_space(tmp_path):
         (["--limits", "arm"], "--limits: got 'none'; allowed: an arm whose joints have limits"),
         (["--arm", "nowhere.urdf", "--target", "1", "0", "0"], "nowhere.urdf"),
         (["--arm", "nobody"], "--arm: got 'nobody'"),
-        (["--model", "ur5e", "--target", "1", "0", "0", "--lower", "0", "0"], "13 numbers, for an arm of 6 joints"),
+        (["--model", "ur5e", "--target", "1", "0", "0", "--lower", "0", "0"], "13 numbers, q_shoulder_pan_i"),
     ],
 )
 def test_bad_input_in_space_is_one_line(words, said, tmp_path):

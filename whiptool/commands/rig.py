@@ -190,17 +190,16 @@ def _strike(words: list[str]) -> int:
 
 def _strike_once(options: StrikeOptions) -> int:
     """Strike, write everything, tell people or programs."""
-    from whiptool.models.strike import Strike
+    from whiptool.models.joint_space import JointSpace, numbers_of
     from whiptool.rig.session import CYCLES, RECORDING
     from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
 
     model, controller = options.build_model(), options.build_controller()
-    strike, target = Strike.from_vector(options.strike), options.build_target()
+    space, target = JointSpace(model.arm), options.build_target()
+    if len(options.strike) != space.width:
+        raise InputError("--strike", options.strike, numbers_of(space))
+    strike = space.strike(options.strike)
     target.check_reach(model)
-    if len(strike.q_i) != model.arm.n:
-        raise InputError(
-            "--strike", options.strike, f"{2 * model.arm.n + 1} numbers, for an arm of {model.arm.n} joints"
-        )
     interlock = Interlock()
     tell_when_interrupted(lambda: interlock.torque)
     rig = _make_rig(options, model, controller, interlock)

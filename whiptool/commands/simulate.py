@@ -176,10 +176,11 @@ def _strike(options: SimulateOptions, model):
         return load_policy(options.run).strike(options.build_target(model))
     if options.strike is None:
         return None
+    from whiptool.models.joint_space import numbers_of
+
     space = options.build_controller().strike_space(model.arm)
     if len(options.strike) != space.width:
-        whose = f"an arm of {model.arm.n} joints" if space.kind == "joint" else f"the hand: {' '.join(space.names)}"
-        raise InputError("--strike", options.strike, f"{space.width} numbers, for {whose}")
+        raise InputError("--strike", options.strike, numbers_of(space))
     space.check_turns("--strike", options.strike)
     return space.strike(options.strike)
 

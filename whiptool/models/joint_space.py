@@ -94,6 +94,11 @@ class StrikeSpace(Protocol):
         ...
 
 
+def numbers_of(space: StrikeSpace) -> str:
+    """Return in words which numbers a strike of a space has, such as `5 numbers, q_si q_ei q_sf q_ef D`."""
+    return f"{space.width} numbers, {' '.join(space.names)}"
+
+
 class JointSpace:
     """Strikes of an arm's joints: vectors `[q_i, q_f, D]` of 2 a + 1 numbers, which rollouts take as they are.
 

@@ -41,7 +41,7 @@ def named_strike(strike: Strike, arm: ArmParameters | SpatialArm) -> dict[str, f
     return dict(zip(strike_names(arm), map(float, strike.vector), strict=True))
 
 
-_VECTOR = "an odd number of numbers: n joint positions q_i, n positions q_f and the duration D"
+_VECTOR = "joint positions q_i, as many q_f, and D [s]: 5 numbers for 2 joints, 13 for 6"
 
 
 @made_of_numbers(lambda row: ends_and_duration(row, _VECTOR))

@@ -73,16 +73,12 @@ class SearchOptions(OptionGroup):
         Raises:
             InputError: They are not of this arm, or cross.
         """
-        from whiptool.models.joint_space import JointSpace
+        from whiptool.models.joint_space import JointSpace, numbers_of
 
         space = JointSpace(model.arm) if space is None else space
-        of = (
-            f"an arm of {model.arm.n} joints" if isinstance(space, JointSpace) else f"the hand: {' '.join(space.names)}"
-        )
-        numbers = space.width
         for name, given in (("--lower", self.lower), ("--upper", self.upper)):
-            if given is not None and len(given) != numbers:
-                raise InputError(name, given, f"{numbers} numbers, for {of}")
+            if given is not None and len(given) != space.width:
+                raise InputError(name, given, numbers_of(space))
         bounds = self._bounds(space)
         space.check_turns("--lower", bounds.lower)
         space.check_turns("--upper", bounds.upper)
