@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtr, stdtr
 
 from whiptool.errors import InputError
 from whiptool.models.arrays import NoArray
@@ -34,6 +33,8 @@ def probability_within(
     Returns:
         Like `miss`.
     """
+    from scipy.special import ndtr, stdtr
+
     low, high = (-radius - miss) / scale, (radius - miss) / scale
     within = ndtr(high) - ndtr(low) if freedom == np.inf else stdtr(freedom, high) - stdtr(freedom, low)
     return np.clip(within, 0.0, 1.0)  # stdtr errs in the last digits

@@ -118,6 +118,11 @@ def limits_given(given: Given | Literal["default"], model: Model, *, prescribed:
     return default_limits(model, prescribed=prescribed)
 
 
+def distance_beyond(penalty: float, beyond: np.ndarray | float) -> np.ndarray | float:
+    """Return the distances [m] that stand for strikes beyond limits, between one penalty and two; 0 beyond: one."""
+    return penalty * (2 - 1 / (1 + beyond))
+
+
 class AllLimits:
     """Several limits, of which a strike has to keep all.
 

@@ -15,7 +15,7 @@ import numpy as np
 from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError, expect
-from whiptool.limits import AllLimits, Limits, Smooth, limits_given
+from whiptool.limits import AllLimits, Limits, Smooth, distance_beyond, limits_given
 from whiptool.models.arrays import ArrayLike, NoArray
 from whiptool.models.clearance import Clearance
 from whiptool.models.joint_space import AnyStrike
@@ -430,7 +430,7 @@ class Objective:
 
     def _not_made(self, beyond: float) -> Outcome:
         a, d = self.rollout.model.arm.n, self.rollout.model.dimension
-        distance, nowhere, nothing = self.penalty * (2 - 1 / (1 + beyond)), (math.nan,) * d, (math.nan,) * a
+        distance, nowhere, nothing = float(distance_beyond(self.penalty, beyond)), (math.nan,) * d, (math.nan,) * a
         return Outcome(distance, False, math.nan, nowhere, nowhere, nothing, nothing, False, refused=UNREACHABLE)
 
     def _rolled(self, strikes: np.ndarray) -> list[Outcome]:
@@ -493,7 +493,7 @@ class Objective:
         diverged = not by_rig and (bool(near.diverged[i]) or not np.isfinite(near.distance[i]))
         refused = RIG if by_rig == "refused" else by if beyond > 0 and not diverged else None
         lost = diverged or beyond > 0 or bool(by_rig)
-        distance = self.penalty * (2 - 1 / (1 + beyond)) if lost else float(near.distance[i])
+        distance = float(distance_beyond(self.penalty, beyond) if lost else near.distance[i])
         error = None if lost or near.error is None else float(near.error[i])
         arrival = None if lost or self.goals.only_points else self._arrival(near, i)
         hit = not lost and self._hits(near, i)

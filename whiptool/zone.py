@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
@@ -197,7 +196,7 @@ class ReachableDisc:
         r = np.linspace(0, self.disc.radius, 20_001)
         half = self._half_arc(r)
         rim = 2 * r * half if self.dimension == 2 else 2 * np.pi * r**2 * (1 - np.cos(half))
-        return r, cumulative_trapezoid(rim, r, initial=0)
+        return r, _integrals(rim, r)
 
     def _half_arc(self, r: np.ndarray) -> np.ndarray:
         """Half the angle [rad] of a circle about the disc's centre that lies within reach, by the law of cosines.
@@ -207,6 +206,13 @@ class ReachableDisc:
         distance = math.hypot(*self.disc.centre)
         cosine = (r**2 + distance**2 - self.reach**2) / np.maximum(2 * r * distance, 1e-300)
         return np.arccos(np.clip(cosine, -1, 1))
+
+
+def _integrals(values: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the integrals of values (n,) from the first of the places x (n,) to each, by the trapezoidal rule."""
+    from scipy.integrate import cumulative_trapezoid
+
+    return cumulative_trapezoid(values, x, initial=0)
 
 
 def _across(axis: np.ndarray) -> np.ndarray:
@@ -429,7 +435,7 @@ class Sector:
         """Heights [m], and the volume [m^3] below each of them, by the trapezoidal rule."""
         z = np.linspace(self.low, self.high, 20_001)
         inner, outer = self._rims(z)
-        volumes = cumulative_trapezoid(self.aside * (outer - inner), z, initial=0)
+        volumes = _integrals(self.aside * (outer - inner), z)
         if not volumes[-1] > 0:
             raise InputError("sector", (self.near, self.far, self.low, self.high), "one that holds points")
         return z, volumes

@@ -11,7 +11,10 @@ from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import StrikeBounds
+from whiptool.objective import Objective
 from whiptool.rl.task import StrikeTask, log_reward, reward
 from whiptool.zone import Disc
 
@@ -253,3 +256,67 @@ def test_observations_that_show_no_target_show_no_direction(observation):
     targets = np.array([[1.0, 0.1]])
     np.testing.assert_array_equal(t.reset(targets), plain.reset(targets))
     assert t.n_obs == plain.n_obs == 4
+
+
+class Steep:
+    """Peaks are beyond by the first angle less 0.3; whole strikes that hit, by what is said."""
+
+    judges, by_peaks, command, positions, smooth = "motor", True, None, np.array([[-0.4, 0], [0.5, 1]]), ()
+
+    def __init__(self, of_hits: float | None = None) -> None:
+        self.of_candidates, self.of_hits, self.looked_at = of_hits is not None, of_hits, 0
+
+    def violation_of_peaks(self, near):
+        return near.max_joint_speed[:, 0] - 0.3
+
+    def violation(self, trajectory):
+        self.looked_at += 1
+        return self.of_hits
+
+
+class Following(StraightFlight):
+    def trajectory(self, strike, *, t_stay):
+        return strike
+
+
+def test_strikes_beyond_the_limits_are_refused_as_an_objective_refuses_them():
+    t, o = (
+        StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, limits=Steep()),
+        Objective(StraightFlight(), (1.2, 0.0), bounds=BOUNDS, limits=Steep()),
+    )
+    assert (t.bounds.lower[0], t.bounds.upper[0]) == (o.bounds.lower[0], o.bounds.upper[0]) == (-0.4, 0.5)
+    strikes = np.array([[0.05, 0, 0.2, 0.3, 0.7], [0.4, 0, 0.2, 0.3, 0.7], [0.2, 0.95, 0.2, 0.3, 0.7]])
+    goals = t.as_goals(np.tile((1.2, 0.0), (3, 1)))
+    judged, outcomes = t.judge(strikes, goals), o.batch(strikes)
+    assert judged.refused.tolist() == [outcome.refused or "" for outcome in outcomes] == ["", "motor", ""]
+    assert judged.diverged.tolist() == [outcome.diverged for outcome in outcomes] == [False, False, True]
+    assert judged.lost.tolist() == [False, True, True]
+    assert judged.distance[:2] / [1, t.penalty] == pytest.approx(
+        [outcomes[0].miss_distance, outcomes[1].miss_distance / o.penalty]
+    )
+    assert judged.cost.tolist() == judged.distance.tolist()
+    assert t.reward(judged.cost, judged.hit)[1] == pytest.approx(-10 * t.penalty * (2 - 1 / 1.1))
+    np.testing.assert_allclose(t.look(judged, goals)[1:], t.first_look(goals)[1:])  # no such strike was made
+
+
+def test_of_strikes_that_hit_the_whole_is_judged():
+    strikes = np.array([[0.02, 0, 0.2, 0.3, 0.7], [0.2, 0, 0.2, 0.3, 0.7]])
+    for beyond, expected in ((-1.0, [True, False]), (1.0, [False, False])):
+        limits = Steep(of_hits=beyond)
+        t = StrikeTask(Following(), ZONE, bounds=BOUNDS, limits=limits)
+        judged = t.judge(strikes, t.as_goals(np.tile((1.2, 0.0), (2, 1))))
+        assert limits.looked_at == 1
+        assert judged.hit.tolist() == expected
+        assert judged.refused.tolist() == [["", "motor"][beyond > 0], ""]
+
+
+class InSpace(StraightFlightInSpace):
+    model = preset("ur5e")
+
+
+def test_a_robot_s_strikes_are_commanded_no_faster_than_its_joints_may():
+    actions = np.random.default_rng(0).uniform(-1, 1, (100, 13))
+    kept, free = (StrikeTask(InSpace(), limits=limits).to_strikes(actions) for limits in ("default", None))
+    shortened = ArmLimits.of(preset("ur5e").arm).command.shortened
+    np.testing.assert_allclose(shortened(kept), kept)
+    assert (np.abs(shortened(free) - free).max(axis=1) > 0.1).mean() > 0.5

@@ -14,7 +14,7 @@ from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.commands.limits_told import limit_lines, limits_table, refuse_unheld, with_cure
-from whiptool.commands.pictures import StrikePictures
+from whiptool.commands.pictures import StrikePictures, drawing_process
 from whiptool.errors import InputError
 from whiptool.options import (
     METHODS,
@@ -125,17 +125,18 @@ class _Run:
     """One search: everything is checked before anything is written."""
 
     def __init__(self, options: OptimizeOptions) -> None:
-        from whiptool.objective import Objective
-        from whiptool.optimizers import usual_method
-        from whiptool.optimizers.trial_log import TRIALS, TrialLog
-        from whiptool.runs import code_version
-
         self.options = options
         self.model, self.controller = options.build_model(), options.build_controller()
         options.check_posture(self.model)
         self.target = options.build_target(self.model)
         self.target.check_reach(self.model)
         self.controller.check_fits(self.model.arm)
+        self.drawing = drawing_process() if options.video else None  # it imports meanwhile
+        from whiptool.objective import Objective
+        from whiptool.optimizers import usual_method
+        from whiptool.optimizers.trial_log import TRIALS, TrialLog
+        from whiptool.runs import code_version
+
         self.rollout = options.build_rollout(self.model, self.controller)
         self.given = options.build_limits(self.model, self.controller)
         bounds = options.build_bounds(self.model, self.rollout.space)
@@ -231,7 +232,14 @@ class _Run:
             print(self._text(result, self._summary(result, reference=_NOT_REPLAYED) | table), flush=True)
         label, beyond = self.options.controller_label(), table.get("beyond")
         with StrikePictures(
-            self.folder.path, trajectory, self.model, self.target, label, video=self.options.video, beyond=beyond
+            self.folder.path,
+            trajectory,
+            self.model,
+            self.target,
+            label,
+            video=self.options.video,
+            beyond=beyond,
+            process=self.drawing,
         ) as pictures:
             replayed = self._replay(result)
             summary = self._summary(result, reference=replayed)

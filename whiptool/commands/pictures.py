@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -12,15 +11,22 @@ if TYPE_CHECKING:
     from whiptool.models import Model
     from whiptool.rollout import Trajectory
     from whiptool.target import Target
-    from whiptool.viz.video_process import VideoProcess
+    from whiptool.viz.picture_process import PictureProcess
 
 VIDEO = "strike.mp4"
+
+
+def drawing_process() -> PictureProcess:
+    """Return a process that is getting ready to draw."""
+    from whiptool.viz.picture_process import PictureProcess
+
+    return PictureProcess()
 
 
 class StrikePictures:
     """The trajectory of a strike, which is saved at once, and its pictures.
 
-    As a context manager it has a process of its own render the video meanwhile.
+    As a context manager it has a process of its own draw video and figures meanwhile, and waits for it at the end.
 
     Args:
         folder: Run folder.
@@ -28,6 +34,7 @@ class StrikePictures:
         label: The controller in words.
         video: Whether there is a video.
         beyond: Beyond which limit the strike is, in words; it is then shown as no hit. None: beyond none.
+        process: That draws; None: a new one.
     """
 
     def __init__(
@@ -40,38 +47,39 @@ class StrikePictures:
         *,
         video: bool,
         beyond: str | None = None,
+        process: PictureProcess | None = None,
     ) -> None:
         self._folder, self._trajectory, self._model, self._target = folder, trajectory, model, target
         self._label, self._wanted, self._beyond = label, video, beyond
-        self._video: VideoProcess | None = None
-        self._open = ExitStack()
+        self._title = label + (", beyond its limits" if beyond else "")
+        self._process = process
         trajectory.save(folder / "trajectory.npz")
 
     def __enter__(self) -> Self:
         if self._wanted:
-            from whiptool.viz.video_process import VideoProcess
+            from whiptool.viz.picture_process import Pictures
 
-            path, beyond = self._folder / VIDEO, self._beyond is not None
-            video = VideoProcess(path, self._trajectory, self._model, self._target, beyond=beyond)
-            self._video = self._open.enter_context(video)
+            self._process = self._process or drawing_process()
+            drawn = (self._trajectory, self._model, self._target, self._title)
+            self._process.draw(Pictures(self._folder, self._folder / VIDEO, *drawn, beyond=self._beyond is not None))
         return self
 
-    def __exit__(self, *error) -> None:
-        self._open.__exit__(*error)
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if self._process is not None:
+            self._process.stop() if error is not None else self._process.wait()
 
     def draw(self) -> list[str]:
-        """Write figures and page, wait for the video; return what there is, for people."""
+        """Write the page, and figures unless a process does; return what there is in the end, for people."""
         cli.drawing()
         from whiptool.viz.page import strike_page
-        from whiptool.viz.plots import save_strike_figures
         from whiptool.whole_files import write_whole
 
         folder, trajectory, model, target = self._folder, self._trajectory, self._model, self._target
-        title = self._label + (", beyond its limits" if self._beyond else "")
-        save_strike_figures(folder, trajectory, model, target, title)
         page = strike_page(model, trajectory, target, label=self._label, beyond=self._beyond)
         write_whole(folder / "strike.html", page)
-        if self._video is None:
+        if self._process is None:
+            from whiptool.viz.plots import save_strike_figures
+
+            save_strike_figures(folder, trajectory, model, target, self._title)
             return ["trajectory", "figures", "page"]
-        self._video.wait()
         return ["trajectory", "figures", "page", "video"]

@@ -51,11 +51,11 @@ def usual_for(kind: type[T], policy: Path) -> T:
     return kind(**mine)
 
 
-def shown_strike(policy: Path) -> tuple[Trajectory, Model, Target, str]:
+def shown_strike(policy: Path) -> tuple[Trajectory, Model, Target, str, str | None]:
     """Return the strike that a policy makes first at the first of its training's held-out goals.
 
     Returns:
-        Its trajectory, its model, the target, and its controller in words.
+        Its trajectory, its model, the target, its controller in words, and which limit it is beyond; None: none.
     """
     from whiptool.rl.held_out import held_out_goals
     from whiptool.target import Target
@@ -64,5 +64,7 @@ def shown_strike(policy: Path) -> tuple[Trajectory, Model, Target, str]:
     loaded = load_policy(policy)
     task = loaded.task
     target = Target.of(held_out_goals(task, trained.seed), 0)
-    trajectory = task.rollout.trajectory(loaded.strike(target), t_stay=task.t_stay)
-    return trajectory, task.rollout.model, target, trained.controller_label()
+    strike, model = loaded.strike(target), task.rollout.model
+    trajectory = task.rollout.trajectory(strike, t_stay=task.t_stay)
+    beyond = task.limits.explain(trajectory, model.arm.joints, strike)
+    return trajectory, model, target, trained.controller_label(), beyond

@@ -118,6 +118,8 @@ def _policy_strike(policy: Path) -> StrikeRun:
 def _look_at_strike(options: ViewOptions, folder: Path, strike: StrikeRun, *, anew: bool = False) -> dict[str, Any]:
     """Show a strike; its files are written where they are missing, or anew."""
     shown = _shown(folder)
+    if strike.beyond is not None:
+        print(f"whiptool: the strike is beyond its limits: {strike.beyond}", file=sys.stderr)
     if has_display() and not options.page and play(strike):
         return shown | {"shown": "viewer"}
     if anew or options.page or not (folder / PAGE).is_file():

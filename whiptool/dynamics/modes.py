@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import eigh
-from scipy.optimize import linear_sum_assignment
 
 from whiptool.dynamics import inverse
 from whiptool.dynamics.chain import Chain, chain_of, inverse_dynamics, passive_torque
@@ -231,6 +229,9 @@ def hanging_modes(
     Raises:
         InputError: `count` is not in 1 .. number of free joints, or the posture is of another arm.
     """
+    from scipy.linalg import eigh
+    from scipy.optimize import linear_sum_assignment
+
     a, n = model.arm.n, model.n
     at = np.zeros(a) if posture is None else np.asarray(posture, float)
     if at.shape != (a,) or not np.isfinite(at).all():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import nlopt
 import numpy as np
-from scipy.optimize import linprog
 
 from whiptool.criteria import Criterion
 from whiptool.objective import Objective
@@ -63,6 +62,8 @@ def _left(point: HitPoint) -> float:
 
 def _step(problem: HitProblem, u: np.ndarray, point: HitPoint, size: float) -> np.ndarray:
     """Return the step of the linear program, (m,): other variables are the largest measure and the excesses."""
+    from scipy.optimize import linprog
+
     m, k, c = len(u), len(point.measures), len(point.constraints)
     rows = [np.hstack([point.measure_slopes, -np.ones((k, 1)), np.zeros((k, c))])]
     rows.append(np.hstack([point.constraint_slopes, np.zeros((c, 1)), -np.eye(c)]))

@@ -9,9 +9,9 @@ all its lanes are rolled out as one batch, on all cores.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -23,6 +23,7 @@ from whiptool.arrival_rule import ArrivalRule, sample_goals
 from whiptool.errors import InputError
 from whiptool.goals import Goals
 from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
+from whiptool.limits import Limits
 from whiptool.models import Model, load_model
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, StrikeBounds
@@ -44,6 +45,7 @@ def make_task(
     strikes: int = 100,
     t_stay: float = T_STAY,
     bounds: StrikeBounds | None = None,
+    limits: Limits | Sequence[Limits] | Literal["default"] | None = "default",
 ) -> StrikeTask:
     """The task behind an environment, from the environment's options.
 
@@ -58,6 +60,8 @@ def make_task(
         strikes: Strikes at one target before the episode is truncated.
         t_stay: [s]
         bounds: Box of the strikes.
+        limits: Which strikes have to keep; default: what the model's arm has, of a robot those of its joints, itself
+            and its floor, see `StrikeTask`; None: the arm can do anything.
 
     Raises:
         InputError: One of them breaks its rule.
@@ -76,6 +80,7 @@ def make_task(
         strikes=strikes,
         t_stay=t_stay,
         bounds=bounds,
+        limits=limits,
     )
 
 
@@ -102,10 +107,11 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     An episode has one goal; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
     or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. Where arrival angles are drawn, it takes
     `"angle"` as well [rad]. `info` holds the `target` [m], and after a strike whether it hit (`is_success`),
-    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged` (the distance is then a penalty, the
-    speed zero), and, if it hit, `hit_time` [s].
+    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged`, `refused` (beyond which limits it is, in
+    a word: `joint`, `clearance`; empty: beyond none), and, if it hit, `hit_time` [s]. Of a strike that diverged or was
+    refused the distance is a penalty, the speed zero.
     Where more than a point is asked for there are `direction`, if it is, and after a strike `arrival_angle` from it
-    [rad], `arrival_speed` along it [m/s], and the `cost` [m] (`Goals`); of a diverged strike pi, zero and the penalty.
+    [rad], `arrival_speed` along it [m/s], and the `cost` [m] (`Goals`); of a lost strike pi, zero and the penalty.
 
     Args:
         render_mode: None, or `rgb_array`: a picture of the last strike.
@@ -248,7 +254,8 @@ def _info(task: StrikeTask, step: Step) -> dict[str, np.ndarray]:
         "is_success": judged.hit,  # as Stable-Baselines3 counts successes
         "miss_distance": judged.distance,
         "tip_speed": np.where(judged.lost, 0.0, near.speed),
-        "diverged": judged.lost,
+        "diverged": judged.diverged,
+        "refused": judged.refused,
         "hit_time": near.time,
     }
     if goals.directions is not None:

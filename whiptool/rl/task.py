@@ -8,7 +8,9 @@ speed with which the tip arrives. Their strikes are rolled out as one batch. A l
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -16,11 +18,12 @@ from whiptool.arrival_rule import ArrivalRule
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.goals import Goals
+from whiptool.limits import AllLimits, Limits, distance_beyond, limits_given
 from whiptool.models.parameters import Model, number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
 from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.rollout.trajectory import Approach, joint_points
+from whiptool.rollout.trajectory import Approach, Trajectory, joint_points
 from whiptool.target import HIT_RADIUS
 from whiptool.zone import Zone, check_fits, usual_disc
 
@@ -67,17 +70,24 @@ class Judged:
 
     Args:
         approach: Their closest approaches.
-        distance: Miss distances [m], a penalty where a strike diverged, (B,).
+        distance: Miss distances [m], a penalty where a strike diverged or is beyond the limits, (B,).
         cost: `Goals.cost` [m], the same penalty there, (B,); of points alone it is the distance.
         hit: Whether they hit, (B,), see `Goals.hit`.
-        lost: Whether a strike diverged, (B,).
+        diverged: Whether a strike diverged, (B,).
+        refused: By which of the task's limits, as `Outcome.refused` names them; empty: it is within all, (B,).
     """
 
     approach: Approach
     distance: np.ndarray
     cost: np.ndarray
     hit: np.ndarray
-    lost: np.ndarray
+    diverged: np.ndarray
+    refused: np.ndarray
+
+    @property
+    def lost(self) -> np.ndarray:
+        """Whether there is no true miss distance, as a strike diverged or was refused, (B,)."""
+        return self.diverged | (self.refused != "")
 
 
 @dataclass(frozen=True)
@@ -122,6 +132,9 @@ class StrikeTask:
         strikes: Strikes at one target before it is given up.
         t_stay: [s]
         bounds: Box of the strikes; actions in [-1, 1] cover it.
+        limits: Which strikes have to keep, as those of an `Objective`: the box is narrowed to them, a strike whose
+            joints are commanded faster than they may is shortened, and one that is beyond them all the same is refused:
+            it is no hit, and its miss distance is a penalty.
 
     Raises:
         InputError: The observation is unknown, or a number is out of range.
@@ -139,6 +152,7 @@ class StrikeTask:
         strikes: int = 100,
         t_stay: float = T_STAY,
         bounds: StrikeBounds | None = None,
+        limits: Limits | Sequence[Limits] | Literal["default"] | None = "default",
     ) -> None:
         if observation not in OBSERVATIONS:
             now = OLD_OBSERVATIONS.get(observation)
@@ -152,7 +166,9 @@ class StrikeTask:
         self.arrival = arrival or ArrivalRule()
         self.arrival.check_dimension(rollout.model)
         self.strikes, self.t_stay = whole("strikes", strikes), number("t_stay", t_stay, low=0)
-        self.bounds = bounds or default_bounds(rollout.model.arm)
+        given = limits_given(limits, rollout.model, prescribed=rollout.prescribed)
+        self.limits = AllLimits(given, by_joints=rollout.space.kind == "joint")
+        self.bounds = self.limits.narrowed(bounds or default_bounds(rollout.model.arm))
         self.lower, self.upper = self.bounds.box
         self.n_act = len(self.lower)
         self.n_obs = 2 * d + (d * (1 + self.arrival.directed) if observation == "goal" else 0)
@@ -210,10 +226,10 @@ class StrikeTask:
         """Strike once in every lane; actions (B, n_act), clipped to [-1, 1]."""
         judged = self.judge(self.to_strikes(actions), self.goals)
         self.n_strikes += len(actions)
-        self.n_diverged += int(judged.lost.sum())
+        self.n_diverged += int(judged.diverged.sum())
         self.counts += 1
         return Step(
-            obs=self.look(judged.approach, self.goals),
+            obs=self.look(judged, self.goals),
             reward=self.reward(judged.cost, judged.hit),
             truncated=~judged.hit & (self.counts >= self.strikes),
             judged=judged,
@@ -222,11 +238,25 @@ class StrikeTask:
     def judge(self, strikes: np.ndarray, goals: Goals) -> Judged:
         """Return what strikes (B, n_act) come to at goals (B)."""
         approach = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
-        wild = approach.diverged | ~np.isfinite(approach.distance)
-        distance = np.where(wild, self.penalty, approach.distance)
-        velocity = np.where(wild[:, None], 0.0, approach.velocity)
-        cost = np.where(wild, self.penalty, goals.cost(distance, velocity))
-        return Judged(approach, distance, cost, goals.hit_by(approach), wild)
+        wild, hit = approach.diverged | ~np.isfinite(approach.distance), goals.hit_by(approach)
+        beyond, by = self._beyond(strikes, approach, hit & ~wild)
+        refused = (beyond > 0) & ~wild
+        penalty = distance_beyond(self.penalty, np.where(refused, beyond, 0.0))
+        distance = np.where(wild | refused, penalty, approach.distance)
+        velocity = np.where((wild | refused)[:, None], 0.0, approach.velocity)
+        cost = np.where(wild | refused, penalty, goals.cost(distance, velocity))
+        return Judged(approach, distance, cost, hit & ~refused, wild, np.where(refused, by, ""))
+
+    def _beyond(self, strikes: np.ndarray, approach: Approach, hit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far strikes are beyond the limits, and beyond which, (B,) each; of hits the whole strike is looked at."""
+
+        def trajectory(strike: np.ndarray) -> Trajectory:
+            return self.rollout.trajectory(self.rollout.space.strike(strike), t_stay=self.t_stay)
+
+        beyond, by = self.limits.judged(strikes, approach, trajectory)
+        for i in np.flatnonzero(hit & (beyond <= 0)) if self.limits.of_candidates else ():
+            beyond[i], by[i] = self.limits.judged_whole(trajectory(strikes[i]))
+        return beyond, np.array(by)
 
     def reward(self, cost: np.ndarray, hit: np.ndarray | None = None) -> np.ndarray:
         """Return the rewards of costs [m], any shape, and of hits; see the rewards."""
@@ -234,7 +264,8 @@ class StrikeTask:
 
     def to_strikes(self, actions: np.ndarray) -> np.ndarray:
         """Return the strike vectors of actions, (B, n_act)."""
-        return self.lower + (np.clip(actions, -1, 1) + 1) / 2 * (self.upper - self.lower)
+        strikes = self.lower + (np.clip(actions, -1, 1) + 1) / 2 * (self.upper - self.lower)
+        return np.clip(self.limits.shortened(strikes), self.lower, self.upper) if self.limits.commands else strikes
 
     def first_look(self, targets: np.ndarray | Goals) -> np.ndarray:
         """Return the observations before the first strike at each goal, (B, n_obs)."""
@@ -242,11 +273,11 @@ class StrikeTask:
         tip = np.broadcast_to(self.resting_tip, goals.positions.shape)
         return self.observe(tip, np.zeros_like(tip), goals)
 
-    def look(self, approach: Approach, targets: np.ndarray | Goals) -> np.ndarray:
-        """Return the observations after strikes, (B, n_obs); after a diverged one, those before the first."""
+    def look(self, judged: Judged, targets: np.ndarray | Goals) -> np.ndarray:
+        """Return the observations after strikes, (B, n_obs); after one that is lost, those before the first."""
         goals = self.as_goals(targets)
-        obs = self.observe(approach.tip, approach.velocity, goals)
-        wild = approach.diverged | ~np.isfinite(obs).all(axis=1)
+        obs = self.observe(judged.approach.tip, judged.approach.velocity, goals)
+        wild = judged.lost | ~np.isfinite(obs).all(axis=1)
         obs[wild] = self.first_look(goals.rows(wild))
         return obs
 

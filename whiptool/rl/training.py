@@ -197,7 +197,7 @@ class Training:
         for _ in range(self.plan.hindsight):
             uniform = self._uniform(len(paths), width)
             goals = hindsight.new_goals(paths, task.zone, task.arrival, task.hit_radius, uniform)
-            if goals.only_points:
+            if goals.only_points and not task.limits:
                 came = hindsight.judged_by_path(paths, goals)
             else:
                 came = hindsight.judged_by_rollout(task, strikes, goals)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
-from scipy.interpolate import PPoly
-from scipy.optimize import brentq
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 
 class ClosestApproach(NamedTuple):
@@ -63,6 +64,8 @@ def closest_on_curve(curve: PPoly, place: np.ndarray, *, samples: int) -> float:
         place: (d,) [m].
         samples: Enough that the distance has one minimum between three successive ones.
     """
+    from scipy.optimize import brentq  # a third of what a command imports
+
     t = np.linspace(curve.x[0], curve.x[-1], samples)
     nearest = int(np.linalg.norm(curve(t) - place, axis=1).argmin())
 

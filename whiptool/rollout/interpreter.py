@@ -7,7 +7,6 @@ from functools import lru_cache, partial
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
@@ -291,6 +290,8 @@ def tip_at(
     Returns:
         (S, d), or with `moved` (S, 2 d).
     """
+    from scipy.interpolate import CubicHermiteSpline
+
     d = path.shape[1] // 2
     if len(t) == 1:
         both = path[:1, :d] if moved is None else np.hstack([path[:1, :d], moved[0][:1, :d]])
