@@ -115,3 +115,9 @@ def test_a_whip_of_a_hundred_nodes_needs_little_memory():
     """The whole process, of which most are libraries; kinematics of free bodies in Pinocchio took 18 GB."""
     done = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True, timeout=HANG)
     assert int(done.stdout) < 300e3  # kB
+
+
+@pytest.mark.parametrize("wrong", [{"least": 20.0}, {"floor": 800.0}])
+def test_distances_in_millimetres_are_asked_about(wrong):
+    with pytest.raises(InputError, match=rf"^{next(iter(wrong))}: .*are these millimetres\?$"):
+        Clearance(preset("ur5e"), **wrong)

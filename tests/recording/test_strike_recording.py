@@ -112,3 +112,11 @@ def test_a_strike_in_degrees_is_refused_where_its_arm_is_known():
         told.for_model(preset("lemon2024"))
     right = dataclasses.replace(told, strike=[-1.36, 0.47, 1.73, 1.41, 0.95])
     assert right.for_model(preset("lemon2024")) is right
+
+
+def test_a_standard_error_in_millimetres_is_asked_about():
+    t = np.arange(9) / 60
+    points = np.stack([np.sin(t), -np.cos(t)], axis=1)[:, None]
+    StrikeRecording(t, points, ("tip",), np.array(1.0))
+    with pytest.raises(InputError, match=r"^sigma: got 2\.0; .*are these millimetres\?$"):
+        StrikeRecording(t, points, ("tip",), np.array(2.0))

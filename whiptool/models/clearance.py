@@ -12,7 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models import motor_limits
-from whiptool.models.numbers import number
+from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 
@@ -44,7 +44,7 @@ class Clearance:
     Args:
         model: Arm and whip.
         floor: Its height, of the plane z (in the plane y) = floor [m]; None: there is none.
-        least: Distance to be kept [m].
+        least: Distance to be kept [m], at most 1 m.
 
     Raises:
         InputError: There is nothing to touch, as the arm has no capsules and there is no floor; or a number is out of
@@ -60,8 +60,8 @@ class Clearance:
 
     def __post_init__(self) -> None:
         if self.floor is not None:
-            object.__setattr__(self, "floor", number("floor", self.floor))
-        object.__setattr__(self, "least", number("least", self.least, low=0))
+            object.__setattr__(self, "floor", metres("floor", self.floor, low=-LONGEST, strict=False))
+        object.__setattr__(self, "least", metres("least", self.least, longest=LARGEST_GAP, strict=False))
         if not self.is_of(self.model) and self.floor is None:
             raise InputError("clearance", "none", "an arm with capsules, or a floor")
 

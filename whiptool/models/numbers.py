@@ -12,6 +12,7 @@ from whiptool.errors import InputError
 # of any quantity in SI units: what is beyond is a slip, and overflows or vanishes where it is squared
 LARGEST, SMALLEST = 1e15, 1e-12
 LONGEST, THICKEST = 100.0, 0.2  # [m] of whips and arms: what is beyond was given in millimetres
+LARGEST_GAP = 1.0  # [m] that may be asked for between arm, whip and floor
 ASK_UNIT = "lengths are in metres; are these millimetres?"
 
 

@@ -42,7 +42,7 @@ class LimitOptions(OptionGroup):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.numbers import number
+        from whiptool.models.numbers import LARGEST_GAP, metres
         from whiptool.models.spatial_arm import kept_free
 
         super().check()
@@ -50,7 +50,7 @@ class LimitOptions(OptionGroup):
             kept_free(self.keep_free)
         except InputError as error:
             raise error.renamed("--keep-free") from None
-        number("--clearance", self.clearance, low=0)
+        metres("--clearance", self.clearance, longest=LARGEST_GAP, strict=False)
         if self.floor is not None and self.floor != "none":
             self._height(self.floor)
         if self.limits == "none":
@@ -101,9 +101,10 @@ class LimitOptions(OptionGroup):
 
     @staticmethod
     def _height(given: str) -> float:
-        from whiptool.models.numbers import number
+        from whiptool.models.numbers import LONGEST, metres
 
         try:
-            return number("--floor", float(given))
+            height = float(given)
         except ValueError:
             raise InputError("--floor", given, "a number [m], or none") from None
+        return metres("--floor", height, low=-LONGEST, strict=False)

@@ -14,7 +14,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.arrays import NoArray
 from whiptool.models.joint_space import check_turns
-from whiptool.models.numbers import texts
+from whiptool.models.numbers import ASK_UNIT, texts
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.clock import LONGEST, check_pace
@@ -27,6 +27,7 @@ from whiptool.whole_files import write_npz
 FORMAT = 1  # of the NPZ file; raised when a key changes its meaning
 DEFAULT_SIGMA = 1e-3  # [m]
 DEFAULT_PIXELS = 0.5  # of a camera's view
+LARGEST_SIGMA = 1.0  # [m] of a coordinate; no camera is so far off, millimetres are
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
 FAR = 'are these millimetres or pixels? Say units = "mm", or the way to metres'
 WIDEST = 50.0  # [rad], eight turns of a joint
@@ -147,6 +148,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
             unit = "m" if self.view is None else "pixels"
             allowed = f"finite and > 0 {unit} wherever there is a point"
             raise InputError("sigma", float(np.nanmin(self.sigma[seen])), allowed)
+        if self.view is None and (largest := float(self.sigma[seen].max())) > LARGEST_SIGMA:
+            raise InputError("sigma", largest, f"a standard error of at most {LARGEST_SIGMA:g} m", ASK_UNIT)
         if not (np.abs((self.t_points - t[:, None])[seen]) <= FAR_OFF).all():
             raise InputError("t_points", "times far from their frame's", f"within {FAR_OFF:g} s of t")
         for name, value in (("t", t), ("points", points), ("markers", markers)):
