@@ -115,6 +115,25 @@ def expect(*kinds: type, **arguments: object) -> None:
             raise InputError(name, given, " or ".join(_WORDS.get(kind, kind.__name__) for kind in kinds))
 
 
+def no_attribute(owner: object, name: str, cures: Mapping[str, str] | None = None) -> AttributeError:
+    """Return the error of an object that has no attribute of a name, with what does what was meant, if that is known.
+
+    Args:
+        owner: The object.
+        name: Of the attribute.
+        cures: What to write instead, by names that are guessed.
+    """
+    cure = (cures or {}).get(name)
+    said = f"{type(owner).__name__} has no attribute {name!r}"
+    return AttributeError(said if cure is None else f"{said}; {cure}", name=name, obj=owner)
+
+
+_OTHERS_NAMES = {  # of arguments, as other libraries have them
+    **dict.fromkeys(("budget", "trials", "n_trials", "max_evals", "maxfev", "maxiter", "iterations"), "max_trials"),
+    **dict.fromkeys(("timeout", "time_limit", "maxtime"), "max_time"),
+}
+
+
 def refuse_call(whose: str, callee: Callable[..., object], *args: object, **named: object) -> None:
     """Refuse a call whose arguments are not those that a function has; it is not called.
 
@@ -133,5 +152,8 @@ def refuse_call(whose: str, callee: Callable[..., object], *args: object, **name
         known = [name for name in signature.parameters if name != "self"]
         unknown = [name for name in named if name not in known]
         if unknown:
-            raise InputError(f"argument of {whose}", unknown[0], ", ".join(known)) from None
+            other = _OTHERS_NAMES.get(unknown[0], "")
+            meant = other if other in known else alike(unknown[0], known)
+            fix = f"did you mean {meant}?" if meant else ""
+            raise InputError(f"argument of {whose}", unknown[0], ", ".join(known), fix) from None
         raise InputError(f"arguments of {whose}", ", ".join(named) or NOTHING, ", ".join(known), str(error)) from None

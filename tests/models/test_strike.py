@@ -86,9 +86,13 @@ def test_bounds():
             StrikeBounds(tuple(lower), tuple(upper))
 
 
-def test_of_a_model_the_arm_has_bounds():
-    with pytest.raises(InputError, match=r"arm: got 'a Model'; allowed: its arm; give model.arm"):
-        default_bounds(preset("lemon2024"))
+def test_the_bounds_of_a_model_are_its_arm_s_and_random_strikes_have_a_generator_or_a_seed():
+    bounds = default_bounds(preset("lemon2024"))
+    assert bounds == default_bounds(preset("lemon2024").arm)
+    np.testing.assert_array_equal(bounds.sample(5, seed=3), bounds.sample(np.random.default_rng(3), 5))
+    np.testing.assert_array_equal(bounds.sample(5), bounds.sample(np.random.default_rng(0), 5))
+    with pytest.raises(InputError, match="size: got None"):
+        bounds.sample(np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(

@@ -72,6 +72,10 @@ DATA = [
     ("np.asarray(strike)", "it.tolist() == list(strike)"),
     ("wt.presets()", "'lemon2024' in it and all(wt.load_model(name).name == name for name in it)"),
     ("wt.load_model('lemon2024')", "it == wt.preset('lemon2024')"),
+    (
+        "wt.default_bounds(model).sample(100, seed=1)",
+        "it.shape == (100, 5) and (it >= wt.default_bounds(model).box[0]).all()",
+    ),
 ]
 MODELS = [
     (
@@ -225,6 +229,29 @@ def test_what_cannot_be_is_refused_in_one_line(snippet, said, tmp_path):
         eval(snippet, Here(tmp_path))
     assert str(refused.value).startswith(said)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("snippet", "said"),
+    [
+        ("model.save('my.toml')", "Model has no attribute 'save'; whiptool.write_model(model, path) writes it"),
+        ("wt.search(objective).miss", "Result has no attribute 'miss'; result.miss_distance is the best strike's"),
+        ("path.plot()", "Trajectory has no attribute 'plot'; whiptool.plot_strike(path, model, target) draws it"),
+        (
+            "wt.search(rollout, target, budget=9)",
+            "argument of search: got 'budget'; allowed: ... did you mean max_trials?",
+        ),
+        (
+            "wt.search(rollout, target, max_trial=9)",
+            "argument of search: got 'max_trial'; ... did you mean max_trials?",
+        ),
+        ("model.wings", "Model has no attribute 'wings'"),
+    ],
+)
+def test_what_has_another_name_is_said_with_it(snippet, said, tmp_path):
+    with pytest.raises((AttributeError, InputError)) as refused:
+        eval(snippet, Here(tmp_path))
+    assert all(part in str(refused.value) for part in said.split(" ... "))
 
 
 def test_a_table_without_pandas_says_how_to_install_it(monkeypatch):

@@ -6,9 +6,9 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from whiptool.errors import InputError, expect
+from whiptool.errors import InputError, expect, no_attribute
 from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import metres, number, numbers, whole
 from whiptool.models.planar_arm import ArmLink, ArmParameters
@@ -48,6 +48,12 @@ class Model(NoArray, instead="its parameters()"):
                 raise InputError("whip.joints", bends, "universal or rod, for an arm in space")
         elif bends != "hinge":
             raise InputError("whip.joints", bends, "hinge, for an arm in the plane", "put the arm in space: in_space")
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> None:
+            cures = dict.fromkeys(("save", "write", "to_toml"), "whiptool.write_model(model, path) writes it")
+            raise no_attribute(self, name, cures)
 
     @property
     def dimension(self) -> int:

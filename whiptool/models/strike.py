@@ -149,9 +149,18 @@ class StrikeBounds(ArrayLike):
     def _as_array(self) -> np.ndarray:
         return np.stack(self.box)
 
-    def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
-        """Uniformly random strike vectors, shape (size, 2 n + 1)."""
+    def sample(self, rng: np.random.Generator | int, size: int | None = None, *, seed: int = 0) -> np.ndarray:
+        """Return uniformly random strike vectors, (size, 2 n + 1).
+
+        Args:
+            rng: What draws them; or their number, and `seed` draws them.
+            size: Their number.
+            seed: Where their number alone is given.
+        """
+        if size is None and not isinstance(rng, np.random.Generator):
+            rng, size = np.random.default_rng(whole("seed", seed, low=0)), rng
         expect(np.random.Generator, rng=rng)
+        assert isinstance(rng, np.random.Generator)
         lower, upper = self.box
         return rng.uniform(lower, upper, (whole("size", size, low=0), len(lower)))
 
@@ -172,8 +181,8 @@ def is_person(arm: ArmParameters | SpatialArm) -> bool:
     return arm.joints == _PERSON
 
 
-def default_bounds(arm: ArmParameters | SpatialArm) -> StrikeBounds:
-    """Return the bounds of strikes of an arm that has usual ones. [rad or m], [s]
+def default_bounds(arm: ArmParameters | SpatialArm | Model) -> StrikeBounds:
+    """Return the bounds of strikes of an arm, or of a model's, that has usual ones. [rad or m], [s]
 
     For the planar arm of two joints they are ours, the paper prints none. For the person's arm they are those of Nah et
     al. 2023. For another arm in space they are its joints' limits of position, of hinges that go farther, or on and on,
@@ -182,8 +191,7 @@ def default_bounds(arm: ArmParameters | SpatialArm) -> StrikeBounds:
     Raises:
         InputError: The arm has none; give bounds of your own.
     """
-    if isinstance(arm, Model):
-        raise InputError("arm", "a Model", "its arm", "give model.arm")
+    arm = arm.arm if isinstance(arm, Model) else arm
     expect(ArmParameters, SpatialArm, arm=arm)
     if isinstance(arm, SpatialArm):
         found = _person_bounds() if is_person(arm) else _bounds_of_limits(arm)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
+from whiptool.errors import no_attribute
 from whiptool.models.arrays import NoArray
 from whiptool.models.joint_space import AnyStrike
 from whiptool.objective import Outcome, Trial
@@ -59,6 +61,12 @@ class Result(NoArray, instead="its strike or outcome"):
         miss = "" if found is None or found.lost else f"miss {found.miss_distance:.4f} m: "
         best = "no trial" if found is None else f"best {miss}{found.status}"
         return f"Result({self.method}: {self.status.value}, {counted(self.n_trials, 'trial')}, {best})"
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> None:
+            cures = dict.fromkeys(("miss", "distance", "cost"), "result.miss_distance is the best strike's")
+            raise no_attribute(self, name, cures)
 
     def uninterrupted(self) -> Result:
         """Return itself, for work of which the search is a part and that Ctrl-C is to end.

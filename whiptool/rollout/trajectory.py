@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, no_attribute
 from whiptool.extras import optional
 from whiptool.given_files import read_arrays
 from whiptool.models.arrays import NoArray
@@ -165,7 +165,8 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
 
     def __getattr__(self, name: str) -> np.ndarray:
         if name not in SPELLED:
-            raise AttributeError(f"Trajectory has no attribute {name!r}", name=name, obj=self)
+            plots = "whiptool.plot_strike(path, model, target) draws it, and plot_tip_speed(path) and the like"
+            raise no_attribute(self, name, {"plot": plots})
         return getattr(self, SPELLED[name])
 
     def __dir__(self) -> list[str]:
