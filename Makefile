@@ -7,7 +7,7 @@ RUN := $(VENV)/bin/python
 TEST := env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 $(RUN) -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint requirements.lock
 
-.PHONY: demo test test-fast mutants check docs docs-commands clean
+.PHONY: demo test test-fast mutants maps check docs docs-commands clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.core
@@ -22,6 +22,15 @@ test-fast: $(VENV)/.dev
 # does a wrong formula fail a test? goes on where it was stopped; MUTANTS="--package rl --sample 20" for a part
 mutants: $(VENV)/.dev
 	$(RUN) -m tools.mutants $(MUTANTS)
+
+# the maps that come with the package, as users build them; goes on where it was stopped
+maps: $(VENV)/.dev
+	for model in lemon2024 panda ur5e; do \
+	  run=build/maps/$$model; \
+	  if [ -d $$run ]; then options="--resume $$run"; else options="--model $$model --out $$run"; fi; \
+	  $(RUN) -m whiptool.map build $$options || exit 1; \
+	done
+	$(RUN) -m tools.ship_maps build/maps
 
 # every command of README and documentation, as it is typed, to its end: hours; PAGES="how-to and identify" for some
 docs-commands: $(VENV)/.dev

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from whiptool.limits import AllLimits, limits_given
 from whiptool.models import JointLimits, StrikeBounds, default_bounds, preset
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
+from whiptool.models.command_limits import CommandLimits
 from whiptool.models.scene import Scene
 from whiptool.objective import Objective
 from whiptool.optimizers import search
@@ -105,6 +108,19 @@ def test_the_box_is_narrowed_to_positions():
         AllLimits(ArmLimits((JointLimits((4.0, 9.0)), JointLimits()))).narrowed(box)
     assert AllLimits(None).narrowed(box) == box
     assert not AllLimits(None)
+
+
+def test_random_strikes_keep_what_can_be_kept_beforehand():
+    """A joint that moves slowly is commanded to move too fast in most random strikes; where none can, any are taken."""
+    box, rng = StrikeBounds((-3.0, -3.0, -3.0, -3.0, 0.4), (3.0, 3.0, 3.0, 3.0, 1.0)), np.random.default_rng(0)
+    slow = CommandLimits((JointLimits(), JointLimits(velocity=0.1)), share=1.0)
+    member: Any = SimpleNamespace(violation=None, command=None, smooth=(slow,))
+    strikes = AllLimits(member).random_strikes(box, rng, 64)
+    assert strikes.shape == (64, 5)
+    assert slow.kept(strikes).all()
+    assert not slow.kept(box.sample(rng, 64)).all()
+    member.smooth = (SimpleNamespace(kept=lambda strikes: np.zeros(len(strikes), bool)),)
+    assert AllLimits(member).random_strikes(box, rng, 4).shape == (4, 5)
 
 
 @pytest.mark.parametrize("name", ["ur5e", "panda"])

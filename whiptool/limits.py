@@ -81,6 +81,8 @@ class Limits(Protocol):
 
 COMMANDED = "joint"  # what judges a movement that is commanded faster than the joints may go: the joints' limits
 
+_DRAWS = 256  # times as many random strikes are drawn at most as have to keep the limits
+
 Given: TypeAlias = Limits | Sequence[Limits] | None
 
 
@@ -147,6 +149,27 @@ class AllLimits:
         """What a search can keep beforehand."""
         return tuple(each for limits in self.members for each in limits.smooth) if self._by_joints else ()
 
+    def kept_beforehand(self, strikes: np.ndarray) -> np.ndarray:
+        """Return whether strikes (B, 2 a + 1) keep what is `smooth`, which takes no rollout, (B,)."""
+        keep = np.ones(len(strikes), bool)
+        for smooth in self.smooth:
+            keep[keep] = smooth.kept(strikes[keep])
+        return keep
+
+    def random_strikes(self, bounds: StrikeBounds, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return random strikes (count, 2 a + 1) of a box that keep what can be kept beforehand.
+
+        Where hardly any do, the others are any.
+        """
+        drawn = self.admissible(bounds.sample(rng, count), bounds)
+        found = drawn[self.kept_beforehand(drawn)]
+        for _ in range(_DRAWS):
+            if len(found) >= count:
+                break
+            drawn = self.admissible(bounds.sample(rng, count), bounds)
+            found = np.concatenate([found, drawn[self.kept_beforehand(drawn)]])
+        return np.concatenate([found, drawn])[:count]
+
     def __bool__(self) -> bool:
         return bool(self.members)
 
@@ -155,6 +178,11 @@ class AllLimits:
         for command in self.commands:
             strikes = command.shortened(strikes)
         return strikes
+
+    def admissible(self, strikes: np.ndarray, bounds: StrikeBounds) -> np.ndarray:
+        """Return strikes (B, m) put into a box, shortened where joints would be commanded beyond their speeds."""
+        lower, upper = bounds.box
+        return np.clip(self.shortened(np.clip(strikes, lower, upper)), lower, upper)
 
     def narrowed(self, bounds: StrikeBounds) -> StrikeBounds:
         """Return what of a box of strikes is within the limits of position.

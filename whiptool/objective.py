@@ -295,7 +295,11 @@ class Objective:
         judged with the outcome.
         """
         strikes = self._array(strikes)
-        return np.clip(self.limits.shortened(strikes), *self.bounds.box) if self.limits.commands else strikes
+        return self.limits.admissible(strikes, self.bounds) if self.limits.commands else strikes
+
+    def random_strikes(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return random strikes (count, 2 n + 1) of the bounds that keep what can be kept beforehand, if any do."""
+        return self.limits.random_strikes(self.bounds, rng, count)
 
     def __call__(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
         """Return the outcome of one strike, a `Strike` or its vector, (2 n + 1,).

@@ -63,6 +63,9 @@ class Bowl:
     def miss(self, x: np.ndarray) -> np.ndarray:
         return np.sqrt(((x - MINIMUM) ** 2).sum(axis=-1) + self.floor**2)
 
+    def random_strikes(self, rng, count):
+        return self.bounds.sample(rng, count)
+
     def admissible(self, strikes):
         return strikes
 

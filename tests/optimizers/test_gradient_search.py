@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from importlib import import_module
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from whiptool.models.clearance import Clearance
 from whiptool.models.command_limits import CommandLimits
 from whiptool.optimizers import search
 from whiptool.optimizers.gradient_search import BATCH, COLLISIONS, REFINED, STEPS, gradient_search, refine
-from whiptool.optimizers.smooth_limits import random_strikes
 from whiptool.rollout import CompiledRollout
 
 
@@ -139,18 +137,6 @@ def test_a_refinement_into_a_collision_is_given_up():
     bowl = Wall()
     assert not refine(bowl, np.array([0.9, -0.8, 5.5, 0.4, 0.5]))
     assert sum(bowl.miss(x) < 0.2 for x in bowl.refined) == COLLISIONS
-
-
-def test_random_strikes_keep_what_can_be_kept_beforehand():
-    """A joint that moves slowly is in most random strikes told to move too fast; where none can, any are taken."""
-    bowl, rng = Bowl(), np.random.default_rng(0)
-    bowl.smooth = (CommandLimits((JointLimits(), JointLimits(velocity=0.1)), share=1.0),)
-    strikes = random_strikes(bowl, rng, BATCH)
-    assert strikes.shape == (BATCH, 5)
-    assert bowl.smooth[0].kept(strikes).all()
-    assert not bowl.smooth[0].kept(BOUNDS.sample(rng, BATCH)).all()
-    bowl.smooth = (SimpleNamespace(kept=lambda strikes: np.zeros(len(strikes), bool)),)
-    assert random_strikes(bowl, rng, 4).shape == (4, 5)
 
 
 @pytest.mark.heavy

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,10 +162,18 @@ def test_targets_that_it_was_not_built_for_are_refused(building, parts):
         made.strike(Target.arriving((0.2, 0.1), 0.3))
     with pytest.raises(InputError, match="2 coordinates"):
         made.strike(Target((1.3, 0.0, 0.1)))
-    with pytest.raises(InputError, match="direction"):
-        made.strike((1.3, 0.0))
+    with pytest.raises(InputError, match="least speed"):
+        made.strike(Target((1.3, 0.0), speed=30.0))
     strike = made.strike(Target.arriving((1.3, 0.05), 1.0, speed=1.0), refined=False)
     assert building.striker.inside(strike.vector[None]).all()
+
+
+def test_a_goal_may_leave_the_direction_open(building, parts):
+    """The gate, which was trained on goals with directions, is then not asked."""
+    gate: Any = SimpleNamespace(odds=None)
+    made = StrikeMap(building.striker, AIMED, Answers.joined(parts), gate)
+    strike = made.strike((1.3, 0.0))
+    assert building.striker.rollout.approach(strike.vector[None], (1.3, 0.0)).distance[0] < AIMED.hit_radius
 
 
 def test_a_region_that_no_strike_passes_is_refused():

@@ -10,9 +10,10 @@ import pytest
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
+from whiptool.models.mount import turns_as_a_whole
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map import GoalRegion
-from whiptool.strike_map.turning import Front, turns
+from whiptool.strike_map.turning import Front
 from whiptool.zone import Disc, Sector
 
 
@@ -22,15 +23,15 @@ def ur5e():
 
 
 def test_robots_on_a_turntable_turn_and_others_do_not():
-    assert turns(preset("ur5e"))
-    assert turns(preset("panda"))
-    assert not turns(preset("nah2023"))
-    assert not turns(preset("lemon2024"))
+    assert turns_as_a_whole(preset("ur5e").arm)
+    assert turns_as_a_whole(preset("panda").arm)
+    assert not turns_as_a_whole(preset("nah2023").arm)
+    assert not turns_as_a_whole(preset("lemon2024").arm)
     arm = preset("ur5e").arm
     aside = replace(arm.links[0], position=(0.1, 0.0, 0.1625))
-    assert not turns(replace(preset("ur5e"), arm=replace(arm, links=(aside, *arm.links[1:]))))
+    assert not turns_as_a_whole(replace(arm, links=(aside, *arm.links[1:])))
     tilted = replace(arm.links[0], rotation=((0, 0, 1), (0, 1, 0), (-1, 0, 0)))
-    assert not turns(replace(preset("ur5e"), arm=replace(arm, links=(tilted, *arm.links[1:]))))
+    assert not turns_as_a_whole(replace(arm, links=(tilted, *arm.links[1:])))
 
 
 def test_what_does_not_turn_is_left_alone():

@@ -36,8 +36,9 @@ from whiptool.options import (
 )
 
 if TYPE_CHECKING:
+    from whiptool.models.parameters import Model
     from whiptool.models.strike import Strike
-    from whiptool.strike_map import Building, MapPlan, StrikeMap
+    from whiptool.strike_map import Building, GoalRegion, MapPlan, StrikeMap
     from whiptool.target import Target
 
 WORDS = {"build": "build the map of a region of goals", "strike": "strike at a goal from a map that was built"}
@@ -53,7 +54,11 @@ class BuildOptions(
     ModelOptions,
     RegionOptions,
 ):
-    """Build a map of strikes: the strike for any goal of a region, without a search."""
+    """Build a map of strikes: the strike for any goal of a region, without a search.
+
+    Without --zone-radius, --sector and --region the region is most of what the model can reach: of a robot a shell
+    around its base, above the floor, with arrival angles of the full turn.
+    """
 
     first: ClassVar[tuple[str, ...]] = (
         "random_strikes",
@@ -85,7 +90,7 @@ class BuildOptions(
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""
-        return ("torch",)
+        return ("torch",) if self.gate_strikes else ()
 
     def build_plan(self) -> MapPlan:
         """Return how much is rolled out."""
@@ -95,19 +100,32 @@ class BuildOptions(
 
     def build_building(self) -> Building:
         """Return the building, not begun."""
-        from whiptool.strike_map import Building, GoalRegion, Striker
+        from whiptool.strike_map import Building, Striker
 
         model, controller = self.build_model(), self.build_controller()
         controller.check_fits(model.arm)
-        region = GoalRegion(self.build_zone(model), self.build_arrival(), self.hit_radius)
         rollout = self.build_compiled(model, controller)
         striker = Striker(rollout, limits=self.build_limits(model, controller), t_stay=self.t_stay)
-        return Building(striker, region, self.build_plan(), seed=self.seed)
+        return Building(striker, self.build_region(model), self.build_plan(), seed=self.seed)
+
+    def build_region(self, model: Model) -> GoalRegion:
+        """Return the region of goals that the options name, or the usual one.
+
+        Raises:
+            InputError: It is out of the model's reach, or of another dimension.
+        """
+        from whiptool.strike_map.goal_region import GoalRegion, usual_region
+
+        if self.names_zone:
+            return GoalRegion(self.build_zone(model), self.build_arrival(), self.hit_radius)
+        usual, asked = usual_region(model, self.hit_radius), self.build_arrival()
+        asked.check_dimension(model)
+        return usual if asked.only_points else replace(usual, rule=asked)
 
 
 @dataclass(frozen=True, kw_only=True)
 class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
-    """Strike at a goal from a map that was built; without --hit-radius at the map's."""
+    """Strike at a goal from a map; without --hit-radius at the map's."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("video",)
     first: ClassVar[tuple[str, ...]] = (
@@ -117,7 +135,7 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
     )
 
     run: Positional[Path]
-    """Run folder of `whiptool map build`."""
+    """Run folder of `whiptool map build`, or a preset whose map comes with the package: lemon2024, panda, ur5e."""
     refine: bool = True
     """Refine the map's strike with rollouts; otherwise it is taken as it is, in one shot."""
     video: bool = True
@@ -128,13 +146,9 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
         super().check()
         refuse_idle(self, {"t_stay": "nothing: that of the map"})
 
-    def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
-        return ("torch",)
-
 
 _BUILD = "Build a map of strikes. Example: python -m whiptool.map build --zone-radius 0.3 --hit-radius 0.01"
-_STRIKE = "Strike from a map. Example: python -m whiptool.map strike runs/map --target 1.2 0.1"
+_STRIKE = "Strike from a map. Example: python -m whiptool.map strike lemon2024 --target 1.2 0.1"
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -154,17 +168,23 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def load_map(run_folder: str | Path) -> StrikeMap:
-    """Return the strike map that `python -m whiptool.map build` left in its run folder.
+    """Return a strike map.
+
+    Args:
+        run_folder: In which `python -m whiptool.map build` left it; or the name of a preset whose map comes with the
+            package, where there is no folder of that name.
 
     Raises:
-        InputError: PyTorch is not installed, the folder is of another command, or its map is not whole.
+        InputError: There is none of that name, the folder is of another command, or its map is not whole.
     """
     expect(str, PathLike, run_folder=run_folder)
-    _one_torch_thread()
     from whiptool.strike_map import Answers, StrikeMap
+    from whiptool.strike_map.shipped import shipped_map
     from whiptool.strike_map.store import load_gate, load_parts
 
     folder = Path(run_folder)
+    if not folder.exists() and folder.name == str(run_folder):
+        return shipped_map(str(run_folder))
     options = cli.options_of_run(BuildOptions, folder, command="map")
     building = options.build_building()
     parts, gate = load_parts(folder, building.plan.parts), load_gate(folder)
@@ -174,16 +194,13 @@ def load_map(run_folder: str | Path) -> StrikeMap:
     return StrikeMap(building.striker, building.region, Answers.joined(parts), gate)
 
 
-def _one_torch_thread() -> None:
-    """Let PyTorch compute with one thread: the same result on any number of cores."""
-    optional("torch", "whiptool map").set_num_threads(1)
-
-
 def _build(args: Sequence[str]) -> int:
     options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args, prog="whiptool map build")
     with cli.options_named(options):
-        _one_torch_thread()
         from whiptool.strike_map.built import built
+
+        if options.gate_strikes:
+            optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores
 
         building = options.build_building()
         rollout = building.striker.rollout

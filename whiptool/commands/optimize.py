@@ -18,6 +18,7 @@ from whiptool.commands.pictures import StrikePictures, drawing_process
 from whiptool.errors import InputError
 from whiptool.options import (
     METHODS,
+    WITH_DERIVATIVES,
     CriteriaOptions,
     GoalOptions,
     LimitOptions,
@@ -85,7 +86,7 @@ class OptimizeOptions(
         super().check()
         if self.method is not None:
             find_method(self.method)
-        if self.method == "gradient" and self.simulator == "reference":
+        if self.method in WITH_DERIVATIVES and self.simulator == "reference":
             raise InputError("--method", self.method, "one without derivatives, with --simulator reference")
         if self.pareto is not None:
             refuse_idle(self, {"method": "only without --pareto, which is a search of its own"})

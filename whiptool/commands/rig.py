@@ -18,6 +18,7 @@ from whiptool.errors import InputError
 from whiptool.options import (
     LONGEST_STAY,
     MODELS,
+    WITH_DERIVATIVES,
     WITHOUT_DERIVATIVES,
     ResumableOptions,
     SearchOptions,
@@ -109,7 +110,7 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
 
         super().check()
         find_method(self.method)
-        if self.method == "gradient":
+        if self.method in WITH_DERIVATIVES:
             raise InputError("--method", self.method, "one without derivatives: a rig has none")
         if self.camera == "none":
             raise InputError("--camera", self.camera, "one that sees the tip: a search needs the miss")

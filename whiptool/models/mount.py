@@ -74,6 +74,15 @@ def level_links(arm: SpatialArm) -> int:
     return arm.n
 
 
+def turns_as_a_whole(arm: ArmParameters | SpatialArm) -> bool:
+    """Whether an arm's first joint turns all of it about the vertical through the base."""
+    if not isinstance(arm, SpatialArm):
+        return False
+    first = arm.links[0]
+    axis = np.array(first.rotation) @ np.array(first.axis)
+    return first.kind == "revolute" and first.position[:2] == (0.0, 0.0) and bool(axis[2] == 1.0)
+
+
 def default_floor(arm: ArmParameters | SpatialArm) -> float | None:
     """Return the height of the floor on which a robot stands, 0: that of its base; None: it does not stand on one.
 

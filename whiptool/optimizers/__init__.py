@@ -17,6 +17,7 @@ from whiptool.optimizers.cmaes_search import cmaes_search
 from whiptool.optimizers.genetic_search import genetic_search
 from whiptool.optimizers.gradient_search import gradient_search
 from whiptool.optimizers.learner_search import learner_search
+from whiptool.optimizers.map_search import map_search
 from whiptool.optimizers.nlopt_search import DIRECT_L, nlopt_names, nlopt_search
 from whiptool.optimizers.random_search import random_search
 from whiptool.optimizers.result import MESSAGES, Result, Status
@@ -30,6 +31,7 @@ LEARNERS = ("sac", "td3", "ddpg", "ppo")  # named here so that listing methods d
 METHODS: dict[str, Method] = {
     "directl": partial(nlopt_search, algorithm=DIRECT_L),
     "gradient": gradient_search,
+    "map": map_search,
     "cmaes": cmaes_search,
     "ga": genetic_search,
     **{name: partial(learner_search, learner=name) for name in LEARNERS},

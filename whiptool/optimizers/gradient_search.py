@@ -10,7 +10,7 @@ import numpy as np
 from whiptool.models.clearance import Clearance
 from whiptool.objective import Objective
 from whiptool.optimizers.constrained import descend
-from whiptool.optimizers.smooth_limits import keep_limits, random_strikes
+from whiptool.optimizers.smooth_limits import keep_limits
 
 BATCH = 64  # random strikes a round
 REFINED = 8  # of them are refined
@@ -31,7 +31,7 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
     """
     rng = np.random.default_rng(seed)
     while True:
-        strikes = random_strikes(objective, rng, BATCH)
+        strikes = objective.random_strikes(rng, BATCH)
         costs = [outcome.cost for outcome in objective.batch(strikes)]
         starts = (x for x in strikes[np.argsort(costs, kind="stable")] if objective.clear(x))
         for start in itertools.islice(starts, REFINED):

@@ -11,32 +11,6 @@ from whiptool.objective import Objective
 KEPT = 1e-9  # by which smooth functions may be beyond, for rounding
 
 
-DRAWS = 256  # times as many random strikes are drawn at most as have to keep the limits
-
-
-def random_strikes(objective: Objective, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Return random strikes (count, 2 n + 1) of an objective's box that keep what can be kept beforehand.
-
-    Where hardly any do, the others are any.
-    """
-    drawn = objective.admissible(objective.bounds.sample(rng, count))
-    found = drawn[may_start(objective, drawn)]
-    for _ in range(DRAWS):
-        if len(found) >= count:
-            break
-        drawn = objective.admissible(objective.bounds.sample(rng, count))
-        found = np.concatenate([found, drawn[may_start(objective, drawn)]])
-    return np.concatenate([found, drawn])[:count]
-
-
-def may_start(objective: Objective, strikes: np.ndarray) -> np.ndarray:
-    """Return whether strikes (B, 2 n + 1) keep what can be kept beforehand, (B,)."""
-    keep = np.ones(len(strikes), bool)
-    for smooth in objective.smooth:
-        keep[keep] = smooth.kept(strikes[keep])
-    return keep
-
-
 def keep_limits(optimizer: nlopt.opt, objective: Objective) -> None:
     """Add what can be kept beforehand to an optimizer over the unit box.
 

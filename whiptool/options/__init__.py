@@ -15,6 +15,7 @@ from whiptool.options.base import (
 )
 from whiptool.options.budget import (
     METHODS,
+    WITH_DERIVATIVES,
     WITHOUT_DERIVATIVES,
     Learner,
     Methods,
@@ -41,6 +42,7 @@ __all__ = [
     "METHODS",
     "MODELS",
     "WITHOUT_DERIVATIVES",
+    "WITH_DERIVATIVES",
     "ControllerOptions",
     "CriteriaOptions",
     "CriterionName",

@@ -21,8 +21,9 @@ Learner = Literal["sac", "td3", "ddpg", "ppo"]
 Observation = Literal["tip", "relative", "goal"]
 OLD_OBSERVATIONS = {"paper": "tip"}  # names that older runs hold, and what they are called now
 WITHOUT_DERIVATIVES = ("directl", "cmaes", "ga", "sac", "td3", "ddpg", "ppo", "random", "nlopt:NAME")
+WITH_DERIVATIVES = ("gradient", "map")
 LEARNERS = get_args(Learner)
-METHODS = "{gradient," + ",".join(WITHOUT_DERIVATIVES) + "}"
+METHODS = "{" + ",".join((*WITH_DERIVATIVES, *WITHOUT_DERIVATIVES)) + "}"
 Methods = Annotated[tuple[str, ...], arg(metavar=f"[{METHODS} ...]")]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -41,6 +41,12 @@ class RegionOptions(ZoneGoalOptions):
             if len(self.sector) != 5:
                 raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH DEGREES")
             self.build_sector()
+
+    @property
+    def names_zone(self) -> bool:
+        """Whether any option says where goals are drawn."""
+        default = {f.name: f.default for f in fields(self)}
+        return any(getattr(self, name) != default[name] for name in (*self.of_disc, "sector", "region"))
 
     def build_sector(self) -> Zone:
         """Return the sector.

@@ -86,7 +86,7 @@ class Building:
         if practised >= 0:
             return self._practice(harvest, Answers.joined(before), rng, room=self.plan.room + practised + 1)
         count = min(_AT_ONCE, self.plan.random_strikes - len(before) * _AT_ONCE)
-        drawn = self.striker.admissible(self.striker.bounds.sample(rng, count))
+        drawn = self.striker.limits.random_strikes(self.striker.bounds, rng, count)
         found = harvest.pick(drawn, room=self.plan.room)
         if not before and not len(found):
             raise InputError("zone", str(self.region.zone), f"one that some of {count} random strikes pass as asked")

@@ -7,7 +7,6 @@ experts (Jacobs, Jordan, Nowlan and Hinton 1991), trained on what candidates cam
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +16,6 @@ from whiptool.progress import Progress
 from whiptool.strike_map.candidates import Candidates
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from whiptool.rl.networks import Layers
 
 HIDDEN = (256, 256)
 _EPOCHS, _BATCH, _RATE, _DECAY = 40, 512, 1e-3, 1e-4
@@ -42,25 +36,24 @@ def features(striker: Striker, front: Front, goal: Goals, candidates: Candidates
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """A trained gate.
+    """A trained gate: a multilayer perceptron with rectified linear units, evaluated by NumPy.
 
     Args:
-        layers: Network from features to the logarithm of the odds that a candidate hits.
+        weights, biases: Of each layer, (in, out) and (out,), in single precision.
         mean, scale: Of the features that it was trained on, (f,) each.
     """
 
-    layers: Layers
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
     mean: np.ndarray
     scale: np.ndarray
 
     def odds(self, seen: np.ndarray) -> np.ndarray:
         """Return the logarithm of the odds of candidates to hit, (C,), from their features (C, f)."""
-        with optional("torch").no_grad():
-            return self.layers(self._scaled(seen))[0, :, 0].numpy().astype(float)
-
-    def _scaled(self, seen: np.ndarray) -> Tensor:
-        torch = optional("torch")
-        return torch.as_tensor((seen - self.mean) / self.scale, dtype=torch.float32)
+        x = _scaled(seen, self.mean, self.scale)
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = np.maximum(x @ weight + bias, 0.0)
+        return (x @ self.weights[-1] + self.biases[-1])[:, 0].astype(float)
 
     @classmethod
     def trained(cls, seen: np.ndarray, hit: np.ndarray, *, seed: int, progress: bool = False) -> Gate:
@@ -69,16 +62,25 @@ class Gate:
         from whiptool.rl.networks import Layers
 
         generator = torch.Generator().manual_seed(seed)
-        gate = cls(Layers([seen.shape[1], *HIDDEN, 1], generator), seen.mean(axis=0), seen.std(axis=0) + 1e-6)
-        x, y = gate._scaled(seen), torch.as_tensor(hit, dtype=torch.float32)
-        optimizer = torch.optim.AdamW(gate.layers.parameters(), lr=_RATE, weight_decay=_DECAY)
+        mean, scale = seen.mean(axis=0), seen.std(axis=0) + 1e-6
+        layers = Layers([seen.shape[1], *HIDDEN, 1], generator)
+        x, y = torch.as_tensor(_scaled(seen, mean, scale)), torch.as_tensor(hit, dtype=torch.float32)
+        optimizer = torch.optim.AdamW(layers.parameters(), lr=_RATE, weight_decay=_DECAY)
         steps = _EPOCHS * -(-len(x) // _BATCH)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
         for _ in Progress(range(_EPOCHS), desc="gate", disable=not progress, leave=False):
             for rows in torch.randperm(len(x), generator=generator).split(_BATCH):
-                loss = torch.nn.functional.binary_cross_entropy_with_logits(gate.layers(x[rows])[0, :, 0], y[rows])
+                loss = torch.nn.functional.binary_cross_entropy_with_logits(layers(x[rows])[0, :, 0], y[rows])
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
                 schedule.step()
-        return gate
+        weights, biases = (
+            tuple(part.detach().numpy().squeeze(axis) for part in parts)
+            for parts, axis in ((layers.weights, 0), (layers.biases, (0, 1)))
+        )
+        return cls(weights, biases, mean, scale)
+
+
+def _scaled(seen: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    return ((seen - mean) / scale).astype(np.float32)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from whiptool.arrival_rule import ArrivalRule, sample_goals
 from whiptool.goals import Goals, arrival_angles
+from whiptool.models.mount import default_floor, turns_as_a_whole
+from whiptool.models.parameters import Model
 from whiptool.target import HIT_RADIUS, checked_radius
-from whiptool.zone import Zone
+from whiptool.zone import Disc, Sector, Zone, disc_within_reach
 
 _ANY = ArrivalRule()  # points alone
+_SHELL = 0.32, 0.8, 0.05, 0.8  # of a robot's reach: from this far to this far from the base, from this low to this high
+_BALL = 0.8, 0.35  # of another arm's reach: how far ahead, and how wide
+_LEAST_SPEED = 1.0  # [m/s], as in "Point It, Strike It" (2026)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,3 +55,23 @@ class GoalRegion:
         """Return the goals at places (K, d) [m] that are nearest to how tips pass them, with velocities (K, d)."""
         angles = self.angles(tips, velocities)
         return self.rule.goals_at(tips, self.hit_radius, None if angles is None else self.rule.within(angles))
+
+
+def usual_region(model: Model, hit_radius: float = HIT_RADIUS) -> GoalRegion:
+    """Return the goals of those who name none.
+
+    Of a robot that stands on the floor and turns about the vertical they are points of a thick shell around its base,
+    above the floor and up to 90 degrees to either side of forward, where the tip arrives at any angle at 1 m/s or more;
+    of another arm points that it reaches, of a disc in the plane, of a ball in space.
+
+    Args:
+        model: Arm and whip.
+        hit_radius: [m]
+    """
+    reach = model.reach
+    if turns_as_a_whole(model.arm) and default_floor(model.arm) is not None:
+        near, far, low, high = (round(share * reach, 2) for share in _SHELL)
+        full_turn = ArrivalRule(angle=(-math.pi, math.pi), speed=_LEAST_SPEED)
+        return GoalRegion(Sector(near, far, low, high, math.pi / 2), full_turn, hit_radius)
+    ahead, radius = (share * reach for share in _BALL)
+    return GoalRegion(disc_within_reach(Disc((ahead, 0.0, 0.0)[: model.dimension], radius), reach), _ANY, hit_radius)

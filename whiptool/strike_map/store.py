@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-from whiptool.extras import optional
-from whiptool.given_files import parsing, read_arrays
+import numpy as np
+
+from whiptool.given_files import read_arrays
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.gate import HIDDEN, Gate
 from whiptool.whole_files import write_npz
@@ -14,6 +15,17 @@ from whiptool.whole_files import write_npz
 GATE = "gate.npz"
 # of a part's file
 _SHAPES = {"strikes": "Km", "tips": "Kd", "velocities": "Kd", "tip_slopes": "Kds", "velocity_slopes": "Kds"}
+
+_GATE_SHAPES = {  # one network (n) of two hidden layers (a, b)
+    "mean": "f",
+    "scale": "f",
+    "layers.weights.0": "nfa",
+    "layers.biases.0": "nna",
+    "layers.weights.1": "nab",
+    "layers.biases.1": "nnb",
+    "layers.weights.2": "nbn",
+    "layers.biases.2": "nnn",
+}
 
 
 def part_file(folder: Path, number: int) -> Path:
@@ -41,8 +53,7 @@ def load_parts(folder: Path, count: int) -> list[Answers]:
 
 def save_gate(folder: Path, gate: Gate) -> None:
     """Write a gate."""
-    weights = {f"layers.{name}": x.numpy() for name, x in gate.layers.state_dict().items()}
-    write_npz(folder / GATE, {"mean": gate.mean, "scale": gate.scale, **weights})
+    write_npz(folder / GATE, _gate_arrays(gate))
 
 
 def load_gate(folder: Path) -> Gate | None:
@@ -53,12 +64,34 @@ def load_gate(folder: Path) -> Gate | None:
     """
     if not (folder / GATE).exists():
         return None
-    torch = optional("torch", "the gate of a strike map")
-    from whiptool.rl.networks import Layers
+    return _gate_of(read_arrays(folder / GATE, "strike map", _GATE_SHAPES))
 
-    arrays = read_arrays(folder / GATE, "strike map", {"mean": "f", "scale": "f"})
-    with parsing(folder / GATE, "NPZ"):  # PyTorch refuses weights of other names and shapes
-        layers = Layers([len(arrays["mean"]), *HIDDEN, 1], torch.Generator())
-        weights = {name.removeprefix("layers."): x for name, x in arrays.items() if name.startswith("layers.")}
-        layers.load_state_dict({name: torch.as_tensor(x) for name, x in weights.items()})
-        return Gate(layers, arrays["mean"], arrays["scale"])
+
+def save_packed(path: Path, answers: Answers, gate: Gate) -> None:
+    """Write a whole map as one small file: answers in single precision, their derivatives in half."""
+    kept = {f.name: getattr(answers, f.name) for f in fields(Answers)}
+    packed = {name: x.astype(np.float16 if name.endswith("slopes") else np.float32) for name, x in kept.items()}
+    write_npz(path, packed | _gate_arrays(gate))
+
+
+def load_packed(path: Path) -> tuple[Answers, Gate]:
+    """Return the map that `save_packed` wrote.
+
+    Raises:
+        InputError: The file is none of these.
+    """
+    arrays = read_arrays(path, "strike map", _SHAPES | _GATE_SHAPES)
+    return Answers(**{name: arrays[name].astype(float) for name in _SHAPES}), _gate_of(arrays)
+
+
+def _gate_arrays(gate: Gate) -> dict[str, np.ndarray]:
+    arrays = {"mean": gate.mean, "scale": gate.scale}
+    for i, (weight, bias) in enumerate(zip(gate.weights, gate.biases, strict=True)):
+        arrays |= {f"layers.weights.{i}": weight[None], f"layers.biases.{i}": bias[None, None]}
+    return arrays
+
+
+def _gate_of(arrays: dict[str, np.ndarray]) -> Gate:
+    layers = range(len(HIDDEN) + 1)
+    weights = tuple(arrays[f"layers.weights.{i}"][0] for i in layers)
+    return Gate(weights, tuple(arrays[f"layers.biases.{i}"][0, 0] for i in layers), arrays["mean"], arrays["scale"])

@@ -40,7 +40,7 @@ class StrikeMap:
         return f"StrikeMap({self.striker.rollout.model.name}, {len(self.answers)} answers, {chosen})"
 
     def goal(self, target: Target | Sequence[float]) -> Goals:
-        """Return the goal of a target.
+        """Return the goal of a target, which may ask for any direction where the map's goals have directions.
 
         Raises:
             InputError: It is none of the map's region.
@@ -50,7 +50,9 @@ class StrikeMap:
             raise InputError("target", asked.position, f"{zone.dimension} coordinates, as the model has")
         if not zone.contains(np.array(asked.position)):
             raise InputError("target", asked.position, f"one of the map's zone, {zone}")
-        return self.region.rule.goal_of(asked)
+        rule = self.region.rule
+        any_direction = asked.direction is None and rule.drawn and (asked.speed or 0.0) <= (rule.speed or 0.0)
+        return asked.goals if any_direction else rule.goal_of(asked)
 
     def strike(self, target: Target | Sequence[float], *, refined: bool = True) -> Strike:
         """Return the strike for a target.
@@ -69,7 +71,8 @@ class StrikeMap:
     def candidates(self, goal: Goals) -> Candidates:
         """Return candidates for one goal (B = 1), best first."""
         found = candidates(self.striker, self.answers, self.front, goal)
-        if self.gate is None:
+        unlike_trained = goal.directions is None and self.region.rule.directed
+        if self.gate is None or unlike_trained:
             return found
         odds = self.gate.odds(features(self.striker, self.front, goal, found))
         return found.take(np.argsort(-odds, kind="stable"))

@@ -12,6 +12,10 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.goals import Goals
 from whiptool.limits import AllLimits, Limits, limits_given
+from whiptool.models.clearance import Clearance
+from whiptool.models.mount import turns_as_a_whole
+from whiptool.models.planar_arm import ArmParameters
+from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, Trajectory
@@ -64,7 +68,8 @@ class Striker:
 
     Args:
         rollout: Simulator with derivatives.
-        bounds: Box of the strikes; default: `default_bounds`. It is narrowed to limits of position.
+        bounds: Box of the strikes; default: `default_bounds`, and a joint that turns the whole arm about the vertical
+            as far as it can go, a turn to either side at most. It is narrowed to limits of position.
         limits: One or several that strikes have to keep; default: what the model's arm has, see `Objective`; None: the
             arm can do anything.
         t_stay: A strike is watched this long after the movement ended [s].
@@ -85,7 +90,7 @@ class Striker:
             raise InputError("space of strikes", rollout.space.kind, "joint, for a strike map")
         self.rollout, self.t_stay = rollout, t_stay
         self.limits = AllLimits(limits_given(limits, rollout.model, prescribed=rollout.prescribed))
-        self.bounds = self.limits.narrowed(bounds or default_bounds(rollout.model.arm))
+        self.bounds = self.limits.narrowed(bounds or _bounds_all_around(rollout.model.arm))
         self.lower, self.upper = self.bounds.box
 
     @property
@@ -95,15 +100,14 @@ class Striker:
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, m) put into the box, shortened where joints would be commanded beyond their speeds."""
-        inside = np.clip(strikes, self.lower, self.upper)
-        return np.clip(self.limits.shortened(inside), self.lower, self.upper)
+        return self.limits.admissible(strikes, self.bounds)
 
     def inside(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether strikes (B, m) lie in the box, (B,)."""
         return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
     def paths(self, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return whether strikes (B, m) keep the limits that peaks tell of, (B,), and their tips' paths [m].
+        """Return whether strikes (B, m) keep the limits that peaks and paths tell of, (B,), and their tips' paths [m].
 
         Args:
             strikes: Vectors.
@@ -113,7 +117,8 @@ class Striker:
             The second as `tip_path` has it, (B, S, d).
         """
         near, paths = self.rollout.peaks_and_path(strikes, t_stay=self.t_stay, rate=rate)
-        return self._beyond(strikes, near) <= 0, paths
+        lowest = np.min(paths[:, :, -1], axis=1, initial=np.inf, where=np.isfinite(paths[:, :, -1]))
+        return (self._beyond(strikes, near) <= 0) & (lowest >= self._floor), paths
 
     def keep(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether strikes (B, m) keep all limits over their whole length, (B,)."""
@@ -154,9 +159,27 @@ class Striker:
         near, dtip, dvelocity = self.rollout.arrival_gradient(strikes, goals.positions, t_stay=self.t_stay)
         return goals.residual_slopes(near.velocity, dtip, dvelocity)
 
+    @property
+    def _floor(self) -> float:
+        """Below which no tip may be [m]; minus infinity where there is no floor."""
+        floors = [x.floor for x in self.limits.members if isinstance(x, Clearance) and x.floor is not None]
+        return max(floors, default=-np.inf)
+
     def _beyond(self, strikes: np.ndarray, near: Approach) -> np.ndarray:
         """Return how far strikes are beyond the limits, (B,); infinite where they diverged."""
         return np.where(near.diverged, np.inf, self.limits.violations(strikes, near, self._trajectory))
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
         return self.rollout.trajectory(Strike.from_vector(strike), t_stay=self.t_stay)
+
+
+def _bounds_all_around(arm: ArmParameters | SpatialArm) -> StrikeBounds:
+    """Return the usual bounds of an arm's strikes, with room for those that are turned to another direction."""
+    usual = default_bounds(arm)
+    if not isinstance(arm, SpatialArm) or not turns_as_a_whole(arm):
+        return usual
+    lower, upper = usual.box
+    turned = [0, arm.n]  # the first joint's numbers in a strike
+    lowest, highest = arm.links[0].limits.position
+    lower[turned], upper[turned] = max(lowest, -2 * np.pi), min(highest, 2 * np.pi)
+    return StrikeBounds(tuple(lower), tuple(upper))

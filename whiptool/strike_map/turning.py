@@ -8,23 +8,13 @@ from typing import Any
 import numpy as np
 
 from whiptool.goals import Goals
+from whiptool.models.mount import turns_as_a_whole
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
 from whiptool.strike_map.answers import Answers
 from whiptool.zone import Zone, sample
 
 _LOOKS = 1000  # random points that say in which directions a zone lies
 _DIRECTIONS = 16
-
-
-def turns(model: Model) -> bool:
-    """Whether the arm's first joint turns all of it about the vertical through the base."""
-    arm = model.arm
-    if not isinstance(arm, SpatialArm):
-        return False
-    first = arm.links[0]
-    axis = np.array(first.rotation) @ np.array(first.axis)
-    return first.kind == "revolute" and first.position[:2] == (0.0, 0.0) and bool(axis[2] == 1.0)
 
 
 class Front:
@@ -37,7 +27,7 @@ class Front:
     """
 
     def __init__(self, model: Model) -> None:
-        self.turns = turns(model)
+        self.turns = turns_as_a_whole(model.arm)
         self._joint = [0, model.arm.n]  # the first joint's numbers in a strike
 
     def angles(self, points: np.ndarray) -> np.ndarray:
