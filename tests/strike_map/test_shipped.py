@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def test_a_packed_map_is_the_map_to_single_and_half_precision(tmp_path):
     rng, widths = np.random.default_rng(0), (7, *HIDDEN, 1)
     strikes, slopes = rng.normal(size=(9, 5)), rng.normal(size=(2, 9, 2, 6))
     answers = Answers(strikes, *rng.normal(size=(2, 9, 2)), *slopes)
-    weights = tuple(rng.normal(size=shape).astype(np.float32) for shape in zip(widths, widths[1:], strict=False))
+    weights = tuple(rng.normal(size=shape).astype(np.float32) for shape in pairwise(widths))
     biases = tuple(rng.normal(size=width).astype(np.float32) for width in widths[1:])
     gate = Gate(weights, biases, rng.normal(size=7), rng.random(7) + 1)
     save_packed(tmp_path / "map.npz", answers, gate)
@@ -56,7 +57,8 @@ def test_a_robots_usual_region_is_a_shell_above_its_floor_and_a_persons_a_ball()
     assert points[:, 0].min() > 0 < points[:, 2].min()
     assert ur5e.rule.drawn == 1
     assert ur5e.rule.speed == 1.0
-    assert person.rule.only_points and plane.rule.only_points
+    assert person.rule.only_points
+    assert plane.rule.only_points
     assert plane.zone.contains(np.array([[1.2, 0.1], [1.3, 0.0]])).all()
     assert not plane.zone.contains(np.array([[0.1, 0.0], [1.2, 1.0]])).any()
 
