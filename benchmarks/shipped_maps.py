@@ -3,8 +3,8 @@
 For each map 1,000 goals are drawn from its region with a seed that it was not built with: points that the tip has to
 pass within the hit radius, of robots in a direction that is drawn too, within 10 degrees of it and at 1 m/s along it. A
 hit keeps what the preset's strikes keep by default: the limits of the joints, and arm, whip and floor clear of each
-other over the whole strike. `one_shot`: the map's strike, the first of its best few that keeps the limits; `refined`: with
-rollouts, as `wt.load_map(name).strike(goal)` does.
+other over the whole strike. `one_shot`: the map's strike, the first of its best few that keeps the limits; `refined`:
+with rollouts, as `wt.load_map(name).strike(goal)` does.
 `cold_seconds` is the time of a new process of Python that imports whiptool and prints the strike at a goal, with the
 model's compiled library in the cache.
 
@@ -81,10 +81,11 @@ def main() -> None:
         print(json.dumps({"cores": cores(), "maps": report}))
         return
     for name, r in report.items():
+        hits = f"{r['one_shot']:.1%} are hit in one shot, {r['refined']:.1%} refined"
         print(
-            f"{name:10s} {r['answers']} answers; of {r['goals']} goals at {1e3 * r['hit_radius']:g} mm "
-            f"{r['one_shot']:.1%} are hit in one shot, {r['refined']:.1%} refined, median miss {1e3 * r['median_miss']:.3f} mm; "
-            f"{r['rollouts_per_goal']:.1f} rollouts a goal; a new process takes {r['cold_seconds']:.1f} s"
+            f"{name:10s} {r['answers']} answers; of {r['goals']} goals at {1e3 * r['hit_radius']:g} mm {hits}, "
+            f"median miss {1e3 * r['median_miss']:.3f} mm; {r['rollouts_per_goal']:.1f} rollouts a goal; "
+            f"a new process takes {r['cold_seconds']:.1f} s"
         )
 
 
