@@ -9,11 +9,11 @@ import pytest
 
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.impedance import Controller, PositionControl
-from whiptool.models import preset
+from whiptool.models import default_bounds, preset
 from whiptool.models.mount import turns_as_a_whole
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map import GoalRegion
-from whiptool.strike_map.turning import Front
+from whiptool.strike_map.turning import Front, bounds_all_around
 from whiptool.zone import Disc, Sector
 
 
@@ -32,6 +32,18 @@ def test_robots_on_a_turntable_turn_and_others_do_not():
     assert not turns_as_a_whole(replace(arm, links=(aside, *arm.links[1:])))
     tilted = replace(arm.links[0], rotation=((0, 0, 1), (0, 1, 0), (-1, 0, 0)))
     assert not turns_as_a_whole(replace(arm, links=(tilted, *arm.links[1:])))
+
+
+def test_a_joint_that_turns_the_arm_has_room_all_around():
+    arm = preset("ur5e").arm
+    lower, upper = bounds_all_around(arm).box
+    usual_lower, usual_upper = default_bounds(arm).box
+    turned, others = [0, 6], [1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12]
+    np.testing.assert_array_equal(upper[turned], 2 * np.pi)
+    np.testing.assert_array_equal(lower[turned], -2 * np.pi)
+    np.testing.assert_array_equal(np.c_[lower, upper][others], np.c_[usual_lower, usual_upper][others])
+    assert bounds_all_around(preset("panda").arm) == default_bounds(preset("panda").arm)  # 2.9 rad, as its joint has
+    assert bounds_all_around(preset("nah2023").arm) == default_bounds(preset("nah2023").arm)
 
 
 def test_what_does_not_turn_is_left_alone():

@@ -101,11 +101,13 @@ class BuildOptions(
     def build_building(self) -> Building:
         """Return the building, not begun."""
         from whiptool.strike_map import Building, Striker
+        from whiptool.strike_map.turning import bounds_all_around
 
         model, controller = self.build_model(), self.build_controller()
         controller.check_fits(model.arm)
         rollout = self.build_compiled(model, controller)
-        striker = Striker(rollout, limits=self.build_limits(model, controller), t_stay=self.t_stay)
+        limits, bounds = self.build_limits(model, controller), bounds_all_around(model.arm)
+        striker = Striker(rollout, bounds=bounds, limits=limits, t_stay=self.t_stay)
         return Building(striker, self.build_region(model), self.build_plan(), seed=self.seed)
 
     def build_region(self, model: Model) -> GoalRegion:

@@ -13,6 +13,7 @@ from whiptool.strike_map.goal_region import usual_region
 from whiptool.strike_map.store import load_packed
 from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.strike_map.striker import Striker
+from whiptool.strike_map.turning import bounds_all_around
 
 FOLDER = Path(__file__).parent / "shipped"
 
@@ -32,7 +33,8 @@ def shipped_map(name: str) -> StrikeMap:
     if name not in shipped_names():
         raise InputError("map", name, ", ".join(shipped_names()), "or the run folder of whiptool map build")
     model = PRESETS[name]
-    return StrikeMap(Striker(CompiledRollout(model)), usual_region(model), *load_packed(FOLDER / f"{name}.npz"))
+    striker = Striker(CompiledRollout(model), bounds=bounds_all_around(model.arm))
+    return StrikeMap(striker, usual_region(model), *load_packed(FOLDER / f"{name}.npz"))
 
 
 def map_of(model: Model) -> StrikeMap:

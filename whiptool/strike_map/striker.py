@@ -13,9 +13,6 @@ from whiptool.errors import InputError
 from whiptool.goals import Goals
 from whiptool.limits import AllLimits, Limits, limits_given
 from whiptool.models.clearance import Clearance
-from whiptool.models.mount import turns_as_a_whole
-from whiptool.models.planar_arm import ArmParameters
-from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, Trajectory
@@ -68,8 +65,7 @@ class Striker:
 
     Args:
         rollout: Simulator with derivatives.
-        bounds: Box of the strikes; default: `default_bounds`, and a joint that turns the whole arm about the vertical
-            as far as it can go, a turn to either side at most. It is narrowed to limits of position.
+        bounds: Box of the strikes; default: `default_bounds`. It is narrowed to limits of position.
         limits: One or several that strikes have to keep; default: what the model's arm has, see `Objective`; None: the
             arm can do anything.
         t_stay: A strike is watched this long after the movement ended [s].
@@ -90,7 +86,7 @@ class Striker:
             raise InputError("space of strikes", rollout.space.kind, "joint, for a strike map")
         self.rollout, self.t_stay = rollout, t_stay
         self.limits = AllLimits(limits_given(limits, rollout.model, prescribed=rollout.prescribed))
-        self.bounds = self.limits.narrowed(bounds or _bounds_all_around(rollout.model.arm))
+        self.bounds = self.limits.narrowed(bounds or default_bounds(rollout.model.arm))
         self.lower, self.upper = self.bounds.box
 
     @property
@@ -171,15 +167,3 @@ class Striker:
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
         return self.rollout.trajectory(Strike.from_vector(strike), t_stay=self.t_stay)
-
-
-def _bounds_all_around(arm: ArmParameters | SpatialArm) -> StrikeBounds:
-    """Return the usual bounds of an arm's strikes, with room for those that are turned to another direction."""
-    usual = default_bounds(arm)
-    if not isinstance(arm, SpatialArm) or not turns_as_a_whole(arm):
-        return usual
-    lower, upper = usual.box
-    turned = [0, arm.n]  # the first joint's numbers in a strike
-    lowest, highest = arm.links[0].limits.position
-    lower[turned], upper[turned] = max(lowest, -2 * np.pi), min(highest, 2 * np.pi)
-    return StrikeBounds(tuple(lower), tuple(upper))

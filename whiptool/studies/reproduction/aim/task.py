@@ -19,6 +19,7 @@ from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.building import Building, MapPlan
 from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.striker import Striker
+from whiptool.strike_map.turning import bounds_all_around
 from whiptool.studies.comparison import Scene
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
 from whiptool.zone import Sector
@@ -73,7 +74,8 @@ class AimTask:
             limits.append(ArmLimits.of(self.model.arm, prescribed=self.controller.prescribed))
         if self.clear:
             limits.append(Clearance(self.model, self.floor))
-        return Striker(rollout, limits=limits, t_stay=self.t_stay)
+        bounds = bounds_all_around(self.model.arm)
+        return Striker(rollout, bounds=bounds, limits=limits, t_stay=self.t_stay)
 
     def building(self) -> Building:
         """Return the building of its map, not begun."""
