@@ -13,7 +13,7 @@ from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.gate import Gate, features
 from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.harvest import Harvest
-from whiptool.strike_map.strike_map import StrikeMap
+from whiptool.strike_map.strike_map import TRIED, StrikeMap
 from whiptool.strike_map.striker import Striker
 
 _AT_ONCE = 2048  # random strikes of a part
@@ -97,7 +97,7 @@ class Building:
         strike_map = StrikeMap(self.striker, self.region, answers)
         goals = self.region.draw(self.plan.goals, rng)
         missed = goals.rows(~self.striker.strike(strike_map.strikes(goals), goals).hit)
-        refined = strike_map.refined(missed)
+        refined = strike_map.refined(missed, tried=TRIED)
         return harvest.pick(refined.strikes[refined.struck.hit], room=room)
 
     def gate(self, answers: Answers, *, progress: bool = False) -> Gate:

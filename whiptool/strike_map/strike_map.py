@@ -18,7 +18,8 @@ from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
 from whiptool.target import Target, as_target
 
-TRIED = 8  # candidates that are refined at most
+TRIED = 8  # candidates that are looked at at most, of a strike in one shot
+REFINED = 32  # candidates that are refined at most, one after the other: few goals need more than one
 
 
 class StrikeMap:
@@ -99,7 +100,7 @@ class StrikeMap:
             left = left[~keep]
         return chosen
 
-    def refined(self, goals: Goals, *, tried: int = TRIED) -> Refined:
+    def refined(self, goals: Goals, *, tried: int = REFINED) -> Refined:
         """Return strikes that were refined from one candidate after the other, until nothing is left of their goals.
 
         Args:
