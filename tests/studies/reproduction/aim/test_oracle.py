@@ -47,7 +47,10 @@ def test_a_rod_passes_where_our_tip_does_and_only_there(monkeypatch):
     strike = np.r_[0, -1.5, 1.0, 0, 0.5, 0, 0.3, -0.5, 0.5, 0.2, 0.5, 0, 0.4]
     strikes = np.array([strike, np.r_[strike[:-1], 0.6]])
     paths = list(striker.rollout.trajectories(strikes, t_stay=0.0))
-    place, velocity = (np.array([getattr(path, x)[-40] for path in paths]) for x in ("tip", "tip_velocity"))
+    when = [int(np.searchsorted(path.t, path.t[-1] - 0.0555)) for path in paths]
+    place, velocity = (
+        np.array([getattr(path, x)[i] for path, i in zip(paths, when, strict=True)]) for x in ("tip", "tip_velocity")
+    )
     angles = TASK.region.angles(place, velocity)
     assert angles is not None
     for turn, hit in ((0.0, True), (1.0, False)):
