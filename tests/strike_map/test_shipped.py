@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from command_line import assert_one_line, called
 
 import whiptool as wt
 from whiptool.errors import InputError
@@ -85,6 +86,12 @@ def test_a_search_may_begin_from_it():
     with pytest.raises(InputError, match="lemon2024, panda, ur5e"):
         map_of(replace(preset("lemon2024"), gravity=1.6))
     assert map_of(preset("lemon2024")) is shipped_map("lemon2024")
+
+
+def test_a_search_without_a_map_is_refused_before_anything_is_written(tmp_path):
+    done = called("optimize", "--model", "nah2023", "--method", "map", "--out", "run", cwd=tmp_path)
+    assert_one_line(done, "lemon2024, panda, ur5e")
+    assert not (tmp_path / "run").exists()
 
 
 def test_an_unknown_map_is_refused():

@@ -157,6 +157,10 @@ class _Run:
         box = {name: list(values) for name, values in asdict(bounds).items()}
         config = cli.configuration(options, "optimize", self.model, self.controller, bounds=box)
         self.method = "pareto" if options.pareto is not None else options.method or usual_method(self.rollout)
+        if self.method == "map":
+            from whiptool.optimizers.map_search import map_for
+
+            map_for(self.objective)
         self.folder = cli.open_folder(options, self.method.replace(":", "-"), config)
         arriving = not self.objective.goals.only_points
         names = [criterion.name for criterion in self.objective.criteria]

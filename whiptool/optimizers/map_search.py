@@ -3,28 +3,42 @@
 from __future__ import annotations
 
 from itertools import islice
+from typing import TYPE_CHECKING
 
 from whiptool.errors import InputError
 from whiptool.objective import Objective
 from whiptool.optimizers.gradient_search import gradient_search, refine
 
+if TYPE_CHECKING:
+    from whiptool.strike_map import StrikeMap
+
 REFINED = 8  # candidates of the map that are refined
+
+
+def map_for(objective: Objective) -> StrikeMap:
+    """Return the map that comes with the package for what an objective strikes with.
+
+    Raises:
+        InputError: The model has none, or strikes are not told by its joints.
+    """
+    from whiptool.strike_map.shipped import map_of
+
+    if objective.space.kind != "joint":
+        raise InputError("space of strikes", objective.space.kind, "joint, for a strike map")
+    return map_of(objective.rollout.model)
 
 
 def map_search(objective: Objective, *, seed: int) -> None:
     """Strike what the map that comes with the package has for the target, and refine it; then `gradient_search`.
 
     Raises:
-        InputError: The model has no map, or strikes are not told by its joints.
+        InputError: See `map_for`.
         SearchStopped: The objective ended the search.
     """
-    from whiptool.strike_map.shipped import map_of
-
-    if objective.space.kind != "joint":
-        raise InputError("space of strikes", objective.space.kind, "joint, for a strike map")
-    found = map_of(objective.rollout.model).candidates(objective.goals)
-    strikes = objective.admissible(found.strikes).clip(*objective.bounds.box)
-    for strike in islice((x for x in strikes if objective.clear(x)), REFINED):
+    strikes = map_for(objective).candidates(objective.goals).strikes
+    lower, upper = objective.bounds.box
+    inside = strikes[((lower <= strikes) & (strikes <= upper)).all(axis=1)]
+    for strike in islice((x for x in objective.admissible(inside) if objective.clear(x)), REFINED):
         objective.trial(strike)
         if refine(objective, strike) and not objective.criteria:
             return
