@@ -46,7 +46,7 @@ class Options:
         dispersion: The others are drawn within this factor of it.
         pieces: Lengths of the pieces that a free swing is cut into, one stage after the other [s]; the recordings as
             they are come last. For swings that forget their start.
-        timestep: Of the integrator [s].
+        timestep: Of equal steps [s]; None: see `Predictor`.
         knots: Spacing of the spline of a prescribed motion [s]; None: of joints and hand as their log tells, of a
             tracked handle 1.5 frames.
         seed: Of the starts.
