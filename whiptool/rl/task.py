@@ -249,14 +249,17 @@ class StrikeTask:
 
     def _beyond(self, strikes: np.ndarray, approach: Approach, hit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far strikes are beyond the limits, and beyond which, (B,) each; of hits the whole strike is looked at."""
-
-        def trajectory(strike: np.ndarray) -> Trajectory:
-            return self.rollout.trajectory(self.rollout.space.strike(strike), t_stay=self.t_stay)
-
-        beyond, by = self.limits.judged(strikes, approach, trajectory)
+        beyond, by = self.limits.judged(strikes, approach, self._trajectory)
         for i in np.flatnonzero(hit & (beyond <= 0)) if self.limits.of_candidates else ():
-            beyond[i], by[i] = self.limits.judged_whole(trajectory(strikes[i]))
+            beyond[i], by[i] = self.limits.judged_whole(self._trajectory(strikes[i]))
         return beyond, np.array(by)
+
+    def within_limits(self, strike: np.ndarray) -> bool:
+        """Whether a whole strike (n_act,) keeps the limits."""
+        return not self.limits or self.limits.violation(self._trajectory(strike)) <= 0
+
+    def _trajectory(self, strike: np.ndarray) -> Trajectory:
+        return self.rollout.trajectory(self.rollout.space.strike(strike), t_stay=self.t_stay)
 
     def reward(self, cost: np.ndarray, hit: np.ndarray | None = None) -> np.ndarray:
         """Return the rewards of costs [m], any shape, and of hits; see the rewards."""
@@ -264,7 +267,10 @@ class StrikeTask:
 
     def to_strikes(self, actions: np.ndarray) -> np.ndarray:
         """Return the strike vectors of actions, (B, n_act)."""
-        strikes = self.lower + (np.clip(actions, -1, 1) + 1) / 2 * (self.upper - self.lower)
+        return self.admissible(self.lower + (np.clip(actions, -1, 1) + 1) / 2 * (self.upper - self.lower))
+
+    def admissible(self, strikes: np.ndarray) -> np.ndarray:
+        """Return strikes (B, n_act), shortened where joints would be commanded faster than they may."""
         return np.clip(self.limits.shortened(strikes), self.lower, self.upper) if self.limits.commands else strikes
 
     def first_look(self, targets: np.ndarray | Goals) -> np.ndarray:

@@ -11,7 +11,8 @@ from lemon_scene import scene
 
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.models.strike import StrikeBounds, default_bounds
-from whiptool.studies.comparison.difficulty import WIDTHS, DifficultyUnit, hits, scene_seed, targets_hit, varied
+from whiptool.rl.task import StrikeTask
+from whiptool.studies.comparison.difficulty import WIDTHS, DifficultyUnit, scene_seed, targets_hit, varied
 from whiptool.zone import Disc
 
 
@@ -46,8 +47,8 @@ def test_hits_along_directions_are_counted_as_the_rollout_counts_them():
 
     hit = (near.distance <= 0.06) & (turned <= math.radians(25)) & (along >= 2.0)
     counted = hit.reshape(100, 40).sum(axis=1)
-    exact = hits(rollout, np.repeat(strikes, 40, axis=0), where.goals().rows(np.tile(np.arange(40), 100)), where)
-    np.testing.assert_array_equal(exact, hit)
+    task, goals = StrikeTask(rollout, where.zone, arrival=rule), where.goals().rows(np.tile(np.arange(40), 100))
+    np.testing.assert_array_equal(task.judge(np.repeat(strikes, 40, axis=0), goals).hit, hit)
     found = targets_hit(rollout, strikes, where)
     assert counted.max() > 3
     assert np.abs(found - counted).max() <= 1  # a tip turns by degrees between two samples

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from whiptool.goals import Goals
-from whiptool.models.strike import StrikeBounds, default_bounds
+from whiptool.models.strike import StrikeBounds
+from whiptool.rl.task import StrikeTask
 from whiptool.rollout import CompiledRollout
 from whiptool.studies.comparison.tables import percent
 from whiptool.studies.comparison.units import Scene
@@ -49,15 +50,18 @@ class DifficultyUnit:
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike: each random strike at a target of its own, the best strike at all."""
         scene, rng = self.scene, np.random.default_rng(scene_seed(self.scene))
-        rollout, bounds, goals = scene.rollout(threads), default_bounds(scene.model.arm), scene.goals()
-        strikes = bounds.sample(rng, self.strikes)
-        random = hits(rollout, strikes, goals.rows(np.arange(len(strikes)) % scene.targets), scene)
+        rollout, goals = scene.rollout(threads), scene.goals()
+        task = StrikeTask(
+            rollout, scene.zone, arrival=scene.arrival, hit_radius=scene.radii[0], t_stay=scene.t_stay
+        )  # which keeps the limits of a robot, as searches do
+        strikes = task.admissible(task.bounds.sample(rng, self.strikes))
+        random = task.judge(strikes, goals.rows(np.arange(len(strikes)) % scene.targets)).hit
         kept = math.ceil(_KEPT * self.strikes)
-        best = _best(strikes, targets_hit(rollout, strikes, scene), kept)
+        best = _best(task, strikes, targets_hit(rollout, strikes, scene), kept)
         for width in WIDTHS:
-            some = np.vstack([best, varied(best, width, bounds, rng)])
-            best = _best(some, targets_hit(rollout, some, scene), kept)
-        at_all = hits(rollout, np.tile(best[0], (scene.targets, 1)), goals, scene)
+            some = np.vstack([best, task.admissible(varied(best, width, task.bounds, rng))])
+            best = _best(task, some, targets_hit(rollout, some, scene), kept)
+        at_all = task.judge(np.tile(best[0], (scene.targets, 1)), goals).hit
         return {
             "one_strike": best[0].tolist(),
             "one_strike_hits": float(at_all.mean()),
@@ -68,12 +72,6 @@ class DifficultyUnit:
 def scene_seed(scene: Scene) -> list[int]:
     """Of the random strikes: other than those that drew the targets."""
     return [scene.target_seed, 1]
-
-
-def hits(rollout: CompiledRollout, strikes: np.ndarray, goals: Goals, scene: Scene) -> np.ndarray:
-    """Whether strikes (B, d) hit goals (B), (B,)."""
-    near = rollout.approach(strikes, goals.positions, t_stay=scene.t_stay)
-    return goals.hit_by(near)
 
 
 def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: Scene) -> np.ndarray:
@@ -119,9 +117,11 @@ def varied(strikes: np.ndarray, width: float, bounds: StrikeBounds, rng: np.rand
     return np.clip(children + width * (upper - lower) * rng.standard_normal(children.shape), lower, upper)
 
 
-def _best(strikes: np.ndarray, hits: np.ndarray, kept: int) -> np.ndarray:
-    """Those that hit most, the most first."""
-    return strikes[np.argsort(-hits, kind="stable")[:kept]]
+def _best(task: StrikeTask, strikes: np.ndarray, hits: np.ndarray, kept: int) -> np.ndarray:
+    """Those within the limits that hit most, the most first; any, where none that hits is within."""
+    order = np.argsort(-hits, kind="stable")
+    within = islice((i for i in order[: np.count_nonzero(hits)] if task.within_limits(strikes[i])), kept)
+    return strikes[order[:kept] if not task.limits else list(within) or order[:kept]]
 
 
 def sentence(found: dict[str, Any]) -> str:
