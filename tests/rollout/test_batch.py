@@ -40,3 +40,15 @@ def test_every_engine_gives_the_same_paths(moving):
             for a, b, n in zip(mine, theirs, steps, strict=True):
                 assert a.shape == (n // 3 + 1, 3)
                 np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)
+
+
+def test_equal_steps_between_observed_instants_are_as_short_as_the_tolerance_asks_for():
+    """0.05 s m^-0.5 times the root of 1e-6 m is 50 us: twenty steps in each millisecond."""
+    h, steps = np.full(2, 1e-3), np.array([30, 45])
+    batch = Batch(np.zeros((2, 1)), np.zeros((2, 2)), np.zeros((2, 2)), h, h, steps, 1, columns=np.array([0]), stride=5)
+    assert batch.in_equal_steps() is batch
+    batch.tolerance = np.full(2, 1e-6)
+    finer = batch.in_equal_steps()
+    np.testing.assert_allclose(finer.h, 5e-5, rtol=1e-12)
+    np.testing.assert_allclose(finer.h_last, 5e-5, rtol=1e-6)
+    assert (finer.steps.tolist(), finer.stride, finer.hold, finer.tolerance) == ([600, 900], 100, 20, None)

@@ -229,6 +229,8 @@ class CompiledRollout(Rollout):
         """Closest approaches and the exact derivatives of the miss distance, by CasADi's forward mode.
 
         When the tip is closest drops out (envelope theorem), unless that is the end of the strike, which moves with D.
+        Derivatives are those of the steps that the strike's own errors choose: at a tolerance of 1e-4 m they are right
+        to some 1e-4 m per unit of a strike's numbers, and to as much less as the tolerance is smaller.
 
         Args:
             strikes, target, t_stay: As in `approach`.
