@@ -118,7 +118,7 @@ def _main(args: Sequence[str] | None) -> int:
             return run.report(run.search())
 
 
-_REFUSALS_SHOWN = 30  # strikes that are all refused, after which a search says so
+_REFUSALS_SHOWN = 30  # strikes that are all refused, after which a search reports it
 _NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "speed": None}
 
 
