@@ -149,6 +149,8 @@ def may_be(call: Callable, name: str) -> set[str]:
     kinds = WORDS if (call, name) == own_name else KINDS.get(name, set())
     if (call, name) == (whiptool.search, "objective"):
         kinds = kinds | {"a rollout"}
+    if call is whiptool.default_bounds:
+        kinds = kinds | {"a model"}
     if call is whiptool.Adaptation:
         kinds = {"target": {"a target"}, "port": {"any port"}}.get(name, set())
     return kinds | ({"nothing"} if "None" in str(parameter.annotation) else set())
