@@ -101,6 +101,10 @@ class Disc(NoArray, instead="its centre or radius"):
             raise InputError("centre of the zone", self.centre, "two finite coordinates x y in m, or three in space")
         metres("radius of the zone", self.radius)
 
+    def __str__(self) -> str:
+        centre = ", ".join(f"{x:.4g}" for x in self.centre)
+        return f"{round_name(self)} of radius {self.radius:.4g} m around ({centre}) m"
+
     @property
     def dimension(self) -> int:
         """2 for a disc, 3 for a ball."""
@@ -150,6 +154,9 @@ class ReachableDisc:
                 f"{round_name(self.disc)} of radius {self.disc.radius:g} m around {self.disc.centre} m",
                 f"one that comes within {self.reach:.3f} m of the shoulder, the model's reach",
             )
+
+    def __str__(self) -> str:
+        return f"{self.disc}, as far as {self.reach:.4g} m from the shoulder"
 
     @property
     def dimension(self) -> int:
@@ -394,6 +401,10 @@ class Sector:
         number("lowest height", self.low, low=-self.far)
         number("highest height", self.high, low=self.low, high=self.far, strict=True)
         number("angle to either side", self.aside, low=0, high=math.pi, strict=True)
+
+    def __str__(self) -> str:
+        aside = f"up to {math.degrees(self.aside):.4g} degrees to either side"
+        return f"{self.near:g} to {self.far:g} m from the base, {self.low:g} to {self.high:g} m above it, {aside}"
 
     @property
     def dimension(self) -> int:

@@ -75,3 +75,11 @@ def test_a_strike_from_the_command_line_is_the_one_from_python(run: Path, tmp_pa
     assert "one strike from the map of lemon2024" in capsys.readouterr().out
     first = json.loads((tmp_path / "first/result.json").read_text())
     assert list(first["strike"].values()) == pytest.approx(load_map(run).strike(goal, refined=False).vector)
+
+
+def test_mistakes_in_what_is_struck_from_are_one_line(capsys) -> None:
+    for words, said in (("strike", "RUN"), ("strike ur5e --target 1.2 0.3 0.5 --arrival-angle 400", "<= 360")):
+        assert command.main(words.split()) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert said in told

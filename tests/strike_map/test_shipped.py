@@ -94,6 +94,12 @@ def test_a_search_without_a_map_is_refused_before_anything_is_written(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.heavy
+def test_a_map_of_points_answers_goals_with_directions_and_speeds():
+    goal = wt.Target.arriving((1.2, 0.1), 1.0, speed=3.0)
+    assert wt.Objective(wt.CompiledRollout(preset("lemon2024")), goal)(wt.load_map("Lemon2024").strike(goal)).hit
+
+
 def test_an_unknown_map_is_refused():
     with pytest.raises(InputError, match=r"lemon2024, panda, ur5e; or the run folder"):
         wt.load_map("nah2023")

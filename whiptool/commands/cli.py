@@ -138,7 +138,8 @@ def _meant(unknown: str, options: type[OptionGroup]) -> str:
 def _missing(argument: Any) -> InputError:
     """Return the error that says which argument is missing, and what it means."""
     field = argument.field
-    name = field.argconf.metavar if argument.is_positional() else argument.lowered.name_or_flags[0]
+    positional = field.argconf.metavar or field.intern_name.upper()
+    name = positional if argument.is_positional() else argument.lowered.name_or_flags[0]
     meaning = field.helptext() if callable(field.helptext) else field.helptext
     return InputError(name, NOTHING, (meaning or "a value").rstrip("."), "--help tells more")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -266,7 +267,8 @@ def _strike(args: Sequence[str]) -> int:
         if "--hit-radius" not in cli.given_flags(args):
             options = replace(options, hit_radius=strike_map.region.hit_radius)
         target = options.build_target(model)
-        strike = strike_map.strike(target, refined=options.refine)
+        with warnings.catch_warnings(action="ignore"):  # what it misses or is beyond is printed
+            strike = strike_map.strike(target, refined=options.refine)
         _report(options, strike_map, target, strike)
     return 0
 
@@ -302,7 +304,9 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
         print("\n".join(lines), flush=True)
     place, expected = np.array(target.position), outcome.miss_distance
     with (
-        cli.new_folder(options, "map-strike", cli.configuration(options, "map strike", model)) as folder,
+        cli.new_folder(
+            options, "map-strike", cli.configuration(options, "map strike", model, rollout.controller)
+        ) as folder,
         StrikePictures(
             folder.path, trajectory, model, target, "strike map", video=options.video, beyond=beyond
         ) as pictures,

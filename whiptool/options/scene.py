@@ -84,7 +84,7 @@ class GoalOptions(TargetOptions):
 
         number("--cone", self.cone, low=0, high=180, strict=True)
         if self.arrival_angle is not None:
-            number("--arrival-angle", self.arrival_angle)
+            number("--arrival-angle", self.arrival_angle, low=-360, high=360)
         if self.direction is not None and self.arrival_angle is not None:
             raise InputError("--arrival-angle", self.arrival_angle, "--direction or --arrival-angle, not both")
         if self.direction is None and self.arrival_angle is None:

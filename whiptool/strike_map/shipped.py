@@ -14,6 +14,7 @@ from whiptool.strike_map.store import load_packed
 from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import bounds_all_around
+from whiptool.words import as_named
 
 FOLDER = Path(__file__).parent / "shipped"
 
@@ -30,6 +31,7 @@ def shipped_map(name: str) -> StrikeMap:
     Raises:
         InputError: There is none of that name; the message lists them.
     """
+    name = as_named(name, shipped_names())
     if name not in shipped_names():
         raise InputError("map", name, ", ".join(shipped_names()), "or the run folder of whiptool map build")
     model = PRESETS[name]

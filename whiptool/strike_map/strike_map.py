@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -41,7 +42,7 @@ class StrikeMap:
         return f"StrikeMap({self.striker.rollout.model.name}, {len(self.answers)} answers, {chosen})"
 
     def goal(self, target: Target | Sequence[float]) -> Goals:
-        """Return the goal of a target, which may ask for any direction where the map's goals have directions.
+        """Return the goal of a target, which may ask for any direction and speed: what comes of it is judged.
 
         Raises:
             InputError: It is none of the map's region.
@@ -50,13 +51,11 @@ class StrikeMap:
         if len(asked.position) != zone.dimension:
             raise InputError("target", asked.position, f"{zone.dimension} coordinates, as the model has")
         if not zone.contains(np.array(asked.position)):
-            raise InputError("target", asked.position, f"one of the map's zone, {zone}")
-        rule = self.region.rule
-        any_direction = asked.direction is None and rule.drawn and (asked.speed or 0.0) <= (rule.speed or 0.0)
-        return asked.goals if any_direction else rule.goal_of(asked)
+            raise InputError("target", asked.position, f"one of the map's region, {zone}")
+        return asked.goals
 
     def strike(self, target: Target | Sequence[float], *, refined: bool = True) -> Strike:
-        """Return the strike for a target.
+        """Return the strike for a target; where it misses, or is beyond the limits, with a warning.
 
         Args:
             target: Of the map's region; its hit radius may be another.
@@ -67,12 +66,21 @@ class StrikeMap:
             InputError: The target is none of the map's region.
         """
         goal = self.goal(target)
-        return Strike.from_vector((self.refined(goal).strikes if refined else self.kept(goal))[0])
+        if refined:
+            found = self.refined(goal)
+            strike, good = found.strikes[0], bool(found.struck.hit[0])
+        else:
+            strike = self.kept(goal)[0]
+            good = bool(self.striker.keep(strike[None])[0])
+        if not good:
+            what = "hits within the limits" if refined else "keeps the limits"
+            warnings.warn(f"no strike of the map {what} at {as_target(target)}", stacklevel=2)
+        return Strike.from_vector(strike)
 
     def candidates(self, goal: Goals) -> Candidates:
         """Return candidates for one goal (B = 1), best first."""
         found = candidates(self.striker, self.answers, self.front, goal)
-        unlike_trained = goal.directions is None and self.region.rule.directed
+        unlike_trained = (goal.directions is None) == self.region.rule.directed
         if self.gate is None or unlike_trained:
             return found
         odds = self.gate.odds(features(self.striker, self.front, goal, found))
@@ -110,7 +118,8 @@ class StrikeMap:
         found = self._candidates(goals, tried)
         best = self._refined(goals, found, np.arange(len(found)), 0)
         for turn in range(1, tried):
-            left = [i for i in np.flatnonzero(~finished(best.struck)) if len(found[i].strikes) > turn]
+            enough = finished(best.struck) if turn < TRIED else best.struck.hit
+            left = [i for i in np.flatnonzero(~enough) if len(found[i].strikes) > turn]
             if not left:
                 break
             rows = np.array(left)
