@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 
 pytest.importorskip("torch")
 
@@ -70,6 +71,8 @@ def test_a_strike_from_the_command_line_is_the_one_from_python(run: Path, tmp_pa
     assert told["hit_radius"] == 0.03
     assert told["arrival"]["angle"] is not None
     assert (tmp_path / "strike/trajectory.npz").exists()
+    played = called("simulate", "strike", "--json", "--no-video", "--out", "played", cwd=tmp_path)
+    assert json.loads(played.stdout)["miss_distance"] == pytest.approx(told["miss_distance"], abs=1e-6)
     words = words.replace("--json", "--no-refine")
     assert command.main([*words.split(), "--out", str(tmp_path / "first")]) == 0
     assert "one strike from the map of lemon2024" in capsys.readouterr().out

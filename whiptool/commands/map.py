@@ -303,10 +303,11 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
     if not options.json:
         print("\n".join(lines), flush=True)
     place, expected = np.array(target.position), outcome.miss_distance
+    config = cli.configuration(options, "map strike", model, rollout.controller)
+    if not options.run.exists():  # a map of the package, whose name is no path
+        config["options"]["run"] = options.run.name
     with (
-        cli.new_folder(
-            options, "map-strike", cli.configuration(options, "map strike", model, rollout.controller)
-        ) as folder,
+        cli.new_folder(options, "map-strike", config) as folder,
         StrikePictures(
             folder.path, trajectory, model, target, "strike map", video=options.video, beyond=beyond
         ) as pictures,

@@ -28,7 +28,8 @@ from whiptool.options import (
 )
 from whiptool.whole_files import write_whole
 
-PLAYED, RESUMED = ("optimize", "simulate"), ("optimize", "train")  # commands whose runs hold a strike, and go on
+# commands whose runs hold a strike, and that go on
+PLAYED, RESUMED = ("optimize", "simulate", "map strike"), ("optimize", "train")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,10 +141,19 @@ def strike_of(run_folder: Path) -> SimulateOptions:
     if not isinstance(strike, dict):
         fix = f"go on with `whiptool {command} --resume {run_folder}`" if command in RESUMED else ""
         raise InputError("RUN", str(run_folder), "a run that ended with a strike", fix)
+    if command == "map strike":
+        kept = {**_of_map(Path(kept["run"])), **kept}
     passing = SimulateOptions.named("of_this_call")
     mine = {f.name for f in fields(SimulateOptions) if f.name not in passing}
     table = {name: value for name, value in kept.items() if name in mine}
     return cli.stored_options(SimulateOptions, {**table, "strike": list(strike.values())}, run_folder)
+
+
+def _of_map(run: Path) -> dict[str, Any]:
+    """Return the options with which a map was built that a strike is from; of one of the package the model alone."""
+    from whiptool.runs import read_config
+
+    return read_config(run)["options"] if run.exists() else {"model": run.name}
 
 
 def _check_same(options: SimulateOptions, model) -> None:
