@@ -261,6 +261,11 @@ def test_bad_input_is_refused():
         env.reset(options={"target": (1.0,)})
     with pytest.raises(InputError, match="targets"):
         envs.reset(options={"targets": [(1.0, 0.0)]})
+    with pytest.raises(InputError, match=r"target: .*are these millimetres"):
+        env.reset(options={"target": (1200, 100)})
+    for one, taken in ((env, "target, angle"), (envs, "targets, angles")):
+        with pytest.raises(InputError, match=f"got 'taget'; allowed: {taken}"):
+            one.reset(options={"taget": (1.2, 0.1)})
 
 
 def test_stable_baselines_learns_on_it_unchanged():

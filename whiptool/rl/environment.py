@@ -25,7 +25,7 @@ from whiptool.goals import Goals
 from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
 from whiptool.limits import Limits
 from whiptool.models import Model, load_model
-from whiptool.models.parameters import whole
+from whiptool.models.numbers import ASK_UNIT, LONGEST, whole
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rl.task import Step, StrikeTask
 from whiptool.rollout import CompiledRollout
@@ -140,6 +140,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self._strike = None
+        _check_names(options, "target", "angle")
         place, angle = _chosen(options, "target", (self.task.zone.dimension,)), _chosen(options, "angle", ())
         goals = _goals(self.task, 1, self.np_random, place, angle)
         seen = _float32(self.task.reset(goals))[0]
@@ -218,6 +219,7 @@ class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: The targets of the options are not one point per lane, or the angles not one number.
         """
         super().reset(seed=seed)
+        _check_names(options, "targets", "angles")
         places = _chosen(options, "targets", (self.num_envs, self.task.zone.dimension))
         angles = _chosen(options, "angles", (self.num_envs,))
         obs = self.task.reset(_goals(self.task, self.num_envs, self.np_random, places, angles))
@@ -313,7 +315,19 @@ def _checked(values: Any, shape: tuple[int, ...], name: str = "action") -> np.nd
     return array
 
 
+def _check_names(options: dict[str, Any] | None, *known: str) -> None:
+    """Refuse an option of `reset` that there is not."""
+    for name in options or {}:
+        if name not in known:
+            raise InputError("options of reset", name, ", ".join(known))
+
+
 def _chosen(options: dict[str, Any] | None, name: str, shape: tuple[int, ...]) -> np.ndarray | None:
-    """The targets given in the options of `reset`; None: none were given."""
+    """The targets or angles given in the options of `reset`; None: none were given."""
     wanted = (options or {}).get(name)
-    return None if wanted is None else _checked(wanted, shape, name)
+    if wanted is None:
+        return None
+    found = _checked(wanted, shape, name)
+    if name.startswith("target") and np.abs(found).max() > LONGEST:
+        raise InputError(name, wanted, f"within {LONGEST:g} m", ASK_UNIT)
+    return found
