@@ -33,6 +33,8 @@ from whiptool.target import HIT_RADIUS, Target
 from whiptool.words import as_named
 from whiptool.zone import Zone
 
+_CHOSEN = ("target", "angle", "targets", "angles")  # options of `reset`, for one lane and for many
+
 
 def make_task(
     *,
@@ -140,7 +142,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self._strike = None
-        _check_names(options, "target", "angle")
+        _check_names(options)
         place, angle = _chosen(options, "target", (self.task.zone.dimension,)), _chosen(options, "angle", ())
         goals = _goals(self.task, 1, self.np_random, place, angle)
         seen = _float32(self.task.reset(goals))[0]
@@ -219,7 +221,7 @@ class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: The targets of the options are not one point per lane, or the angles not one number.
         """
         super().reset(seed=seed)
-        _check_names(options, "targets", "angles")
+        _check_names(options)
         places = _chosen(options, "targets", (self.num_envs, self.task.zone.dimension))
         angles = _chosen(options, "angles", (self.num_envs,))
         obs = self.task.reset(_goals(self.task, self.num_envs, self.np_random, places, angles))
@@ -315,11 +317,11 @@ def _checked(values: Any, shape: tuple[int, ...], name: str = "action") -> np.nd
     return array
 
 
-def _check_names(options: dict[str, Any] | None, *known: str) -> None:
-    """Refuse an option of `reset` that there is not."""
+def _check_names(options: dict[str, Any] | None) -> None:
+    """Refuse an option of `reset` that neither one environment nor one of many lanes has."""
     for name in options or {}:
-        if name not in known:
-            raise InputError("options of reset", name, ", ".join(known))
+        if name not in _CHOSEN:
+            raise InputError("options of reset", name, ", ".join(_CHOSEN))
 
 
 def _chosen(options: dict[str, Any] | None, name: str, shape: tuple[int, ...]) -> np.ndarray | None:
