@@ -296,12 +296,13 @@ def _goals(
 
 
 def _masked(values: Mapping[str, np.ndarray], lanes: np.ndarray, *, hit: np.ndarray | None = None) -> dict[str, Any]:
-    """Gymnasium's form of information about some lanes: zero elsewhere, and a mask for each entry."""
+    """Gymnasium's form of information about some lanes: zero elsewhere (of words None), and a mask for each entry."""
     info: dict[str, Any] = {}
     for name, value in values.items():
         mask = lanes & hit if name == "hit_time" and hit is not None else lanes
         if mask.any():
-            info[name] = np.where(mask.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
+            elsewhere = np.full(value.shape, None) if value.dtype.kind == "U" else np.zeros_like(value)
+            info[name] = np.where(mask.reshape(-1, *[1] * (value.ndim - 1)), value, elsewhere)
             info["_" + name] = mask.copy()
     return info
 
