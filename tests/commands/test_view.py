@@ -84,7 +84,8 @@ def test_a_strike_in_space_is_written_and_looked_at(tmp_path, capsys):
 
     with np.load(folder / "trajectory.npz") as data:
         arrays = dict(data)
-    np.savez(folder / "trajectory.npz", **{**arrays, "q": arrays["q"][:, :-1], "v": arrays["v"][:, :-1]})
+    short = {"q": arrays["q"][:, :-1], "v": arrays["v"][:, :-1], "names": arrays["names"][:-1]}
+    np.savez(folder / "trajectory.npz", **{**arrays, **short})
     capsys.readouterr()
     assert view.main([str(folder)]) == 2
     assert "53 coordinates" in capsys.readouterr().err

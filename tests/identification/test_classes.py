@@ -39,7 +39,7 @@ def assessed(plant: Pendulum, free: list[str], truth: Pendulum) -> Uncertainty:
     rng, t = np.random.default_rng(0), np.linspace(0, 1.5, 151)
     options, angles = Options(drive="free", loss=None), np.zeros((len(t), 2))
     empty = [AngleRecording(t, angles, np.array([q, [0.0, 0.0]]), SIGMA) for q in ([1.0, 1.5], [-0.8, 0.6])]
-    variables = variables_of(plant.values(), free, {})
+    variables = variables_of(plant.values(), free, {}, {})
     simulated = Problem(empty, truth, free, variables, options)
     seen = simulated.predictor(truth, {}, simulated.predictor.start, derivatives=False)
     noisy = [x.value.reshape(-1, 2) + SIGMA * rng.standard_normal((len(t), 2)) for x in seen]

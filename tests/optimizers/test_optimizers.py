@@ -56,7 +56,10 @@ class Bowl(Rollout):
 
 @pytest.mark.parametrize("method", [*METHODS, "nlopt:GN_CRS2_LM", "nlopt:GN_ISRES", "nlopt:GN_ESCH"])
 def test_the_budget_is_kept_exactly_and_the_best_is_kept(method):
-    bowl, budget = Bowl(), 40 if method == "gradient" else 137  # more, and the gradient search would be done
+    bowl, budget = (
+        Bowl(),
+        40 if method in ("gradient", "map") else 137,
+    )  # more, and searches with gradients would be done
     result = search(Objective(bowl, Target(hit_radius=1e-9), bounds=UNIT, max_trials=budget), method, seed=3)
     assert (result.status, result.n_trials, bowl.calls) == (Status.MAX_TRIALS, budget, budget)
     best = min(result.trace, key=lambda trial: trial.outcome.miss_distance)
@@ -272,5 +275,5 @@ def test_bad_targets_and_methods_are_refused():
         Objective(Bowl(), Target((2.0, 0.0)), bounds=UNIT)
     with pytest.raises(InputError, match="hit radius"):
         Target(hit_radius=0.0)
-    with pytest.raises(InputError, match=r"directl, gradient, cmaes, ga, sac, td3, ddpg, ppo, random, nlopt:GN_"):
+    with pytest.raises(InputError, match=r"directl, gradient, map, cmaes, ga, sac, td3, ddpg, ppo, random, nlopt:GN_"):
         find_method("sgd")

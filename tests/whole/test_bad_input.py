@@ -213,10 +213,10 @@ optimize --space hand --controller hand.toml | [controller.hand] into the file
 optimize --controller magic.toml | controller.hand.magic
 train --controller hand.toml | without a table [controller.hand]
 compare --controller hand.toml | without a table [controller.hand]
-optimize --space hand --lower 0 0 | the hand: x_i y_i x_f y_f D
+optimize --space hand --lower 0 0 | 5 numbers, x_i y_i x_f y_f D
 simulate --model ur5e --space pose --turn-stiffness 9 --controller position | nothing without --controller constant
 simulate --model ur5e --space pose --controller position --strike 0 0 0 1 1 1 1 | x_i y_i z_i turn_x_i turn_y_i turn_z_i
-simulate --space hand --strike 0.3 0 0.4 | the hand: x_i y_i x_f y_f D
+simulate --space hand --strike 0.3 0 0.4 | 5 numbers, x_i y_i x_f y_f D
 simulate --space hand --strike 0.4 0 2 0 0.5 | places that the hand reaches
 simulate --space hand --strike 0.4 0 0 0.4 -1 | D: got -1.0; allowed: a finite number > 0
 optimize --upper 0 0 0 0 0 0 0 | --upper

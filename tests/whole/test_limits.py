@@ -110,7 +110,7 @@ def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     lower, upper = [str(x - 0.05) for x in SLOW], [str(x + 0.05) for x in SLOW]
     near = ["--method", "random", "--max-trials", "40", "--lower", *lower, "--upper", *upper, *common]
     assert main([*near, "--out", str(tmp_path / "run")]) == 0
-    assert "of the XM430-W350's speed-torque line" in capsys.readouterr().out
+    assert "within the XM430-W350's speed-torque line: at most" in capsys.readouterr().out
     result = json.loads((tmp_path / "run/result.json").read_text())
     assert result["hit"]
     assert 0 < result["motor_usage"] <= 1

@@ -47,9 +47,10 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
-from whiptool.models.numbers import LONGEST, THICKEST, metres
+from whiptool.models.numbers import THICKEST, metres
 from whiptool.models.parameters import Model, WhipParameters
 
+LONGEST = 20.0  # [m] of a whip that an arm swings
 Range = tuple[float, float]
 
 AIR = 1.2  # [kg/m^3]
