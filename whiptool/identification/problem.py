@@ -68,7 +68,7 @@ class Options:
     knots: float | None = None
     seed: int = 0
     check: bool = True
-    max_iterations: int = 60
+    max_iterations: int = 300
     tolerance: float = TOLERANCE
 
     def __post_init__(self) -> None:
