@@ -15,7 +15,7 @@ from whiptool.identification.placement import NEUTRAL, NUISANCE
 from whiptool.identification.plant import Identifiable
 from whiptool.identification.predict import Predictor, Recording
 from whiptool.identification.results import RecordingFit
-from whiptool.identification.solver import TOLERANCE, Block, Loss, Solution, huber, solve
+from whiptool.identification.solver import MAX_ITERATIONS, TOLERANCE, Block, Loss, Solution, huber, solve
 from whiptool.identification.time_base import CLOCK, ClockFault, Readings, likeliest_fault
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
@@ -68,7 +68,7 @@ class Options:
     knots: float | None = None
     seed: int = 0
     check: bool = True
-    max_iterations: int = 300
+    max_iterations: int = MAX_ITERATIONS
     tolerance: float = TOLERANCE
 
     def __post_init__(self) -> None:
