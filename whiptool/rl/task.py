@@ -271,7 +271,7 @@ class StrikeTask:
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, n_act), shortened where joints would be commanded faster than they may."""
-        return np.clip(self.limits.shortened(strikes), self.lower, self.upper) if self.limits.commands else strikes
+        return self.limits.admissible(strikes, self.bounds) if self.limits.commands else strikes
 
     def first_look(self, targets: np.ndarray | Goals) -> np.ndarray:
         """Return the observations before the first strike at each goal, (B, n_obs)."""
