@@ -153,6 +153,32 @@ def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
     return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])  # (2 n, 2 n)
 
 
+def _damped(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (2 n,) of `M ddx + C dx + K x = 0` and how x moves with each, (n, 2 n).
+
+    Joints that no matrix couples, as the two directions of a whip in space that hangs straight, are solved apart: the
+    time grows with the cube of a group's size.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    coupled = sum(np.abs(X) > 1e-12 * np.sqrt(np.abs(np.outer(np.diag(X), np.diag(X)))) for X in (M, C, K))
+    groups, of = connected_components(coupled, directed=False)
+    eigenvalues, motions = np.zeros(0, complex), np.zeros((len(M), 0), complex)
+    for group in range(groups):
+        joints = np.flatnonzero(of == group)
+        own, vectors = np.linalg.eig(_state_matrix(*(X[np.ix_(joints, joints)] for X in (M, C, K))))
+        moved = np.zeros((len(M), len(own)), complex)
+        moved[joints] = vectors[: len(joints)]
+        eigenvalues, motions = np.r_[eigenvalues, own], np.hstack([motions, moved])
+    return eigenvalues, motions
+
+
+def _slowest_first(eigenvalues: np.ndarray) -> np.ndarray:
+    """The order of eigenvalues (k,) by size, and by imaginary part where sizes differ by rounding alone."""
+    sizes = np.abs(eigenvalues)
+    return np.lexsort((eigenvalues.imag, np.round(sizes / max(sizes.max(), np.finfo(float).tiny), 12)))
+
+
 def _displacements(model: Model, q: np.ndarray, x: np.ndarray) -> np.ndarray:
     """How hand, nodes and tip move with small deviations x (k, n) of the joints from q, (k, N + 1, d)."""
     a, step = model.arm.n, 1e-6
@@ -244,12 +270,12 @@ def hanging_modes(
     linear = linearise(model, hanging)
     M, C, K = (matrix[free, free] for matrix in (linear.M, linear.C, linear.K))
     squares, undamped = (np.asarray(x) for x in eigh(K, M))  # columns with x^T M x = 1
-    eigenvalues, damped = np.linalg.eig(_state_matrix(M, C, K))
+    eigenvalues, damped = _damped(M, C, K)
 
     ratios = np.full(m, np.nan)
     swinging = np.flatnonzero(eigenvalues.imag > 1e-7 * np.abs(eigenvalues).max())  # smaller ones are rounding
     if len(swinging):
-        lambdas, motions = eigenvalues[swinging], damped[:m, swinging]
+        lambdas, motions = eigenvalues[swinging], damped[:, swinging]
         norm = np.sqrt(np.einsum("im,ij,jm->m", motions.conj(), M, motions).real)
         likeness = np.abs(undamped.T @ M @ motions) / norm  # (m, pairs), 1 for the same shape
         modes, pairs = linear_sum_assignment(likeness, maximize=True)
@@ -261,5 +287,5 @@ def hanging_modes(
         damping_ratios=ratios[:k],
         shapes=shapes[:k],
         displacements=_displacements(model, hanging, shapes[:k]),
-        eigenvalues=eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))],
+        eigenvalues=eigenvalues[_slowest_first(eigenvalues)],
     )
