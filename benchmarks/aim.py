@@ -42,10 +42,10 @@ from whiptool.strike_map import StrikeMap
 from whiptool.strike_map.built import built
 from whiptool.studies.comparison import Store
 from whiptool.studies.reproduction.aim import published
-from whiptool.studies.reproduction.aim.aimed import Aimed, aim, map_label
+from whiptool.studies.reproduction.aim.aimed import Aimed, aim
 from whiptool.studies.reproduction.aim.report import figures
 from whiptool.studies.reproduction.aim.task import AimTask, ur5e
-from whiptool.studies.reproduction.aim.units import AloneUnit
+from whiptool.studies.reproduction.aim.units import AloneUnit, KeptMap
 
 GOALS, REPLAYS, ALONE, TOUCHED = 5000, 100, 50, 100
 QUICK_GOALS, QUICK_REPLAYS, QUICK_ALONE, QUICK_TOUCHED = 5, 1, 2, 2
@@ -152,8 +152,8 @@ def main() -> None:
         strike_map, place = map_of(task, arguments.map, folder)
         counts = {"goals": goals, "replays": replays, "oracle": arguments.oracle, "touched": usual[3]}
         aimed = aim(task, strike_map, place, store, **counts, brief=arguments.quick)
-        unit = AloneUnit(task=task, folder=place.resolve(), label=map_label(strike_map), count=min(goals, usual[2]))
-        alone = store.results([unit], desc="one at a time")[unit.name]
+        unit = AloneUnit(task=task, kept=KeptMap.of(strike_map, place), count=min(goals, usual[2]))
+        alone = store.results([unit], desc="one at a time")[unit.key]
     report = report_of(aimed, alone, len(strike_map.answers))
     print(json.dumps(report) if arguments.json else text_of(aimed, report))
 

@@ -30,6 +30,7 @@ from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.resolution import TOLERANCE
 from whiptool.studies.comparison import Store
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.reproduction.spaces import targets
 from whiptool.target import Target
 
@@ -75,16 +76,11 @@ def warm_up(model: Model) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReachUnit:
+class ReachUnit(Unit):
     """The search of one target by one robot."""
 
     model: str
     target: int
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"reach-{self.model}-target{self.target}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict:
         """Search, when all that the search needs is compiled and imported."""
@@ -129,7 +125,7 @@ def main() -> None:
         store, report = Store(folder), {}
         for name, of_model in units.items():
             found = store.results(of_model, desc=name)
-            report[name] = report_of([found[unit.name] for unit in of_model])
+            report[name] = report_of([found[unit.key] for unit in of_model])
     if arguments.json:
         print(json.dumps({"radius": RADIUS, "tolerance": TOLERANCE, "method": METHOD, **report}))
         return

@@ -20,7 +20,6 @@ from whiptool.commands import cli, optimize
 from whiptool.commands.compare import CompareOptions
 from whiptool.commands.train import TrainOptions
 from whiptool.errors import InputError
-from whiptool.studies.comparison.store import unit_file
 
 
 @pytest.mark.slow
@@ -123,20 +122,13 @@ def test_what_does_not_parse_is_told_in_words(words, said, capsys):
 
 
 def test_runs_that_call_an_observation_as_it_was_called_are_read():
-    """What the learners' tip alone was once called in options, in the names of units, and in shipped results."""
+    """What the learners' tip alone was once called in options and in shipped results."""
     table = {"observation": "paper", "method": "td3"}
     assert cli.stored_options(TrainOptions, table, Path("run")).observation == "tip"
     stored = cli.stored_options(CompareOptions, {"observation": ["goal", "paper"]}, Path("run"))
     assert stored.observation == ("goal", "tip")
     with pytest.raises(InputError, match="tip, relative, goal; it is called tip"):
         one_joint_task(observation="paper")
-
-
-def test_units_of_older_runs_are_found_under_the_names_that_they_had(tmp_path):
-    (tmp_path / "sac-paper-seed0.json").touch()
-    assert unit_file(tmp_path, "sac-tip-seed0").name == "sac-paper-seed0.json"
-    assert unit_file(tmp_path, "sac-tip-seed1").name == "sac-tip-seed1.json"
-    assert unit_file(tmp_path, "directl-0-100").name == "directl-0-100.json"
 
 
 @pytest.mark.parametrize(("variable", "said"), [("MPLBACKEND", "MPLBACKEND:"), ("MATPLOTLIBRC", "matplotlibrc:")])

@@ -92,14 +92,14 @@ def test_learner_goes_on_from_a_checkpoint_as_if_nothing_had_happened(scene, tmp
         return {k: v for k, v in result.items() if k not in TIMES}
 
     whole = plain(unit.run(None, None))
-    with one_torch_thread(), Checkpoint.within(tmp_path, unit.name) as checkpoint:
+    with one_torch_thread(), Checkpoint.within(tmp_path, unit.key) as checkpoint:
         training = unit._fresh(None)
         rewards = [episode.mean_reward for episode in training.run(episodes=7)]
         checkpoint.save(training, {"rewards": [*rewards, 1e9], "seconds": 0.0})
     assert plain(unit.run(tmp_path, None)) == whole
     assert len(whole["rewards"]) == 14
     assert whole["training_trials"] == 14 * 6
-    with Checkpoint.within(tmp_path, unit.name) as checkpoint:  # a history that does not reach: start again
+    with Checkpoint.within(tmp_path, unit.key) as checkpoint:  # a history that does not reach: start again
         checkpoint.history.write_text(json.dumps({"rewards": [], "seconds": 0.0}))
     assert plain(unit.run(tmp_path, None)) == whole
 
@@ -143,17 +143,17 @@ def test_random_is_always_there_and_directl_has_one_seed(scene):
     assert not deterministic("nlopt:GN_DIRECT_L_RAND")
 
 
-def test_tasks_of_a_folder_do_not_share_names(scene):
+def test_tasks_of_a_folder_share_no_results(scene):
     """Also the unit that says what one strike hits."""
-    plans = [Comparison(scene=scene, methods=("ga", "sac"), task=task) for task in ("", "zone0.3-")]
-    names = [{u.name for u in (*plan.units(), plan.difficulty())} for plan in plans]
-    assert names[1] == {f"zone0.3-{name}" for name in names[0]}
+    plans = [Comparison(scene=s, methods=("ga", "sac")) for s in (scene, replace(scene, zone=Disc(radius=0.3)))]
+    keys = [{u.key for u in (*plan.units(), plan.difficulty())} for plan in plans]
+    assert not keys[0] & keys[1]
 
 
 def test_collect_puts_seeds_and_chunks_in_order(scene):
     units = [SearchUnit(scene=scene, method="ga", seed=s, first=f, last=f + 2) for s in (0, 1) for f in (0, 2)]
     results = {
-        u.name: {
+        u.key: {
             "outcomes": [{"convention": "", "hit_radius": 0.06, "trials": [10 * u.seed + u.first + i for i in (0, 1)],
                           "hit": [True, u.seed == 0]}],
             "training_trials": 0, "n_diverged": 1, "wall_time": 2.0, "note": "",

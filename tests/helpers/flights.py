@@ -6,7 +6,7 @@ from fake_rollout import StraightFlight
 
 from whiptool.impedance import Controller
 from whiptool.models import preset
-from whiptool.studies.comparison.units import Scene
+from whiptool.studies.comparison.scene import Scene
 from whiptool.zone import Disc
 
 

@@ -228,7 +228,7 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
         comparison = replace(comparison, scene=replace(comparison.scene, zone=region))
     units, hard = comparison.units(), comparison.difficulty(quick=options.quick)
     results = store.results([hard, *units], desc="compare")
-    series, task = collect(units, results), results[hard.name]
+    series, task = collect(units, results), results[hard.key]
     summary = {
         "rows": [one.row() for one in series],
         "task": task,

@@ -19,7 +19,7 @@ from whiptool.runs import CONFIG
 from whiptool.studies.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHODS, Comparison
 from whiptool.studies.comparison.series import collect
 from whiptool.studies.comparison.shipped import Results
-from whiptool.studies.comparison.store import unit_file
+from whiptool.studies.comparison.store import older_results, unit_file
 
 _RENAMED = {"cap": "max_trials"}  # of options of older runs
 
@@ -44,12 +44,13 @@ def read_run(folder: Path | str) -> Results:
         methods, observations = options.methods, options.observation
     comparison = options.comparison(methods, observations)
     units = comparison.units()
-    files = {unit.name: unit_file(folder / "units", unit.name) for unit in units}
-    missing = [name for name, file in files.items() if not file.exists()]
+    files = {unit.key: unit_file(folder / "units", unit.key) for unit in units}
+    missing = sum(not file.exists() for file in files.values())
     if missing:
-        fix = "finish it with --resume"
-        raise InputError("run folder", str(folder), f"all {len(files)} units ({len(missing)} are not there)", fix)
-    results = {name: read_json(file) for name, file in files.items()}
+        older = older_results(folder / "units")
+        allowed = f"all {len(files)} units ({missing} are not there{'; ' if older else ''}{older})"
+        raise InputError("run folder", str(folder), allowed, "finish it with --resume")
+    results = {key: read_json(file) for key, file in files.items()}
     return Results(
         series=tuple(collect(units, results)),
         rewards=_rewards(comparison, results),
@@ -63,7 +64,7 @@ def _rewards(comparison: Comparison, results: Mapping[str, Any]) -> dict[str, di
     rewards: dict[str, dict[str, np.ndarray]] = {}
     for o in comparison.observations:
         for method in (m for m in LEARNERS if m in comparison.methods):
-            rows = [results[unit.name]["rewards"] for unit in comparison.learner_units(method, o)]
+            rows = [results[unit.key]["rewards"] for unit in comparison.learner_units(method, o)]
             shortest = min(map(len, rows))  # training that diverged ends before
             rewards.setdefault(o, {})[method] = np.array([row[:shortest] for row in rows])
     return rewards

@@ -9,7 +9,7 @@ from whiptool.commands.compare import CompareOptions
 from whiptool.errors import InputError
 from whiptool.studies.comparison.learner_unit import LearnerUnit
 from whiptool.studies.comparison.plan import CHUNK, Comparison
-from whiptool.studies.comparison.units import SearchUnit
+from whiptool.studies.comparison.search_unit import SearchUnit
 
 
 def test_the_difficulty_of_a_task_is_measured_by_strikes_that_grow_with_its_targets():
@@ -19,13 +19,13 @@ def test_the_difficulty_of_a_task_is_measured_by_strikes_that_grow_with_its_targ
     assert Comparison(scene=scene(), methods=("random",)).difficulty(quick=True).strikes == 500
 
 
-def test_units_have_names_of_their_own():
+def test_units_have_keys_of_their_own():
     units = Comparison(
         scene=scene(targets=CHUNK + 3), methods=("nlopt:GN_CRS2_LM", "sac"), observations=("goal", "tip"), seeds=2
     ).units()
-    names = [unit.name for unit in units]
-    assert len(set(names)) == len(names) == 2 * 2 + 2 * 2 + 2 * 2
-    assert all("/" not in name and ":" not in name for name in names)
+    keys = [unit.key for unit in units]
+    assert len(set(keys)) == len(keys) == 2 * 2 + 2 * 2 + 2 * 2
+    assert all("/" not in key and ":" not in key for key in keys)
     searches = [unit for unit in units if isinstance(unit, SearchUnit) and unit.method == "random" and unit.seed == 1]
     assert [(unit.first, unit.last) for unit in searches] == [(0, CHUNK), (CHUNK, CHUNK + 3)]
 
@@ -58,5 +58,5 @@ def test_a_learner_is_trained_under_one_observation_unless_more_are_asked_for():
     for usual in (Comparison(scene=scene(), methods=("sac",)).observations, CompareOptions().observation):
         assert usual == ("goal",)
     asked = Comparison(scene=scene(), methods=("sac", "ga"), observations=("tip", "goal"), seeds=2).units()
-    learners = [unit.name for unit in asked if isinstance(unit, LearnerUnit)]
-    assert learners == ["sac-tip-seed0", "sac-tip-seed1", "sac-goal-seed0", "sac-goal-seed1"]
+    learners = [(unit.observation, unit.seed) for unit in asked if isinstance(unit, LearnerUnit)]
+    assert learners == [("tip", 0), ("tip", 1), ("goal", 0), ("goal", 1)]

@@ -8,8 +8,9 @@ from series_by_hand import TRIALS, series
 
 from whiptool.impedance import Controller
 from whiptool.models import preset
+from whiptool.studies.comparison.scene import Scene
+from whiptool.studies.comparison.search_unit import SearchUnit
 from whiptool.studies.comparison.series import collect
-from whiptool.studies.comparison.units import Scene, SearchUnit
 
 HIT = TRIALS < 600
 
@@ -37,7 +38,7 @@ def test_units_become_series():
             unit = SearchUnit(scene=scene, method="ga", seed=seed, first=first, last=first + 2)
             units.append(unit)
             trials = [100 * seed + 10 * first + i for i in (1, 2)]
-            results[unit.name] = {
+            results[unit.key] = {
                 "outcomes": [
                     {"convention": "", "hit_radius": radius, "hit": [True, scale == 1],
                      "trials": [scale * x for x in trials]}

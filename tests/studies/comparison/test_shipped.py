@@ -28,7 +28,7 @@ def run(tmp_path):
     )
     (folder.path / "units").mkdir()
     for unit in units:
-        learner = unit.name.startswith("sac")
+        learner = unit.method == "sac"
         outcome = {"hit_radius": 0.06, "trials": [unit.seed + 1, 9, 9], "hit": [True, True, False]}
         conventions = ("mean-first", "samples", "mean") if learner else ("",)
         result = {
@@ -40,7 +40,7 @@ def run(tmp_path):
         }
         if learner:
             result["rewards"] = [1.0, 2.0, 3.0, 4.126][: 4 - unit.seed]
-        (folder.path / "units" / f"{unit.name}.json").write_text(json.dumps(result))
+        (folder.path / "units" / f"{unit.key}.json").write_text(json.dumps(result))
     return folder.path
 
 
@@ -77,8 +77,16 @@ def test_a_damaged_file_is_refused(run, tmp_path):
 
 
 def test_a_run_that_is_not_finished_is_refused(run):
-    next((run / "units").glob("ga-seed1-*")).unlink()
+    next((run / "units").glob("search-ga-seed1-*")).unlink()
     with pytest.raises(InputError, match="1 are not there"):
+        read_run(run)
+
+
+def test_a_run_of_an_older_version_is_refused_with_what_to_do(run):
+    """Its results are there, under names that left out some fields of their units."""
+    for file in (run / "units").iterdir():
+        file.rename(file.with_name(f"{file.stem[:-17]}.json"))
+    with pytest.raises(InputError, match=r"6 results of an older version.*--resume"):
         read_run(run)
 
 

@@ -21,7 +21,7 @@ class Told:
     """A store that knows every result: the nominal strike misses by 8 cm, what learns misses by 4, then 0.5 cm."""
 
     def results(self, units, *, desc: str = "") -> dict:
-        return {unit.name: self.of(unit) for unit in units}
+        return {unit.key: self.of(unit) for unit in units}
 
     def of(self, unit) -> dict:
         if isinstance(unit, LookUnit):
@@ -92,7 +92,7 @@ def test_the_report_of_unknown_whips():
 def test_a_study_of_chosen_rows_tries_no_others():
     told = Told()
     asked: list[str] = []
-    told.results = lambda units, desc="": asked.extend(u.name for u in units) or {u.name: told.of(u) for u in units}
+    told.results = lambda units, desc="": asked.extend(u.key for u in units) or {u.key: told.of(u) for u in units}
     scene = Scene(model=MODEL, controller=CONTROLLER)
     context = Context(Comparison(scene=scene), told, whips=5, whip_targets=2, rows=("nominal", "still"))
     sections = {section.title: section for section in reproduction.sections(context)}

@@ -2,8 +2,9 @@
 
 from whiptool.studies.comparison.learner_unit import LearnerUnit
 from whiptool.studies.comparison.plan import Comparison
+from whiptool.studies.comparison.scene import Scene
+from whiptool.studies.comparison.search_unit import SearchUnit
 from whiptool.studies.comparison.series import Series, collect
 from whiptool.studies.comparison.store import Store
-from whiptool.studies.comparison.units import Scene, SearchUnit
 
 __all__ = ["Comparison", "LearnerUnit", "Scene", "SearchUnit", "Series", "Store", "collect"]

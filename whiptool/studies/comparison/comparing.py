@@ -11,9 +11,9 @@ from whiptool.errors import expect, refuse_call
 from whiptool.models.numbers import texts, whole
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.studies.comparison.plan import Comparison
+from whiptool.studies.comparison.scene import Scene
 from whiptool.studies.comparison.series import Series, collect
 from whiptool.studies.comparison.store import Store
-from whiptool.studies.comparison.units import Scene
 from whiptool.target import HIT_RADIUS
 from whiptool.zone import Zone, usual_disc
 

@@ -17,8 +17,9 @@ from scipy.spatial.distance import cdist
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.task import StrikeTask
 from whiptool.rollout import CompiledRollout
+from whiptool.studies.comparison.scene import Scene
 from whiptool.studies.comparison.tables import percent
-from whiptool.studies.comparison.units import Scene
+from whiptool.studies.comparison.unit import Unit
 
 RATE = 1000.0  # [1/s] of the paths by which strikes are ranked
 _KEPT, _CHILDREN = 1 / 250, 25  # the share of the random strikes' number that is varied, and variations of each
@@ -26,7 +27,7 @@ WIDTHS = (0.1, 0.05, 0.05, 0.02, 0.02, 0.01, 0.01, 0.005)  # of the variations, 
 
 
 @dataclass(frozen=True, kw_only=True)
-class DifficultyUnit:
+class DifficultyUnit(Unit):
     """The best single strike for all targets, and random strikes.
 
     The best of random strikes are varied, ever less, and those that hit most targets kept: what is found is a lower
@@ -35,17 +36,10 @@ class DifficultyUnit:
     Args:
         scene: Model, targets, hit radius (the first).
         strikes: Random ones.
-        task: Put before the name, where a folder holds several tasks.
     """
 
     scene: Scene
     strikes: int = 10_000
-    task: str = ""
-
-    @property
-    def name(self) -> str:
-        """Task and number of strikes."""
-        return f"{self.task}difficulty-{self.strikes}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike: each random strike at a target of its own, the best strike at all."""

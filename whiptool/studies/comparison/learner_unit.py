@@ -13,7 +13,8 @@ from typing import Any
 
 from whiptool.extras import optional
 from whiptool.given_files import read_json
-from whiptool.studies.comparison.units import Scene
+from whiptool.studies.comparison.scene import Scene
+from whiptool.studies.comparison.unit import Unit
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -22,7 +23,7 @@ MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy
 
 
 @dataclass(frozen=True, kw_only=True)
-class LearnerUnit:
+class LearnerUnit(Unit):
     """A learner, trained once over the zone, that then strikes at every target with its policy.
 
     Args:
@@ -33,7 +34,6 @@ class LearnerUnit:
         episodes, trials, random_episodes, hindsight: See `whiptool.rl.training.Plan`.
         reward: See `whiptool.rl.task.StrikeTask`.
         settings: Hyperparameters other than the usual ones, by name.
-        task: Put before the name, where a folder holds several tasks.
     """
 
     scene: Scene
@@ -46,17 +46,11 @@ class LearnerUnit:
     hindsight: int = 0
     reward: str = "paper"
     settings: tuple[tuple[str, float], ...] = ()
-    task: str = ""
 
     @property
     def series(self) -> str:
         """What it is called in a table."""
         return self.method
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: method, observation and seed."""
-        return f"{self.task}{self.method}-{self.observation}-seed{self.seed}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train, from the last checkpoint if there is one, and strike."""
@@ -130,7 +124,7 @@ class LearnerUnit:
         """The training at its end, its mean rewards and seconds, and what there is to say about it."""
         from whiptool.rl.learner import Diverged
 
-        with Checkpoint.within(folder, self.name) as checkpoint:
+        with Checkpoint.within(folder, self.key) as checkpoint:
             training, note = self._fresh(threads), ""
             history = checkpoint.load(training)
             try:

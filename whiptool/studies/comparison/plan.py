@@ -10,7 +10,8 @@ from whiptool.models.parameters import whole
 from whiptool.rl.settings import Plan
 from whiptool.studies.comparison.difficulty import DifficultyUnit
 from whiptool.studies.comparison.learner_unit import LearnerUnit
-from whiptool.studies.comparison.units import Scene, SearchUnit
+from whiptool.studies.comparison.scene import Scene
+from whiptool.studies.comparison.search_unit import SearchUnit
 from whiptool.words import method_name
 
 PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6
@@ -31,7 +32,6 @@ class Comparison:
         episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.Plan`.
         further_episodes: Episodes under observations other than `tip`; None for as many, which is the most.
             Fewer have fewer random ones in proportion.
-        task: Put before the names of its units, where a folder holds several comparisons.
 
     Raises:
         InputError: A name or a number is not allowed.
@@ -46,7 +46,6 @@ class Comparison:
     random_episodes: int = 50
     hindsight: int = 0
     further_episodes: int | None = None
-    task: str = ""
 
     def __post_init__(self) -> None:
         from whiptool.optimizers import find_method
@@ -85,7 +84,6 @@ class Comparison:
                     seed=seed,
                     first=first,
                     last=min(first + CHUNK, self.scene.targets),
-                    task=self.task,
                 )
                 for seed in range(1 if deterministic(method) else self.seeds)
                 for first in range(0, self.scene.targets, CHUNK)
@@ -105,7 +103,6 @@ class Comparison:
                 trials=trials,
                 random_episodes=random_episodes,
                 hindsight=self.hindsight,
-                task=self.task,
             )
             for seed in range(self.seeds)
         ]
@@ -113,7 +110,7 @@ class Comparison:
     def difficulty(self, *, quick: bool = False) -> DifficultyUnit:
         """What one strike, and random ones, hit of its targets."""
         strikes = 500 if quick else min(10_000, 100 * self.scene.targets)
-        return DifficultyUnit(scene=self.scene, strikes=strikes, task=self.task)
+        return DifficultyUnit(scene=self.scene, strikes=strikes)
 
     def training(self, observation: str) -> tuple[int, int, int]:
         """Episodes, trials in each, and how many episodes are random, under an observation."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.studies.comparison.intervals import mean_interval, needs_fewer
 from whiptool.studies.comparison.learner_unit import MAIN_CONVENTION, LearnerUnit
-from whiptool.studies.comparison.units import SearchUnit
+from whiptool.studies.comparison.search_unit import SearchUnit
 
 NAMES = {
     "directl": "DIRECT-L",
@@ -124,7 +124,7 @@ def collect(units: Iterable[SearchUnit | LearnerUnit], results: Mapping[str, Map
     units = list(units)
     for unit in units:
         observation = unit.observation if isinstance(unit, LearnerUnit) else ""
-        groups[unit.series, observation][unit.seed].append(results[unit.name])
+        groups[unit.series, observation][unit.seed].append(results[unit.key])
     series = []
     for (method, observation), seeds in groups.items():
         parts = [part for chunks in seeds.values() for part in chunks]

@@ -12,11 +12,11 @@ from typing import Any
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
-from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.studies.comparison.learner_unit import Checkpoint
-from whiptool.studies.comparison.units import Unit
+from whiptool.studies.comparison.unit import KEY, Unit
 from whiptool.studies.workers import work_on
 from whiptool.whole_files import write_whole
+from whiptool.words import counted
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,13 @@ class Store:
         self.deaths: list[list[str]] = []
         for path in (self.units, self.checkpoints):
             path.mkdir(exist_ok=True)
+        if older := older_results(self.units):
+            print(
+                f"whiptool: {older}; they are not used, and what is needed of them is computed again", file=sys.stderr
+            )
 
     def results(self, units: Sequence[Unit], *, desc: str = "") -> dict[str, dict[str, Any]]:
-        """The units' results by name; those that are not there yet are worked on, with a progress bar.
+        """The units' results by key; those that are not there yet are worked on, with a progress bar.
 
         Raises:
             UnitFailed: One of them failed; what others gave is kept.
@@ -55,13 +59,13 @@ class Store:
         """
         from whiptool.progress import Progress
 
-        names = {unit.name: unit for unit in units}
-        results = {name: self._read(name) for name in names if self._file(name).exists()}
-        todo = {name: unit for name, unit in names.items() if name not in results}
+        by_key = {unit.key: unit for unit in units}
+        results = {key: self._read(key) for key in by_key if unit_file(self.units, key).exists()}
+        todo = {key: unit for key, unit in by_key.items() if key not in results}
         alone = self.workers == 1 and self.cluster is None
         work = Work(self.checkpoints, None if alone else max(1, (os.cpu_count() or 1) // self.workers))
         with Progress(
-            total=len(names),
+            total=len(by_key),
             initial=len(results),
             unit=" units",
             desc=desc,
@@ -71,32 +75,32 @@ class Store:
             delay=1,
         ) as bar:
             found = work_on(todo, work, workers=self.workers, cluster=self.cluster, on_death=self._on_death)
-            for name, result in found:
-                write_whole(self._file(name), json.dumps(result, allow_nan=False))
-                Checkpoint(self.checkpoints / f"{name}.pt").remove()
-                results[name] = result
-                bar.set_postfix_str(name, refresh=False)
+            for key, result in found:
+                write_whole(unit_file(self.units, key), json.dumps(result, allow_nan=False))
+                Checkpoint(self.checkpoints / f"{key}.pt").remove()
+                results[key] = result
+                bar.set_postfix_str(key, refresh=False)
                 bar.update()
         return results
 
-    def _on_death(self, names: list[str]) -> None:
-        self.deaths.append(names)
-        print(f"whiptool: a worker died at {' or '.join(names)}; trying again", file=sys.stderr)
+    def _on_death(self, keys: list[str]) -> None:
+        self.deaths.append(keys)
+        print(f"whiptool: a worker died at {' or '.join(keys)}; trying again", file=sys.stderr)
 
-    def _file(self, name: str) -> Path:
-        return unit_file(self.units, name)
-
-    def _read(self, name: str) -> dict[str, Any]:
+    def _read(self, key: str) -> dict[str, Any]:
         try:
-            return read_json(self._file(name))
+            return read_json(unit_file(self.units, key))
         except InputError as error:
             raise error.renamed(error.name, "delete it") from None
 
 
-def unit_file(folder: Path, name: str) -> Path:
-    """Return the file of a unit's result; an older run named it by what the learner's observation was called then."""
-    for old, new in OLD_OBSERVATIONS.items():
-        older = folder / f"{name.replace(f'-{new}-seed', f'-{old}-seed')}.json"
-        if older.exists():
-            return older
-    return folder / f"{name}.json"
+def unit_file(folder: Path, key: str) -> Path:
+    """Return the file of a unit's result in the folder of results."""
+    return folder / f"{key}.json"
+
+
+def older_results(folder: Path) -> str:
+    """Return what there is to say of results of older versions in a folder, whose names left out fields of their units;
+    empty: there are none."""
+    count = sum(not KEY.search(file.stem) for file in folder.glob("*.json"))
+    return f"{folder}: {counted(count, 'result')} of an older version of whiptool" if count else ""

@@ -11,8 +11,9 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.numbers import LARGEST
 from whiptool.models.strike import default_bounds
+from whiptool.studies.comparison.scene import Scene
 from whiptool.studies.comparison.store import Store
-from whiptool.studies.comparison.units import Scene
+from whiptool.studies.comparison.unit import Unit
 from whiptool.target import TARGET
 from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region, round_name
 
@@ -25,7 +26,7 @@ CELL_IN_SPACE = 0.1  # [m], and cells are more
 
 
 @dataclass(frozen=True, kw_only=True)
-class RegionUnit:
+class RegionUnit(Unit):
     """Where the tip of random strikes passes with a speed.
 
     Args:
@@ -37,11 +38,6 @@ class RegionUnit:
     scene: Scene
     strikes: int
     cell: float = CELL
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: least speed and number of strikes."""
-        return f"region-{SPEED:g}-{self.strikes}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike at random, and return the region that fast tips reach."""
@@ -56,7 +52,7 @@ def fast_region(scene: Scene, store: Store, *, quick: bool = False) -> Region:
     usual, few = (STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE) if in_space else (STRIKES, QUICK_STRIKES)
     strikes = few if quick else usual
     unit = RegionUnit(scene=scene, strikes=strikes, cell=CELL_IN_SPACE if in_space else CELL)
-    known = store.results([unit], desc="region")[unit.name]
+    known = store.results([unit], desc="region")[unit.key]
     return Region(np.array(known["corners"]), known["cell"])
 
 

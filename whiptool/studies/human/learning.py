@@ -14,6 +14,7 @@ from whiptool.adaptation import Adaptation, TipPort, default_prior, draw_twin
 from whiptool.adaptation.loop import Options
 from whiptool.impedance import Controller
 from whiptool.models.presets import preset
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.human.machine_strikes import target_of
 from whiptool.studies.human.reading import People
 
@@ -23,7 +24,7 @@ _RESAMPLES = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptUnit:
+class AdaptUnit(Unit):
     """A machine that learns an unknown whip strike by strike, a work unit.
 
     Args:
@@ -35,11 +36,6 @@ class AdaptUnit:
     seed: int
     hit_radius: float
     strikes: int = STRIKES
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"adapt-strange-{self.seed}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Adapt, and return what every strike missed by [m]."""

@@ -53,7 +53,7 @@ def machine_sections(
     ]
     adapted = [AdaptUnit(seed=seed, hit_radius=radius) for seed in range(effort.whips)]
     results = store.results([*units, *adapted], desc="human")
-    found = [results[unit.name] for unit in units]
+    found = [results[unit.key] for unit in units]
     strikes, rollout, target = by_method(found), machine(), target_of(radius)
     tolerances = {method: tolerance(rollout, target, of, draws=effort.draws) for method, of in strikes.items()}
     shares = {style: styles[style]["hit_share"] for style in STYLES}
@@ -68,7 +68,7 @@ def machine_sections(
     curves = [curve(f"people, {style}", people_misses(people, style)) for style in STYLES]
     curves.append(curve("SAC", [one["misses"] for one in found if one["method"] == "SAC"]))
     if adapted:
-        curves.append(curve("adapt, unknown whips", [results[unit.name]["misses"] for unit in adapted]))
+        curves.append(curve("adapt, unknown whips", [results[unit.key]["misses"] for unit in adapted]))
     result = {"hit_radius": radius, "noise": size, "tolerance": rows, "learning": [_curve_row(one) for one in curves]}
     sections = [_tolerance_section(tolerances, lost, rows, shares, radius, size), _learning_section(curves)]
     return result, sections

@@ -16,6 +16,7 @@ from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
+from whiptool.studies.comparison.unit import Unit
 from whiptool.target import Target
 
 METHODS = {
@@ -43,7 +44,7 @@ def target_of(hit_radius: float) -> Target:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StrikeUnit:
+class StrikeUnit(Unit):
     """One method with one seed, a work unit.
 
     Args:
@@ -57,11 +58,6 @@ class StrikeUnit:
     seed: int
     hit_radius: float
     trials: int = TRIALS
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"{self.method}-seed{self.seed}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search, and return the strike with what every trial missed by [m]."""

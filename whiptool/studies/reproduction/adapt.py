@@ -108,18 +108,16 @@ def sections(context: Context) -> list[Section]:
     for family in FAMILIES:
         for method in METHODS:
             if method == "sac":
-                trials = [results[p.name][f"{f}-{seed}"] for p in policies for f, seed, _ in p.whips if f == family]
+                trials = [results[p.key][f"{f}-{seed}"] for p in policies for f, seed, _ in p.whips if f == family]
             else:
-                trials = [results[u.name]["trials"] for u in work if (u.family, u.method) == (family, method)]
+                trials = [results[u.key]["trials"] for u in work if (u.family, u.method) == (family, method)]
             if any(trials):
                 table[family, method] = Trials.of(trials)
-    learned = {
-        f: [results[u.name] for u in work if u.family == f and u.method in ("adapt", *LOOKING)] for f in FAMILIES
-    }
+    learned = {f: [results[u.key] for u in work if u.family == f and u.method in ("adapt", *LOOKING)] for f in FAMILIES}
     whole = {
         f: [
-            *({"trials": [chain[u.name]], "transferred": []} for u in rigs if u.family == f and u.method != "uniform"),
-            *({"trials": [], **further[u.name]} for u in again if u.family == f),
+            *({"trials": [chain[u.key]], "transferred": []} for u in rigs if u.family == f and u.method != "uniform"),
+            *({"trials": [], **further[u.key]} for u in again if u.family == f),
         ]
         for f in FAMILIES
     }
@@ -179,8 +177,8 @@ def _plan_work(context: Context, study: Study, size: Size) -> tuple[list[WhipUni
                     targets=own,
                     openings={}
                     if method in OWN_PLAN
-                    else {t: known[openings[_OPENING[method], material, t].name] for t in own},
-                    look=tuple(known[looks[material].name]["strike"]) if method == "wiggle" else (),
+                    else {t: known[openings[_OPENING[method], material, t].key] for t in own},
+                    look=tuple(known[looks[material].key]["strike"]) if method == "wiggle" else (),
                     transfer=tuple(within[family, seed][size.targets :][: size.further]) if further else (),
                 )
             )
@@ -207,9 +205,9 @@ def _rigs(
     known = context.store.results(reach, desc="within the motors' reach")
     found, again, passed = [], [], {family: [0, 0] for family in FAMILIES}
     for unit in reach:
-        target = known[unit.name]["target"]
+        target = known[unit.key]["target"]
         passed[unit.family][0] += target is None
-        passed[unit.family][1] += known[unit.name]["passed"]
+        passed[unit.family][1] += known[unit.key]["passed"]
         if target is not None:
             own = {"study": study, "family": unit.family, "seed": unit.seed, "target": target}
             found += [RigUnit(**own, method=method) for method in _CHAIN[unit.family]]
@@ -354,7 +352,7 @@ def _whole(rigs: list[RigUnit], chain: dict[str, dict[str, Any]]) -> dict[tuple[
     found = {}
     for family in FAMILIES:
         for method in _CHAIN[family]:
-            own = [[chain[u.name]] for u in rigs if (u.family, u.method) == (family, method)]
+            own = [[chain[u.key]] for u in rigs if (u.family, u.method) == (family, method)]
             if own:
                 found[family, method] = Trials.of(own)
     return found

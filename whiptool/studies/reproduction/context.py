@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from whiptool.studies.comparison import Comparison, Series, Store, collect
-from whiptool.studies.comparison.units import Unit
+from whiptool.studies.comparison.unit import Unit
 from whiptool.zone import Zone
 
 
@@ -42,19 +42,18 @@ class Context:
         return not self.rows or row in self.rows
 
     def results(self, units: Sequence[Unit], desc: str) -> dict[str, dict[str, Any]]:
-        """Results of units by name, worked on if they are not there yet."""
+        """Results of units by key, worked on if they are not there yet."""
         return self.store.results(units, desc=desc)
 
     def difficulty(self, comparison: Comparison) -> dict[str, Any]:
         """What one strike, and random ones, hit of a comparison's targets."""
         unit = comparison.difficulty(quick=self.quick)
-        return self.results([unit], unit.name)[unit.name]
+        return self.results([unit], "difficulty")[unit.key]
 
-    def elsewhere(self, name: str, zone: Zone) -> Comparison:
+    def elsewhere(self, zone: Zone) -> Comparison:
         """The further comparison at targets from another zone, at the widest hit radius."""
         base = self.further or self.comparison
-        scene = replace(base.scene, zone=zone, radii=base.scene.radii[:1])
-        return replace(base, scene=scene, task=f"zone{name}-")
+        return replace(base, scene=replace(base.scene, zone=zone, radii=base.scene.radii[:1]))
 
     def series(self, desc: str) -> list[Series]:
         """Of the whole comparison."""

@@ -100,7 +100,7 @@ def further_zones(context: Context) -> list[Section]:
     tasks, parts = [context.comparison], []
     for name in context.zones:
         zone = zones.zone_named(name, context.comparison.scene, context.store, quick=context.quick)
-        task = context.elsewhere(name, zone)
+        task = context.elsewhere(zone)
         series = collect(task.units(), context.results(task.units(), f"fig6 {name}"))
         tasks.append(task)
         parts += [

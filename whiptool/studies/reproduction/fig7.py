@@ -31,7 +31,7 @@ def sections(context: Context) -> list[Section]:
     for o in comparison.observations:
         curves[o] = {}
         for method in LEARNERS:
-            rows = [results[u.name]["rewards"] for u in comparison.learner_units(method, o)]
+            rows = [results[u.key]["rewards"] for u in comparison.learner_units(method, o)]
             shortest = min(map(len, rows))  # training that diverged ends before
             curves[o][method] = np.array([row[:shortest] for row in rows])
     window = max(1, comparison.episodes // 50)

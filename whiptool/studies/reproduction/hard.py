@@ -52,7 +52,6 @@ def sections(context: Context) -> list[Section]:
         )
         for seed in seeds
     ]
-    units = [dataclasses.replace(u, task="hard-") for u in units]
     series = collect(units, context.results(units, "hard task"))
     return [
         Section(

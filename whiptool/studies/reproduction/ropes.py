@@ -27,6 +27,7 @@ from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
 from whiptool.models.strike import Strike
 from whiptool.strike_map.goal_region import GoalRegion
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
 from whiptool.studies.reproduction.rope_films import filmed
 from whiptool.studies.reproduction.rope_swings import Passed, Swing, UnknownRope
@@ -64,10 +65,6 @@ class RopeStudy:
 
     thorough: bool = True
 
-    def named(self, *parts: object) -> str:
-        """Return the name of a unit from its parts."""
-        return "-".join(map(str, ["adapt-space", *parts, *([] if self.thorough else ["brief"])]))
-
     def prior(self, material: str) -> Belief:
         """Of every rope of a material."""
         return default_prior(MODEL, CONTROLLER, stock=stock_of_material(material))
@@ -94,16 +91,11 @@ class RopeStudy:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WiggleUnit:
+class WiggleUnit(Unit):
     """The slow movement that tells most, chosen once for a material."""
 
     study: RopeStudy
     material: str
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: the material."""
-        return self.study.named("wiggle", self.material)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Choose it."""
@@ -114,7 +106,7 @@ class WiggleUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RopeUnit:
+class RopeUnit(Unit):
     """One unknown rope: its wiggle, and one strike at each of some goals.
 
     Args:
@@ -133,11 +125,6 @@ class RopeUnit:
     count: int
     first: int = 0
     films: bool = False
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: rope, which goals, and what saw it."""
-        return self.study.named(self.family, self.seed, self.first, self.count, *(["films"] if self.films else []))
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Wiggle, learn, strike once at every goal."""
@@ -159,7 +146,7 @@ class RopeUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnseenRopeUnit:
+class UnseenRopeUnit(Unit):
     """One unknown rope without a wiggle: a strike at a goal from the material alone, and what it taught, another.
 
     Args:
@@ -172,11 +159,6 @@ class UnseenRopeUnit:
     family: str
     seed: int
     goal: int = 0
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: rope and goal."""
-        return self.study.named("unseen", self.family, self.seed, self.goal)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike, learn, strike again."""

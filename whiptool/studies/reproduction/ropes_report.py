@@ -42,14 +42,14 @@ def sections(context: Context) -> list[Section]:
     known = context.results([*wiggles.values()], "wiggles")
 
     def unit(family: str, seed: int, **how: Any) -> RopeUnit:
-        wiggle = known[wiggles[study.rope(family, seed).material].name]["strike"]
+        wiggle = known[wiggles[study.rope(family, seed).material].key]["strike"]
         return RopeUnit(study=study, family=family, seed=seed, wiggle=tuple(wiggle), **how)
 
     def results(what: str, number: int, make: Callable[..., Any], **how: Any) -> ByFamily:
         # a killed run has about as many of each family
         work = [make(family, seed, **how) for seed in range(number) for family in tried]
         found = context.results(work, what)
-        return {f: [found[u.name] for u in work if u.family == f] for f in tried}
+        return {f: [found[u.key] for u in work if u.family == f] for f in tried}
 
     by_family = results("unknown ropes", ropes, unit, count=count)
     again = results("further goals", 1 if further else 0, unit, first=count, count=further)

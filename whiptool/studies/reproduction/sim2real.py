@@ -71,20 +71,20 @@ def sections(context: Context) -> list[Section]:
     """
     scene, quick = context.comparison.scene, context.quick
     plan = PlanUnit(scene=scene, iterations=2 if quick else 6, targets=2 if quick else 3)
-    strikes = context.store.results([plan], desc="sim2real: plan")[plan.name]["strikes"]
+    strikes = context.store.results([plan], desc="sim2real: plan")[plan.key]["strikes"]
     units = [
         TwinUnit(scene=scene, number=i, strike=tuple(s["strike"]), target=tuple(s["target"]), images=not quick)
         for i, s in enumerate(strikes)
     ]
     results = context.store.results(units, desc="sim2real: strikes")
-    done = [unit for unit in units if results[unit.name]["fault"] is None]
+    done = [unit for unit in units if results[unit.key]["fault"] is None]
     if len(done) <= LEARN_FROM:
-        faults = {results[unit.name]["fault"] for unit in units} - {None}
+        faults = {results[unit.key]["fault"] for unit in units} - {None}
         total = counted(len(units), "strike")
         raise WhiptoolError(f"{len(done)} of {total} came to their end: {', '.join(sorted(faults))}")
     # iteration after iteration, target after target: it is the first strikes that are learnt from
     done.sort(key=lambda unit: (unit.number % plan.iterations, unit.number))
-    recordings = [recording(unit, results[unit.name]) for unit in done]
+    recordings = [recording(unit, results[unit.key]) for unit in done]
     plant = Plant(scene.model, controller())
     measured = Options(drive="joints", knots=KNOTS)
     commanded = Options(drive="command")
@@ -217,7 +217,7 @@ def _misses(plan: PlanUnit, units: list[TwinUnit], results: dict[str, Any]) -> l
     rows = [["target", *(f"iteration {i + 1}" for i in range(plan.iterations))]]
     for first in range(0, len(units), plan.iterations):
         x, y = units[first].target
-        found = [results[unit.name] for unit in units[first : first + plan.iterations]]
+        found = [results[unit.key] for unit in units[first : first + plan.iterations]]
         rows.append([f"({x:g}, {y:g}) m", *("fault" if r["fault"] else f"{100 * r['miss']:.1f}" for r in found)])
     return rows
 

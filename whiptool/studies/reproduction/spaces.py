@@ -23,6 +23,7 @@ from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.resolution import TOLERANCE
 from whiptool.studies.comparison import Store
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
 from whiptool.studies.reproduction.context import Context
 from whiptool.target import Target
@@ -58,7 +59,7 @@ def simulator(robot: str, space: str, threads: int | None) -> CompiledRollout:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpaceUnit:
+class SpaceUnit(Unit):
     """One search of one target, until the tip comes near enough.
 
     Args:
@@ -72,11 +73,6 @@ class SpaceUnit:
     method: str
     target: int
     cap: int
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"spaces-{self.robot}-{self.space}-{self.method}-target{self.target}-cap{self.cap}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search, and return whether it hit, after how many trials, how many were refused, the miss [m], the time [s],
@@ -103,7 +99,7 @@ class SpaceStudy:
     Args:
         targets: Their number.
         cap: Trials at most at each.
-        found: Results of units by name.
+        found: Results of units by key.
     """
 
     targets: int
@@ -121,7 +117,7 @@ class SpaceStudy:
     def of_targets(self, robot: str, space: str, method: str) -> list[Mapping[str, Any]]:
         """Return what came of one search at all targets."""
         unit = {"robot": robot, "space": space, "method": method, "cap": self.cap}
-        return [self.found[SpaceUnit(**unit, target=i).name] for i in range(self.targets)]
+        return [self.found[SpaceUnit(**unit, target=i).key] for i in range(self.targets)]
 
     def hits(self, robot: str, space: str) -> np.ndarray:
         """Return which targets any of the searches hit, (targets,)."""

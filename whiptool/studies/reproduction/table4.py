@@ -41,7 +41,7 @@ def sections(context: Context) -> list[Section]:
     scene = context.comparison.scene
     observation = "goal" if "goal" in context.comparison.observations else context.comparison.observations[0]
     unit = context.comparison.learner_units("sac", observation)[0]
-    result = context.results([unit], "table4")[unit.name]
+    result = context.results([unit], "table4")[unit.key]
     strikes, misses = np.array(result["first_strikes"]), np.array(result["first_misses"])
     hits = strikes[misses <= scene.radii[0]]
     some = (hits if len(hits) else strikes)[: 4 if context.quick else 100]

@@ -16,6 +16,7 @@ from whiptool.models.strike import Strike, default_bounds
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.studies.comparison import Scene
+from whiptool.studies.comparison.unit import Unit
 
 TARGETS = ((1.2, 0.1), (1.1, -0.1), (1.25, -0.05))  # [m]; three, as in Fig. 9; the paper prints no coordinates
 SLOW = 0.9  # [s], the shortest D
@@ -43,17 +44,12 @@ def true_model(model: Model) -> Model:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanUnit:
+class PlanUnit(Unit):
     """Strikes that the motors can make, iteration by iteration nearer to each target, found on the model."""
 
     scene: Scene
     iterations: int
     targets: int
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: the number of strikes."""
-        return f"sim2real-plan-{self.targets}x{self.iterations}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """An evolution strategy: the best of random strikes, then the best of those around the last."""
@@ -93,7 +89,7 @@ class PlanUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwinUnit:
+class TwinUnit(Unit):
     """One strike on the twin, through servos, images and tracker.
 
     Without images the tip's position has the error that they would have, and the twin stands at the start at once.
@@ -104,11 +100,6 @@ class TwinUnit:
     strike: tuple[float, ...]
     target: tuple[float, ...]
     images: bool
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: the number of the strike."""
-        return f"sim2real-strike-{self.number}-{'images' if self.images else 'points'}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike; what camera and servos saw of it, and the visual miss distance [m]."""
@@ -168,5 +159,5 @@ def recording(unit: TwinUnit, result: dict[str, Any]) -> StrikeRecording:
         joints_q=np.array(result["joints_q"]),
         target=unit.target,
         t_stay=unit.scene.t_stay,
-        source=unit.name,
+        source=unit.key,
     )

@@ -28,6 +28,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.studies.comparison import LearnerUnit, Scene
+from whiptool.studies.comparison.unit import Unit
 from whiptool.target import HIT_RADIUS, Target
 
 METHODS = {
@@ -110,24 +111,15 @@ class Study:
         """Of plans, where they are not the usual ones."""
         return {} if self.thorough else {"first": BRIEF, "later": BRIEF}
 
-    def named(self, *parts: object) -> str:
-        """Return the name of a unit from its parts."""
-        return "-".join(map(str, ["adapt-materials", *parts, self.strikes, *([] if self.thorough else ["brief"])]))
-
 
 @dataclass(frozen=True, kw_only=True)
-class OpeningUnit:
+class OpeningUnit(Unit):
     """A first plan, from the model alone (`nominal`), from the prior (`robust`) or that of uniform whips."""
 
     study: Study
     kind: str
     material: str
     target: int
-
-    @property
-    def name(self) -> str:
-        """Kind, material and target."""
-        return self.study.named("opening", self.kind, self.material, self.target)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Plan the first strike at every target."""
@@ -146,16 +138,11 @@ def certain(study: Study, material: str) -> Belief:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LookUnit:
+class LookUnit(Unit):
     """The slow movement, chosen once for a material."""
 
     study: Study
     material: str
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: the material."""
-        return self.study.named("look", self.material)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Choose the movement that tells most about the whip."""
@@ -166,7 +153,7 @@ class LookUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WhipUnit:
+class WhipUnit(Unit):
     """Strikes with one unknown whip at some targets, its tip seen 60 times a second with 5 mm noise.
 
     Args:
@@ -187,11 +174,6 @@ class WhipUnit:
     openings: Mapping[int, Mapping[str, Any]]
     look: tuple[float, ...] = ()
     transfer: tuple[int, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Whip, method, how many targets."""
-        return self.study.named(self.family, self.seed, self.method, len(self.targets))
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike the unknown whip until it hits or the strikes are used up."""
@@ -283,7 +265,7 @@ class WhipUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyUnit:
+class PolicyUnit(Unit):
     """SAC, trained on the model of a material, strikes with every whip of it, seeing where its tip came nearest.
 
     Args:
@@ -297,11 +279,6 @@ class PolicyUnit:
     material: str
     whips: tuple[tuple[str, int, tuple[int, ...]], ...]
     episodes: int = 500  # the paper's
-
-    @property
-    def name(self) -> str:
-        """Its whips are counted, not named."""
-        return self.study.named("sac", self.material, len(self.whips), self.episodes)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train a policy on the whip, and strike with it."""
@@ -317,7 +294,6 @@ class PolicyUnit:
             seed=0,
             episodes=self.episodes,
             random_episodes=max(1, self.episodes // 10),
-            task=f"adapt-{self.material}-",
         )
         with one_torch_thread():
             learner = unit.trained(folder, threads)[0].learner

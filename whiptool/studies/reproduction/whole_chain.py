@@ -18,6 +18,7 @@ from whiptool.adaptation.twins import draw_twin
 from whiptool.identification.plant import Plant
 from whiptool.rig.emulator.motor import HARDWARE
 from whiptool.rig.stops import StrikeStopped
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.reproduction.unknown_whips import FINEST, Study, padded, predictions, times
 
 _SLOW_POOL = 512  # candidates of a brief plan, most of which ask too much of motors
@@ -71,17 +72,12 @@ def motors_reach(study: Study, family: str, seed: int, number: int) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReachUnit:
+class ReachUnit(Unit):
     """The first target of a whip's own that the motors can reach with it, found with the true whip known."""
 
     study: Study
     family: str
     seed: int
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: family and seed of the whip."""
-        return self.study.named("reach", self.family, self.seed)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Plan with the truth; `target` is None where none of the first few can be reached."""
@@ -93,7 +89,7 @@ class ReachUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigUnit:
+class RigUnit(Unit):
     """Strikes through the whole chain: servos, rendered images, tracker, within the motors' limits.
 
     Args:
@@ -108,11 +104,6 @@ class RigUnit:
     seed: int
     target: int
     method: str = "adapt"
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: whip, target and method."""
-        return self.study.named("rig", self.family, self.seed, self.target, self.method)
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike through servos, images and tracker until it hits."""
@@ -138,7 +129,7 @@ class RigUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigTransferUnit:
+class RigTransferUnit(Unit):
     """A whip learned at one target through the whole chain, without a look before, then struck once at others.
 
     Args:
@@ -153,11 +144,6 @@ class RigTransferUnit:
     seed: int
     target: int
     further: tuple[int, ...]
-
-    @property
-    def name(self) -> str:
-        """Whip, target, how many others."""
-        return self.study.named("rig-transfer", self.family, self.seed, self.target, len(self.further))
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Learn the whip at one target, and strike at the others."""

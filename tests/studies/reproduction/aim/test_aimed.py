@@ -54,25 +54,25 @@ def worked(monkeypatch) -> list[str]:
     }
 
     def goals(unit: GoalsUnit, folder, threads) -> dict[str, Any]:
-        names.append(unit.name)
+        names.append(unit.key)
         return tables[unit.first]
 
     def others(unit: MissedUnit, folder, threads) -> dict[str, Any]:
-        names.append(unit.name)
+        names.append(unit.key)
         table = {"miss": 0.02, "angle": 0.0, "within": True, "strike": [0.0]}
         return {"found": [{"search": "candidates", "hit": False, **table}]}
 
     def replay(unit: ReplayUnit, folder, threads) -> dict[str, Any]:
-        names.append(unit.name)
+        names.append(unit.key)
         return {"hit": unit.goal == 0, "miss": 5e-4, "angle": 0.1}
 
     def swing(unit: OracleUnit, folder, threads) -> dict[str, Any]:
-        names.append(unit.name)
+        names.append(unit.key)
         table = {"angle": 0.2, "apart": 0.02, "extrapolated": 0.003}
         return {"played": [{"hit": goal == 2, "miss": 0.01 * (1 + goal), **table} for goal in unit.goals]}
 
     def look(unit: ClearanceUnit, folder, threads) -> dict[str, bool]:
-        names.append(unit.name)
+        names.append(unit.key)
         return {"arm": True, "floor": unit.goal == 0}
 
     monkeypatch.setattr(module, "CHUNK", 2)
@@ -171,7 +171,7 @@ def test_what_is_done_is_not_done_again(worked, tmp_path):
     assert len(worked) == len(set(worked)) == 6
     assert struck(tmp_path).summary() == again.summary()
     assert len(worked) == 6
-    lost = next(path for path in (tmp_path / "units").iterdir() if "shots2-4" in path.name)
+    lost = next(path for path in (tmp_path / "units").iterdir() if path.name.startswith("goals-first2-last4-"))
     lost.unlink()
     assert struck(tmp_path).summary() == again.summary()
     assert worked[6:] == [lost.stem]

@@ -31,13 +31,6 @@ def test_the_profile_is_that_of_which_the_whip_is_the_lumping():
         uniform_profile(replace(whip, m=tuple(np.linspace(2, 1, whip.N) * whip.per_node("m"))))
 
 
-def test_units_that_differ_have_names_that_differ():
-    one = OracleUnit(task=TASK, goals=(3, 5), strikes=((0.1,) * 13, (0.2,) * 13))
-    assert one.name == replace(one).name
-    others = [replace(one, goals=(3, 6)), replace(one, strikes=((0.1,) * 13, (0.2,) * 12 + (0.3,)))]
-    assert len({one.name, *(x.name for x in others)}) == 3
-
-
 @pytest.mark.slow
 def test_a_rod_passes_where_our_tip_does_and_only_there(monkeypatch):
     """Two strikes of different lengths at once, both a little before their ends; another angle is no hit."""

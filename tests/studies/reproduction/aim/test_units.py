@@ -24,9 +24,8 @@ from whiptool.strike_map.striker import Landings, Striker
 from whiptool.studies.reproduction.aim import units
 from whiptool.studies.reproduction.aim.task import ur5e
 from whiptool.studies.reproduction.aim.units import (
-    AloneUnit,
     Counting,
-    GoalsUnit,
+    KeptMap,
     MissedUnit,
     ReplayUnit,
     by_candidates,
@@ -35,9 +34,7 @@ from whiptool.studies.reproduction.aim.units import (
 )
 
 TASK = ur5e(quick=True)
-OF_MAP: dict[str, Any] = {"task": TASK, "folder": Path("map"), "label": "one"}
 GOAL = Goals(np.array([[0.3, 0.0]]), 0.1)
-CHANGES = {"first": 1, "last": 9, "count": 9, "goal": 9, "brief": True, "label": "another"}
 
 
 class LineStriker:
@@ -67,25 +64,10 @@ def a_map(*places: float) -> Any:
     return SimpleNamespace(striker=LineStriker(), candidates=lambda goal: found)
 
 
-@pytest.mark.parametrize(
-    "unit",
-    [GoalsUnit(**OF_MAP, first=0, last=8), AloneUnit(**OF_MAP, count=8), MissedUnit(**OF_MAP, goal=8)],
-    ids=lambda unit: type(unit).__name__,
-)
-def test_units_that_differ_have_names_that_differ(unit):
-    """Results are kept by name: each number must be in it, and the map's label."""
-    assert replace(unit).name == unit.name
-    changed = [name for name in CHANGES if hasattr(unit, name)]
-    assert len(changed) >= 2
-    for name in changed:
-        assert replace(unit, **{name: CHANGES[name]}).name != unit.name, name
-
-
-def test_replays_of_strikes_that_differ_have_names_that_differ():
-    one = ReplayUnit(task=TASK, goal=0, strike=(0.1,) * 13)
-    assert one.name == ReplayUnit(task=TASK, goal=0, strike=(0.1,) * 13).name
-    assert one.name != replace(one, strike=(0.1,) * 12 + (0.1 + 1e-12,)).name
-    assert one.name != replace(one, goal=1).name
+def test_results_of_a_map_are_found_again_when_its_folder_was_moved():
+    here = MissedUnit(task=TASK, kept=KeptMap(folder=Path("map"), label="one"), goal=8)
+    assert replace(here, kept=KeptMap(folder=Path("moved"), label="one")).key == here.key
+    assert replace(here, kept=KeptMap(folder=Path("map"), label="another")).key != here.key
 
 
 def test_candidates_are_struck_one_after_the_other():

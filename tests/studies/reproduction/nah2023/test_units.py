@@ -1,9 +1,8 @@
-"""Work units: names that tell them apart, noise, order of merit, and the search's bookkeeping."""
+"""Work units: noise, order of merit, and the search's bookkeeping."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,29 +12,16 @@ from whiptool.models.joint_space import JointSpace
 from whiptool.optimizers.result import Result, Status
 from whiptool.rollout.interface import Rollout
 from whiptool.studies.reproduction.nah2023 import published, units
-from whiptool.studies.reproduction.nah2023.nearest import EvolutionUnit, ReplayUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.units import (
     BOUNDS,
     CONTROLLER,
     GROUPS,
     DirectUnit,
     GradientUnit,
-    PublishedUnit,
-    SolutionsUnit,
     by_merit,
     first_strikes,
     noisy,
 )
-
-UNITS = [
-    DirectUnit(target=0, nodes=15, cap=600),
-    GradientUnit(target=0, cap=200),
-    SolutionsUnit(target=0),
-    PublishedUnit(),
-    TrialsUnit(target=3, seed=0),
-    EvolutionUnit(target=3, seed=0),
-]
-
 
 SPACE = JointSpace(units.NAH2023.arm)
 
@@ -47,24 +33,6 @@ class Pretended(Rollout):
 
     def trajectory(self, strike, *, t_stay=0.0):
         raise NotImplementedError
-
-
-@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: type(unit).__name__)
-def test_units_that_differ_have_names_that_differ(unit):
-    """Results are kept by name: each number must be in it."""
-    assert replace(unit).name == unit.name
-    for field in fields(unit):
-        value = getattr(unit, field.name)
-        other = (not value) if isinstance(value, bool) else value + 1
-        assert replace(unit, **{field.name: other}).name != unit.name, field.name
-    assert len({x.name for x in UNITS}) == len(UNITS)
-
-
-def test_replays_of_strikes_that_differ_have_names_that_differ():
-    one = ReplayUnit(target=0, strike=(0.1,) * 9)
-    assert one.name == ReplayUnit(target=0, strike=(0.1,) * 9).name
-    assert one.name != ReplayUnit(target=0, strike=(0.1,) * 8 + (0.1 + 1e-12,)).name
-    assert one.name != replace(one, target=1).name
 
 
 def test_groups_are_all_of_a_strikes_vector():

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 from scipy.stats import binomtest
@@ -15,7 +14,7 @@ from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.studies.comparison import Store
 from whiptool.studies.reproduction.aim.oracle import OracleUnit
 from whiptool.studies.reproduction.aim.task import AimTask
-from whiptool.studies.reproduction.aim.units import ClearanceUnit, GoalsUnit, MissedUnit, ReplayUnit
+from whiptool.studies.reproduction.aim.units import ClearanceUnit, GoalsUnit, KeptMap, MissedUnit, ReplayUnit
 
 CHUNK = 50  # goals of a unit
 TOGETHER = 5  # strikes of a unit of the Cosserat oracle
@@ -217,13 +216,13 @@ def aim(
         brief: Whether other searches, of what refinement misses, are short.
     """
     firsts = range(0, min(goals, task.drawn), CHUNK)
-    of_map: dict[str, Any] = {"task": task, "folder": folder.resolve(), "label": map_label(strike_map)}
+    of_map: dict[str, Any] = {"task": task, "kept": KeptMap.of(strike_map, folder)}
     units = [GoalsUnit(**of_map, first=i, last=min(i + CHUNK, goals, task.drawn)) for i in firsts]
     results = store.results(units, desc=f"goals of {task.name}")
-    aimed = Aimed.of([results[unit.name] for unit in units])
+    aimed = Aimed.of([results[unit.key] for unit in units])
     others = [MissedUnit(**of_map, goal=int(i), brief=brief) for i in np.flatnonzero(~aimed.refined.hit)]
     found = store.results(others, desc="goals that refinement missed")
-    aimed.missed.update({unit.goal: found[unit.name]["found"] for unit in others})
+    aimed.missed.update({unit.goal: found[unit.key]["found"] for unit in others})
     hits = np.flatnonzero(aimed.refined.hit).tolist()  # goals are drawn at random: the first are as good as any
     strikes = {i: tuple(aimed.strikes[i].tolist()) for i in hits}
     played = [ReplayUnit(task=task, goal=i, strike=strikes[i]) for i in hits[:replays]]
@@ -234,10 +233,10 @@ def aim(
         if some
     ]
     seen = store.results([*played, *looked, *swung], desc="other simulators")
-    aimed.replayed.update({unit.goal: seen[unit.name] for unit in played})
+    aimed.replayed.update({unit.goal: seen[unit.key] for unit in played})
     for unit in swung:
-        aimed.oracle.update(zip(unit.goals, seen[unit.name]["played"], strict=True))
-    aimed.clear.update({unit.goal: seen[unit.name] for unit in looked})
+        aimed.oracle.update(zip(unit.goals, seen[unit.key]["played"], strict=True))
+    aimed.clear.update({unit.goal: seen[unit.key] for unit in looked})
     return aimed
 
 
@@ -245,9 +244,3 @@ def interval(count: int, of: int) -> list[float]:
     """Return the 95 % interval of a share that was counted (Wilson 1927)."""
     found = binomtest(int(count), int(of)).proportion_ci(method="wilson")
     return [float(found.low), float(found.high)]
-
-
-def map_label(strike_map: StrikeMap) -> str:
-    """Return a label of a map, another one for other answers or another gate."""
-    gate = b"" if strike_map.gate is None else strike_map.gate.mean.tobytes()
-    return f"{crc32(gate, crc32(strike_map.answers.strikes.tobytes())):08x}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -14,6 +13,7 @@ from whiptool.errors import InputError
 from whiptool.models import WhipParameters, WhipProfile
 from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, hand_path
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.reproduction.aim.task import AimTask
 
 ELEMENTS = 32  # of the finer rod; what `benchmarks/cosserat.py` has for this robot
@@ -39,7 +39,7 @@ def uniform_profile(whip: WhipParameters) -> WhipProfile:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OracleUnit:
+class OracleUnit(Unit):
     """Strikes of a task, played with a Cosserat rod.
 
     Args:
@@ -51,12 +51,6 @@ class OracleUnit:
     task: AimTask
     goals: tuple[int, ...]
     strikes: tuple[tuple[float, ...], ...]
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: its first goal, and which strikes."""
-        key = np.array([[goal, *strike] for goal, strike in zip(self.goals, self.strikes, strict=True)])
-        return f"aim-{self.task.name}-cosserat{self.goals[0]}-{crc32(key.tobytes()):08x}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Play them all at once.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -21,6 +21,7 @@ from whiptool.strike_map.refinement import refine
 from whiptool.strike_map.strike_map import TRIED, StrikeMap
 from whiptool.strike_map.striker import Landings, Striker
 from whiptool.studies.comparison.learner_unit import one_torch_thread
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.reproduction.aim.task import AimTask
 from whiptool.target import Target
 
@@ -29,27 +30,40 @@ _TOGETHER = 8  # candidates that are struck at once
 MUJOCO_STEP = 5e-4  # [s], of fourth order
 
 
-@dataclass(frozen=True, kw_only=True)
-class MapUnit:
-    """What a unit of a map knows.
+@dataclass(frozen=True)
+class KeptMap:
+    """A map in its folder: results are those of the map, wherever the folder is.
 
     Args:
-        task: What strikes, and at what.
         folder: Of the map.
         label: Of the map, different for different ones.
     """
 
-    task: AimTask
-    folder: Path
+    folder: Path = field(compare=False)
     label: str
 
-    def named(self, what: str) -> str:
-        """Return a name for a unit of this map."""
-        return f"aim-{self.task.name}-{self.label}-{what}"
+    @classmethod
+    def of(cls, strike_map: StrikeMap, folder: Path) -> KeptMap:
+        """Return a map that is kept in a folder; its label is another one for other answers or another gate."""
+        gate = b"" if strike_map.gate is None else strike_map.gate.mean.tobytes()
+        return cls(folder.resolve(), f"{crc32(gate, crc32(strike_map.answers.strikes.tobytes())):08x}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapUnit(Unit):
+    """What a unit of a map knows.
+
+    Args:
+        task: What strikes, and at what.
+        kept: The map.
+    """
+
+    task: AimTask
+    kept: KeptMap
 
     def opened(self, threads: int | None) -> StrikeMap:
         """Return the map."""
-        return opened(self.task.striker(threads), self.task.region, self.folder)
+        return opened(self.task.striker(threads), self.task.region, self.kept.folder)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,11 +76,6 @@ class GoalsUnit(MapUnit):
 
     first: int
     last: int
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: which goals."""
-        return self.named(f"shots{self.first}-{self.last}")
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike at them all together; of those that are missed in one shot, count the strikes to the first hit."""
@@ -113,11 +122,6 @@ class AloneUnit(MapUnit):
 
     count: int
 
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return self.named(f"alone{self.count}")
-
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Time each of them [s], by the clock and of processors."""
         goals, times = self.task.goals(), []
@@ -143,11 +147,6 @@ class MissedUnit(MapUnit):
 
     goal: int
     brief: bool = False
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: which goal."""
-        return self.named(f"missed{self.goal}{'-brief' if self.brief else ''}")
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Refine all candidates of the map, then search with gradients, then with CMA-ES."""
@@ -203,7 +202,7 @@ class Found:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayUnit:
+class ReplayUnit(Unit):
     """A strike in MuJoCo.
 
     Args:
@@ -215,11 +214,6 @@ class ReplayUnit:
     task: AimTask
     goal: int
     strike: tuple[float, ...]
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: which goal, and which strike."""
-        return f"aim-{self.task.name}-mujoco{self.goal}-{crc32(np.array(self.strike).tobytes()):08x}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Play it, and say whether it hits there."""
@@ -237,11 +231,6 @@ class ReplayUnit:
 @dataclass(frozen=True, kw_only=True)
 class ClearanceUnit(ReplayUnit):
     """What arm and whip touch in a strike."""
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: which goal, and which strike."""
-        return super().name.replace("mujoco", "clearance")
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Say whether arm and whip keep clear of each other, and of the floor, too."""

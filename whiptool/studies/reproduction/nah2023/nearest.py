@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.rollout import CompiledRollout
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.reproduction.nah2023 import published
 from whiptool.studies.reproduction.nah2023.solutions import descend
 from whiptool.studies.reproduction.nah2023.units import (
@@ -31,7 +31,7 @@ _GAIN, _LAST_GAIN = 1e-3, 1e-6  # of a step, of the descents with the finer step
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialsUnit:
+class TrialsUnit(Unit):
     """Independent trials, all alike: of some random strikes the nearest, from there down to where none is nearer.
 
     Args:
@@ -45,11 +45,6 @@ class TrialsUnit:
     seed: int
     trials: int = 16
     random: int = 32
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"nah2023-trials-target{self.target + 1}-seed{self.seed}-{self.trials}x{self.random}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Return where the trials ended and how far from the target [m], the nearest first."""
@@ -72,7 +67,7 @@ class TrialsUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvolutionUnit:
+class EvolutionUnit(Unit):
     """CMA-ES with restarts over the whole box, and a descent from the nearest that it finds.
 
     Args:
@@ -84,11 +79,6 @@ class EvolutionUnit:
     target: int
     seed: int
     cap: int = 10_000
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"nah2023-cmaes-target{self.target + 1}-seed{self.seed}-cap{self.cap}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Return where the search ended and how far from the target [m]."""
@@ -117,7 +107,7 @@ def cmaes(rollout: CompiledRollout, target: int, bounds: StrikeBounds, cap: int,
 
 
 @dataclass(frozen=True, kw_only=True)
-class BesideUnit:
+class BesideUnit(Unit):
     """CMA-ES in smaller and smaller boxes around a strike, each around the nearest so far: is there a nearer one?
 
     Args:
@@ -129,11 +119,6 @@ class BesideUnit:
     target: int
     strike: tuple[float, ...]
     cap: int = 1000
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"nah2023-beside-target{self.target + 1}-{_digest(self.strike)}-cap{self.cap}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Return the nearest strike, and the least miss before and after each box [m]."""
@@ -150,12 +135,8 @@ class BesideUnit:
         return {"strike": strike.tolist(), "misses": misses, "rollouts": self.cap, "wall_time": wall_time}
 
 
-def _digest(strike: tuple[float, ...]) -> str:
-    return hashlib.sha256(np.array(strike).tobytes()).hexdigest()[:12]
-
-
 @dataclass(frozen=True, kw_only=True)
-class ReplayUnit:
+class ReferenceUnit(Unit):
     """A strike in MuJoCo, at the step that it needs there.
 
     Args:
@@ -165,11 +146,6 @@ class ReplayUnit:
 
     target: int
     strike: tuple[float, ...]
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"nah2023-replay-target{self.target + 1}-{_digest(self.strike)}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Return the miss here and in MuJoCo [m], None where it diverges there, the step there [s], whether both agree,

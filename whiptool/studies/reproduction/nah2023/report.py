@@ -11,7 +11,7 @@ from whiptool.models.robots import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.studies.reproduction.context import Context
 from whiptool.studies.reproduction.nah2023 import claims, how_near, pictures, published
-from whiptool.studies.reproduction.nah2023.nearest import BesideUnit, EvolutionUnit, ReplayUnit, TrialsUnit
+from whiptool.studies.reproduction.nah2023.nearest import BesideUnit, EvolutionUnit, ReferenceUnit, TrialsUnit
 from whiptool.studies.reproduction.nah2023.statistics import Share
 from whiptool.studies.reproduction.nah2023.units import (
     BOUNDS,
@@ -51,21 +51,21 @@ def sections(context: Context) -> list[Section]:
     far = [unit for of_target in [*evolution, *trials] for unit in of_target]
     units = [known, *by_rule, *by_tip, *gradient, *solutions, *far]
     results = context.results(units, "nah2023")
-    rule, tip, slopes, found = ([results[u.name] for u in some] for some in (by_rule, by_tip, gradient, solutions))
-    tried, evolved = ([[results[u.name] for u in of_target] for of_target in some] for some in (trials, evolution))
+    rule, tip, slopes, found = ([results[u.key] for u in some] for some in (by_rule, by_tip, gradient, solutions))
+    tried, evolved = ([[results[u.key] for u in of_target] for of_target in some] for some in (trials, evolution))
     nearest = nearest_strikes(found, tried, evolved)
     beside = [BesideUnit(target=i, strike=tuple(nearest[i]), cap=24 if quick else BesideUnit.cap) for i in _FAR]
     refined = context.results(beside, "nah2023 beside the nearest")
     for unit in beside:
-        nearest[unit.target] = np.array(refined[unit.name]["strike"])
-    replays = [] if quick else [ReplayUnit(target=i, strike=tuple(strike)) for i, strike in enumerate(nearest)]
+        nearest[unit.target] = np.array(refined[unit.key]["strike"])
+    replays = [] if quick else [ReferenceUnit(target=i, strike=tuple(strike)) for i, strike in enumerate(nearest)]
     replayed = context.results(replays, "nah2023 in MuJoCo")
-    theirs = results[known.name]
+    theirs = results[known.key]
     return [
         _evaluations(rule, tip, slopes),
         _agreement(theirs),
         how_near.section(
-            found, tried, evolved, [refined[u.name] for u in beside], nearest, [replayed[u.name] for u in replays]
+            found, tried, evolved, [refined[u.key] for u in beside], nearest, [replayed[u.key] for u in replays]
         ),
         _hand(found, theirs),
         _sensitivity(found, theirs),

@@ -14,6 +14,7 @@ from whiptool.models.robots import NAH2023
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
+from whiptool.studies.comparison.unit import Unit
 from whiptool.studies.reproduction.nah2023 import published
 from whiptool.studies.reproduction.nah2023.hand import measure
 from whiptool.studies.reproduction.nah2023.last_nodes import LastNodes
@@ -35,7 +36,7 @@ def simulator(threads: int | None, engine: str | None = None, timestep: float = 
 
 
 @dataclass(frozen=True, kw_only=True)
-class DirectUnit:
+class DirectUnit(Unit):
     """DIRECT-L at one target, until any of the last nodes hits.
 
     Args:
@@ -48,11 +49,6 @@ class DirectUnit:
     nodes: int
     cap: int
 
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"nah2023-directl-target{self.target + 1}-nodes{self.nodes}-cap{self.cap}"
-
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search, and return how many evaluations it took, if it hit, every miss [m], the best, and the time [s]."""
         tip = simulator(threads, "scalar")
@@ -61,7 +57,7 @@ class DirectUnit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GradientUnit:
+class GradientUnit(Unit):
     """The search by exact gradients at one target, until the tip comes within 1 mm.
 
     Args:
@@ -71,11 +67,6 @@ class GradientUnit:
 
     target: int
     cap: int
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"nah2023-gradient-target{self.target + 1}-cap{self.cap}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search, and return how many rollouts it took, whether it hit, every miss [m], the best, and the time [s]."""
@@ -100,7 +91,7 @@ def _search(rollout, which: int, radius: float, method: str, cap: int) -> dict[s
 
 
 @dataclass(frozen=True, kw_only=True)
-class SolutionsUnit:
+class SolutionsUnit(Unit):
     """Many strikes at one target, each as near as it can come, and what they are like.
 
     Args:
@@ -116,12 +107,6 @@ class SolutionsUnit:
     starts: int = 32
     kept: int = 24
     perturbed: int = 20
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        sizes = f"{self.random}-{self.starts}-{self.kept}-{self.perturbed}"
-        return f"nah2023-solutions-target{self.target + 1}-{sizes}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Find and measure them, and as many random strikes for comparison."""
@@ -182,7 +167,7 @@ def _perturbed(
 
 
 @dataclass(frozen=True, kw_only=True)
-class PublishedUnit:
+class PublishedUnit(Unit):
     """The strikes and distances that the authors published, in our simulation.
 
     Args:
@@ -190,11 +175,6 @@ class PublishedUnit:
     """
 
     perturbed: int = published.PERTURBED
-
-    @property
-    def name(self) -> str:
-        """Name of the unit."""
-        return f"nah2023-published-{self.perturbed}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Roll them out, and return each strike's miss [m], around it the share of hits and the mean miss [m] by group,

@@ -9,7 +9,7 @@ from flights import scene
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.objective import Objective
 from whiptool.optimizers import search
-from whiptool.studies.comparison.units import SearchUnit
+from whiptool.studies.comparison.search_unit import SearchUnit
 from whiptool.target import Target
 
 

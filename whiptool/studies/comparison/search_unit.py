@@ -1,25 +1,19 @@
-"""The work units of a comparison: each is a pure function of its specification, with seeds of its own.
-
-It does not matter where, with what others, or in which order they are worked; what is done need not be done again.
-"""
+"""The work unit of a search: from scratch, or from a library of past strikes, at each target of a part of them."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from whiptool.arrival_rule import ArrivalRule, sample_goals
-from whiptool.goals import Goals
-from whiptool.impedance import Controller
-from whiptool.models import Model
-from whiptool.models.strike import T_STAY, default_bounds
+from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
+from whiptool.studies.comparison.scene import Scene
+from whiptool.studies.comparison.unit import Unit
 from whiptool.target import Target
-from whiptool.zone import Disc, Zone, check_fits
 
 if TYPE_CHECKING:
     from whiptool.optimizers.library import StrikeLibrary
@@ -27,79 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
-    """What is struck with and at: the same for all methods.
-
-    Args:
-        model, controller: Whip, arm, and law.
-        zone: Where the targets lie.
-        arrival: How the tip has to arrive there.
-        targets: Their number.
-        target_seed: They are drawn with it.
-        radii: Hit radii [m]; with the first one learners are trained.
-        cap: Trials at most at each target.
-        t_stay: [s]
-        tolerance, timestep: Of the compiled rollout.
-
-    Raises:
-        InputError: Zone or hit radius do not fit the model.
-    """
-
-    model: Model
-    controller: Controller
-    zone: Zone = field(default_factory=Disc)
-    arrival: ArrivalRule = field(default_factory=ArrivalRule)
-    targets: int = 300
-    target_seed: int = 0
-    radii: tuple[float, ...] = (0.06, 0.03, 0.01)
-    cap: int = 600
-    t_stay: float = T_STAY
-    tolerance: float | None = None
-    timestep: float | None = None
-
-    def __post_init__(self) -> None:
-        for radius in self.radii:
-            check_fits(self.zone, self.model, radius)
-
-    def points(self) -> np.ndarray:
-        """Where the targets are, (targets, d) [m]."""
-        return self.goals().positions
-
-    def goals(self) -> Goals:
-        """The targets, at the widest hit radius, with how the tip has to arrive."""
-        rng = np.random.default_rng(self.target_seed)
-        return sample_goals(self.zone, self.arrival, self.radii[0], self.targets, rng)
-
-    def rollout(self, threads: int | None = None) -> CompiledRollout:
-        """Return the simulator that all methods share."""
-        accuracy = {"tolerance": self.tolerance, "timestep": self.timestep}
-        return CompiledRollout(self.model, self.controller, **accuracy, threads=threads)
-
-
-class Unit(Protocol):
-    """A part of a comparison."""
-
-    @property
-    def name(self) -> str:
-        """Its own, fit for a file."""
-        ...
-
-    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Do it.
-
-        Args:
-            folder: For checkpoints of what takes long; None, or not there (another machine): none are kept.
-            threads: Of the simulator; the result does not depend on it.
-
-        Returns:
-            Plain data. Of a search or a learner, with `outcomes`: for conventions and hit radii the trials to the
-            first hit of each target, `cap` where there was none, and whether there was one.
-        """
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class SearchUnit:
+class SearchUnit(Unit):
     """A search from scratch at each target of a part of them.
 
     It goes on until the tightest hit radius is hit: of a target that is a point no search looks at the radius, so its
@@ -112,7 +34,6 @@ class SearchUnit:
         seed: Of the search, and of the library.
         first, last: The part of the targets.
         library: Random strikes of the past that the search begins from; 0: it begins from nothing.
-        task: Put before the name, where a folder holds several tasks.
     """
 
     scene: Scene
@@ -121,17 +42,11 @@ class SearchUnit:
     first: int
     last: int
     library: int = 0
-    task: str = ""
 
     @property
     def series(self) -> str:
         """What it is called in a table."""
         return f"{self.method}+library" if self.library and self.method != "library" else self.method
-
-    @property
-    def name(self) -> str:
-        """Name of the unit: method, seed and targets."""
-        return f"{self.task}{self.series.replace(':', '-')}-seed{self.seed}-targets{self.first}-{self.last}"
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search at every target of the unit."""
